@@ -1,0 +1,13 @@
+"""What gmmjax raises and warns with: the message names the file or argument, and the remedy."""
+
+
+class InputError(ValueError):
+    """An input that cannot be used: a file, an array or a setting. The command line exits with status 2 on it."""
+
+
+class ComputationError(RuntimeError):
+    """A computation whose status says that its result must not be used, raised once on the host."""
+
+
+class InputWarning(UserWarning):
+    """An input that can be used but looks wrong, such as two clouds in different units."""

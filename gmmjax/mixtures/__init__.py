@@ -1,0 +1,31 @@
+"""Gaussian mixtures: the record, its prior, EM with annihilation, grid search, criteria, restarts."""
+
+from gmmjax.mixtures.annihilation import Fit as Fit
+from gmmjax.mixtures.annihilation import FitSettings as FitSettings
+from gmmjax.mixtures.annihilation import FitStatus as FitStatus
+from gmmjax.mixtures.annihilation import fit_by_annihilation as fit_by_annihilation
+from gmmjax.mixtures.component_wise import component_wise_sweep as component_wise_sweep
+from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES as COVARIANCE_TYPES
+from gmmjax.mixtures.covariance_type import CovarianceType as CovarianceType
+from gmmjax.mixtures.covariance_type import parameters_per_component as parameters_per_component
+from gmmjax.mixtures.criteria import CRITERIA as CRITERIA
+from gmmjax.mixtures.criteria import Criterion as Criterion
+from gmmjax.mixtures.criteria import akaike_information_criterion as akaike_information_criterion
+from gmmjax.mixtures.criteria import bayesian_information_criterion as bayesian_information_criterion
+from gmmjax.mixtures.criteria import message_length as message_length
+from gmmjax.mixtures.criteria import minimum_description_length as minimum_description_length
+from gmmjax.mixtures.criteria import number_of_parameters as number_of_parameters
+from gmmjax.mixtures.expectation_maximisation import FeatureChunks as FeatureChunks
+from gmmjax.mixtures.expectation_maximisation import annihilating_maximisation as annihilating_maximisation
+from gmmjax.mixtures.expectation_maximisation import expectation as expectation
+from gmmjax.mixtures.expectation_maximisation import expectation_maximisation as expectation_maximisation
+from gmmjax.mixtures.expectation_maximisation import maximisation as maximisation
+from gmmjax.mixtures.fitting import best_fit as best_fit
+from gmmjax.mixtures.fitting import fit_mixture as fit_mixture
+from gmmjax.mixtures.fitting import fit_restarts as fit_restarts
+from gmmjax.mixtures.grid_search import GridSearch as GridSearch
+from gmmjax.mixtures.grid_search import grid_search as grid_search
+from gmmjax.mixtures.mixture import GaussianMixture as GaussianMixture
+from gmmjax.mixtures.prior import Prior as Prior
+from gmmjax.mixtures.seeding import initial_mixture as initial_mixture
+from gmmjax.mixtures.weighted_points import WeightedPoints as WeightedPoints

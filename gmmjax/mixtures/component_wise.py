@@ -1,0 +1,71 @@
+"""The component-wise sweep of Figueiredo and Jain (FJ02, section 5 and figure 2)."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array as JaxArray
+
+from gmmjax.mixtures.covariance_type import CovarianceType, constrained
+from gmmjax.mixtures.expectation_maximisation import FeatureChunks
+from gmmjax.mixtures.mixture import GaussianMixture
+from gmmjax.mixtures.prior import Prior
+from gmmjax.mixtures.quadratic import density_coefficients, split_feature_sums
+
+# Keeps exp() finite for a component that moves onto points where every density was negligible.
+HIGHEST_LOG_RATIO = 80.0
+
+
+def component_wise_sweep(
+    mixture: GaussianMixture, chunks: FeatureChunks, prior: Prior, covariance_type: CovarianceType = "full"
+) -> GaussianMixture:
+    """One sweep: each component in turn gets its E- and M-step, its weight by (2.20), and may die.
+
+    After each update all weights are renormalised, so that the support of a component that died goes to its neighbours
+    before they are tested. This is FJ02's algorithm, and the oracle for the faster joint step.
+
+    Args:
+        mixture: the current mixture.
+        chunks: the points' features and masses.
+        prior: its concentration decides what is too weak.
+        covariance_type: full, diagonal or spherical; a tied covariance belongs to no component.
+    """
+    features = jnp.moveaxis(chunks.features, 1, 0).reshape(chunks.features.shape[1], -1)
+    mass = chunks.mass.reshape(-1)
+    log_densities = density_coefficients(mixture.means, mixture.covariances) @ features
+    highest = jnp.max(jnp.where(mixture.live[:, None], log_densities, -jnp.inf), axis=0)
+
+    def relative_density(log_density: JaxArray) -> JaxArray:
+        return jnp.exp(jnp.minimum(log_density - highest, HIGHEST_LOG_RATIO))
+
+    def update(index: JaxArray, state: tuple[GaussianMixture, JaxArray]) -> tuple[GaussianMixture, JaxArray]:
+        mixture, densities = state
+        density = jnp.maximum(mixture.weights @ densities, jnp.finfo(mass.dtype).tiny)
+        responsibilities = mass * mixture.weights[index] * densities[index] / density
+        moments = split_feature_sums((features @ responsibilities)[None], chunks.dimension)
+        component_mass, means, covariances = moments
+        covariances = prior.covariances(constrained(covariances, component_mass, covariance_type))
+        weight = prior.unnormalised_weights(component_mass)[0] / jnp.sum(mass)
+        mixture = _replaced(mixture, index, weight, means[0], covariances[0])
+        updated = relative_density(density_coefficients(means, covariances)[0] @ features)
+        return mixture, densities.at[index].set(jnp.where(weight > 0, updated, 0))
+
+    def update_if_live(index: JaxArray, state: tuple[GaussianMixture, JaxArray]) -> tuple[GaussianMixture, JaxArray]:
+        return jax.lax.cond(state[0].live[index], lambda: update(index, state), lambda: state)
+
+    densities = jnp.where(mixture.live[:, None], relative_density(log_densities), 0)
+    swept, _ = jax.lax.fori_loop(0, len(mixture.weights), update_if_live, (mixture, densities))
+    return swept
+
+
+def _replaced(
+    mixture: GaussianMixture, index: JaxArray, weight: JaxArray, mean: JaxArray, covariance: JaxArray
+) -> GaussianMixture:
+    """One component replaced and the weights renormalised; weight 0 kills it, unless it is the last."""
+    last = mixture.count == 1
+    weights = mixture.weights.at[index].set(jnp.where(last, 1, weight))
+    live = mixture.live.at[index].set(last | (weight > 0))
+    return GaussianMixture.masked(
+        weights=weights / jnp.sum(weights),
+        means=mixture.means.at[index].set(mean),
+        covariances=mixture.covariances.at[index].set(covariance),
+        live=live,
+    )

@@ -1,0 +1,172 @@
+"""One step of expectation-maximisation for a masked Gaussian mixture (thesis 2.2.2), and its repetition."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array as JaxArray
+from jaxtyping import Bool, Float, Int
+
+from gmmjax._typing import Array
+from gmmjax.mixtures.covariance_type import CovarianceType, constrained
+from gmmjax.mixtures.mixture import GaussianMixture
+from gmmjax.mixtures.prior import Prior
+from gmmjax.mixtures.quadratic import coefficients, quadratic_features, split_feature_sums
+from gmmjax.mixtures.weighted_points import WeightedPoints
+
+# Points a pass: the responsibilities of 1,024 points and 25 components stay in the first-level caches.
+CHUNK = 1024
+
+
+class Moments(eqx.Module):
+    """What the points give to each component: mass (2.7), mean (2.9) and covariance (2.10) about that mean."""
+
+    mass: Float[Array, " k"]
+    means: Float[Array, "k d"]
+    covariances: Float[Array, "k d d"]
+
+
+class FeatureChunks(eqx.Module):
+    """The quadratic features and masses of the points, in c chunks of b points: computed once for all steps of a fit."""
+
+    features: Float[Array, "c f b"]
+    mass: Float[Array, "c b"]
+    dimension: int = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, points: WeightedPoints) -> "FeatureChunks":
+        """Chunks of at most `CHUNK` points; the last is filled up with mass 0."""
+        size, dimension = points.points.shape
+        chunks = -(-size // CHUNK)
+        padding = chunks * min(size, CHUNK) - size
+        coordinates = jnp.pad(jnp.asarray(points.points), ((0, padding), (0, 0)))
+        mass = jnp.pad(jnp.asarray(points.mass), (0, padding)).reshape(chunks, -1)
+        features = jax.vmap(quadratic_features)(coordinates.reshape(chunks, -1, dimension))
+        return cls(features, mass, dimension)
+
+
+def expectation(mixture: GaussianMixture, chunks: FeatureChunks) -> tuple[Moments, Float[Array, ""]]:
+    r"""E-step, equation (2.6): $r_{nk} = w_k N(x_n; \mu_k, \Sigma_k) / \sum_j w_j N(x_n; \mu_j, \Sigma_j)$.
+
+    Dead components get no responsibility, padded points (mass 0) give none. The [n, k] responsibilities are never
+    stored: each chunk adds to the components' sums.
+
+    Args:
+        mixture: the current mixture, k slots in d dimensions.
+        chunks: the points' features and masses.
+
+    Returns:
+        The components' moments, and the log likelihood (nats) of the observations, (2.11).
+    """
+    parameters = coefficients(mixture)
+
+    def add_chunk(
+        totals: tuple[JaxArray, JaxArray], chunk: tuple[JaxArray, JaxArray]
+    ) -> tuple[tuple[JaxArray, JaxArray], None]:
+        features, mass = chunk
+        log_joint = parameters @ features
+        highest = jnp.max(log_joint, axis=0)
+        joint = jnp.exp(log_joint - highest)
+        density = jnp.sum(joint, axis=0)
+        # The division is by [b] values on the features' side, not on the [k, b] side.
+        sums = joint @ (features * (mass / density)).T
+        log_likelihood = mass @ (highest + jnp.log(density))
+        return (totals[0] + sums, totals[1] + log_likelihood), None
+
+    zeros = (jnp.zeros_like(parameters), jnp.zeros((), parameters.dtype))
+    (sums, log_likelihood), _ = jax.lax.scan(add_chunk, zeros, (chunks.features, chunks.mass))
+    return Moments(*split_feature_sums(sums, chunks.dimension)), log_likelihood
+
+
+def maximisation(moments: Moments, prior: Prior, covariance_type: CovarianceType = "full") -> GaussianMixture:
+    """M-step, equations (2.7) to (2.10) and (2.20): every component whose support is too weak dies.
+
+    With `Prior.figueiredo_jain` several may die at once; `annihilation` lets only the weakest.
+    """
+    return _mixture(moments, prior.unnormalised_weights(moments.mass), prior, covariance_type)
+
+
+def annihilating_maximisation(
+    moments: Moments, live: Bool[Array, " k"], prior: Prior, covariance_type: CovarianceType = "full"
+) -> GaussianMixture:
+    """M-step (2.20) for all components at once, in which at most the weakest dies.
+
+    FJ02 go component by component because in one joint step all weak components would die, where the death of one
+    would have saved its neighbours. Here the others wait at a small weight instead.
+
+    Args:
+        moments: of the E-step.
+        live: which components were live before the step.
+        prior: its concentration decides what is too weak. The last component never dies.
+        covariance_type: constraint on the covariances.
+    """
+    weights = prior.unnormalised_weights(moments.mass)
+    weakest = jnp.argmin(jnp.where(live, moments.mass, jnp.inf))
+    dies = (jnp.arange(len(weights)) == weakest) & (weights <= 0) & (jnp.sum(live) > 1)
+    waiting_weight = jnp.asarray(0.5, weights.dtype)  # half an observation
+    weights = jnp.where(live & ~dies, jnp.maximum(weights, waiting_weight), 0)
+    return _mixture(moments, weights, prior, covariance_type)
+
+
+def _mixture(
+    moments: Moments, weights: Float[Array, " k"], prior: Prior, covariance_type: CovarianceType
+) -> GaussianMixture:
+    covariances = prior.covariances(constrained(moments.covariances, moments.mass, covariance_type))
+    total = jnp.sum(weights)
+    weights = weights / jnp.where(total > 0, total, 1)
+    return GaussianMixture.masked(weights, moments.means, covariances, live=weights > 0)
+
+
+class Convergence(NamedTuple):
+    """Result of `expectation_maximisation`: the mixture, its log likelihood, and how it ended."""
+
+    mixture: GaussianMixture
+    log_likelihood: Float[Array, ""]
+    steps: Int[Array, ""]
+    converged: Bool[Array, ""]
+
+
+def expectation_maximisation(
+    points: WeightedPoints,
+    start: GaussianMixture,
+    prior: Prior,
+    *,
+    covariance_type: CovarianceType = "full",
+    tolerance: float = 1e-5,
+    max_steps: int = 100,
+) -> Convergence:
+    """EM on the live components of `start` until the log likelihood gains less than `tolerance` an observation.
+
+    Args:
+        points: the points and their masses.
+        start: the mixture to start from.
+        prior: belief about weights and noise; `Prior.maximum_likelihood` gives plain EM.
+        covariance_type: constraint on the covariances.
+        tolerance: nats an observation.
+        max_steps: M-steps at the most; reached, `converged` is false.
+    """
+    chunks = FeatureChunks.of(points)
+    observations = jnp.sum(jnp.asarray(points.mass))
+
+    def step(state: tuple[GaussianMixture, JaxArray, JaxArray, JaxArray]) -> tuple[
+        GaussianMixture, JaxArray, JaxArray, JaxArray
+    ]:
+        mixture, previous, steps, _ = state
+        moments, log_likelihood = expectation(mixture, chunks)
+        converged = jnp.abs(log_likelihood - previous) < tolerance * observations
+        updated = maximisation(moments, prior, covariance_type)
+        mixture = jax.tree.map(lambda old, new: jnp.where(converged, old, new), mixture, updated)
+        return mixture, log_likelihood, steps + ~converged, converged
+
+    def unfinished(state: tuple[GaussianMixture, JaxArray, JaxArray, JaxArray]) -> JaxArray:
+        return ~state[3] & (state[2] < max_steps) & ~jnp.isnan(state[1])
+
+    infinity = jnp.asarray(-jnp.inf, chunks.mass.dtype)
+    initial = (jax.tree.map(jnp.asarray, start), infinity, jnp.asarray(0), jnp.asarray(False))
+    mixture, log_likelihood, steps, converged = jax.lax.while_loop(unfinished, step, initial)
+    # Stopped at the limit, the last M-step came after the last E-step: score the mixture that is returned.
+    log_likelihood = jax.lax.cond(
+        converged, lambda: log_likelihood, lambda: expectation(mixture, chunks)[1]
+    )
+    return Convergence(mixture, log_likelihood, steps, converged)

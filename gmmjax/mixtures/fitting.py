@@ -1,0 +1,280 @@
+"""The front door of the fit: checks the points, chooses scale and precision, runs the restarts, raises once."""
+
+import functools
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Literal, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array as JaxArray
+from jaxtyping import ArrayLike, PRNGKeyArray
+
+from gmmjax.errors import ComputationError, InputError
+from gmmjax.mixtures.annihilation import Fit, FitSettings, FitStatus, fit_by_annihilation
+from gmmjax.mixtures.covariance_type import parameters_per_component
+from gmmjax.mixtures.frame import Frame
+from gmmjax.mixtures.prior import Prior
+from gmmjax.mixtures.seeding import initial_mixture
+from gmmjax.mixtures.weighted_points import WeightedPoints
+
+Precision = Literal["float64", "float32"]
+_Tree = TypeVar("_Tree")
+
+# The default noise floor, in units of the points' spread: 1 mm for a scan of 2 m.
+RELATIVE_NOISE_FLOOR = 1e-3
+
+
+def fit_mixture(
+    points: ArrayLike,
+    *,
+    key: PRNGKeyArray,
+    mass: ArrayLike | None = None,
+    max_components: int = 25,
+    prior: Prior | None = None,
+    restarts: int = 1,
+    method: Literal["annihilation", "grid"] = "annihilation",
+    settings: FitSettings = FitSettings(),
+    precision: Precision = "float64",
+    throw: bool = True,
+) -> Fit:
+    """Fits a Gaussian mixture whose number of components is found from the points (FJ02; thesis 2.2.2).
+
+    On concrete arrays this is a host function: it checks its input, computes in `precision` whatever JAX's setting,
+    and returns NumPy arrays in float64. On traced arrays (inside `jit`, `vmap`, `grad`) it is a pure function in the
+    dtype of the points, checks shapes only, and failure is `Fit.result`.
+
+    Args:
+        points: coordinates [n, d], in any unit.
+        key: random key of the starts, `jax.random.key(seed)`.
+        mass: how many observations each point stands for [n]; default 1 each. Mass 0 is padding.
+        max_components: annihilation starts from this number of components (K_max).
+        prior: belief about weights and noise. Default: `Prior.figueiredo_jain` with a noise floor of a thousandth of the
+            points' spread (1 mm for a scan of 2 m).
+        restarts: fits from different random starts; the one with the shortest message length is returned
+            (`fit_restarts` returns all).
+        method: "annihilation", or "grid" for the grid search over 1 to `max_components` and all covariance types by MDL
+            (`grid_search` has the choices).
+        settings: how EM runs.
+        precision: "float64" or "float32", of the computation on the host path.
+        throw: raise if no restart gave a finite result; else look at `Fit.result`.
+
+    Returns:
+        The fit, in the unit of the points.
+
+    Raises:
+        InputError: points or masses that are not finite, too few, all equal, or of the wrong shape; more components
+            than points; an unknown method or precision.
+        ComputationError: no restart gave a finite result, and `throw`.
+    """
+    if method == "grid":
+        from gmmjax.mixtures.grid_search import grid_search
+
+        return grid_search(
+            points,
+            key=key,
+            mass=mass,
+            components=range(1, max_components + 1),
+            restarts=restarts,
+            settings=settings,
+            precision=precision,
+        ).fit
+    if method != "annihilation":
+        raise InputError(f"method={method!r} is unknown; choose 'annihilation' or 'grid'")
+    fits = fit_restarts(
+        points,
+        key=key,
+        mass=mass,
+        max_components=max_components,
+        prior=prior,
+        restarts=restarts,
+        settings=settings,
+        precision=precision,
+    )
+    return best_fit(fits, throw=throw)
+
+
+def fit_restarts(
+    points: ArrayLike,
+    *,
+    key: PRNGKeyArray,
+    mass: ArrayLike | None = None,
+    max_components: int = 25,
+    prior: Prior | None = None,
+    restarts: int = 8,
+    settings: FitSettings = FitSettings(),
+    precision: Precision = "float64",
+    progress: Callable[[], None] | None = None,
+) -> Fit:
+    """Fits from `restarts` random starts: a `Fit` whose every leaf has a leading axis of restarts.
+
+    On the host the restarts are shared out over the processor's cores; under tracing they are a `vmap`.
+
+    Args:
+        points: coordinates [n, d].
+        key: random key; each restart gets its own part.
+        mass: masses [n]; default 1 each.
+        max_components: K_max.
+        prior: as in `fit_mixture`.
+        restarts: how many.
+        settings: how EM runs.
+        precision: "float64" or "float32".
+        progress: called after each finished restart, from any thread.
+
+    Raises:
+        InputError: as `fit_mixture`. Failed computations are in `Fit.result`, one per restart.
+    """
+    if restarts < 1:
+        raise InputError(f"restarts={restarts} must be at least 1")
+    if is_traced(points, mass, key, prior):
+        traced = _traced_points(points, mass)
+        _check_components(max_components, len(traced.points))
+        keys = jax.random.split(key, restarts)
+        return jax.vmap(lambda key: fit_in_frame(traced, key, prior, max_components, settings))(keys)
+    checked = checked_points(points, mass, parameters_per_component(np.shape(points)[-1], settings.covariance_type))
+    _check_components(max_components, int(np.count_nonzero(checked.mass)))
+
+    def fit_one(key: PRNGKeyArray, points: WeightedPoints) -> Fit:
+        return _compiled_fit(points, key, prior_in_frame, max_components, settings)
+
+    frame = Frame.of(checked)
+    prior_in_frame = _prior_in_frame(prior, frame, settings)
+    fits = map_keys(fit_one, frame.enter(checked), key, restarts, precision, progress)
+    with jax.enable_x64(True):
+        return to_numpy(jax.vmap(frame.leave_fit, in_axes=(0, None))(fits, checked.mass.sum()))
+
+
+def fit_in_frame(
+    points: WeightedPoints, key: PRNGKeyArray, prior: Prior | None, max_components: int, settings: FitSettings
+) -> Fit:
+    """One traced fit, from and to the unit of the points; see `fit_mixture`."""
+    frame = Frame.of(points)
+    prior_in_frame = _prior_in_frame(prior, frame, settings)
+    fit = _fit(frame.enter(points), key, prior_in_frame, max_components, settings)
+    return frame.leave_fit(fit, jnp.sum(points.mass))
+
+
+def best_fit(fits: Fit, *, throw: bool = True) -> Fit:
+    """The restart with the shortest message length among those that are finite.
+
+    Args:
+        fits: of `fit_restarts`, with a leading axis of restarts.
+        throw: raise if there is none (not under tracing).
+
+    Raises:
+        ComputationError: no restart gave a finite result.
+    """
+    lengths = jnp.where(fits.result != FitStatus.not_finite, jnp.asarray(fits.message_length), jnp.inf)
+    if throw and not is_traced(fits) and not bool(jnp.any(jnp.isfinite(lengths))):
+        raise ComputationError(f"none of {len(lengths)} restarts gave a mixture: {FitStatus[FitStatus.not_finite]}")
+    best = jnp.argmin(lengths)
+    if is_traced(fits):
+        return jax.tree.map(lambda leaf: leaf[best], fits)
+    return jax.tree.map(lambda leaf: np.asarray(leaf[int(best)]), fits)
+
+
+def checked_points(points: ArrayLike, mass: ArrayLike | None, parameters: int) -> WeightedPoints:
+    """Points and masses in float64, checked on the host.
+
+    Raises:
+        InputError: what is wrong with the points, and the remedy.
+    """
+    coordinates = np.asarray(points, dtype=np.float64)
+    if coordinates.ndim != 2 or coordinates.shape[1] < 1:
+        raise InputError(f"points must have the shape [n, d], not {list(coordinates.shape)}")
+    masses = np.ones(len(coordinates)) if mass is None else np.asarray(mass, dtype=np.float64)
+    if masses.shape != coordinates.shape[:1]:
+        raise InputError(f"mass must have one value a point, [{len(coordinates)}], not {list(masses.shape)}")
+    if not (np.isfinite(masses).all() and (masses >= 0).all()):
+        raise InputError("mass must be finite and not negative")
+    unusable = int((~np.isfinite(coordinates)).any(axis=1).sum())
+    if unusable:
+        raise InputError(f"points has {unusable} rows with NaN or infinite coordinates; drop them first")
+    if masses.sum() <= parameters:
+        raise InputError(
+            f"points has {masses.sum():g} observations; a single Gaussian in {coordinates.shape[1]} dimensions has "
+            f"{parameters} parameters, so more than {parameters} are needed"
+        )
+    used = coordinates[masses > 0]
+    if np.ptp(used, axis=0).max() <= 8 * np.finfo(np.float64).eps * np.abs(used).max():
+        raise InputError("all points are equal: there is nothing to fit a mixture to")
+    return WeightedPoints(coordinates, masses)
+
+
+def map_keys(
+    function: Callable[[PRNGKeyArray, WeightedPoints], Fit],
+    points: WeightedPoints,
+    key: PRNGKeyArray,
+    count: int,
+    precision: Precision,
+    progress: Callable[[], None] | None = None,
+) -> Fit:
+    """Runs a compiled fit on the host for `count` keys, shared out over the cores, and stacks the results (NumPy)."""
+    if precision not in ("float64", "float32"):
+        raise InputError(f"precision={precision!r} is unknown; choose 'float64' or 'float32'")
+    padded = points.padded()
+    in_precision = WeightedPoints(padded.points.astype(precision), padded.mass.astype(precision))
+
+    def run(key: PRNGKeyArray) -> Fit:
+        with jax.enable_x64(precision == "float64"):
+            fit = to_numpy(function(key, in_precision))
+        if progress is not None:
+            progress()
+        return fit
+
+    keys = list(jax.random.split(key, count))
+    with ThreadPoolExecutor(min(count, available_cores())) as pool:
+        fits = list(pool.map(run, keys))
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *fits)
+
+
+def available_cores() -> int:
+    """The processor cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def is_traced(*trees: object) -> bool:
+    """Whether any leaf is being traced by a JAX transformation."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def to_numpy(tree: _Tree) -> _Tree:
+    """The tree with NumPy leaves, floating point ones in float64."""
+
+    def leaf_to_numpy(leaf: JaxArray) -> np.ndarray:
+        array = np.asarray(leaf)
+        return array.astype(np.float64) if np.issubdtype(array.dtype, np.floating) else array
+
+    return jax.tree.map(leaf_to_numpy, tree)
+
+
+def _fit(
+    points: WeightedPoints, key: PRNGKeyArray, prior: Prior, max_components: int, settings: FitSettings
+) -> Fit:
+    start = initial_mixture(points, max_components, prior, key)
+    return fit_by_annihilation(points, start, prior, settings)
+
+
+_compiled_fit = functools.partial(jax.jit, static_argnames=("max_components", "settings"))(_fit)
+
+
+def _prior_in_frame(prior: Prior | None, frame: Frame, settings: FitSettings) -> Prior:
+    if prior is not None:
+        return prior.rescaled(1 / frame.spread)
+    return Prior.figueiredo_jain(len(frame.origin), RELATIVE_NOISE_FLOOR, settings.covariance_type)
+
+
+def _traced_points(points: ArrayLike, mass: ArrayLike | None) -> WeightedPoints:
+    coordinates = jnp.asarray(points)
+    return WeightedPoints(
+        coordinates, jnp.ones(len(coordinates), coordinates.dtype) if mass is None else jnp.asarray(mass)
+    )
+
+
+def _check_components(max_components: int, points: int) -> None:
+    if not 1 <= max_components <= points:
+        raise InputError(
+            f"max_components={max_components} must be at least 1 and at most the number of points, {points}"
+        )

@@ -1,0 +1,52 @@
+"""The scale in which a fit is computed: about the points' mean, in units of their spread."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from gmmjax._typing import Array
+from gmmjax.mixtures.annihilation import Fit
+from gmmjax.mixtures.mixture import GaussianMixture
+from gmmjax.mixtures.weighted_points import WeightedPoints
+
+
+class Frame(eqx.Module):
+    """A shift and one scale for all axes, so that a rigid motion or another unit changes nothing in the fit.
+
+    Works on NumPy arrays (in their own float64) and on traced arrays alike.
+
+    Attributes:
+        origin: the mean of the points.
+        spread: root mean square over the axes of the standard deviation; 1 where all points are equal.
+    """
+
+    origin: Float[Array, " d"]
+    spread: Float[Array, ""] | float
+
+    @classmethod
+    def of(cls, points: WeightedPoints) -> "Frame":
+        """The frame of the points."""
+        weights = points.mass / points.mass.sum()
+        # Twice, because the first mean of survey coordinates has lost digits that the second regains.
+        origin = points.points[0] + weights @ (points.points - points.points[0])
+        variance = (weights @ (points.points - origin) ** 2).mean()
+        return cls(origin, (variance + (variance == 0)) ** 0.5)
+
+    def enter(self, points: WeightedPoints) -> WeightedPoints:
+        """The points in this frame."""
+        return WeightedPoints((points.points - self.origin) / self.spread, points.mass)
+
+    def leave(self, mixture: GaussianMixture) -> GaussianMixture:
+        """A mixture of this frame in the unit of the points."""
+        return mixture.rescaled(self.spread, self.origin)
+
+    def leave_fit(self, fit: Fit, observations: Float[Array, ""] | float) -> Fit:
+        """A fit of this frame in the unit of the points: densities there are smaller by the scale's volume."""
+        log_volume = observations * len(self.origin) * jnp.log(self.spread)
+        return Fit(
+            mixture=self.leave(fit.mixture),
+            message_length=fit.message_length + log_volume,
+            log_likelihood=fit.log_likelihood - log_volume,
+            steps=fit.steps,
+            result=fit.result,
+        )
