@@ -1,0 +1,12 @@
+"""From two clouds to changes: the thesis's Algorithm 1, partial transport, consensus over restarts, the records."""
+
+from gmmjax.changes.change import Box as Box
+from gmmjax.changes.change import Change as Change
+from gmmjax.changes.change import Changes as Changes
+from gmmjax.changes.config import METHODS as METHODS
+from gmmjax.changes.config import DetectionConfig as DetectionConfig
+from gmmjax.changes.detect import detect_changes as detect_changes
+from gmmjax.changes.greedy import Removals as Removals
+from gmmjax.changes.greedy import remove_extra as remove_extra
+from gmmjax.changes.unmatched import Unmatched as Unmatched
+from gmmjax.changes.unmatched import unmatched_shares as unmatched_shares

@@ -1,0 +1,125 @@
+"""The records of what changed: `Change` for one object, `Changes` for a pair of clouds."""
+
+import dataclasses
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from gmmjax.changes.config import DetectionConfig
+
+Kind = Literal["appeared", "disappeared", "moved"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Box:
+    """An oriented box around the points of a change.
+
+    Attributes:
+        centre: centre, in the unit of the clouds.
+        extent: full edge lengths along the box's own axes, longest first.
+        rotation: those axes as the columns of a rotation matrix.
+    """
+
+    centre: Float[np.ndarray, "3"]
+    extent: Float[np.ndarray, "3"]
+    rotation: Float[np.ndarray, "3 3"]
+
+    @classmethod
+    def around(cls, points: Float[np.ndarray, "n 3"]) -> "Box":
+        """The box along the principal axes of the points that just holds them all."""
+        origin = points.mean(axis=0)
+        axes = np.linalg.svd(np.cov((points - origin).T, bias=True), hermitian=True)[0]
+        axes[:, 2] *= np.sign(np.linalg.det(axes))
+        inside = (points - origin) @ axes
+        lower, upper = inside.min(axis=0), inside.max(axis=0)
+        order = np.argsort(-(upper - lower), kind="stable")
+        rotation = axes[:, order]
+        rotation[:, 2] *= np.sign(np.linalg.det(rotation))
+        return cls(origin + axes @ ((lower + upper) / 2), (upper - lower)[order], rotation)
+
+    def corners(self) -> Float[np.ndarray, "8 3"]:
+        """The eight corners: bit i of the index says on which side of axis i."""
+        signs = np.array([[(corner >> axis & 1) - 0.5 for axis in range(3)] for corner in range(8)])
+        return self.centre + (signs * self.extent) @ self.rotation.T
+
+
+@dataclasses.dataclass(frozen=True)
+class Change:
+    """One object that changed.
+
+    Attributes:
+        kind: "appeared" (its points are in the after cloud), "disappeared" (in the before cloud) or "moved" (in both).
+        probability: that it is a change, averaged over the restarts.
+        points: how many points of the clouds belong to it.
+        mean: mean of its Gaussian, in the unit of the clouds.
+        covariance: covariance of its Gaussian.
+        box: around its points.
+        partner: for a moved object, the index of the change that it was or became; else None.
+    """
+
+    kind: Kind
+    probability: float
+    points: int
+    mean: Float[np.ndarray, "3"]
+    covariance: Float[np.ndarray, "3 3"]
+    box: Box
+    partner: int | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Changes:
+    """What changed between two clouds.
+
+    Labels and probabilities are for all points as the caller gave them, in their order.
+
+    Attributes:
+        labels_before: per point of the before cloud -1, or the index into `items` of the change that it belongs to.
+        labels_after: the same for the after cloud.
+        probability_before: per point the probability that it belongs to a change.
+        probability_after: the same for the after cloud.
+        items: the changes, most probable first.
+        emd: earth mover's distance between the mixtures of the two clouds, mean over the restarts (unit of the clouds).
+        config: the settings that were used.
+        diagnostics: what was derived and measured on the way: points dropped and filtered, voxel size, components and
+            status of every fit, seconds. Plain numbers, strings, lists and dictionaries.
+    """
+
+    labels_before: Int[np.ndarray, " n0"]
+    labels_after: Int[np.ndarray, " n1"]
+    probability_before: Float[np.ndarray, " n0"]
+    probability_after: Float[np.ndarray, " n1"]
+    items: tuple[Change, ...]
+    emd: float
+    config: DetectionConfig
+    diagnostics: Mapping[str, Any]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The changes without the per-point arrays, as plain numbers, strings, lists and dictionaries (for JSON)."""
+        from gmmjax.changes.storage import changes_to_dict
+
+        return changes_to_dict(self)
+
+    def save(self, folder: str | os.PathLike[str]) -> Path:
+        """Writes `changes.json` and `labels.npz` into a folder, which is made where needed; returns the folder.
+
+        Raises:
+            InputError: the folder cannot be made or written.
+        """
+        from gmmjax.changes.storage import save_changes
+
+        return save_changes(self, folder)
+
+    @classmethod
+    def load(cls, folder: str | os.PathLike[str]) -> "Changes":
+        """Reads what `save` wrote: the folder, or its `changes.json`.
+
+        Raises:
+            InputError: files that are missing, damaged, or of another schema version.
+        """
+        from gmmjax.changes.storage import load_changes
+
+        return load_changes(folder)

@@ -1,0 +1,144 @@
+"""From two clouds as given to two sets of weighted points that can be fitted: checked, filtered, reduced."""
+
+import dataclasses
+import warnings
+
+import numpy as np
+from jaxtyping import ArrayLike, Bool, Float
+
+from gmmjax.changes.config import DetectionConfig
+from gmmjax.clouds import PointCloud, statistical_outliers, voxel_grid, voxel_size_for
+from gmmjax.errors import InputError, InputWarning
+from gmmjax.mixtures import WeightedPoints, parameters_per_component
+
+SMALLEST_CLOUD = parameters_per_component(3) + 1
+DEFAULT_COMPONENTS = 25
+POINTS_PER_COMPONENT = 10
+# Two clouds of one scene differ in extent by what one of them missed, hardly by more than this.
+SUSPICIOUS_SCALE = 100.0
+
+
+@dataclasses.dataclass(frozen=True)
+class PreparedCloud:
+    """One cloud on its way into the fit.
+
+    Attributes:
+        points: all finite points, in the caller's order and unit [n, 3].
+        given: which rows of the caller's array are finite: all of them for a `PointCloud`.
+        weighted: what is fitted: outliers left out, one point a voxel with its count as mass.
+        outliers: how many points the outlier filter left out.
+    """
+
+    points: Float[np.ndarray, "n 3"]
+    given: Bool[np.ndarray, " rows"]
+    weighted: WeightedPoints
+    outliers: int
+
+
+@dataclasses.dataclass(frozen=True)
+class PreparedPair:
+    """Both clouds, and what was derived from them: the voxels' edge (None: not reduced) and K_max."""
+
+    before: PreparedCloud
+    after: PreparedCloud
+    voxel_size: float | None
+    max_components: int
+
+
+def prepare_pair(
+    before: ArrayLike | PointCloud, after: ArrayLike | PointCloud, config: DetectionConfig
+) -> PreparedPair:
+    """Checks, filters and reduces the two clouds.
+
+    Raises:
+        InputError: a cloud that is not [n, 3], has too few points or only equal ones, or fewer than `max_components`.
+
+    Warns:
+        InputWarning: extents that do not overlap, or that differ so much that the units must differ.
+    """
+    clouds = {"before": before, "after": after}
+    checked = {name: _checked(name, cloud) for name, cloud in clouds.items()}
+    _warn_about_extents(checked["before"][0], checked["after"][0])
+    kept = {name: _without_outliers(points, config) for name, (points, _) in checked.items()}
+    size = config.voxel_size or _voxel_size([points[mask] for (points, _), mask in zip(checked.values(), kept.values(), strict=True)], config)
+    prepared = {
+        name: PreparedCloud(points, given, _reduced(points[kept[name]], size), int((~kept[name]).sum()))
+        for name, (points, given) in checked.items()
+    }
+    return PreparedPair(**prepared, voxel_size=size, max_components=_max_components(prepared, config))
+
+
+def _checked(name: str, cloud: ArrayLike | PointCloud) -> tuple[np.ndarray, np.ndarray]:
+    """The finite points, and which rows of what was given they are."""
+    if isinstance(cloud, PointCloud):
+        points, given = cloud.points, np.ones(len(cloud), bool)
+        label = f"{name} ({cloud.source})" if cloud.source else name
+    else:
+        try:
+            rows = np.asarray(cloud, np.float64)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{name}: must be an array of numbers [n, 3] or a PointCloud ({error})") from error
+        if rows.ndim != 2 or rows.shape[1] != 3:
+            raise InputError(f"{name}: must have the shape [n, 3], not {list(rows.shape)}")
+        given = np.isfinite(rows).all(axis=1)
+        points, label = rows[given], name
+    if len(points) < SMALLEST_CLOUD:
+        raise InputError(
+            f"{label}: has {len(points)} point{'s' * (len(points) != 1)} with finite coordinates; "
+            f"at least {SMALLEST_CLOUD} are needed to fit a Gaussian"
+        )
+    if np.ptp(points, axis=0).max() <= 8 * np.finfo(np.float64).eps * np.abs(points).max():
+        raise InputError(f"{label}: all {len(points)} points are equal; there is nothing to compare")
+    return points, given
+
+
+def _warn_about_extents(before: np.ndarray, after: np.ndarray) -> None:
+    extent_before, extent_after = np.ptp(before, axis=0).max(), np.ptp(after, axis=0).max()
+    ratio = max(extent_before, extent_after) / min(extent_before, extent_after)
+    if ratio > SUSPICIOUS_SCALE:
+        warnings.warn(
+            f"the clouds differ {ratio:.0f}-fold in extent ({extent_before:.4g} before, {extent_after:.4g} after): "
+            "is one in millimetres and the other in metres? Both must have the same unit",
+            InputWarning,
+            stacklevel=2,
+        )
+    if (before.max(axis=0) < after.min(axis=0)).any() or (after.max(axis=0) < before.min(axis=0)).any():
+        warnings.warn(
+            "the extents of the clouds do not overlap at all: everything will look changed. Are both in the same frame "
+            "and unit?",
+            InputWarning,
+            stacklevel=2,
+        )
+
+
+def _without_outliers(points: np.ndarray, config: DetectionConfig) -> np.ndarray:
+    if config.outlier_neighbours == 0:
+        return np.ones(len(points), bool)
+    outliers = statistical_outliers(points, neighbours=config.outlier_neighbours, ratio=config.outlier_ratio)
+    # A filter that leaves too little to fit was meant for another kind of cloud.
+    return ~outliers if (~outliers).sum() >= SMALLEST_CLOUD else np.ones(len(points), bool)
+
+
+def _voxel_size(clouds: list[np.ndarray], config: DetectionConfig) -> float | None:
+    """One size for both clouds, so that both are seen at the same resolution."""
+    sizes = [voxel_size_for(points, config.max_points) for points in clouds if len(points) > config.max_points]
+    return max(sizes, default=None)
+
+
+def _reduced(points: np.ndarray, size: float | None) -> WeightedPoints:
+    if size is None:
+        return WeightedPoints(points, np.ones(len(points)))
+    grid = voxel_grid(points, size)
+    return WeightedPoints(grid.points, grid.mass)
+
+
+def _max_components(prepared: dict[str, PreparedCloud], config: DetectionConfig) -> int:
+    smallest, name = min((len(cloud.weighted.mass), name) for name, cloud in prepared.items())
+    if config.max_components is None:
+        return max(1, min(DEFAULT_COMPONENTS, smallest // POINTS_PER_COMPONENT))
+    if config.max_components > smallest:
+        raise InputError(
+            f"max_components={config.max_components} is more than the {smallest} points (or voxels) of the {name} "
+            f"cloud; choose at most {max(1, smallest // POINTS_PER_COMPONENT)}"
+        )
+    return config.max_components

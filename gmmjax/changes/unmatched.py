@@ -1,0 +1,97 @@
+"""The Gaussians that partial transport leaves unmatched."""
+
+import jax.numpy as jnp
+from jaxtyping import Array as JaxArray
+from jaxtyping import Float
+
+import equinox as eqx
+
+from gmmjax._typing import Array
+from gmmjax.mixtures.mixture import GaussianMixture
+from gmmjax.transport import TransportStatus, partial_transport
+from gmmjax.transport.ground_cost import bures_wasserstein
+
+
+class Unmatched(eqx.Module):
+    """How much of each Gaussian has no counterpart in the other mixture.
+
+    Attributes:
+        share_before: share of each Gaussian's mass that disappeared, 0 to 1; 0 in dead slots.
+        share_after: share of each Gaussian's mass that appeared.
+        density_ratio: points of the after cloud for one point of the before cloud where both saw the same.
+        valid: whether the transport problem was solved.
+    """
+
+    share_before: Float[Array, " k0"]
+    share_after: Float[Array, " k1"]
+    density_ratio: Float[Array, ""]
+    valid: Float[Array, ""]
+
+
+def unmatched_shares(
+    before: GaussianMixture,
+    after: GaussianMixture,
+    points_before: Float[Array, ""] | float,
+    points_after: Float[Array, ""] | float,
+    penalty: Float[Array, ""] | float | None = None,
+) -> Unmatched:
+    """Matches the Gaussians' point counts at the least cost, where leaving a point unmatched costs `penalty`.
+
+    Appearances and disappearances are found together and nothing is renormalised, which is what Algorithm 1 lacks. The
+    ground cost is the Bures-Wasserstein distance, so a Gaussian of another shape in the same place is no counterpart.
+
+    Args:
+        before: mixture of the before cloud, k0 slots.
+        after: mixture of the after cloud, k1 slots.
+        points_before: observations in the before cloud.
+        points_after: observations in the after cloud.
+        penalty: in the unit of the means; mass is matched over at most twice this distance. None: 0.4 of the median
+            standard deviation of the Gaussians.
+    """
+    cost = bures_wasserstein(before.means, before.covariances, after.means, after.covariances)
+    masses_before = jnp.asarray(before.weights) * points_before
+    masses_after = jnp.asarray(after.weights) * points_after
+    ratio = density_ratio(masses_before, masses_after, cost)
+    if penalty is None:
+        penalty = default_penalty(before, after)
+    result = partial_transport(masses_before * ratio, masses_after, cost, penalty)
+    return Unmatched(
+        share_before=_share(result.unmatched[0], masses_before * ratio),
+        share_after=_share(result.unmatched[1], masses_after),
+        density_ratio=ratio,
+        valid=result.result == TransportStatus.optimal,
+    )
+
+
+def default_penalty(before: GaussianMixture, after: GaussianMixture) -> Float[Array, ""]:
+    """0.4 of the median over all live Gaussians of the root mean square standard deviation along the axes."""
+    live = jnp.concatenate([jnp.asarray(before.live), jnp.asarray(after.live)])
+    covariances = jnp.concatenate([jnp.asarray(before.covariances), jnp.asarray(after.covariances)])
+    deviations = jnp.sqrt(jnp.trace(covariances, axis1=1, axis2=2) / covariances.shape[-1])
+    return 0.4 * jnp.nanmedian(jnp.where(live, deviations, jnp.nan))
+
+
+def density_ratio(
+    masses_before: Float[Array, " k0"], masses_after: Float[Array, " k1"], cost: Float[Array, "k0 k1"]
+) -> Float[Array, ""]:
+    """Weighted median of after to before masses over Gaussians that are each other's nearest; 1 where there are none.
+
+    What changed is the smaller part, so that the median sees the difference in sampling alone.
+    """
+    pairs = (masses_before[:, None] > 0) & (masses_after[None, :] > 0)
+    cost = jnp.where(pairs, cost, jnp.inf)
+    mutual = pairs & (cost == cost.min(axis=0)) & (cost == cost.min(axis=1, keepdims=True))
+    safe = jnp.where(pairs, masses_after[None, :] / jnp.where(masses_before > 0, masses_before, 1)[:, None], 1)
+    weights = jnp.where(mutual, jnp.minimum(masses_before[:, None], masses_after[None, :]), 0)
+    return _weighted_median(safe.ravel(), weights.ravel())
+
+
+def _weighted_median(values: JaxArray, weights: JaxArray) -> JaxArray:
+    order = jnp.argsort(values)
+    cumulative = jnp.cumsum(weights[order])
+    middle = jnp.searchsorted(cumulative, cumulative[-1] / 2)
+    return jnp.where(cumulative[-1] > 0, values[order][middle], 1)
+
+
+def _share(unmatched: JaxArray, masses: JaxArray) -> JaxArray:
+    return jnp.where(masses > 0, unmatched / jnp.where(masses > 0, masses, 1), 0)
