@@ -1,0 +1,11 @@
+"""Point clouds on the host: records, readers, a writer, filters and voxels."""
+
+from gmmjax.clouds.atomic import atomic_write as atomic_write
+from gmmjax.clouds.filters import crop_box as crop_box
+from gmmjax.clouds.filters import statistical_outliers as statistical_outliers
+from gmmjax.clouds.ply import write_ply as write_ply
+from gmmjax.clouds.point_cloud import PointCloud as PointCloud
+from gmmjax.clouds.reading import read_cloud as read_cloud
+from gmmjax.clouds.voxel_grid import VoxelGrid as VoxelGrid
+from gmmjax.clouds.voxel_grid import voxel_grid as voxel_grid
+from gmmjax.clouds.voxel_grid import voxel_size_for as voxel_size_for

@@ -1,0 +1,93 @@
+"""Reading clouds from NumPy's .npy and .npz files, never from pickles."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from gmmjax.clouds.files import require_file
+from gmmjax.clouds.point_cloud import PointCloud
+from gmmjax.errors import InputError
+
+MOST_COLUMNS = 64
+"""More columns than this are a transposed array rather than scalars of a point."""
+
+
+def read_npy(path: str | os.PathLike[str]) -> PointCloud:
+    """The points of an .npy file.
+
+    Args:
+        path: the file: numbers [N, 3] or more columns (`column_3`, `column_4`, ... become fields), or an ordered cloud
+            [H, W, 3], which is flattened row by row.
+
+    Returns:
+        The cloud, rows in the order of the array.
+
+    Raises:
+        InputError: the file cannot be read, holds pickled objects, or has another shape.
+    """
+    file = require_file(path)
+    loaded = _load(file)
+    if isinstance(loaded, dict):
+        raise InputError(f"{file}: is an .npz archive; rename it to .npz")
+    return _cloud(loaded, file, {})
+
+
+def read_npz(path: str | os.PathLike[str]) -> PointCloud:
+    """The points of an .npz file.
+
+    Args:
+        path: the file, with the array `points` (as in `read_npy`), if need be `colors` (uint8 [N, 3]); other arrays [N]
+            become fields, and arrays of other shapes are passed over.
+
+    Returns:
+        The cloud, rows in the order of the array.
+
+    Raises:
+        InputError: the file cannot be read, holds pickled objects, or has no array `points`.
+    """
+    file = require_file(path)
+    arrays = _load(file)
+    if not isinstance(arrays, dict):
+        raise InputError(f"{file}: is no .npz archive; save it with numpy.savez, or rename it to .npy")
+    if "points" not in arrays:
+        names = ", ".join(arrays) or "none"
+        raise InputError(f"{file}: has no array 'points', only: {names}; save it with numpy.savez(file, points=...)")
+    return _cloud(arrays.pop("points"), file, arrays)
+
+
+def _load(file: Path) -> np.ndarray | dict[str, np.ndarray]:
+    """The array of an .npy file or the arrays of an .npz file, whatever the file is called."""
+    try:
+        with file.open("rb") as stream:
+            loaded = np.load(stream, allow_pickle=False)
+            return loaded if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
+    # NumPy, zipfile and zlib raise at least eight kinds of exception on damaged files, MemoryError among them.
+    except Exception as error:
+        if "pickle" in str(error):
+            raise InputError(
+                f"{file}: is no NumPy file, or holds pickled Python objects, which are not read because they can run "
+                "code; save plain numbers with numpy.save(file, array.astype(float))"
+            ) from error
+        raise InputError(f"{file}: NumPy cannot read it ({error}); the file is damaged, save it again") from error
+
+
+def _cloud(points: np.ndarray, file: Path, others: dict[str, np.ndarray]) -> PointCloud:
+    shape = points.shape
+    if points.dtype.kind not in "fiu":
+        raise InputError(f"{file}: holds {points.dtype}, not real numbers; save points as float [N, 3]")
+    if points.ndim not in (2, 3) or not 3 <= shape[-1] <= MOST_COLUMNS:
+        hint = "; transpose it" if points.ndim == 2 and shape[0] == 3 else "; save points as float [N, 3]"
+        raise InputError(f"{file}: the array has shape {list(shape)}, neither [N, 3] nor [H, W, 3]{hint}")
+    rows = points.reshape(-1, shape[-1])
+    grid = shape[:-1]
+    colors = others.pop("colors", None)
+    fields = {f"column_{index}": rows[:, index] for index in range(3, shape[-1])}
+    fields |= {name: values.reshape(-1) for name, values in others.items() if _is_scalar(values, grid)}
+    if colors is not None and colors.ndim == points.ndim:
+        colors = colors.reshape(-1, colors.shape[-1])
+    return PointCloud.from_rows(rows[:, :3], colors, fields, str(file))
+
+
+def _is_scalar(values: np.ndarray, grid: tuple[int, ...]) -> bool:
+    return values.dtype.kind in "fiub" and values.shape in (grid, (int(np.prod(grid)),))

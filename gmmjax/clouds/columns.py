@@ -1,0 +1,86 @@
+"""Columns of numbers from a file, by name, as a point cloud."""
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from jaxtyping import Float64
+
+from gmmjax.clouds.colors import CHANNELS, color_bytes
+from gmmjax.clouds.point_cloud import PointCloud
+from gmmjax.errors import InputError
+
+AXES = ("x", "y", "z")
+
+
+def require_axes(names: Iterable[str], source: str) -> None:
+    """Check that a file has coordinates.
+
+    Args:
+        names: the columns of the file.
+        source: the file, for the message.
+
+    Raises:
+        InputError: x, y or z is missing; the message lists what there is.
+    """
+    present = list(names)
+    if missing := [axis for axis in AXES if axis not in present]:
+        raise InputError(
+            f"{source}: has no {', '.join(missing)}, only: {', '.join(present) or 'nothing'}; "
+            "rename the columns of the coordinates to x, y, z"
+        )
+
+
+def cloud_of_columns(columns: Mapping[str, np.ndarray], source: str) -> PointCloud:
+    """A cloud of x, y, z; red, green, blue where all three are there; everything else becomes a field.
+
+    Args:
+        columns: numbers [N] by name.
+        source: the file.
+
+    Returns:
+        The cloud.
+
+    Raises:
+        InputError: a coordinate is missing, or the colours have no known range.
+    """
+    require_axes(columns, source)
+    points = np.stack([columns[axis].astype(np.float64) for axis in AXES], axis=1)
+    colored = all(channel in columns for channel in CHANNELS)
+    colors = color_bytes(np.stack([columns[channel] for channel in CHANNELS], axis=1), source) if colored else None
+    used = {*AXES, *CHANNELS} if colored else set(AXES)
+    fields = {name: native(values) for name, values in columns.items() if name not in used}
+    return PointCloud.from_rows(points, colors, fields, source)
+
+
+def native(values: np.ndarray) -> np.ndarray:
+    """The same numbers, contiguous and in the machine's byte order."""
+    return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
+
+
+def cast_column(values: Float64[np.ndarray, "..."], dtype: np.dtype, name: str, source: str) -> np.ndarray:
+    """Numbers read from text in the type that the header declares.
+
+    Args:
+        values: the numbers as read.
+        dtype: the declared type.
+        name: the column, for the message.
+        source: the file, for the message.
+
+    Returns:
+        The numbers in that type, in the machine's byte order.
+
+    Raises:
+        InputError: a fraction, NaN or a number out of range in an integer column.
+    """
+    target = dtype.newbyteorder("=")
+    if target.kind == "f":
+        with np.errstate(over="ignore"):
+            return values.astype(target)
+    limits = np.iinfo(target)
+    fits = (values == np.rint(values)) & (values >= float(limits.min)) & (values <= float(limits.max))
+    if not fits.all():
+        raise InputError(
+            f"{source}: column {name!r} is declared {target} but holds {values[~fits][0]}; declare it as float"
+        )
+    with np.errstate(invalid="ignore"):
+        return values.astype(target)

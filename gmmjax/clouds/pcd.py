@@ -1,0 +1,243 @@
+"""Reading PCD files, the format of the Point Cloud Library (version 0.7)."""
+
+import os
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import UInt8
+
+from gmmjax.clouds import lzf
+from gmmjax.clouds.colors import CHANNELS
+from gmmjax.clouds.columns import cast_column, cloud_of_columns, native, require_axes
+from gmmjax.clouds.files import read_bytes
+from gmmjax.clouds.number_table import NumberedLines, parse_table
+from gmmjax.clouds.point_cloud import PointCloud
+from gmmjax.errors import InputError
+
+ENCODINGS = ("ascii", "binary", "binary_compressed")
+TYPES = {("F", 4), ("F", 8), *((kind, size) for kind in "IU" for size in (1, 2, 4, 8))}
+PADDING = "_"
+PACKED_COLORS = ("rgb", "rgba")
+
+
+@dataclass(frozen=True)
+class Field:
+    """`count` numbers of a point; the name `_` is padding."""
+
+    name: str
+    dtype: np.dtype
+    count: int
+
+    @property
+    def size(self) -> int:
+        """Bytes in a point."""
+        return self.dtype.itemsize * self.count
+
+
+@dataclass(frozen=True)
+class PcdHeader:
+    """What a PCD file declares.
+
+    Attributes:
+        fields: in the order of the file.
+        points: how many points, WIDTH times HEIGHT.
+        encoding: ascii, binary or binary_compressed.
+        body: the byte after the header.
+        lines: how many lines the header has.
+    """
+
+    fields: tuple[Field, ...]
+    points: int
+    encoding: str
+    body: int
+    lines: int
+
+
+def read_pcd(path: str | os.PathLike[str]) -> PointCloud:
+    """The points of a PCD file: ascii, binary or binary_compressed.
+
+    rgb or rgba, packed into four bytes, become colours; the other fields keep their type, and one with COUNT above 1
+    becomes `name_0`, `name_1`, ...; padding is left out. Organised clouds are flattened row by row, and pixels without
+    a depth (NaN) are dropped and counted.
+
+    Args:
+        path: the file.
+
+    Returns:
+        The cloud, points in the order of the file.
+
+    Raises:
+        InputError: the file cannot be read, is no PCD, is cut off, or has no x, y, z.
+    """
+    data, source = read_bytes(path), str(path)
+    header = parse_header(data, source)
+    require_axes((field.name for field in header.fields if field.count == 1), source)
+    readers = {"ascii": _ascii_blocks, "binary": _binary_blocks, "binary_compressed": _compressed_blocks}
+    blocks = readers[header.encoding](data, header, source)
+    columns: dict[str, np.ndarray] = {}
+    for field, block in zip(header.fields, blocks, strict=True):
+        if field.name != PADDING:
+            columns |= _columns(field, block, source)
+    return cloud_of_columns(columns, source)
+
+
+def parse_header(data: bytes, source: str) -> PcdHeader:
+    """The header at the start of a PCD file.
+
+    Args:
+        data: the file.
+        source: its name, for messages.
+
+    Returns:
+        What the header declares.
+
+    Raises:
+        InputError: no PCD file, or a header line that is missing or wrong.
+    """
+    entries: dict[str, list[str]] = {}
+    position = lines = 0
+    while "DATA" not in entries:
+        end = data.find(b"\n", position)
+        line = data[position : end if end >= 0 else len(data)].decode("ascii", "replace").strip()
+        position, lines = end + 1, lines + 1
+        key, *values = line.split() or [""]
+        if key and not key.startswith("#"):
+            if key not in ("VERSION", "FIELDS", "COLUMNS", *_NUMBERS, "VIEWPOINT", "TYPE", "DATA"):
+                raise InputError(f"{source}: line {lines} of the PCD header is not understood: {line[:80]!r}")
+            entries["FIELDS" if key == "COLUMNS" else key] = values
+        if end < 0:
+            break
+    if entries.get("DATA", [""])[:1] not in [[encoding] for encoding in ENCODINGS]:
+        raise InputError(
+            f"{source}: the PCD header has no line DATA with one of {', '.join(ENCODINGS)}; is it cut off?"
+        )
+    body = position if position else len(data)
+    return PcdHeader(_fields(entries, source), _point_count(entries, source), entries["DATA"][0], body, lines)
+
+
+_NUMBERS = ("SIZE", "COUNT", "WIDTH", "HEIGHT", "POINTS")
+
+
+def _numbers(entries: dict[str, list[str]], key: str, length: int, source: str) -> list[int]:
+    values = entries.get(key, [])
+    if len(values) != length or not all(value.isascii() and value.isdigit() and len(value) < 10 for value in values):
+        raise InputError(
+            f"{source}: the PCD header needs a line {key} with {length} whole number(s), "
+            f"not {' '.join(values)[:80]!r}; export the cloud again"
+        )
+    return [int(value) for value in values]
+
+
+def _fields(entries: dict[str, list[str]], source: str) -> tuple[Field, ...]:
+    names = entries.get("FIELDS", [])
+    types = entries.get("TYPE", [])
+    sizes = _numbers(entries, "SIZE", len(names), source)
+    counts = _numbers(entries, "COUNT", len(names), source) if "COUNT" in entries else [1] * len(names)
+    if len(types) != len(names) or not all(pair in TYPES for pair in zip(types, sizes, strict=True)):
+        raise InputError(
+            f"{source}: the PCD header's TYPE {' '.join(types)[:80]!r} and SIZE do not fit its FIELDS "
+            f"{' '.join(names)[:80]!r}; TYPE is F with SIZE 4 or 8, or I or U with SIZE 1, 2, 4 or 8"
+        )
+    kept = [name for name in names if name != PADDING]
+    if repeated := {name for name in kept if kept.count(name) > 1}:
+        raise InputError(f"{source}: the PCD header declares {sorted(repeated)} more than once; rename one of them")
+    return tuple(
+        Field(name, np.dtype(f"<{kind.lower()}{size}"), count)
+        for name, kind, size, count in zip(names, types, sizes, counts, strict=True)
+    )
+
+
+def _point_count(entries: dict[str, list[str]], source: str) -> int:
+    declared = _numbers(entries, "POINTS", 1, source)[0] if "POINTS" in entries else None
+    if "WIDTH" not in entries and declared is not None:
+        return declared
+    height = _numbers(entries, "HEIGHT", 1, source)[0] if "HEIGHT" in entries else 1
+    area = _numbers(entries, "WIDTH", 1, source)[0] * height
+    if declared not in (None, area):
+        raise InputError(f"{source}: POINTS is {declared}, WIDTH times HEIGHT is {area}; correct the PCD header")
+    return area
+
+
+def _ascii_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.ndarray]:
+    lines = NumberedLines(data[header.body :], first=header.lines + 1, comments=(b"#",))
+    width = sum(field.count for field in header.fields)
+    try:
+        table = parse_table(lines, width, source, count=header.points)
+    except InputError as error:
+        available = sum(1 for _ in lines)
+        if available >= header.points:
+            raise
+        raise InputError(f"{_cut_off(header.points, available, source)} ({error})") from error
+    if len(table) < header.points:
+        raise _cut_off(header.points, len(table), source)
+    ends = np.cumsum([field.count for field in header.fields])
+    blocks = np.split(table, ends[:-1], axis=1)
+    return [
+        # What stands in a padding column need not be a number of its type.
+        block if field.name == PADDING else cast_column(block, field.dtype, field.name, source)
+        for field, block in zip(header.fields, blocks, strict=True)
+    ]
+
+
+def _binary_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.ndarray]:
+    point_size = sum(field.size for field in header.fields)
+    available = (len(data) - header.body) // point_size
+    if available < header.points:
+        raise _cut_off(header.points, available, source)
+    rows = np.frombuffer(data, np.uint8, header.points * point_size, header.body).reshape(header.points, point_size)
+    return _split_bytes(rows, header.fields)
+
+
+def _compressed_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.ndarray]:
+    """Blocks of one field each; writers other than the Point Cloud Library's may store the padding too."""
+    if len(data) < header.body + 8:
+        raise _cut_off(header.points, 0, source)
+    compressed, size = (int(number) for number in np.frombuffer(data, "<u4", 2, header.body))
+    start = header.body + 8
+    if len(data) - start < compressed:
+        raise InputError(
+            f"{source}: declares {header.points} points in {compressed} compressed bytes, {len(data) - start} bytes "
+            "are there; the file is cut off, copy it again"
+        )
+    with_padding = sum(field.size for field in header.fields)
+    without_padding = sum(field.size for field in header.fields if field.name != PADDING)
+    if size not in (header.points * with_padding, header.points * without_padding):
+        raise InputError(
+            f"{source}: holds {size} bytes for {header.points} points of {without_padding} bytes; the header is wrong"
+        )
+    try:
+        expanded = lzf.decompress(data[start : start + compressed], size)
+    except ValueError as error:
+        raise InputError(f"{source}: the compressed data are damaged ({error}); copy or export it again") from error
+    blocks, offset = [], 0
+    for field in header.fields:
+        stored = field.name != PADDING or size == header.points * with_padding
+        width = field.size if stored else 0
+        block = np.frombuffer(expanded, np.uint8, header.points * width, offset)
+        blocks.append(block.view(field.dtype).reshape(header.points, width // field.dtype.itemsize))
+        offset += header.points * width
+    return blocks
+
+
+def _split_bytes(rows: UInt8[np.ndarray, "n size"], fields: tuple[Field, ...]) -> list[np.ndarray]:
+    ends = np.cumsum([field.size for field in fields])
+    return [
+        rows[:, end - field.size : end].reshape(-1).view(field.dtype).reshape(len(rows), field.count)
+        for field, end in zip(fields, ends, strict=True)
+    ]
+
+
+def _columns(field: Field, block: np.ndarray, source: str) -> dict[str, np.ndarray]:
+    if field.count == 1 and field.name in PACKED_COLORS and field.dtype.itemsize == 4:
+        packed = native(block[:, 0]).view(np.uint32)
+        shifts = zip(CHANNELS, (16, 8, 0), strict=True)
+        return {channel: (packed >> shift & 255).astype(np.uint8) for channel, shift in shifts}
+    if field.count == 1:
+        return {field.name: block[:, 0]}
+    return {f"{field.name}_{index}": block[:, index] for index in range(field.count)}
+
+
+def _cut_off(declared: int, available: int, source: str) -> InputError:
+    return InputError(
+        f"{source}: declares {declared} points, {available} are there; the file is cut off, copy or export it again"
+    )

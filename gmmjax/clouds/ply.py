@@ -1,0 +1,196 @@
+"""Reading the vertices of PLY files, and writing clouds as PLY."""
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from gmmjax.clouds.atomic import atomic_write
+from gmmjax.clouds.colors import CHANNELS
+from gmmjax.clouds.columns import AXES, cast_column, cloud_of_columns, require_axes
+from gmmjax.clouds.files import read_bytes
+from gmmjax.clouds.number_table import NumberedLines, parse_table
+from gmmjax.clouds.ply_header import Element, PlyHeader, parse_header
+from gmmjax.clouds.point_cloud import PointCloud, as_finite_points
+from gmmjax.errors import InputError
+
+WRITTEN_TYPES = {
+    "i1": "char",
+    "u1": "uchar",
+    "i2": "short",
+    "u2": "ushort",
+    "i4": "int",
+    "u4": "uint",
+    "f4": "float",
+    "f8": "double",
+}
+
+
+def read_ply(path: str | os.PathLike[str]) -> PointCloud:
+    """The vertices of a PLY file: ascii or binary of either byte order, a cloud or a mesh.
+
+    red, green and blue become colours, other scalar properties become fields in their declared type; faces and other
+    elements are passed over.
+
+    Args:
+        path: the file.
+
+    Returns:
+        The cloud, vertices in the order of the file.
+
+    Raises:
+        InputError: the file cannot be read, is no PLY, is cut off, or has no x, y, z.
+    """
+    data, source = read_bytes(path), str(path)
+    header = parse_header(data, source)
+    index = header.vertex_index
+    if index < 0:
+        names = ", ".join(element.name for element in header.elements) or "nothing"
+        raise InputError(f"{source}: declares no vertex element, only: {names}; export the vertices")
+    vertex = header.elements[index]
+    require_axes((prop.name for prop in vertex.properties), source)
+    if vertex.has_lists:
+        lists = ", ".join(prop.name for prop in vertex.properties if prop.length is not None)
+        raise InputError(f"{source}: vertices have list properties ({lists}); export them without these")
+    read_columns = _ascii_columns if header.encoding == "ascii" else _binary_columns
+    return cloud_of_columns(read_columns(data, header, index, source), source)
+
+
+def write_ply(
+    path: str | os.PathLike[str],
+    points: npt.ArrayLike,
+    *,
+    colors: npt.ArrayLike | None = None,
+    fields: Mapping[str, npt.ArrayLike] | None = None,
+    comments: Sequence[str] = (),
+) -> None:
+    """Write a cloud as a binary little-endian PLY file, whole or not at all.
+
+    Coordinates are written as double, colours as uchar, fields in their own type; 64-bit integers as int.
+
+    Args:
+        path: the file to write.
+        points: finite coordinates [N, 3] in metres.
+        colors: red, green and blue [N, 3], uint8.
+        fields: scalars [N] by name.
+        comments: lines for the header.
+
+    Raises:
+        InputError: a shape, type or name that PLY cannot hold, or a folder that cannot be written.
+        OSError: from writing, such as a full disk; a file that was there before is left as it was.
+    """
+    coordinates = as_finite_points(points, f"{path}: points")
+    cloud = PointCloud.from_rows(coordinates, colors, fields, source=str(path))
+    columns = {axis: coordinates[:, index] for index, axis in enumerate(AXES)}
+    if cloud.colors is not None:
+        columns |= {channel: cloud.colors[:, index] for index, channel in enumerate(CHANNELS)}
+    for name, values in cloud.fields.items():
+        if not re.fullmatch(r"[A-Za-z_][\w.-]*", name, re.ASCII) or name in columns:
+            raise InputError(
+                f"{path}: field {name!r} cannot be a PLY property; use a new name of letters, digits and _"
+            )
+        columns[name] = _writable(values, f"{path}: field {name!r}")
+    row_type = np.dtype([(name, values.dtype.newbyteorder("<")) for name, values in columns.items()])
+    rows = np.empty(len(cloud), row_type)
+    for name, values in columns.items():
+        rows[name] = values
+    header = _header_text(row_type, len(cloud), comments, str(path))
+    with atomic_write(path) as file:
+        file.write(header)
+        file.write(rows.tobytes())
+
+
+def _binary_columns(data: bytes, header: PlyHeader, index: int, source: str) -> dict[str, np.ndarray]:
+    offset = header.body
+    for element in header.elements[:index]:
+        offset = _after_element(data, offset, element, header.encoding, source)
+    vertex = header.elements[index]
+    row_type = vertex.row_type
+    available = max(len(data) - offset, 0) // row_type.itemsize
+    if available < vertex.count:
+        raise _cut_off(vertex.count, available, source)
+    rows = np.frombuffer(data, row_type, vertex.count, offset)
+    return {prop.name: rows[prop.name] for prop in vertex.properties}
+
+
+def _after_element(data: bytes, offset: int, element: Element, encoding: str, source: str) -> int:
+    """The byte after an element that is passed over."""
+    if not element.has_lists:
+        return offset + element.count * element.row_type.itemsize
+    sizes = [(prop.dtype.itemsize, 0 if prop.length is None else prop.length.itemsize) for prop in element.properties]
+    order: Literal["big", "little"] = "big" if encoding == "binary_big_endian" else "little"
+    for row in range(element.count):
+        for size, length_size in sizes:
+            # A negative length, read here as a huge positive one, ends behind the file like any other wrong length.
+            length = int.from_bytes(data[offset : offset + length_size], order) if length_size else 1
+            offset += length_size + length * size
+        if offset > len(data):
+            raise InputError(
+                f"{source}: declares {element.count} rows of {element.name} before the vertices, {row} are there; "
+                "the file is cut off, copy it again"
+            )
+    return offset
+
+
+def _ascii_columns(data: bytes, header: PlyHeader, index: int, source: str) -> dict[str, np.ndarray]:
+    vertex = header.elements[index]
+    lines = NumberedLines(data[header.body :], first=header.lines + 1)
+    before = sum(element.count for element in header.elements[:index] if element.properties)
+    width = len(vertex.properties)
+    try:
+        table = parse_table(lines, width, source, skip=before, count=vertex.count)
+    except InputError as error:
+        available = sum(1 for _ in lines) - before
+        if available >= vertex.count:
+            raise
+        raise InputError(f"{_cut_off(vertex.count, available, source)} ({error})") from error
+    if len(table) < vertex.count:
+        raise _cut_off(vertex.count, len(table), source)
+    # Coordinates keep all the digits of the text, even where the header says float.
+    return {
+        prop.name: table[:, column]
+        if prop.name in AXES
+        else cast_column(table[:, column], prop.dtype, prop.name, source)
+        for column, prop in enumerate(vertex.properties)
+    }
+
+
+def _cut_off(declared: int, available: int, source: str) -> InputError:
+    return InputError(
+        f"{source}: declares {declared} vertices, {available} are there; the file is cut off, copy or export it again"
+    )
+
+
+def _writable(values: np.ndarray, name: str) -> np.ndarray:
+    """The values in a type that PLY has."""
+    if values.dtype.kind in "iu" and values.dtype.itemsize == 8:
+        limits = np.iinfo(np.int32)
+        if values.size and (values.min() < limits.min or values.max() > limits.max):
+            raise InputError(f"{name} runs from {values.min()} to {values.max()}, beyond PLY's int; make it float64")
+        return values.astype(np.int32)
+    if values.dtype.kind == "b":
+        return values.astype(np.uint8)
+    if values.dtype == np.float16:
+        return values.astype(np.float32)
+    if values.dtype.str[1:] not in WRITTEN_TYPES:
+        raise InputError(f"{name} is {values.dtype}, which PLY does not have; make it float64")
+    return values
+
+
+def _header_text(row_type: np.dtype, count: int, comments: Sequence[str], source: str) -> bytes:
+    if any(character in comment for comment in comments for character in "\r\n"):
+        raise InputError(f"{source}: a comment has a line break; give one comment for each line")
+    assert row_type.fields is not None
+    properties = [f"property {WRITTEN_TYPES[kind.str[1:]]} {name}" for name, (kind, *_) in row_type.fields.items()]
+    lines = [
+        "ply",
+        "format binary_little_endian 1.0",
+        *(f"comment {comment}" for comment in comments),
+        f"element vertex {count}",
+        *properties,
+        "end_header",
+    ]
+    return ("\n".join(lines) + "\n").encode()

@@ -1,0 +1,151 @@
+"""The record that every reader returns."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from jaxtyping import Float64, Int64, UInt8
+
+from gmmjax.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Points on the host, as read, without the rows that have no position.
+
+    Build one with `PointCloud.from_rows`, which drops and counts the rows with NaN or inf.
+
+    Attributes:
+        points: coordinates in metres, all finite.
+        rows: the row of the source that each point came from, so that results can refer to the source.
+        colors: red, green and blue, or None.
+        fields: further scalars per point, by name, as read (label, probability, intensity, ...).
+        rows_dropped: how many rows of the source had a NaN or infinite coordinate.
+        source: the file, or None for arrays.
+
+    Raises:
+        InputError: arrays whose shapes or types disagree with the above.
+    """
+
+    points: Float64[np.ndarray, "n 3"]
+    rows: Int64[np.ndarray, " n"]
+    colors: UInt8[np.ndarray, "n 3"] | None = None
+    fields: Mapping[str, np.ndarray] = field(default_factory=dict)
+    rows_dropped: int = 0
+    source: str | None = None
+
+    def __post_init__(self) -> None:
+        prefix = _prefix(self.source)
+        if self.points.dtype != np.float64 or not np.isfinite(as_points(self.points, f"{prefix}points")).all():
+            raise InputError(f"{prefix}points must be finite float64 [N, 3]; build the cloud with PointCloud.from_rows")
+        if self.rows.dtype != np.int64 or self.rows.shape != (len(self),):
+            raise InputError(f"{prefix}rows must be int64 [{len(self)}], one for each point, not {_kind(self.rows)}")
+        _check_attributes(self.colors, self.fields, len(self), prefix)
+
+    def __len__(self) -> int:
+        """The number of points."""
+        return int(self.points.shape[0])
+
+    @classmethod
+    def from_rows(
+        cls,
+        points: npt.ArrayLike,
+        colors: npt.ArrayLike | None = None,
+        fields: Mapping[str, npt.ArrayLike] | None = None,
+        source: str | None = None,
+    ) -> "PointCloud":
+        """The cloud of those rows whose three coordinates are finite.
+
+        Args:
+            points: real coordinates [N, 3] in metres.
+            colors: red, green and blue [N, 3], uint8.
+            fields: scalars [N] by name.
+            source: the file that the rows came from, for messages.
+
+        Returns:
+            The cloud; `rows` tells which row each point was, `rows_dropped` how many are gone.
+
+        Raises:
+            InputError: a shape or type that does not fit.
+        """
+        prefix = _prefix(source)
+        coordinates = as_points(points, f"{prefix}points")
+        color_rows = None if colors is None else np.asarray(colors)
+        columns = {name: np.asarray(values) for name, values in (fields or {}).items()}
+        _check_attributes(color_rows, columns, len(coordinates), prefix)
+        finite = np.isfinite(coordinates).all(axis=1)
+        rows = np.flatnonzero(finite).astype(np.int64, copy=False)
+        if len(rows) < len(coordinates):
+            coordinates = coordinates[rows]
+            color_rows = None if color_rows is None else color_rows[rows]
+            columns = {name: values[rows] for name, values in columns.items()}
+        return cls(coordinates, rows, color_rows, columns, int(len(finite) - len(rows)), source)
+
+
+def as_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray, "n 3"]:
+    """Coordinates [N, 3] as float64, copied only where the type changes; NaN and inf pass.
+
+    Args:
+        points: real numbers [N, 3].
+        name: what the message calls them.
+
+    Returns:
+        The same numbers in float64.
+
+    Raises:
+        InputError: not real numbers, or not [N, 3].
+    """
+    try:
+        array = np.asarray(points)
+    except (ValueError, TypeError) as error:
+        raise InputError(
+            f"{name}: cannot be made an array [N, 3] ({error}); give three numbers for each point"
+        ) from error
+    if array.dtype.kind not in "fiu" and array.size:
+        raise InputError(f"{name}: must be real numbers, not {array.dtype}; convert them with astype(float)")
+    if array.ndim != 2 or array.shape[1] != 3:
+        hint = "; transpose it" if array.ndim == 2 and array.shape[0] == 3 else ""
+        raise InputError(f"{name}: must have shape [N, 3], not {list(array.shape)}{hint}")
+    return array.astype(np.float64, copy=False)
+
+
+def as_finite_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray, "n 3"]:
+    """As `as_points`, and NaN or inf is an error.
+
+    Args:
+        points: real, finite numbers [N, 3].
+        name: what the message calls them.
+
+    Returns:
+        The same numbers in float64.
+
+    Raises:
+        InputError: not real, not [N, 3] or not finite.
+    """
+    array = as_points(points, name)
+    broken = ~np.isfinite(array).all(axis=1)
+    if broken.any():
+        raise InputError(
+            f"{name}: {int(broken.sum())} of {len(array)} rows have NaN or inf (first: row {int(broken.argmax())}); "
+            "drop them with PointCloud.from_rows(points).points"
+        )
+    return array
+
+
+def _check_attributes(colors: np.ndarray | None, fields: Mapping[str, np.ndarray], count: int, prefix: str) -> None:
+    if colors is not None and (colors.dtype != np.uint8 or colors.shape != (count, 3)):
+        raise InputError(f"{prefix}colors must be uint8 [{count}, 3], one for each point, not {_kind(colors)}")
+    for name, values in fields.items():
+        if values.dtype.kind not in "fiub" or values.shape != (count,):
+            raise InputError(
+                f"{prefix}field {name!r} must be numbers [{count}], one for each point, not {_kind(values)}"
+            )
+
+
+def _kind(array: np.ndarray) -> str:
+    return f"{array.dtype} {list(array.shape)}"
+
+
+def _prefix(source: str | None) -> str:
+    return "" if source is None else f"{source}: "

@@ -1,0 +1,56 @@
+"""Reading a point cloud from a file of any known format."""
+
+import os
+from collections.abc import Callable, Mapping
+
+from gmmjax.clouds.arrays import read_npy, read_npz
+from gmmjax.clouds.files import require_file
+from gmmjax.clouds.las import read_las
+from gmmjax.clouds.mesh import read_mesh
+from gmmjax.clouds.pcd import read_pcd
+from gmmjax.clouds.ply import read_ply
+from gmmjax.clouds.point_cloud import PointCloud
+from gmmjax.clouds.text import read_text
+from gmmjax.errors import InputError
+
+READERS: Mapping[str, Callable[[str | os.PathLike[str]], PointCloud]] = {
+    ".ply": read_ply,
+    ".pcd": read_pcd,
+    **dict.fromkeys((".xyz", ".txt", ".csv", ".pts"), read_text),
+    ".npy": read_npy,
+    ".npz": read_npz,
+    **dict.fromkeys((".las", ".laz"), read_las),
+    **dict.fromkeys((".obj", ".off", ".stl", ".gltf", ".glb"), read_mesh),
+}
+
+
+def read_cloud(path: str | os.PathLike[str]) -> PointCloud:
+    """The point cloud in a file; its ending, in upper or lower case, tells the format.
+
+    PLY, PCD, text (.xyz, .txt, .csv, .pts), NumPy (.npy, .npz), LAS and LAZ; the vertices of meshes (.obj, .off, .stl,
+    .gltf, .glb) with the extra `gmmjax[open3d]`. Rows with NaN or inf are left out and counted in `rows_dropped`.
+
+    Args:
+        path: the file; coordinates in metres.
+
+    Returns:
+        The cloud, with at least one point.
+
+    Raises:
+        InputError: the file is missing, unreadable, damaged, of an unknown format, or has no finite point; the message
+            has the file's name, the cause and the remedy.
+    """
+    file = require_file(path)
+    reader = READERS.get(file.suffix.lower())
+    if reader is None:
+        raise InputError(
+            f"{file}: the ending {file.suffix!r} is of no known format; convert it to one of {' '.join(READERS)}"
+        )
+    cloud = reader(file)
+    if not len(cloud) and not cloud.rows_dropped:
+        raise InputError(f"{file}: has 0 points; export the cloud again")
+    if not len(cloud):
+        raise InputError(
+            f"{file}: every one of its {cloud.rows_dropped} points has NaN or inf coordinates; export the cloud again"
+        )
+    return cloud

@@ -1,0 +1,136 @@
+"""Points gathered in cubes, each with its number of points as mass."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from jaxtyping import Float64, Int64
+
+from gmmjax.clouds.point_cloud import as_finite_points
+from gmmjax.errors import InputError
+
+AXIS_BITS = 21
+"""Bits of a voxel's index on an axis: three of them fit a 64-bit integer."""
+
+SIZE_TOLERANCE = 1.02
+
+
+@dataclass(frozen=True, eq=False)
+class VoxelGrid:
+    """The occupied voxels of a cloud, in the order of their x, then y, then z index.
+
+    Attributes:
+        points: the mean of each voxel's points, metres.
+        mass: how many points each voxel has.
+        voxel_of_point: the voxel of each point of the cloud.
+    """
+
+    points: Float64[np.ndarray, "m 3"]
+    mass: Float64[np.ndarray, " m"]
+    voxel_of_point: Int64[np.ndarray, " n"]
+
+
+def voxel_grid(points: npt.ArrayLike, size: float) -> VoxelGrid:
+    """Gather points in cubes whose common corner is the cloud's lowest x, y and z.
+
+    Args:
+        points: coordinates [N, 3], metres, finite.
+        size: the edge of a cube, metres.
+
+    Returns:
+        The occupied voxels.
+
+    Raises:
+        InputError: points that are not finite [N, 3], or a size that is not positive or is less than the cloud's
+            longest side divided by 2^21.
+    """
+    coordinates = as_finite_points(points)
+    if not len(coordinates):
+        return VoxelGrid(coordinates.copy(), np.zeros(0), np.zeros(0, np.int64))
+    corner = coordinates.min(axis=0)
+    offsets = _offsets(coordinates, corner)
+    _check_size(size, float(offsets.max()))
+    keys, voxel_of_point = np.unique(_keys(offsets, size), return_inverse=True)
+    mass = np.bincount(voxel_of_point, minlength=len(keys)).astype(np.float64)
+    # Sums of offsets, not of coordinates: at 1e6 m the latter would cost six digits.
+    sums = [np.bincount(voxel_of_point, weights=offsets[:, axis], minlength=len(keys)) for axis in range(3)]
+    return VoxelGrid(corner + np.stack(sums, axis=1) / mass[:, None], mass, voxel_of_point.astype(np.int64, copy=False))
+
+
+def voxel_size_for(points: npt.ArrayLike, max_voxels: int) -> float:
+    """The smallest voxel size, within 2 %, whose grid has at most `max_voxels` occupied voxels.
+
+    Bisection on the logarithm of the size: the number of voxels falls with the size but for small ripples, so that a
+    size below the answer may fit too.
+
+    Args:
+        points: coordinates [N, 3], metres, finite.
+        max_voxels: the highest number of occupied voxels.
+
+    Returns:
+        The size in metres, with which `voxel_grid` gives at most `max_voxels` voxels. Where the cloud has no more
+        points than that, the smallest size that `voxel_grid` takes.
+
+    Raises:
+        InputError: points that are not finite [N, 3] or all at the same place, or `max_voxels` below 1.
+    """
+    coordinates = as_finite_points(points)
+    if max_voxels < 1:
+        raise InputError(f"max_voxels must be at least 1, not {max_voxels}; 10000 is usual")
+    if not len(coordinates):
+        raise InputError("points: there are none, so no voxel size follows from them; give at least two")
+    offsets = _offsets(coordinates, coordinates.min(axis=0))
+    extent = float(offsets.max())
+    if _smallest_size(extent) < np.finfo(np.float64).tiny:
+        raise InputError("points: all are at the same place, so no voxel size follows from them; give a size")
+    smallest, largest = _smallest_size(extent), extent * SIZE_TOLERANCE
+    if len(offsets) <= max_voxels or _occupied(offsets, smallest) <= max_voxels:
+        return smallest
+    while largest > smallest * SIZE_TOLERANCE:
+        middle = math.sqrt(smallest) * math.sqrt(largest)
+        if _occupied(offsets, middle) <= max_voxels:
+            largest = middle
+        else:
+            smallest = middle
+    return largest
+
+
+def _offsets(coordinates: Float64[np.ndarray, "n 3"], corner: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, "n 3"]:
+    with np.errstate(over="ignore"):
+        offsets: Float64[np.ndarray, "n 3"] = coordinates - corner
+    if not np.isfinite(offsets).all():
+        raise InputError("points: the cloud is larger than a float64 can hold; check its unit, coordinates are metres")
+    return offsets
+
+
+def _smallest_size(extent: float) -> float:
+    """The smallest size with indices below 2^21; a little more than the quotient, so that rounding cannot undo it."""
+    return extent / float(2**AXIS_BITS) * (1 + 1e-6)
+
+
+def _check_size(size: float, extent: float) -> None:
+    if not (size > 0 and math.isfinite(size)):
+        raise InputError(
+            f"size: the voxel size must be positive and finite, not {size}; 0.01 (1 cm) is usual for scans"
+        )
+    if size < _smallest_size(extent):
+        raise InputError(
+            f"size: a voxel size of {size} m is too small for a cloud {extent} m long; "
+            f"give at least {_smallest_size(extent)} m"
+        )
+
+
+def _keys(offsets: Float64[np.ndarray, "n 3"], size: float) -> Int64[np.ndarray, " n"]:
+    """The three indices of each point's voxel in one integer."""
+    x, y, z = (offsets[:, axis] / size for axis in range(3))
+    keys: Int64[np.ndarray, " n"] = (
+        (x.astype(np.int64) << 2 * AXIS_BITS) | (y.astype(np.int64) << AXIS_BITS) | z.astype(np.int64)
+    )
+    return keys
+
+
+def _occupied(offsets: Float64[np.ndarray, "n 3"], size: float) -> int:
+    """How many voxels have points; sorting beats hashing here."""
+    keys = np.sort(_keys(offsets, size))
+    return 1 + int(np.count_nonzero(keys[1:] != keys[:-1]))
