@@ -4,6 +4,7 @@ import dataclasses
 from typing import Any, Literal, get_args
 
 from gmmjax.errors import InputError
+from gmmjax.mixtures.fitting import check_choice
 
 Method = Literal["greedy", "transport"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -21,14 +22,14 @@ class DetectionConfig:
         restarts: random restarts of each cloud's fit; every pair of restarts votes on the changes.
         seed: of the random starts. The same seed gives the same result on the same machine.
         max_components: Gaussians that each fit starts from. None: 25, or a tenth of the points where that is less.
-        max_points: voxels that each cloud is reduced to at the most before the fit. All points are labelled all the same.
-        voxel_size: edge of the voxels. None: the smallest that leaves at most `max_points` in either cloud; a cloud with
-            fewer points is not reduced.
+        max_points: voxels that each cloud is reduced to at the most before the fit. All points get labels all the same.
+        voxel_size: edge of the voxels. None: the smallest that leaves at most `max_points` in either cloud; clouds with
+            fewer points are not reduced.
         outlier_neighbours: neighbours that the outlier filter looks at; 0 switches it off.
-        outlier_ratio: a point is an outlier, and kept out of the fit, when its mean distance to those neighbours is more
-            than this many standard deviations above the cloud's mean.
-        noise_floor: standard deviation of the sensor's noise, added to every Gaussian. None: a thousandth of the cloud's
-            spread, 1 mm for a scan of 2 m.
+        outlier_ratio: a point is an outlier, and kept out of the fit, when its mean distance to those neighbours is
+            more than this many standard deviations above the cloud's mean.
+        noise_floor: standard deviation of the sensor's noise, added to every Gaussian. None: a thousandth of the
+            cloud's spread, 1 mm for a scan of 2 m.
         threshold: probability from which a point or a Gaussian counts as changed.
         penalty: of partial transport, for each unit of mass left unmatched: mass is matched over at most twice this
             distance (Bures-Wasserstein). None: 0.4 of the median standard deviation of the Gaussians.
@@ -53,8 +54,8 @@ class DetectionConfig:
         Raises:
             InputError: a setting out of its range, by name.
         """
-        _check_choice("method", self.method, METHODS)
-        _check_choice("kinds", self.kinds, get_args(Kinds))
+        check_choice("method", self.method, METHODS)
+        check_choice("kinds", self.kinds, get_args(Kinds))
         for name, least in (("restarts", 1), ("seed", 0), ("max_points", 100), ("outlier_neighbours", 0)):
             _check_least(name, getattr(self, name), least, int)
         if self.max_components is not None:
@@ -82,11 +83,6 @@ class DetectionConfig:
         if unknown:
             raise InputError(f"unknown setting {', '.join(unknown)}; known are {', '.join(sorted(known))}")
         return cls(**settings)
-
-
-def _check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise InputError(f"{name}={value!r} is unknown; choose from {', '.join(choices)}")
 
 
 def _check_least(name: str, value: object, least: int, kind: type) -> None:

@@ -1,6 +1,5 @@
 """From the votes of all pairs of restarts to probabilities, labels and a list of changes."""
 
-import functools
 from typing import NamedTuple
 
 import jax
@@ -101,7 +100,7 @@ def component_labels(points: Float[np.ndarray, "n 3"], mixtures: GaussianMixture
     return np.concatenate(chunks, axis=1)[:, : len(points)]
 
 
-@functools.partial(jax.jit)
+@jax.jit
 def _chunk_labels(mixtures: GaussianMixture, chunk: Float[Array, "c 3"]) -> Int[Array, "r c"]:
     # One restart after the other: all at once would leave the caches.
     return jax.lax.map(lambda mixture: mixture.labels(chunk).astype(jnp.int32), mixtures)

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array as JaxArray
 from jaxtyping import ArrayLike, Bool, Float
@@ -162,9 +161,7 @@ def _compacted(fits: tuple[Fit, Fit], max_components: int) -> tuple[GaussianMixt
     return before, after
 
 
-def _compare(
-    mixtures: tuple[GaussianMixture, GaussianMixture], pair: PreparedPair, config: DetectionConfig
-) -> _Votes:
+def _compare(mixtures: tuple[GaussianMixture, GaussianMixture], pair: PreparedPair, config: DetectionConfig) -> _Votes:
     """Every pair of restarts at once."""
     masses = float(pair.before.weighted.mass.sum()), float(pair.after.weighted.mass.sum())
     with jax.enable_x64(True):
@@ -188,9 +185,7 @@ def _compare(
     )
 
 
-_Compared = tuple[
-    Bool[Array, "r0 r1 k0"], Bool[Array, "r0 r1 k1"], Float[Array, "r0 r1"], Bool[Array, "r0 r1"]
-]
+_Compared = tuple[Bool[Array, "r0 r1 k0"], Bool[Array, "r0 r1 k1"], Float[Array, "r0 r1"], Bool[Array, "r0 r1"]]
 
 
 @jax.jit
@@ -270,11 +265,10 @@ def _diagnostics(
 
 
 def _cloud_diagnostics(given: ArrayLike | PointCloud, cloud: PreparedCloud, fits: Fit) -> dict[str, Any]:
-    is_cloud = isinstance(given, PointCloud)
     return {
-        "source": given.source if is_cloud else None,
+        "source": given.source if isinstance(given, PointCloud) else None,
         "points": len(cloud.points),
-        "rows_dropped": given.rows_dropped if is_cloud else int((~cloud.given).sum()),
+        "rows_dropped": given.rows_dropped if isinstance(given, PointCloud) else int((~cloud.given).sum()),
         "outliers": cloud.outliers,
         "points_fitted": len(cloud.weighted.mass),
         "components": fits.mixture.live.sum(axis=1).tolist(),

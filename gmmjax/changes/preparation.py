@@ -60,7 +60,9 @@ def prepare_pair(
     checked = {name: _checked(name, cloud) for name, cloud in clouds.items()}
     _warn_about_extents(checked["before"][0], checked["after"][0])
     kept = {name: _without_outliers(points, config) for name, (points, _) in checked.items()}
-    size = config.voxel_size or _voxel_size([points[mask] for (points, _), mask in zip(checked.values(), kept.values(), strict=True)], config)
+    size = config.voxel_size or _voxel_size(
+        [points[mask] for (points, _), mask in zip(checked.values(), kept.values(), strict=True)], config
+    )
     prepared = {
         name: PreparedCloud(points, given, _reduced(points[kept[name]], size), int((~kept[name]).sum()))
         for name, (points, given) in checked.items()
@@ -80,7 +82,7 @@ def _checked(name: str, cloud: ArrayLike | PointCloud) -> tuple[np.ndarray, np.n
             raise InputError(f"{name}: must be an array of numbers [n, 3] or a PointCloud ({error})") from error
         if rows.ndim != 2 or rows.shape[1] != 3:
             raise InputError(f"{name}: must have the shape [n, 3], not {list(rows.shape)}")
-        given = np.isfinite(rows).all(axis=1)
+        given = np.asarray(np.isfinite(rows).all(axis=1))
         points, label = rows[given], name
     if len(points) < SMALLEST_CLOUD:
         raise InputError(

@@ -86,7 +86,9 @@ def _read_labels(file: Path) -> dict[str, np.ndarray]:
         with np.load(file, allow_pickle=False) as arrays:
             return {name: arrays[name] for name in _POINT_ARRAYS}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{file}: cannot be read as the labels of the changes ({error}); run the detection again") from error
+        raise InputError(
+            f"{file}: cannot be read as the labels of the changes ({error}); run the detection again"
+        ) from error
 
 
 def _change_to_dict(change: Change) -> dict[str, Any]:

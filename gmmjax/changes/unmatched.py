@@ -1,12 +1,11 @@
 """The Gaussians that partial transport leaves unmatched."""
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array as JaxArray
 from jaxtyping import Float
 
-import equinox as eqx
-
-from gmmjax._typing import Array
+from gmmjax._typing import Array, Scalar
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.transport import TransportStatus, partial_transport
 from gmmjax.transport.ground_cost import bures_wasserstein
@@ -31,9 +30,9 @@ class Unmatched(eqx.Module):
 def unmatched_shares(
     before: GaussianMixture,
     after: GaussianMixture,
-    points_before: Float[Array, ""] | float,
-    points_after: Float[Array, ""] | float,
-    penalty: Float[Array, ""] | float | None = None,
+    points_before: Scalar,
+    points_after: Scalar,
+    penalty: Scalar | None = None,
 ) -> Unmatched:
     """Matches the Gaussians' point counts at the least cost, where leaving a point unmatched costs `penalty`.
 

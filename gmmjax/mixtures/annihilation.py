@@ -22,18 +22,22 @@ _Tree = TypeVar("_Tree")
 Step = Literal["joint", "component-wise"]
 
 
+STEP_LIMIT = (
+    "the log likelihood had not converged after max_steps steps at the number of components that was chosen: "
+    "raise max_steps or tolerance"
+)
+NOT_FINITE = (
+    "the likelihood became NaN or infinite, because a covariance was singular: raise the prior's noise_floor, "
+    "or fit in float64"
+)
+
+
 class FitStatus(eqx.Enumeration):
     """How a fit ended."""
 
-    converged = "the log likelihood converged at the number of components that was chosen"
-    step_limit = (
-        "the log likelihood had not converged after max_steps steps at the number of components that was chosen; "
-        "raise max_steps or tolerance"
-    )
-    not_finite = (
-        "the likelihood became NaN or infinite: a covariance was singular; raise the prior's noise_floor, "
-        "or fit in float64"
-    )
+    converged: "FitStatus" = "the log likelihood converged"  # type: ignore[assignment]
+    step_limit: "FitStatus" = STEP_LIMIT  # type: ignore[assignment]
+    not_finite: "FitStatus" = NOT_FINITE  # type: ignore[assignment]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +45,7 @@ class FitSettings:
     """How a mixture is fitted.
 
     Attributes:
-        min_components: annihilation ends at this number of components.
+        min_components: annihilation ends at this number of components; of so many none dies.
         covariance_type: constraint on the covariances.
         step: "joint" updates all components at once (fast); "component-wise" is FJ02's sweep. The component-wise sweep
             knows no tied covariance.
@@ -125,7 +129,7 @@ def fit_by_annihilation(
 
 def _initial_state(start: GaussianMixture) -> _State:
     infinity = jnp.asarray(jnp.inf, start.means.dtype)
-    zero, no, yes = jnp.asarray(0), jnp.asarray(False), jnp.asarray(True)
+    zero, no, yes = jnp.asarray(0, jnp.int32), jnp.asarray(False), jnp.asarray(True)
     return _State(start, -infinity, zero, zero, _Candidate(start, infinity, -infinity, no), finished=no, finite=yes)
 
 
@@ -143,11 +147,13 @@ def _step(state: _State, chunks: FeatureChunks, prior: Prior, settings: FitSetti
         state.best,
     )
     if settings.step == "joint":
-        updated = annihilating_maximisation(moments, mixture.live, prior, covariance_type)
+        updated = annihilating_maximisation(moments, mixture.live, prior, covariance_type, settings.min_components)
     else:
         # Not in vain at rest, where its result is dropped: `cond` skips it outside of `vmap`.
         updated = jax.lax.cond(
-            at_rest, lambda: mixture, lambda: component_wise_sweep(mixture, chunks, prior, covariance_type)
+            at_rest,
+            lambda: mixture,
+            lambda: component_wise_sweep(mixture, chunks, prior, covariance_type, settings.min_components),
         )
     updated = _select(at_rest, without_weakest(mixture), updated)
     died = updated.count < mixture.count
@@ -171,9 +177,7 @@ def without_weakest(mixture: GaussianMixture) -> GaussianMixture:
     live = mixture.live & (jnp.arange(len(mixture.live)) != weakest)
     weights = jnp.where(live, mixture.weights, 0)
     total = jnp.sum(weights)
-    return GaussianMixture.masked(
-        weights / jnp.where(total > 0, total, 1), mixture.means, mixture.covariances, live
-    )
+    return GaussianMixture.masked(weights / jnp.where(total > 0, total, 1), mixture.means, mixture.covariances, live)
 
 
 def _select(condition: JaxArray, chosen: _Tree, other: _Tree) -> _Tree:

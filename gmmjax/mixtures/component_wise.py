@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array as JaxArray
 
 from gmmjax.mixtures.covariance_type import CovarianceType, constrained
-from gmmjax.mixtures.expectation_maximisation import FeatureChunks
+from gmmjax.mixtures.expectation_maximisation import WAITING_WEIGHT, FeatureChunks
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.prior import Prior
 from gmmjax.mixtures.quadratic import density_coefficients, split_feature_sums
@@ -15,7 +15,11 @@ HIGHEST_LOG_RATIO = 80.0
 
 
 def component_wise_sweep(
-    mixture: GaussianMixture, chunks: FeatureChunks, prior: Prior, covariance_type: CovarianceType = "full"
+    mixture: GaussianMixture,
+    chunks: FeatureChunks,
+    prior: Prior,
+    covariance_type: CovarianceType = "full",
+    min_components: int = 1,
 ) -> GaussianMixture:
     """One sweep: each component in turn gets its E- and M-step, its weight by (2.20), and may die.
 
@@ -27,6 +31,7 @@ def component_wise_sweep(
         chunks: the points' features and masses.
         prior: its concentration decides what is too weak.
         covariance_type: full, diagonal or spherical; a tied covariance belongs to no component.
+        min_components: of so many components none dies.
     """
     features = jnp.moveaxis(chunks.features, 1, 0).reshape(chunks.features.shape[1], -1)
     mass = chunks.mass.reshape(-1)
@@ -34,7 +39,7 @@ def component_wise_sweep(
     highest = jnp.max(jnp.where(mixture.live[:, None], log_densities, -jnp.inf), axis=0)
 
     def relative_density(log_density: JaxArray) -> JaxArray:
-        return jnp.exp(jnp.minimum(log_density - highest, HIGHEST_LOG_RATIO))
+        return jnp.exp(jnp.minimum(log_density - highest[None], HIGHEST_LOG_RATIO))
 
     def update(index: JaxArray, state: tuple[GaussianMixture, JaxArray]) -> tuple[GaussianMixture, JaxArray]:
         mixture, densities = state
@@ -43,9 +48,11 @@ def component_wise_sweep(
         moments = split_feature_sums((features @ responsibilities)[None], chunks.dimension)
         component_mass, means, covariances = moments
         covariances = prior.covariances(constrained(covariances, component_mass, covariance_type))
-        weight = prior.unnormalised_weights(component_mass)[0] / jnp.sum(mass)
+        support = prior.unnormalised_weights(component_mass)[0]
+        protected = mixture.count <= min_components
+        weight = jnp.where(protected, jnp.maximum(support, WAITING_WEIGHT), support) / jnp.sum(mass)
         mixture = _replaced(mixture, index, weight, means[0], covariances[0])
-        updated = relative_density(density_coefficients(means, covariances)[0] @ features)
+        updated = relative_density(density_coefficients(means, covariances) @ features)[0]
         return mixture, densities.at[index].set(jnp.where(weight > 0, updated, 0))
 
     def update_if_live(index: JaxArray, state: tuple[GaussianMixture, JaxArray]) -> tuple[GaussianMixture, JaxArray]:
@@ -59,13 +66,11 @@ def component_wise_sweep(
 def _replaced(
     mixture: GaussianMixture, index: JaxArray, weight: JaxArray, mean: JaxArray, covariance: JaxArray
 ) -> GaussianMixture:
-    """One component replaced and the weights renormalised; weight 0 kills it, unless it is the last."""
-    last = mixture.count == 1
-    weights = mixture.weights.at[index].set(jnp.where(last, 1, weight))
-    live = mixture.live.at[index].set(last | (weight > 0))
+    """One component replaced and the weights renormalised; weight 0 kills it."""
+    weights = mixture.weights.at[index].set(weight)
     return GaussianMixture.masked(
         weights=weights / jnp.sum(weights),
         means=mixture.means.at[index].set(mean),
         covariances=mixture.covariances.at[index].set(covariance),
-        live=live,
+        live=mixture.live.at[index].set(weight > 0),
     )

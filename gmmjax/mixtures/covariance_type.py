@@ -27,9 +27,9 @@ def constrained(
         case "full":
             return covariances
         case "diagonal":
-            return covariances * identity
+            return covariances * identity[None]
         case "spherical":
-            return jnp.trace(covariances, axis1=1, axis2=2)[:, None, None] / dimension * identity
+            return jnp.trace(covariances, axis1=1, axis2=2)[:, None, None] / dimension * identity[None]
         case "tied":
             tied = jnp.einsum("k,kij->ij", mass, covariances) / jnp.sum(mass)
             return jnp.broadcast_to(tied, covariances.shape)

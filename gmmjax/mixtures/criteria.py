@@ -1,11 +1,12 @@
 """What a mixture is scored by: log likelihood against size (thesis 2.2.2). All are in nats; the lowest wins."""
 
+import math
 from typing import Literal, get_args
 
 import jax.numpy as jnp
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from gmmjax._typing import Array
+from gmmjax._typing import Array, Scalar
 from gmmjax.mixtures.covariance_type import CovarianceType, parameters_per_component, shared_parameters
 from gmmjax.mixtures.mixture import GaussianMixture
 
@@ -13,16 +14,16 @@ Criterion = Literal["mdl", "bic", "aic"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 
 
-def number_of_parameters(mixture: GaussianMixture, covariance_type: CovarianceType = "full") -> Float[Array, ""]:
+def number_of_parameters(mixture: GaussianMixture, covariance_type: CovarianceType = "full") -> Int[Array, ""]:
     """J, the free parameters of the live mixture with its K - 1 free weights; 10 K - 1 for full covariances in 3-D."""
     per_component = parameters_per_component(mixture.dimension, covariance_type)
-    return mixture.count * (per_component + 1.0) - 1 + shared_parameters(mixture.dimension, covariance_type)
+    return mixture.count * (per_component + 1) - 1 + shared_parameters(mixture.dimension, covariance_type)
 
 
 def message_length(
     mixture: GaussianMixture,
-    log_likelihood: Float[Array, ""],
-    observations: Float[Array, ""],
+    log_likelihood: Scalar,
+    observations: Scalar,
     covariance_type: CovarianceType = "full",
 ) -> Float[Array, ""]:
     r"""Message length of FJ02: $-\log L + T/2 \sum_k \log w_k + (T + 1)/2 \, K \log n$.
@@ -39,14 +40,14 @@ def message_length(
     parameters = parameters_per_component(mixture.dimension, covariance_type)
     shared = shared_parameters(mixture.dimension, covariance_type)
     log_weights = jnp.sum(jnp.log(jnp.where(mixture.live, mixture.weights, 1)))
-    size = (parameters + 1) / 2 * mixture.count + shared / 2
+    size = ((parameters + 1) * mixture.count + shared).astype(log_weights.dtype) / 2
     return -log_likelihood + parameters / 2 * log_weights + size * jnp.log(observations)
 
 
 def minimum_description_length(
     mixture: GaussianMixture,
-    log_likelihood: Float[Array, ""],
-    observations: Float[Array, ""],
+    log_likelihood: Scalar,
+    observations: Scalar,
     covariance_type: CovarianceType = "full",
 ) -> Float[Array, ""]:
     r"""MDL with the penalty (2.13): $T/2 \sum_k \log(n w_k / 12) + K/2 \log(n / 12) + K (T + 1)/2$.
@@ -55,24 +56,26 @@ def minimum_description_length(
     """
     parameters = parameters_per_component(mixture.dimension, covariance_type)
     shared = shared_parameters(mixture.dimension, covariance_type)
-    constants = (mixture.count * (parameters + 1) + shared) / 2 * (1 - jnp.log(12.0))
-    return message_length(mixture, log_likelihood, observations, covariance_type) + constants
+    length = message_length(mixture, log_likelihood, observations, covariance_type)
+    size = ((parameters + 1) * mixture.count + shared).astype(length.dtype) / 2
+    return length + size * (1 - math.log(12))
 
 
 def bayesian_information_criterion(
     mixture: GaussianMixture,
-    log_likelihood: Float[Array, ""],
-    observations: Float[Array, ""],
+    log_likelihood: Scalar,
+    observations: Scalar,
     covariance_type: CovarianceType = "full",
 ) -> Float[Array, ""]:
     r"""BIC, equation (2.14): $-\log L + J/2 \log n$. Arguments as in `message_length`."""
-    return -log_likelihood + number_of_parameters(mixture, covariance_type) / 2 * jnp.log(observations)
+    free = number_of_parameters(mixture, covariance_type).astype(mixture.weights.dtype)
+    return -log_likelihood + free / 2 * jnp.log(observations)
 
 
 def akaike_information_criterion(
     mixture: GaussianMixture,
-    log_likelihood: Float[Array, ""],
-    observations: Float[Array, ""],
+    log_likelihood: Scalar,
+    observations: Scalar,
     covariance_type: CovarianceType = "full",
 ) -> Float[Array, ""]:
     r"""AIC as in the thesis, equation (2.15): $-\log L + 2 J$.
@@ -80,14 +83,16 @@ def akaike_information_criterion(
     Beside $-\log L$ Akaike's own penalty is $J$; the thesis's, after Manso et al., is twice as strict and kept here.
     Arguments as in `message_length`.
     """
-    return -log_likelihood + 2 * number_of_parameters(mixture, covariance_type) + 0 * observations
+    del observations
+    free = number_of_parameters(mixture, covariance_type).astype(mixture.weights.dtype)
+    return -log_likelihood + 2 * free
 
 
 def criterion_score(
     criterion: Criterion,
     mixture: GaussianMixture,
-    log_likelihood: Float[Array, ""],
-    observations: Float[Array, ""],
+    log_likelihood: Scalar,
+    observations: Scalar,
     covariance_type: CovarianceType = "full",
 ) -> Float[Array, ""]:
     """The score (2.12) by the criterion's short name; the lowest wins."""

@@ -17,6 +17,8 @@ from gmmjax.mixtures.weighted_points import WeightedPoints
 
 # Points a pass: the responsibilities of 1,024 points and 25 components stay in the first-level caches.
 CHUNK = 1024
+# The weight, in observations, of a component that is too weak but may not die yet.
+WAITING_WEIGHT = 0.5
 
 
 class Moments(eqx.Module):
@@ -28,7 +30,7 @@ class Moments(eqx.Module):
 
 
 class FeatureChunks(eqx.Module):
-    """The quadratic features and masses of the points, in c chunks of b points: computed once for all steps of a fit."""
+    """The quadratic features and masses of the points, in c chunks of b points: computed once for all steps."""
 
     features: Float[Array, "c f b"]
     mass: Float[Array, "c b"]
@@ -67,10 +69,10 @@ def expectation(mixture: GaussianMixture, chunks: FeatureChunks) -> tuple[Moment
         features, mass = chunk
         log_joint = parameters @ features
         highest = jnp.max(log_joint, axis=0)
-        joint = jnp.exp(log_joint - highest)
+        joint = jnp.exp(log_joint - highest[None])
         density = jnp.sum(joint, axis=0)
         # The division is by [b] values on the features' side, not on the [k, b] side.
-        sums = joint @ (features * (mass / density)).T
+        sums = joint @ (features * (mass / density)[None]).T
         log_likelihood = mass @ (highest + jnp.log(density))
         return (totals[0] + sums, totals[1] + log_likelihood), None
 
@@ -88,7 +90,11 @@ def maximisation(moments: Moments, prior: Prior, covariance_type: CovarianceType
 
 
 def annihilating_maximisation(
-    moments: Moments, live: Bool[Array, " k"], prior: Prior, covariance_type: CovarianceType = "full"
+    moments: Moments,
+    live: Bool[Array, " k"],
+    prior: Prior,
+    covariance_type: CovarianceType = "full",
+    min_components: int = 1,
 ) -> GaussianMixture:
     """M-step (2.20) for all components at once, in which at most the weakest dies.
 
@@ -98,14 +104,14 @@ def annihilating_maximisation(
     Args:
         moments: of the E-step.
         live: which components were live before the step.
-        prior: its concentration decides what is too weak. The last component never dies.
+        prior: its concentration decides what is too weak.
         covariance_type: constraint on the covariances.
+        min_components: of so many components none dies.
     """
     weights = prior.unnormalised_weights(moments.mass)
     weakest = jnp.argmin(jnp.where(live, moments.mass, jnp.inf))
-    dies = (jnp.arange(len(weights)) == weakest) & (weights <= 0) & (jnp.sum(live) > 1)
-    waiting_weight = jnp.asarray(0.5, weights.dtype)  # half an observation
-    weights = jnp.where(live & ~dies, jnp.maximum(weights, waiting_weight), 0)
+    dies = (jnp.arange(len(weights)) == weakest) & (weights <= 0) & (jnp.sum(live) > min_components)
+    weights = jnp.where(live & ~dies, jnp.maximum(weights, WAITING_WEIGHT), 0)
     return _mixture(moments, weights, prior, covariance_type)
 
 
@@ -149,24 +155,22 @@ def expectation_maximisation(
     chunks = FeatureChunks.of(points)
     observations = jnp.sum(jnp.asarray(points.mass))
 
-    def step(state: tuple[GaussianMixture, JaxArray, JaxArray, JaxArray]) -> tuple[
-        GaussianMixture, JaxArray, JaxArray, JaxArray
-    ]:
+    def step(
+        state: tuple[GaussianMixture, JaxArray, JaxArray, JaxArray],
+    ) -> tuple[GaussianMixture, JaxArray, JaxArray, JaxArray]:
         mixture, previous, steps, _ = state
         moments, log_likelihood = expectation(mixture, chunks)
         converged = jnp.abs(log_likelihood - previous) < tolerance * observations
         updated = maximisation(moments, prior, covariance_type)
         mixture = jax.tree.map(lambda old, new: jnp.where(converged, old, new), mixture, updated)
-        return mixture, log_likelihood, steps + ~converged, converged
+        return mixture, log_likelihood, jnp.where(converged, steps, steps + 1), converged
 
     def unfinished(state: tuple[GaussianMixture, JaxArray, JaxArray, JaxArray]) -> JaxArray:
         return ~state[3] & (state[2] < max_steps) & ~jnp.isnan(state[1])
 
     infinity = jnp.asarray(-jnp.inf, chunks.mass.dtype)
-    initial = (jax.tree.map(jnp.asarray, start), infinity, jnp.asarray(0), jnp.asarray(False))
+    initial = (jax.tree.map(jnp.asarray, start), infinity, jnp.asarray(0, jnp.int32), jnp.asarray(False))
     mixture, log_likelihood, steps, converged = jax.lax.while_loop(unfinished, step, initial)
     # Stopped at the limit, the last M-step came after the last E-step: score the mixture that is returned.
-    log_likelihood = jax.lax.cond(
-        converged, lambda: log_likelihood, lambda: expectation(mixture, chunks)[1]
-    )
+    log_likelihood = jax.lax.cond(converged, lambda: log_likelihood, lambda: expectation(mixture, chunks)[1])
     return Convergence(mixture, log_likelihood, steps, converged)

@@ -2,18 +2,18 @@
 
 import functools
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Literal, TypeVar
+from typing import Literal, TypeVar, get_args
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array as JaxArray
 from jaxtyping import ArrayLike, PRNGKeyArray
 
+from gmmjax._typing import Array
 from gmmjax.errors import ComputationError, InputError
-from gmmjax.mixtures.annihilation import Fit, FitSettings, FitStatus, fit_by_annihilation
+from gmmjax.mixtures.annihilation import NOT_FINITE, Fit, FitSettings, FitStatus, fit_by_annihilation
 from gmmjax.mixtures.covariance_type import parameters_per_component
 from gmmjax.mixtures.frame import Frame
 from gmmjax.mixtures.prior import Prior
@@ -21,10 +21,12 @@ from gmmjax.mixtures.seeding import initial_mixture
 from gmmjax.mixtures.weighted_points import WeightedPoints
 
 Precision = Literal["float64", "float32"]
+FitMethod = Literal["annihilation", "grid"]
 _Tree = TypeVar("_Tree")
 
-# The default noise floor, in units of the points' spread: 1 mm for a scan of 2 m.
-RELATIVE_NOISE_FLOOR = 1e-3
+# The default noise floor, in units of the points' spread. In float32 the rounding of the second moments is about 7e-4 of
+# the spread, and the floor must stand well above it.
+RELATIVE_NOISE_FLOOR = {"float64": 1e-3, "float32": 5e-3}
 
 
 def fit_mixture(
@@ -35,7 +37,7 @@ def fit_mixture(
     max_components: int = 25,
     prior: Prior | None = None,
     restarts: int = 1,
-    method: Literal["annihilation", "grid"] = "annihilation",
+    method: FitMethod = "annihilation",
     settings: FitSettings = FitSettings(),
     precision: Precision = "float64",
     throw: bool = True,
@@ -51,8 +53,8 @@ def fit_mixture(
         key: random key of the starts, `jax.random.key(seed)`.
         mass: how many observations each point stands for [n]; default 1 each. Mass 0 is padding.
         max_components: annihilation starts from this number of components (K_max).
-        prior: belief about weights and noise. Default: `Prior.figueiredo_jain` with a noise floor of a thousandth of the
-            points' spread (1 mm for a scan of 2 m).
+        prior: belief about weights and noise. Default: `Prior.figueiredo_jain` with a noise floor of a thousandth of
+            the points' spread: 1 mm for a scan of 2 m (5 mm in float32).
         restarts: fits from different random starts; the one with the shortest message length is returned
             (`fit_restarts` returns all).
         method: "annihilation", or "grid" for the grid search over 1 to `max_components` and all covariance types by MDL
@@ -69,6 +71,8 @@ def fit_mixture(
             than points; an unknown method or precision.
         ComputationError: no restart gave a finite result, and `throw`.
     """
+    check_choice("method", method, get_args(FitMethod))
+    check_choice("precision", precision, get_args(Precision))
     if method == "grid":
         from gmmjax.mixtures.grid_search import grid_search
 
@@ -81,8 +85,6 @@ def fit_mixture(
             settings=settings,
             precision=precision,
         ).fit
-    if method != "annihilation":
-        raise InputError(f"method={method!r} is unknown; choose 'annihilation' or 'grid'")
     fits = fit_restarts(
         points,
         key=key,
@@ -140,7 +142,7 @@ def fit_restarts(
         return _compiled_fit(points, key, prior_in_frame, max_components, settings)
 
     frame = Frame.of(checked)
-    prior_in_frame = _prior_in_frame(prior, frame, settings)
+    prior_in_frame = _prior_in_frame(prior, frame, settings, precision)
     fits = map_keys(fit_one, frame.enter(checked), key, restarts, precision, progress)
     with jax.enable_x64(True):
         return to_numpy(jax.vmap(frame.leave_fit, in_axes=(0, None))(fits, checked.mass.sum()))
@@ -151,7 +153,7 @@ def fit_in_frame(
 ) -> Fit:
     """One traced fit, from and to the unit of the points; see `fit_mixture`."""
     frame = Frame.of(points)
-    prior_in_frame = _prior_in_frame(prior, frame, settings)
+    prior_in_frame = _prior_in_frame(prior, frame, settings, str(points.points.dtype))
     fit = _fit(frame.enter(points), key, prior_in_frame, max_components, settings)
     return frame.leave_fit(fit, jnp.sum(points.mass))
 
@@ -168,7 +170,7 @@ def best_fit(fits: Fit, *, throw: bool = True) -> Fit:
     """
     lengths = jnp.where(fits.result != FitStatus.not_finite, jnp.asarray(fits.message_length), jnp.inf)
     if throw and not is_traced(fits) and not bool(jnp.any(jnp.isfinite(lengths))):
-        raise ComputationError(f"none of {len(lengths)} restarts gave a mixture: {FitStatus[FitStatus.not_finite]}")
+        raise ComputationError(f"none of {len(lengths)} restarts gave a mixture; {NOT_FINITE}")
     best = jnp.argmin(lengths)
     if is_traced(fits):
         return jax.tree.map(lambda leaf: leaf[best], fits)
@@ -212,8 +214,6 @@ def map_keys(
     progress: Callable[[], None] | None = None,
 ) -> Fit:
     """Runs a compiled fit on the host for `count` keys, shared out over the cores, and stacks the results (NumPy)."""
-    if precision not in ("float64", "float32"):
-        raise InputError(f"precision={precision!r} is unknown; choose 'float64' or 'float32'")
     padded = points.padded()
     in_precision = WeightedPoints(padded.points.astype(precision), padded.mass.astype(precision))
 
@@ -243,16 +243,14 @@ def is_traced(*trees: object) -> bool:
 def to_numpy(tree: _Tree) -> _Tree:
     """The tree with NumPy leaves, floating point ones in float64."""
 
-    def leaf_to_numpy(leaf: JaxArray) -> np.ndarray:
+    def leaf_to_numpy(leaf: Array) -> np.ndarray:
         array = np.asarray(leaf)
         return array.astype(np.float64) if np.issubdtype(array.dtype, np.floating) else array
 
     return jax.tree.map(leaf_to_numpy, tree)
 
 
-def _fit(
-    points: WeightedPoints, key: PRNGKeyArray, prior: Prior, max_components: int, settings: FitSettings
-) -> Fit:
+def _fit(points: WeightedPoints, key: PRNGKeyArray, prior: Prior, max_components: int, settings: FitSettings) -> Fit:
     start = initial_mixture(points, max_components, prior, key)
     return fit_by_annihilation(points, start, prior, settings)
 
@@ -260,10 +258,10 @@ def _fit(
 _compiled_fit = functools.partial(jax.jit, static_argnames=("max_components", "settings"))(_fit)
 
 
-def _prior_in_frame(prior: Prior | None, frame: Frame, settings: FitSettings) -> Prior:
+def _prior_in_frame(prior: Prior | None, frame: Frame, settings: FitSettings, precision: str) -> Prior:
     if prior is not None:
         return prior.rescaled(1 / frame.spread)
-    return Prior.figueiredo_jain(len(frame.origin), RELATIVE_NOISE_FLOOR, settings.covariance_type)
+    return Prior.figueiredo_jain(len(frame.origin), RELATIVE_NOISE_FLOOR[precision], settings.covariance_type)
 
 
 def _traced_points(points: ArrayLike, mass: ArrayLike | None) -> WeightedPoints:
@@ -271,6 +269,12 @@ def _traced_points(points: ArrayLike, mass: ArrayLike | None) -> WeightedPoints:
     return WeightedPoints(
         coordinates, jnp.ones(len(coordinates), coordinates.dtype) if mass is None else jnp.asarray(mass)
     )
+
+
+def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
+    """Raises an `InputError` that names the argument and its choices, unless the value is one of them."""
+    if value not in choices:
+        raise InputError(f"{name}={value!r} is unknown; choose from {', '.join(choices)}")
 
 
 def _check_components(max_components: int, points: int) -> None:

@@ -1,10 +1,11 @@
 """The scale in which a fit is computed: about the points' mean, in units of their spread."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from gmmjax._typing import Array
+from gmmjax._typing import Array, Scalar
 from gmmjax.mixtures.annihilation import Fit
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.weighted_points import WeightedPoints
@@ -21,26 +22,28 @@ class Frame(eqx.Module):
     """
 
     origin: Float[Array, " d"]
-    spread: Float[Array, ""] | float
+    spread: Scalar
 
     @classmethod
     def of(cls, points: WeightedPoints) -> "Frame":
         """The frame of the points."""
         weights = points.mass / points.mass.sum()
         # Twice, because the first mean of survey coordinates has lost digits that the second regains.
-        origin = points.points[0] + weights @ (points.points - points.points[0])
-        variance = (weights @ (points.points - origin) ** 2).mean()
-        return cls(origin, (variance + (variance == 0)) ** 0.5)
+        origin = points.points[0] + weights @ (points.points - points.points[:1])
+        variance = (weights @ (points.points - origin[None]) ** 2).mean()
+        # NumPy's variance is never 0: points that are all equal were turned away at the door.
+        safe = jnp.where(variance > 0, variance, 1) if isinstance(variance, jax.Array) else variance
+        return cls(origin, safe**0.5)
 
     def enter(self, points: WeightedPoints) -> WeightedPoints:
         """The points in this frame."""
-        return WeightedPoints((points.points - self.origin) / self.spread, points.mass)
+        return WeightedPoints((points.points - self.origin[None]) / self.spread, points.mass)
 
     def leave(self, mixture: GaussianMixture) -> GaussianMixture:
         """A mixture of this frame in the unit of the points."""
         return mixture.rescaled(self.spread, self.origin)
 
-    def leave_fit(self, fit: Fit, observations: Float[Array, ""] | float) -> Fit:
+    def leave_fit(self, fit: Fit, observations: Scalar) -> Fit:
         """A fit of this frame in the unit of the points: densities there are smaller by the scale's volume."""
         log_volume = observations * len(self.origin) * jnp.log(self.spread)
         return Fit(

@@ -11,11 +11,11 @@ from jaxtyping import Array as JaxArray
 from jaxtyping import ArrayLike, Float, PRNGKeyArray
 
 from gmmjax.errors import ComputationError, InputError
-from gmmjax.mixtures.annihilation import Fit, FitSettings, FitStatus
+from gmmjax.mixtures.annihilation import NOT_FINITE, Fit, FitSettings, FitStatus
 from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES, CovarianceType, parameters_per_component
 from gmmjax.mixtures.criteria import CRITERIA, Criterion, criterion_score, message_length
 from gmmjax.mixtures.expectation_maximisation import expectation_maximisation
-from gmmjax.mixtures.fitting import RELATIVE_NOISE_FLOOR, Precision, checked_points, map_keys, to_numpy
+from gmmjax.mixtures.fitting import RELATIVE_NOISE_FLOOR, Precision, check_choice, checked_points, map_keys, to_numpy
 from gmmjax.mixtures.frame import Frame
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.prior import Prior
@@ -69,7 +69,15 @@ def grid_search(
         InputError: points that cannot be fitted (see `fit_mixture`), an empty grid, an unknown criterion or type.
         ComputationError: no cell of the grid gave a finite score.
     """
-    _check_grid(components, covariance_types, criterion, restarts)
+    check_choice("criterion", criterion, CRITERIA)
+    for covariance_type in covariance_types:
+        check_choice("covariance_types", covariance_type, COVARIANCE_TYPES)
+    if not covariance_types:
+        raise InputError(f"covariance_types is empty; choose from {', '.join(COVARIANCE_TYPES)}")
+    if not components or min(components) < 1:
+        raise InputError(f"components={list(components)} must be numbers of components, 1 or more")
+    if restarts < 1:
+        raise InputError(f"restarts={restarts} must be at least 1")
     checked = checked_points(points, mass, parameters_per_component(np.shape(points)[-1]))
     if max(components) > np.count_nonzero(checked.mass):
         raise InputError(f"components up to {max(components)} are more than the points, {len(checked.mass)}")
@@ -88,7 +96,7 @@ def grid_search(
             best = of_type[criterion][index], covariance_type, jax.tree.map(lambda leaf, i=index: leaf[i], fits)
     assert best is not None
     if not np.isfinite(best[0]):
-        raise ComputationError(f"no mixture of the grid has a finite score: {FitStatus[FitStatus.not_finite]}")
+        raise ComputationError(f"no mixture of the grid has a finite score; {NOT_FINITE}")
     return GridSearch(best[2], best[1], tuple(components), scores)
 
 
@@ -122,10 +130,10 @@ def _fit_fixed(
     settings: FitSettings,
 ) -> Fit:
     """Plain EM with a fixed number of components in `slots` slots: one program for all numbers."""
-    prior = Prior.maximum_likelihood(RELATIVE_NOISE_FLOOR)
+    prior = Prior.maximum_likelihood(RELATIVE_NOISE_FLOOR[str(points.points.dtype)])
     seeded = initial_mixture(points, slots, prior, key)
     live = seeded.live & (jnp.arange(slots) < count)
-    weights = live / jnp.sum(live, dtype=seeded.means.dtype)
+    weights = live.astype(seeded.means.dtype) / jnp.sum(live, dtype=seeded.means.dtype)
     start = GaussianMixture.masked(weights, seeded.means, seeded.covariances, live)
     end = expectation_maximisation(
         points,
@@ -148,17 +156,3 @@ def _scores(
         return criterion_score(criterion, fit.mixture, fit.log_likelihood, points.mass.sum(), covariance_type)
 
     return np.where(np.asarray(fits.result != FitStatus.not_finite), np.asarray(jax.vmap(score)(fits)), np.inf)
-
-
-def _check_grid(
-    components: Sequence[int], covariance_types: Sequence[CovarianceType], criterion: Criterion, restarts: int
-) -> None:
-    if not components or min(components) < 1:
-        raise InputError(f"components={list(components)} must be numbers of components, 1 or more")
-    unknown = set(covariance_types) - set(COVARIANCE_TYPES)
-    if unknown or not covariance_types:
-        raise InputError(f"covariance_types={list(covariance_types)}: choose from {', '.join(COVARIANCE_TYPES)}")
-    if criterion not in CRITERIA:
-        raise InputError(f"criterion={criterion!r} is unknown; choose from {', '.join(CRITERIA)}")
-    if restarts < 1:
-        raise InputError(f"restarts={restarts} must be at least 1")

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int, PRNGKeyArray
 
-from gmmjax._typing import Array
+from gmmjax._typing import Array, Scalar
 
 
 class GaussianMixture(eqx.Module):
@@ -35,11 +35,12 @@ class GaussianMixture(eqx.Module):
         live: Bool[Array, " k"],
     ) -> "GaussianMixture":
         """The mixture of the live slots alone: dead slots get their constants; weights are taken as they are."""
-        identity = jnp.eye(means.shape[-1], dtype=means.dtype)
+        covariances = jnp.asarray(covariances)
+        identity = jnp.eye(covariances.shape[-1], dtype=covariances.dtype)
         return cls(
             weights=jnp.where(live, weights, 0),
             means=jnp.where(live[:, None], means, 0),
-            covariances=jnp.where(live[:, None, None], covariances, identity),
+            covariances=jnp.where(live[:, None, None], covariances, identity[None]),
             live=live,
         )
 
@@ -49,9 +50,9 @@ class GaussianMixture(eqx.Module):
         return int(self.means.shape[-1])
 
     @property
-    def count(self) -> Int[Array, ""]:
-        """How many components are live: the K of the papers."""
-        return jnp.sum(self.live)
+    def count(self) -> Int[Array, "..."]:
+        """How many components are live: the K of the papers. Of a batch of mixtures, each one's."""
+        return jnp.sum(self.live, axis=-1)
 
     def log_joint(self, points: Float[Array, "n d"]) -> Float[Array, "n k"]:
         r"""$\log w_k N(x_n; \mu_k, \Sigma_k)$ for every point and slot; minus infinity in dead slots.
@@ -64,8 +65,8 @@ class GaussianMixture(eqx.Module):
         """
         origin = self.weights @ self.means
         whitening = jax.vmap(_inverse_of_lower)(jnp.linalg.cholesky(jnp.asarray(self.covariances)))
-        centred_means = jnp.einsum("ked,kd->ke", whitening, jnp.asarray(self.means - origin))
-        standardised = jnp.einsum("ked,nd->nke", whitening, jnp.asarray(points - origin)) - centred_means[None]
+        centred_means = jnp.einsum("ked,kd->ke", whitening, jnp.asarray(self.means - origin[None]))
+        standardised = jnp.einsum("ked,nd->nke", whitening, jnp.asarray(points - origin[None])) - centred_means[None]
         log_determinants = -2 * jnp.sum(jnp.log(jnp.diagonal(whitening, axis1=-2, axis2=-1)), axis=-1)
         normalisation = log_determinants + self.dimension * jnp.log(2 * jnp.pi).astype(whitening.dtype)
         log_weights = jnp.where(self.live, jnp.log(jnp.where(self.live, self.weights, 1)), -jnp.inf)
@@ -91,12 +92,13 @@ class GaussianMixture(eqx.Module):
         standard = jax.random.normal(key_points, (n, self.dimension), means.dtype)
         return means[components] + jnp.einsum("nij,nj->ni", factors[components], standard)
 
-    def rescaled(self, scale: Float[Array, ""] | float, shift: Float[Array, " d"]) -> "GaussianMixture":
+    def rescaled(self, scale: Scalar, shift: Float[Array, " d"]) -> "GaussianMixture":
         """The mixture of the points `scale * x + shift`, where this one is that of x; dead slots stay as they are."""
-        live = self.live[:, None]
+        # In operators alone, so that NumPy leaves stay NumPy's float64 where JAX has only float32.
+        live = self.live.astype(self.means.dtype)[:, None]
         return GaussianMixture(
             weights=self.weights,
-            means=live * (scale * self.means + shift),
+            means=live * (scale * self.means + shift[None]),
             covariances=(1 + (scale**2 - 1) * live[..., None]) * self.covariances,
             live=self.live,
         )

@@ -24,7 +24,7 @@ def quadratic_features(points: Float[Array, "n d"]) -> Float[Array, "f n"]:
 
 
 def coefficients(mixture: GaussianMixture) -> Float[Array, "k f"]:
-    r"""The rows $\theta_k$ with $\theta_k \cdot \phi(x) = \log w_k N(x; \mu_k, \Sigma_k)$; `LOG_OF_DEAD` in dead slots."""
+    r"""Rows $\theta_k$ with $\theta_k \cdot \phi(x) = \log w_k N(x; \mu_k, \Sigma_k)$; `LOG_OF_DEAD` in dead slots."""
     log_weights = jnp.log(jnp.where(mixture.live, mixture.weights, 1))
     rows = density_coefficients(mixture.means, mixture.covariances)
     rows = rows.at[:, 0].add(log_weights)

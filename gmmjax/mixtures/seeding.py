@@ -23,10 +23,10 @@ def initial_mixture(points: WeightedPoints, components: int, prior: Prior, key: 
         key: random key of the seeds.
     """
     means, live = distinct_seeds(points, components, key)
-    weights = live / jnp.sum(live, dtype=means.dtype)
+    weights = live.astype(means.dtype) / jnp.sum(live, dtype=means.dtype)
     dimension = means.shape[1]
     covariance = spherical_variance(points) * jnp.eye(dimension, dtype=means.dtype)
-    covariances = prior.covariances(jnp.broadcast_to(covariance, (components, dimension, dimension)))
+    covariances = prior.covariances(jnp.broadcast_to(covariance[None], (components, dimension, dimension)))
     return GaussianMixture.masked(weights, means, covariances, live)
 
 
@@ -34,7 +34,7 @@ def spherical_variance(points: WeightedPoints) -> Float[Array, ""]:
     r"""$\sigma^2$ of (2.17): a tenth of the mean variance along the axes."""
     coordinates, mass = jnp.asarray(points.points), jnp.asarray(points.mass)
     mean = mass @ coordinates / jnp.sum(mass)
-    return mass @ jnp.mean((coordinates - mean) ** 2, axis=1) / jnp.sum(mass) / 10
+    return mass @ jnp.mean((coordinates - mean[None]) ** 2, axis=1) / jnp.sum(mass) / 10
 
 
 def distinct_seeds(points: WeightedPoints, count: int, key: PRNGKeyArray) -> tuple[Float[Array, "k d"], JaxArray]:
@@ -55,7 +55,7 @@ def distinct_seeds(points: WeightedPoints, count: int, key: PRNGKeyArray) -> tup
         cumulative = jnp.cumsum(odds)
         chosen = jnp.searchsorted(cumulative, uniform[index] * cumulative[-1], side="right")
         seed = coordinates[chosen]
-        to_seed = jnp.sum((coordinates - seed) ** 2, axis=1)
+        to_seed = jnp.sum((coordinates - seed[None]) ** 2, axis=1)
         nearest = jnp.where(index == 0, to_seed, jnp.minimum(squared_distances, to_seed))
         return seeds.at[index].set(seed), distinct.at[index].set(jnp.any(odds > 0)), nearest
 
