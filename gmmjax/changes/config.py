@@ -29,7 +29,7 @@ class DetectionConfig:
         outlier_ratio: a point is an outlier, and kept out of the fit, when its mean distance to those neighbours is
             more than this many standard deviations above the cloud's mean.
         noise_floor: standard deviation of the sensor's noise, added to every Gaussian. None: a thousandth of the
-            cloud's spread, 1 mm for a scan of 2 m.
+            cloud's spread, 1 mm for a scan of 2 m. The scatter within a voxel is added to it.
         threshold: probability from which a point or a Gaussian counts as changed.
         penalty: of partial transport, for each unit of mass left unmatched: mass is matched over at most twice this
             distance (Bures-Wasserstein). None: 0.4 of the median standard deviation of the Gaussians.

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import math
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -11,7 +12,7 @@ import numpy as np
 from jaxtyping import Array as JaxArray
 from jaxtyping import ArrayLike, Bool, Float
 
-from gmmjax._typing import Array
+from gmmjax._typing import Array, Scalar
 from gmmjax.changes.change import Changes
 from gmmjax.changes.config import DetectionConfig, Method
 from gmmjax.changes.consensus import CloudConsensus, cloud_consensus, merged, votes_of_pairs
@@ -21,6 +22,8 @@ from gmmjax.changes.unmatched import unmatched_shares
 from gmmjax.clouds import PointCloud
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, fit_restarts
+from gmmjax.mixtures.fitting import RELATIVE_NOISE_FLOOR
+from gmmjax.mixtures.frame import Frame
 from gmmjax.transport import TransportStatus, exact_transport
 from gmmjax.transport.ground_cost import euclidean
 
@@ -131,14 +134,13 @@ def _fit_both(pair: PreparedPair, config: DetectionConfig, report: Progress) -> 
     keys = jax.random.split(jax.random.key(config.seed), 2)
 
     def fit(name: str, cloud: PreparedCloud, key: JaxArray) -> Fit:
-        prior = None if config.noise_floor is None else Prior.figueiredo_jain(3, config.noise_floor)
         observations = float(cloud.weighted.mass.sum())
         fits = fit_restarts(
             cloud.weighted.points,
             mass=cloud.weighted.mass,
             key=key,
             max_components=pair.max_components,
-            prior=prior,
+            prior=_prior(cloud, pair.voxel_size, config),
             restarts=config.restarts,
             settings=FitSettings(patience=PATIENCE * observations),
             progress=lambda: report("Fitting the mixtures", 0.15 + 0.65 * next(done) / (2 * config.restarts)),
@@ -149,6 +151,16 @@ def _fit_both(pair: PreparedPair, config: DetectionConfig, report: Progress) -> 
         return jax.tree.map(lambda leaf: leaf[finite], fits)
 
     return fit("before", pair.before, keys[0]), fit("after", pair.after, keys[1])
+
+
+def _prior(cloud: PreparedCloud, voxel_size: float | None, config: DetectionConfig) -> Prior:
+    """Figueiredo and Jain's prior; in a grid the noise floor includes the scatter that was averaged away in a voxel.
+
+    Without it a single voxel of many points would look like a Gaussian of no extent, and become one.
+    """
+    floor = config.noise_floor or RELATIVE_NOISE_FLOOR["float64"] * float(Frame.of(cloud.weighted).spread)
+    within_voxel = 0.0 if voxel_size is None else voxel_size / math.sqrt(12)
+    return Prior.figueiredo_jain(3, math.hypot(floor, within_voxel))
 
 
 def _compacted(fits: tuple[Fit, Fit], max_components: int) -> tuple[GaussianMixture, GaussianMixture]:
@@ -203,9 +215,9 @@ def _greedy_pairs(before: GaussianMixture, after: GaussianMixture) -> _Compared:
 def _transport_pairs(
     before: GaussianMixture,
     after: GaussianMixture,
-    points_before: float,
-    points_after: float,
-    penalty: float | None,
+    points_before: Scalar,
+    points_after: Scalar,
+    penalty: Scalar | None,
     threshold: float,
 ) -> _Compared:
     """Partial transport of point counts for all pairs of restarts."""
@@ -235,7 +247,7 @@ def _consensus(
     return cloud_consensus(cloud.points, mixtures, votes, reference, kind, config.threshold)
 
 
-def _to_rows(values: np.ndarray, cloud: PreparedCloud, missing: float) -> np.ndarray:
+def _to_rows(values: np.ndarray, cloud: PreparedCloud, missing: int | float) -> np.ndarray:
     """Values of the finite points in the rows that the caller gave."""
     rows = np.full(len(cloud.given), missing, values.dtype)
     rows[cloud.given] = values

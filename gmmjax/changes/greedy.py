@@ -61,14 +61,14 @@ def remove_extra(reference: GaussianMixture, mixture: GaussianMixture) -> Remova
         result = exact_transport(reference.weights, left / jnp.sum(left), cost)
         return result.cost, result.result == TransportStatus.optimal
 
-    smallest_gain = SMALLEST_GAIN * jnp.max(jnp.where(reference.live[:, None] & mixture.live, cost, 0))
+    smallest_gain = SMALLEST_GAIN * jnp.max(jnp.where(reference.live[:, None] & mixture.live[None], cost, 0))
 
     def remove_best(state: _State) -> _State:
         kept = mixture.live & ~state.removed
         removable = kept & (jnp.sum(kept) > 1)
-        without = kept & ~jnp.eye(len(kept), dtype=bool)
+        without = kept[None] & ~jnp.eye(len(kept), dtype=bool)
         # Slots that cannot be removed are tried as they are, so that every lane is a proper problem.
-        emds, valid = jax.vmap(distance)(jnp.where(removable[:, None], without, kept))
+        emds, valid = jax.vmap(distance)(jnp.where(removable[:, None], without, kept[None]))
         emds = jnp.where(removable, emds, jnp.inf)
         best = jnp.argmin(emds)
         improved = emds[best] < state.emd - smallest_gain

@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array as JaxArray
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from gmmjax._typing import Array, Scalar
 from gmmjax.mixtures.mixture import GaussianMixture
@@ -24,7 +24,7 @@ class Unmatched(eqx.Module):
     share_before: Float[Array, " k0"]
     share_after: Float[Array, " k1"]
     density_ratio: Float[Array, ""]
-    valid: Float[Array, ""]
+    valid: Bool[Array, ""]
 
 
 def unmatched_shares(
@@ -79,7 +79,7 @@ def density_ratio(
     """
     pairs = (masses_before[:, None] > 0) & (masses_after[None, :] > 0)
     cost = jnp.where(pairs, cost, jnp.inf)
-    mutual = pairs & (cost == cost.min(axis=0)) & (cost == cost.min(axis=1, keepdims=True))
+    mutual = pairs & (cost == cost.min(axis=0, keepdims=True)) & (cost == cost.min(axis=1, keepdims=True))
     safe = jnp.where(pairs, masses_after[None, :] / jnp.where(masses_before > 0, masses_before, 1)[:, None], 1)
     weights = jnp.where(mutual, jnp.minimum(masses_before[:, None], masses_after[None, :]), 0)
     return _weighted_median(safe.ravel(), weights.ravel())

@@ -24,8 +24,8 @@ Precision = Literal["float64", "float32"]
 FitMethod = Literal["annihilation", "grid"]
 _Tree = TypeVar("_Tree")
 
-# The default noise floor, in units of the points' spread. In float32 the rounding of the second moments is about 7e-4 of
-# the spread, and the floor must stand well above it.
+# The default noise floor, in units of the points' spread. In float32 the rounding of the second moments is about 7e-4
+# of the spread, and the floor must stand well above it.
 RELATIVE_NOISE_FLOOR = {"float64": 1e-3, "float32": 5e-3}
 
 

@@ -1,0 +1,84 @@
+import jax
+import numpy as np
+import pytest
+import scipy.stats
+
+from gmmjax import InputError
+from gmmjax.scenes import fixed_scene, random_scene
+
+KEY = jax.random.key(3)
+
+
+def test_the_fixed_scene_is_four_and_three_gaussians():
+    scene = fixed_scene(KEY)
+    assert scene.before.shape == (4000, 3) and scene.after.shape == (7000, 3)
+    assert (scene.truth_before == -1).all()
+    np.testing.assert_array_equal(
+        np.unique(scene.truth_after, return_counts=True), [[-1, 0, 1, 2], [4000, 1000, 1000, 1000]]
+    )
+
+
+def test_two_of_the_added_gaussians_intersect_and_one_stands_apart():
+    """Of the points nearest to an added Gaussian, by Mahalanobis distance below 2, some are of the first four."""
+    scene = fixed_scene(KEY)
+    old = scene.after[scene.truth_after == -1]
+    inside = []
+    for component in (4, 5, 6):
+        deviations = old - scene.mixture_after.means[component]
+        precision = np.linalg.inv(scene.mixture_after.covariances[component])
+        inside.append((np.einsum("ni,ij,nj->n", deviations, precision, deviations) < 4).sum())
+    assert inside[0] > 50 and inside[1] > 50 and inside[2] == 0
+
+
+@pytest.mark.parametrize(("appeared", "disappeared"), [(0, 0), (2, 0), (0, 2), (1, 1), (3, 5)])
+def test_random_scenes_hold_what_was_asked_for(appeared, disappeared):
+    scene = random_scene(KEY, appeared=appeared, disappeared=disappeared, points=20)
+    assert len(scene.before) == 5 * 20 and len(scene.after) == (5 - disappeared + appeared) * 20
+    gone, new = set(scene.truth_before) - {-1}, set(scene.truth_after) - {-1}
+    assert gone == set(range(disappeared)) and new == set(range(disappeared, disappeared + appeared))
+    assert (np.bincount(scene.truth_before + 1, minlength=1)[1:] == 20).all()
+
+
+def test_points_are_drawn_from_the_true_mixture():
+    scene = random_scene(KEY, points=4000, overlap="medium")
+    for component in range(5):
+        own = scene.before[component * 4000 : (component + 1) * 4000]
+        true_mean, true_covariance = scene.mixture_before.means[component], scene.mixture_before.covariances[component]
+        np.testing.assert_allclose(own.mean(axis=0), true_mean, atol=0.03)
+        whitened = np.linalg.solve(np.linalg.cholesky(true_covariance), (own - true_mean).T)
+        assert scipy.stats.kstest((whitened**2).sum(axis=0), scipy.stats.chi2(3).cdf).pvalue > 1e-3
+
+
+@pytest.mark.parametrize(("overlap", "half_width"), [("low", 4), ("medium", 2)])
+def test_means_and_variances_lie_in_the_ranges_of_the_thesis(overlap, half_width):
+    scenes = [random_scene(jax.random.key(seed), overlap=overlap, points=1) for seed in range(20)]
+    means = np.concatenate([scene.mixture_after.means for scene in scenes])
+    assert half_width / 2 < np.abs(means).max() <= half_width
+    variances = np.linalg.eigvalsh(np.concatenate([scene.mixture_after.covariances for scene in scenes]))
+    assert variances.min() >= 0.01 - 1e-12 and variances.max() <= 0.1 + 1e-12
+
+
+def test_a_scene_is_its_key():
+    first, again = random_scene(KEY, points=5), random_scene(KEY, points=5)
+    np.testing.assert_array_equal(first.after, again.after)
+    assert (random_scene(jax.random.key(4), points=5).after != first.after).any()
+
+
+def test_gaussians_that_stay_are_drawn_anew():
+    scene = random_scene(KEY, points=5)
+    assert not np.isin(scene.before, scene.after).any()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (dict(start=0), "start"),
+        (dict(points=0), "points"),
+        (dict(appeared=-1), "appeared"),
+        (dict(disappeared=6), "disappeared=6"),
+        (dict(disappeared=5, appeared=0), "no Gaussian"),
+    ],
+)
+def test_scenes_that_cannot_be_are_refused(arguments, message):
+    with pytest.raises(InputError, match=message):
+        random_scene(KEY, **arguments)
