@@ -1,0 +1,3 @@
+"""The command line: `gmmjax detect`, `fit`, `simulate gaussians`, `demo`."""
+
+from gmmjax.cli.application import main as main

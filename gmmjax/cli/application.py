@@ -1,0 +1,86 @@
+"""Which command is meant, and how it ends: the exit status, errors as one line, warnings as one line."""
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+
+from gmmjax.errors import ComputationError, InputError
+
+DONE = 0
+FAILED = 1
+BAD_INPUT = 2
+INTERRUPTED = 130
+
+DESCRIPTION = "What changed between two 3D scans, and how sure are you?   (gmmjax --version prints the version.)"
+
+# Command: its module in this package, which has a function `command(arguments)` that gives the function to be run on
+# them, and its line in the help. Only the module of the command at hand is imported.
+COMMANDS: Mapping[str, tuple[str, str]] = {
+    "detect": ("detect", "What changed from one scan to another: a list, labels for all points, a report."),
+    "fit": ("fit", "Fit a Gaussian mixture to a scan; the number of Gaussians is found."),
+    "simulate gaussians": ("simulate_gaussians", "A pair of clouds drawn from Gaussians, with the truth."),
+    "demo": ("demo", "Simulate a pair of scans, detect the changes, and say where the results lie."),
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command line.
+
+    Args:
+        arguments: without the program's name; default those of the process.
+
+    Returns:
+        0 done, whether or not there were changes; 1 the computation failed; 2 bad usage or input; 130 interrupted.
+
+    Raises:
+        SystemExit: with 2 on bad usage, with 0 after help.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words == ["--version"]:
+        from gmmjax import __version__
+
+        print(f"gmmjax {__version__}")
+        return DONE
+    try:
+        return _run(words)
+    except InputError as error:
+        print(f"gmmjax: error: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except ComputationError as error:
+        print(f"gmmjax: error: {error}", file=sys.stderr)
+        return FAILED
+    except KeyboardInterrupt:
+        print("gmmjax: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _run(words: list[str]) -> int:
+    import tyro
+
+    words = _joined(words)
+    name = words[0] if words else ""
+    commands: dict[str, Callable[..., int]] = {other: _summary(text) for other, (_, text) in COMMANDS.items()}
+    if name in COMMANDS:
+        module = import_module(f"gmmjax.cli.{COMMANDS[name][0]}")
+        commands[name] = module.command(words[1:])
+    result = tyro.extras.subcommand_cli_from_dict(
+        commands, prog="gmmjax", description=DESCRIPTION, args=words, config=(tyro.conf.FlagCreatePairsOff,)
+    )
+    return int(result)
+
+
+def _joined(words: list[str]) -> list[str]:
+    """The words with a command of two words as one: "simulate", "gaussians", ..."""
+    if " ".join(words[:2]) in COMMANDS:
+        return [" ".join(words[:2]), *words[2:]]
+    return words
+
+
+def _summary(text: str) -> Callable[[], int]:
+    """Stands in for a command that is not the one at hand, for its line in the help."""
+
+    def command() -> int:
+        return DONE
+
+    command.__doc__ = text
+    return command

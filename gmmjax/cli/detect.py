@@ -1,0 +1,118 @@
+"""`gmmjax detect BEFORE AFTER --out DIR`."""
+
+import dataclasses
+import functools
+import itertools
+import tomllib
+import typing
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from tyro.conf import OmitArgPrefixes, Positional
+
+from gmmjax.changes.config import DetectionConfig
+from gmmjax.cli.compilation_cache import use_compilation_cache
+from gmmjax.errors import InputError
+
+RESULT_FILES = {
+    "report.html": "open it in a browser",
+    "changes.json": "the changes, settings and diagnostics",
+    "labels.npz": "label and probability of every point",
+    "before.ply": "coloured, with label and probability",
+    "after.ply": "coloured, with label and probability",
+    "config.toml": "the settings, for --config",
+}
+
+
+_TYPES = typing.get_type_hints(DetectionConfig)
+# `DetectionConfig` without its checks: what they raise would be taken for the parser's own.
+Flags = dataclasses.make_dataclass(
+    "Flags",
+    [(field.name, _TYPES[field.name], field.default) for field in dataclasses.fields(DetectionConfig)],
+    namespace={"__doc__": DetectionConfig.__doc__},
+)
+
+
+def command(arguments: Sequence[str]) -> Callable[..., int]:
+    """`detect` with the settings of `--config` as the defaults of its flags, so that flags win over the file."""
+    file = _config_file(arguments)
+    settings = DetectionConfig() if file is None else read_settings(file)
+    return functools.partial(detect, settings=Flags(**dataclasses.asdict(settings)))
+
+
+def detect(
+    before: Annotated[Positional[Path], tyro.conf.arg(metavar="BEFORE")],
+    after: Annotated[Positional[Path], tyro.conf.arg(metavar="AFTER")],
+    *,
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    config: Annotated[Path | None, tyro.conf.arg(metavar="FILE.toml")] = None,
+    overwrite: bool = False,
+    quiet: bool = False,
+    print_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    settings: OmitArgPrefixes[Flags],  # type: ignore[valid-type]
+) -> int:
+    """What changed from one scan to another: a list, labels for all points, a report.
+
+    Reads PLY, PCD, XYZ, PTS, CSV, NPY, NPZ, LAS and LAZ. Both scans must be in the same frame and unit (metres).
+
+    Args:
+        before: the scan at the first time.
+        after: the scan at the second time.
+        out: folder for the results; is made where needed.
+        config: TOML file with settings, such as the config.toml of an earlier result; flags win over it.
+        overwrite: replace a previous result in the output folder.
+        quiet: print nothing but errors.
+        print_json: print the changes as JSON and nothing else.
+        settings: lengths are in the unit of the scans; None means derived from the data.
+    """
+    del config  # Its settings are the defaults of the flags already: see `command`.
+    from gmmjax.changes import detect_changes
+    from gmmjax.clouds import read_cloud
+    from gmmjax.reporting import console
+    from gmmjax.reporting.result_folder import check_result_folder, write_result
+
+    detection = DetectionConfig(**dataclasses.asdict(settings))
+    check_result_folder(out, overwrite=overwrite)
+    use_compilation_cache()
+    with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
+        progress("Reading the clouds", 0.0)
+        clouds = read_cloud(before), read_cloud(after)
+        changes = detect_changes(*clouds, config=detection, progress=progress)
+        progress("Writing the results", 1.0)
+        write_result(out, *clouds, changes, overwrite=overwrite)
+    if print_json:
+        console.print_json(changes)
+    elif not quiet:
+        console.print_changes(changes)
+        console.print_files(out, RESULT_FILES)
+    return 0
+
+
+def read_settings(file: Path) -> DetectionConfig:
+    """The settings in a TOML file.
+
+    Raises:
+        InputError: a file that cannot be read, is no TOML, or has unknown or wrong settings; it names the file.
+    """
+    try:
+        with file.open("rb") as stream:
+            return DetectionConfig.from_dict(tomllib.load(stream))
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror}); give --config a TOML file") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{file}: is not TOML ({error}); write one setting a line, such as restarts = 8") from error
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from error
+
+
+def _config_file(arguments: Sequence[str]) -> Path | None:
+    """The file of `--config FILE` or `--config=FILE`, the last one given."""
+    file = None
+    for word, following in itertools.pairwise([*arguments, ""]):
+        if word == "--config" and following:
+            file = Path(following)
+        elif word.startswith("--config="):
+            file = Path(word.removeprefix("--config="))
+    return file

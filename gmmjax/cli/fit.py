@@ -1,0 +1,133 @@
+"""`gmmjax fit CLOUD --out DIR`."""
+
+import itertools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+from tyro.conf import Positional
+
+from gmmjax.cli.compilation_cache import use_compilation_cache
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from gmmjax.clouds import PointCloud
+    from gmmjax.mixtures import Fit
+
+MIXTURE_FILES = {"mixture.json": "weights, means, covariances and how they were found", "mixture.npz": "the arrays"}
+
+Method = Literal["annihilation", "grid"]
+
+
+def command(arguments: Sequence[str]) -> Callable[..., int]:
+    """`fit`, whatever the arguments."""
+    del arguments
+    return fit
+
+
+def fit(
+    cloud: Annotated[Positional[Path], tyro.conf.arg(metavar="CLOUD")],
+    *,
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    method: Method = "annihilation",
+    max_components: int | None = None,
+    restarts: int = 8,
+    seed: int = 0,
+    voxel_size: float | None = None,
+    max_points: int = 16384,
+    overwrite: bool = False,
+    quiet: bool = False,
+) -> int:
+    """Fit a Gaussian mixture to a scan; the number of Gaussians is found.
+
+    Args:
+        cloud: the scan.
+        out: folder for mixture.json and mixture.npz; is made where needed.
+        method: "annihilation" starts from many Gaussians and removes the weak; "grid" tries every number and covariance
+            type (slow).
+        max_components: Gaussians at the most. None: 25, or a tenth of the points where that is less.
+        restarts: random restarts; the shortest message length wins.
+        seed: of the random starts.
+        voxel_size: edge of the voxels that the scan is reduced to. None: the smallest that leaves `max_points`.
+        max_points: a scan with more points is reduced to voxels, at most so many.
+        overwrite: replace a previous mixture in the output folder.
+        quiet: print nothing but errors.
+    """
+    from gmmjax.clouds import read_cloud
+    from gmmjax.reporting import console
+    from gmmjax.reporting.mixture_files import check_mixture_folder, write_mixture
+
+    check_mixture_folder(out, overwrite=overwrite)
+    use_compilation_cache()
+    with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
+        progress("Reading the cloud", 0.0)
+        read = read_cloud(cloud)
+        points, mass = _reduced(read, voxel_size, max_points)
+        components = _components(len(points), max_components)
+        found = _best_fit(points, mass, method, components, restarts, seed, progress)
+        settings = {
+            "method": method,
+            "max_components": components,
+            "restarts": restarts,
+            "seed": seed,
+            "points": len(read),
+            "rows_dropped": read.rows_dropped,
+            "points_fitted": len(points),
+        }
+        write_mixture(out, found, source=str(cloud), settings=settings, overwrite=overwrite)
+    if not quiet:
+        console.print_fit(found, read)
+        console.print_files(out, MIXTURE_FILES)
+    return 0
+
+
+def _reduced(cloud: "PointCloud", voxel_size: float | None, max_points: int) -> tuple["np.ndarray", "np.ndarray"]:
+    """Points and masses to fit: voxels where a size is given or there are too many points, else the points."""
+    import numpy as np
+
+    from gmmjax.clouds import voxel_grid, voxel_size_for
+
+    if voxel_size is None:
+        if len(cloud) <= max_points:
+            return cloud.points, np.ones(len(cloud))
+        voxel_size = voxel_size_for(cloud.points, max_points)
+    grid = voxel_grid(cloud.points, voxel_size)
+    return grid.points, grid.mass
+
+
+def _components(points: int, max_components: int | None) -> int:
+    from gmmjax.changes.preparation import DEFAULT_COMPONENTS, POINTS_PER_COMPONENT
+
+    return max_components or max(1, min(DEFAULT_COMPONENTS, points // POINTS_PER_COMPONENT))
+
+
+def _best_fit(
+    points: "np.ndarray",
+    mass: "np.ndarray",
+    method: Method,
+    max_components: int,
+    restarts: int,
+    seed: int,
+    progress: Callable[[str, float], None],
+) -> "Fit":
+    import jax
+
+    from gmmjax.mixtures import best_fit, fit_mixture, fit_restarts
+
+    key = jax.random.key(seed)
+    if method == "grid":
+        progress("Trying every number of Gaussians", 0.0)
+        return fit_mixture(points, key=key, mass=mass, max_components=max_components, restarts=restarts, method="grid")
+    progress("Fitting", 0.0)
+    done = itertools.count(1)
+    fits = fit_restarts(
+        points,
+        key=key,
+        mass=mass,
+        max_components=max_components,
+        restarts=restarts,
+        progress=lambda: progress("Fitting", next(done) / restarts),
+    )
+    return best_fit(fits)

@@ -1,0 +1,8 @@
+"""What was found, for people and programs: result folders, HTML report, terminal, mixtures and scenes on disk."""
+
+from gmmjax.reporting.html_report import report_html as report_html
+from gmmjax.reporting.mixture_files import read_mixture as read_mixture
+from gmmjax.reporting.mixture_files import write_mixture as write_mixture
+from gmmjax.reporting.result_folder import check_result_folder as check_result_folder
+from gmmjax.reporting.result_folder import write_result as write_result
+from gmmjax.reporting.scene_files import write_scene as write_scene

@@ -1,0 +1,78 @@
+"""From where a cloud is looked at first."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+# A cloud whose points all lie in such a cone about +z, this near, is taken for a depth camera's: x right, y down.
+CAMERA_HALF_ANGLE = np.deg2rad(60)
+CAMERA_RANGE = 20.0
+TILT = np.deg2rad(25)
+# Of plotly.js: half its field of view from top to bottom; the views are a little narrower than high.
+HALF_HEIGHT = np.tan(np.pi / 8)
+HALF_WIDTH = 0.85 * HALF_HEIGHT
+
+
+class Camera(NamedTuple):
+    """A view: unit vectors in the axes of the clouds.
+
+    Attributes:
+        towards_eye: from the middle of the cloud to the eye.
+        up: what is up on the screen.
+    """
+
+    towards_eye: Float[np.ndarray, "3"]
+    up: Float[np.ndarray, "3"]
+
+    def framed(self, points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "3"], float]:
+        """What to look at, and from how far, so that all but the outermost hundredth of the points fill the view."""
+        across = _unit(np.cross(self.up, self.towards_eye))
+        upwards = np.cross(self.towards_eye, across)
+        centre, distance = np.zeros(3), 0.0
+        for _ in range(3):
+            seen = points - centre
+            towards_eye = seen @ self.towards_eye
+            beside = np.maximum(np.abs(seen @ across) / HALF_WIDTH, np.abs(seen @ upwards) / HALF_HEIGHT)
+            distance = 1.05 * float(np.quantile(beside + towards_eye, 0.99))
+            depth = np.maximum(distance - towards_eye, 0.1 * distance)
+            for axis in (across, upwards):
+                centre = centre + axis * distance * np.quantile(seen @ axis / depth, [0.01, 0.99]).mean()
+        return centre, distance
+
+    def to_plotly(self, points: Float[np.ndarray, "n 3"]) -> dict[str, dict[str, float]]:
+        """As plotly's `scene.camera`, framed to the points, which are in plotly's unit and relative to its middle."""
+        centre, distance = self.framed(points)
+        vectors = {"eye": centre + distance * self.towards_eye, "center": centre, "up": self.up}
+        return {name: dict(zip("xyz", vector.tolist(), strict=True)) for name, vector in vectors.items()}
+
+
+def initial_camera(points: Float[np.ndarray, "n 3"]) -> Camera:
+    """A depth camera's cloud from a little above and beside the sensor; else across the thinnest direction, z up.
+
+    Args:
+        points: the cloud, at least one point; metres.
+    """
+    if _is_depth_camera(points):
+        return Camera(_unit(np.array([-0.15, -0.25, -1.0])), np.array([0.0, -1.0, 0.0]))
+    deviations = points - points.mean(axis=0)
+    thinnest = np.linalg.eigh(deviations.T @ deviations)[1][:, 0]
+    up = np.array([0.0, 0.0, 1.0])
+    level = thinnest * [1, 1, 0]
+    # Looking along z, at a floor or at terrain, any side will do.
+    sideways = _unit(level) if np.linalg.norm(level) > 0.5 else _unit(np.array([1.0, -1.5, 0.0]))
+    sideways = sideways if sideways @ [1.0, -1.5, 0.0] > 0 else -sideways
+    height = TILT if np.linalg.norm(level) > 0.5 else 2 * TILT
+    return Camera(_unit(np.cos(height) * sideways + np.sin(height) * up), up)
+
+
+def _is_depth_camera(points: Float[np.ndarray, "n 3"]) -> bool:
+    depth = points[:, 2]
+    if not (depth > 0).all() or np.median(depth) > CAMERA_RANGE:
+        return False
+    return bool((np.hypot(points[:, 0], points[:, 1]) < depth * np.tan(CAMERA_HALF_ANGLE)).all())
+
+
+def _unit(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    unit: Float[np.ndarray, 3] = vector / np.linalg.norm(vector)
+    return unit

@@ -1,0 +1,158 @@
+"""What the command line shows: progress and warnings on standard error, the answer on standard output."""
+
+import json
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, SpinnerColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from gmmjax.changes.change import Changes
+from gmmjax.clouds import PointCloud
+from gmmjax.errors import InputWarning
+from gmmjax.mixtures import Fit
+from gmmjax.reporting.palette import KIND_COLORS
+from gmmjax.reporting.summary import HEADINGS, answer, change_rows, dropped_rows, dropped_text
+from gmmjax.scenes import GaussianScene
+
+
+@contextmanager
+def progress_bar(*, quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
+    """A progress bar on standard error while the block runs; nothing when `quiet` or where that is no terminal.
+
+    Yields:
+        A function of the stage's name and the share of the whole that is done, 0 to 1; to be called from any thread.
+    """
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+    )
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as progress:
+        task = progress.add_task("Starting", total=1.0)
+
+        def update(stage: str, share: float) -> None:
+            progress.update(task, description=stage, completed=share)
+
+        yield update
+
+
+@contextmanager
+def shown_warnings(*, quiet: bool = False) -> Iterator[None]:
+    """Shows each `InputWarning` as one line on standard error while the block runs, or none; others as ever."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore" if quiet else "always", InputWarning)
+        show = warnings.showwarning
+
+        def show_line(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+            if issubclass(category, InputWarning):
+                print(f"gmmjax: warning: {message}", file=sys.stderr)
+            else:
+                show(message, category, *place, **more)
+
+        warnings.showwarning = show_line
+        yield
+
+
+def print_changes(changes: Changes, *, heading: str | None = None) -> None:
+    """The answer, a table of the changes, and what was left out of the clouds, on standard output.
+
+    Args:
+        changes: what was found.
+        heading: a line above the answer.
+    """
+    console = Console()
+    if heading:
+        console.print(escape(heading), style="dim", highlight=False, soft_wrap=True)
+    console.print(answer(changes), style="bold", highlight=False)
+    if changes.items:
+        console.print(_table(changes))
+    for side, count in dropped_rows(changes).items():
+        console.print(dropped_text(side, count), highlight=False)
+
+
+def print_json(changes: Changes) -> None:
+    """What `changes.json` holds, on standard output."""
+    print(json.dumps(changes.to_dict(), indent=2, allow_nan=False))
+
+
+def print_files(folder: Path, description: dict[str, str]) -> None:
+    """Where the results lie.
+
+    Args:
+        folder: that holds them.
+        description: of each file, by name.
+    """
+    console = Console()
+    console.print(f"\nResults in [bold]{escape(str(folder))}[/bold]", highlight=False, soft_wrap=True)
+    width = max(len(name) for name in description)
+    for name, text in description.items():
+        console.print(f"  {name:<{width}}  [dim]{escape(text)}[/dim]", highlight=False, soft_wrap=True)
+
+
+def print_fit(fit: Fit, cloud: PointCloud) -> None:
+    """A mixture in a table, on standard output."""
+    mixture = fit.mixture.live_part()
+    count = len(mixture.weights)
+    console = Console()
+    console.print(f"{count} Gaussian{'s' * (count != 1)}", style="bold", highlight=False)
+    table = _plain_table()
+    for heading in ("Weight", "Mean (m)", "Standard deviations (m)"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for index in np.argsort(-mixture.weights):
+        deviations = np.sqrt(np.linalg.eigvalsh(mixture.covariances[index])[::-1])
+        means = ", ".join(f"{value:.3f}" for value in mixture.means[index])
+        table.add_row(f"{mixture.weights[index]:.3f}", means, " × ".join(f"{value:.2g}" for value in deviations))
+    console.print(table)
+    if cloud.rows_dropped:
+        console.print(dropped_text("given", cloud.rows_dropped), highlight=False)
+
+
+def print_truth(scene: GaussianScene) -> None:
+    """The true changes of a simulated scene in a table, on standard output."""
+    table = _plain_table()
+    for heading, justify in (("Truth", "left"), ("Kind", "left"), ("Points", "right"), ("Centre (m)", "right")):
+        table.add_column(heading, justify=justify, no_wrap=True)  # type: ignore[arg-type]
+    sides = ((scene.before, scene.truth_before, "disappeared"), (scene.after, scene.truth_after, "appeared"))
+    for points, truth, kind in sides:
+        for number in np.unique(truth[truth >= 0]):
+            own = points[truth == number]
+            centre = ", ".join(f"{value:.2f}" for value in own.mean(axis=0))
+            table.add_row(str(number), f"● {kind}", f"{len(own):,}", centre)
+    console = Console()
+    console.print()
+    console.print(table)
+
+
+def print_report_hint(report: Path) -> None:
+    """How to look at the report."""
+    address = report.resolve().as_uri()
+    Console().print(f"\nOpen [link={address}]{escape(address)}[/link] in a browser.", highlight=False, soft_wrap=True)
+
+
+def _table(changes: Changes) -> Table:
+    table = _plain_table()
+    for index, heading in enumerate(HEADINGS):
+        # Ninety characters would not fit the usual terminal.
+        table.add_column(
+            "Prob." if heading == "Probability" else heading, justify="left" if index < 2 else "right", no_wrap=True
+        )
+    for row in change_rows(changes):
+        label, kind, *others = (cell.replace(" × ", "×") for cell in row.cells)
+        color = KIND_COLORS[row.kind]
+        table.add_row(f"[{color}]{label}[/]", f"[{color}]● {kind}[/]", *others)
+    return table
+
+
+def _plain_table() -> Table:
+    return Table(box=None, header_style="dim", padding=(0, 2, 0, 0), pad_edge=False)

@@ -1,0 +1,118 @@
+"""Mixtures on disk: `mixture.json` for people and scripts, `mixture.npz` with the same arrays."""
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gmmjax.clouds import atomic_write
+from gmmjax.errors import InputError
+from gmmjax.mixtures import Fit, FitStatus, GaussianMixture
+from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder
+
+SCHEMA_VERSION = 1
+MIXTURE_FILE = "mixture.json"
+ARRAYS_FILE = "mixture.npz"
+MIXTURE = FolderKind("mixture", MIXTURE_FILE, "weights", (ARRAYS_FILE,))
+
+_ARRAYS = ("weights", "means", "covariances")
+
+
+def check_mixture_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+    """Whether `write_mixture` could write there; called before a long computation.
+
+    Raises:
+        InputError: the folder is a file, holds something else, holds a mixture and not `overwrite`, or cannot be
+            written.
+    """
+    check_output_folder(folder, MIXTURE, overwrite=overwrite)
+
+
+def write_mixture(
+    folder: str | os.PathLike[str],
+    fit: Fit,
+    *,
+    source: str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    overwrite: bool = False,
+) -> Path:
+    """Writes the live components of a fit as `mixture.json` and `mixture.npz`: both or none.
+
+    Args:
+        folder: is made where needed; may be empty.
+        fit: one fit, without an axis of restarts.
+        source: the file that was fitted.
+        settings: how, as plain values.
+        overwrite: replace a previous mixture.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: a folder that cannot be written; it is then as it was.
+    """
+    mixture = fit.mixture.live_part()
+    arrays = {name: np.asarray(getattr(mixture, name), np.float64) for name in _ARRAYS}
+    content = {
+        "schema_version": SCHEMA_VERSION,
+        "source": source,
+        "components": len(arrays["weights"]),
+        **{name: values.tolist() for name, values in arrays.items()},
+        "message_length": float(fit.message_length),
+        "log_likelihood": float(fit.log_likelihood),
+        "steps": int(fit.steps),
+        "status": _status_name(fit),
+        "settings": dict(settings or {}),
+    }
+    text = json.dumps(content, indent=2, allow_nan=False)
+    with output_folder(folder, MIXTURE, overwrite=overwrite) as staging:
+        with atomic_write(staging / ARRAYS_FILE) as file:
+            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+        with atomic_write(staging / MIXTURE_FILE) as file:
+            file.write(text.encode())
+    return Path(folder)
+
+
+def read_mixture(path: str | os.PathLike[str]) -> GaussianMixture:
+    """The mixture that `write_mixture` wrote: all slots live, float64.
+
+    Args:
+        path: the folder, or its `mixture.json`.
+
+    Raises:
+        InputError: a file that is missing, damaged, or of another schema version.
+    """
+    file = Path(path)
+    if file.is_dir():
+        file = file / MIXTURE_FILE
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror}); name the folder that holds it") from error
+    except ValueError as error:
+        raise InputError(f"{file}: is not JSON ({error}); run the fit again") from error
+    version = content.get("schema_version") if isinstance(content, dict) else None
+    if version != SCHEMA_VERSION:
+        raise InputError(f"{file}: has schema version {version}, this gmmjax reads version {SCHEMA_VERSION}")
+    try:
+        arrays = {name: np.array(content[name], np.float64) for name in _ARRAYS}
+        _check_shapes(**arrays)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{file}: is not a complete mixture ({error!r}); run the fit again") from error
+    return GaussianMixture(**arrays, live=np.ones(len(arrays["weights"]), bool))
+
+
+def _status_name(fit: Fit) -> str:
+    names = ("converged", "step_limit", "not_finite")
+    return next(name for name in names if bool(fit.result == getattr(FitStatus, name)))
+
+
+def _check_shapes(weights: np.ndarray, means: np.ndarray, covariances: np.ndarray) -> None:
+    count, dimension = means.shape
+    if weights.shape != (count,) or covariances.shape != (count, dimension, dimension):
+        raise ValueError(f"weights {weights.shape}, means {means.shape} and covariances {covariances.shape} disagree")
+    if not all(np.isfinite(values).all() for values in (weights, means, covariances)):
+        raise ValueError("a number that is not finite")

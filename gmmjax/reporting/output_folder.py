@@ -1,0 +1,181 @@
+"""Folders that a command writes whole or not at all."""
+
+import dataclasses
+import json
+import os
+import secrets
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from gmmjax.errors import InputError
+
+STAGING_PREFIX = ".gmmjax-"
+
+
+@dataclasses.dataclass(frozen=True)
+class FolderKind:
+    """What the folders of one kind hold.
+
+    Attributes:
+        name: what messages call such a folder.
+        marker: the JSON file by which the folder is known; it is the last to be put in place and the first to go.
+        key: a key that the marker has, beside "schema_version".
+        others: the other files that may be there.
+    """
+
+    name: str
+    marker: str
+    key: str
+    others: tuple[str, ...]
+
+    def is_held_by(self, folder: Path) -> bool:
+        """Whether the folder's marker is one of this kind, of any schema version."""
+        try:
+            content = json.loads((folder / self.marker).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return False
+        return isinstance(content, dict) and "schema_version" in content and self.key in content
+
+
+def check_output_folder(folder: str | os.PathLike[str], kind: FolderKind, *, overwrite: bool = False) -> None:
+    """Whether `output_folder` could write there: called before a long computation. Changes nothing.
+
+    Args:
+        folder: may be missing, with any of its parents; may be empty.
+        kind: what is to be written.
+        overwrite: whether a folder of the same kind may be replaced.
+
+    Raises:
+        InputError: the folder is a file, holds something else, holds a result and not `overwrite`, or cannot be
+            written.
+    """
+    try:
+        if _exists(folder):
+            _check_contents(Path(folder), kind, overwrite)
+        _check_writable(Path(folder))
+    except OSError as error:
+        raise _cannot_write(folder, error) from error
+
+
+@contextmanager
+def output_folder(folder: str | os.PathLike[str], kind: FolderKind, *, overwrite: bool = False) -> Iterator[Path]:
+    """A hidden staging folder that takes the place of `folder` when the block ends, and is removed when it fails.
+
+    A folder that is not there yet appears whole, by one renaming. Into one that is there (empty, or with a previous
+    result) the files are moved one by one, the marker last; when that fails the previous files are put back.
+
+    Args:
+        folder: where the files are to be; parents are made where needed.
+        kind: what is written.
+        overwrite: whether a folder of the same kind may be replaced.
+
+    Yields:
+        The staging folder, on the same file system.
+
+    Raises:
+        InputError: as `check_output_folder`, or writing failed, as on a full disk; `folder` is then as it was.
+    """
+    check_output_folder(folder, kind, overwrite=overwrite)
+    target = Path(os.path.realpath(folder))
+    home = target if target.is_dir() else target.parent
+    new_parents = [parent for parent in (home, *home.parents) if not parent.exists()]
+    staging = home / f"{STAGING_PREFIX}{secrets.token_hex(8)}"
+    try:
+        staging.mkdir(parents=True)
+        yield staging
+        _sync(staging)
+        _publish(staging, target, kind)
+    except BaseException as error:
+        shutil.rmtree(staging, ignore_errors=True)
+        for parent in new_parents:
+            with suppress(OSError):
+                parent.rmdir()
+        # A writer's own message would name the staging folder.
+        cause = error if isinstance(error, OSError) else error.__cause__
+        if isinstance(cause, OSError):
+            raise _cannot_write(folder, cause) from error
+        raise
+    shutil.rmtree(staging, ignore_errors=True)
+
+
+def _check_contents(folder: Path, kind: FolderKind, overwrite: bool) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; choose another name for the output folder")
+    if not folder.exists():
+        raise InputError(f"{folder}: is a link to something that is not there; choose another output folder")
+    entries = [entry for entry in folder.iterdir() if not entry.name.startswith(STAGING_PREFIX)]
+    known = {kind.marker, *kind.others}
+    foreign = sorted(entry.name for entry in entries if entry.name not in known or not entry.is_file())
+    if entries and not foreign and not kind.is_held_by(folder):
+        foreign = sorted(entry.name for entry in entries)
+    if foreign:
+        listed = ", ".join(foreign[:3]) + (", ..." if len(foreign) > 3 else "")
+        raise InputError(f"{folder}: holds something else ({listed}); choose a new or an empty output folder")
+    if entries and not overwrite:
+        raise InputError(f"{folder}: holds a previous {kind.name}; --overwrite replaces it, or choose another folder")
+
+
+def _exists(path: str | os.PathLike[str]) -> bool:
+    """As `os.path.lexists`, but a path that the system refuses, such as too long a name, is an error."""
+    try:
+        os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return True
+
+
+def _check_writable(folder: Path) -> None:
+    existing = next(path for path in (folder.absolute(), *folder.absolute().parents) if _exists(path))
+    if not existing.is_dir():
+        raise InputError(f"{folder}: cannot be made, because {existing} is no folder; choose another output folder")
+    with tempfile.TemporaryDirectory(prefix=STAGING_PREFIX, dir=existing):
+        pass
+
+
+def _cannot_write(folder: str | os.PathLike[str], error: OSError) -> InputError:
+    return InputError(
+        f"{os.fspath(folder)}: cannot be written ({error.strerror or error}); nothing was left there. "
+        "Free some space or choose another output folder"
+    )
+
+
+def _publish(staging: Path, target: Path, kind: FolderKind) -> None:
+    if target.exists():
+        _move_files(staging, target, kind)
+    else:
+        staging.rename(target)
+    # All is in place: what is left to do is to hurry the new names to the disk.
+    with suppress(OSError):
+        _sync(target.parent)
+
+
+def _move_files(staging: Path, target: Path, kind: FolderKind) -> None:
+    retired = staging / "previous"
+    new = sorted((path for path in staging.iterdir()), key=lambda path: path.name == kind.marker)
+    retired.mkdir()
+    old = [target / name for name in (kind.marker, *kind.others) if (target / name).exists()]
+    moves = [(path, retired / path.name) for path in old] + [(path, target / path.name) for path in new]
+    done: list[tuple[Path, Path]] = []
+    try:
+        for source, destination in moves:
+            source.replace(destination)
+            done.append((source, destination))
+        _sync(target)
+    except BaseException:
+        for source, destination in reversed(done):
+            destination.replace(source)
+        raise
+
+
+def _sync(folder: Path) -> None:
+    """Makes the folder's entries reach the disk, where the system lets a folder be opened."""
+    if os.name == "nt":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

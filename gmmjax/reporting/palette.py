@@ -1,0 +1,46 @@
+"""Colours of the kinds of change: Okabe and Ito's, which colour-blind readers can tell apart."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from gmmjax.changes.change import Changes, Kind
+
+KIND_COLORS: Mapping[Kind, str] = {"appeared": "#009E73", "disappeared": "#D55E00", "moved": "#0072B2"}
+UNCHANGED_COLOR = (150, 152, 156)
+
+
+def color_bytes(color: str) -> tuple[int, int, int]:
+    """Red, green and blue of "#rrggbb"."""
+    red, green, blue = bytes.fromhex(color.removeprefix("#"))
+    return red, green, blue
+
+
+def point_colors(
+    labels: Int[np.ndarray, " n"], changes: Changes, colors: UInt8[np.ndarray, "n 3"] | None
+) -> UInt8[np.ndarray, "n 3"]:
+    """A colour for each point of a cloud: that of its kind of change, or its own, half way to grey, where unchanged.
+
+    Args:
+        labels: per point -1 or the index of its change.
+        changes: the changes.
+        colors: the scan's own colours; None where it has none.
+    """
+    grey = np.array(UNCHANGED_COLOR, np.uint8)
+    result = np.tile(grey, (len(labels), 1)) if colors is None else _greyed(colors)
+    for index, change in enumerate(changes.items):
+        result[labels == index] = color_bytes(KIND_COLORS[change.kind])
+    return result
+
+
+def luminance(colors: UInt8[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+    """How bright colours look, 0 to 1 (Rec. 601)."""
+    weights = np.array([0.299, 0.587, 0.114]) / 255
+    brightness: Float[np.ndarray, " n"] = colors @ weights
+    return brightness
+
+
+def _greyed(colors: UInt8[np.ndarray, "n 3"]) -> UInt8[np.ndarray, "n 3"]:
+    mixed = 0.5 * colors + 0.5 * np.array(UNCHANGED_COLOR)
+    return np.rint(mixed).astype(np.uint8)

@@ -1,0 +1,92 @@
+"""The folder that `gmmjax detect` writes: the changes for programs, for viewers of clouds and for people."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+from jaxtyping import Float, Int
+
+from gmmjax.changes.change import Changes
+from gmmjax.changes.storage import CHANGES_FILE, LABELS_FILE
+from gmmjax.clouds import PointCloud, atomic_write, write_ply
+from gmmjax.errors import InputError
+from gmmjax.reporting.html_report import report_html
+from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder
+from gmmjax.reporting.palette import point_colors
+
+REPORT_FILE = "report.html"
+BEFORE_FILE = "before.ply"
+AFTER_FILE = "after.ply"
+CONFIG_FILE = "config.toml"
+RESULT = FolderKind("result", CHANGES_FILE, "changes", (LABELS_FILE, BEFORE_FILE, AFTER_FILE, REPORT_FILE, CONFIG_FILE))
+
+
+def check_result_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+    """Whether `write_result` could write there; called before a long computation.
+
+    Raises:
+        InputError: the folder is a file, holds something else, holds a result and not `overwrite`, or cannot be
+            written.
+    """
+    check_output_folder(folder, RESULT, overwrite=overwrite)
+
+
+def write_result(
+    folder: str | os.PathLike[str], before: PointCloud, after: PointCloud, changes: Changes, *, overwrite: bool = False
+) -> Path:
+    """Writes all outputs of a detection, or none.
+
+    `changes.json` and `labels.npz` (read back by `Changes.load`), `before.ply` and `after.ply` (points of changes in
+    the colour of their kind, fields `label` and `probability`; `row`, the row in the source, where rows were dropped),
+    `report.html` and `config.toml`.
+
+    Args:
+        folder: is made where needed; may be empty.
+        before: the before cloud that the changes were found in.
+        after: the after cloud.
+        changes: what was found.
+        overwrite: replace a previous result.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: clouds that are not those of the changes, or a folder that cannot be written; it is then as it was.
+    """
+    _check_lengths(before, after, changes)
+    with output_folder(folder, RESULT, overwrite=overwrite) as staging:
+        changes.save(staging)
+        _write_labelled(staging / BEFORE_FILE, before, changes.labels_before, changes.probability_before, changes)
+        _write_labelled(staging / AFTER_FILE, after, changes.labels_after, changes.probability_after, changes)
+        with atomic_write(staging / REPORT_FILE) as file:
+            file.write(report_html(before, after, changes).encode())
+        with atomic_write(staging / CONFIG_FILE) as file:
+            tomli_w.dump(changes.config.to_dict(), file)
+    return Path(folder)
+
+
+def _check_lengths(before: PointCloud, after: PointCloud, changes: Changes) -> None:
+    for name, cloud, labels in (("before", before, changes.labels_before), ("after", after, changes.labels_after)):
+        if len(cloud) != len(labels):
+            raise InputError(
+                f"{name}: has {len(cloud)} points, the changes have labels for {len(labels)}; "
+                "give the clouds that the changes were found in"
+            )
+
+
+def _write_labelled(
+    path: Path,
+    cloud: PointCloud,
+    labels: Int[np.ndarray, " n"],
+    probability: Float[np.ndarray, " n"],
+    changes: Changes,
+) -> None:
+    fields: dict[str, np.ndarray] = {
+        "label": labels.astype(np.int32),
+        "probability": probability.astype(np.float32),
+    }
+    if cloud.rows_dropped:
+        fields["row"] = cloud.rows.astype(np.int32)
+    comments = ["written by gmmjax detect: label is -1 where unchanged, else the index of the change in changes.json"]
+    write_ply(path, cloud.points, colors=point_colors(labels, changes, cloud.colors), fields=fields, comments=comments)

@@ -1,0 +1,74 @@
+"""The answer in words and in rows, the same on the terminal and in the report."""
+
+import math
+from typing import NamedTuple, get_args
+
+import numpy as np
+
+from gmmjax.changes.change import Change, Changes, Kind
+
+HEADINGS = ("Label", "Kind", "Probability", "Points", "Centre (m)", "Size (m)")
+
+
+class ChangeRow(NamedTuple):
+    """One change as text.
+
+    Attributes:
+        label: its index, which is also the label of its points in the files.
+        kind: of change, without the partner.
+        cells: one text for each of `HEADINGS`.
+    """
+
+    label: int
+    kind: Kind
+    cells: tuple[str, ...]
+
+
+def answer(changes: Changes) -> str:
+    """The answer in a sentence: "2 changes: 1 appeared, 1 disappeared". A moved object counts once."""
+    counts = {kind: sum(change.kind == kind for change in changes.items) for kind in get_args(Kind)}
+    paired = sum(change.kind == "moved" and change.partner is not None for change in changes.items)
+    counts["moved"] -= paired // 2
+    total = sum(counts.values())
+    if total == 0:
+        return "No change found"
+    parts = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
+    return f"{total} change{'s' * (total != 1)}: {parts}"
+
+
+def change_rows(changes: Changes) -> list[ChangeRow]:
+    """The changes as text, in their order."""
+    return [ChangeRow(label, change.kind, _cells(label, change)) for label, change in enumerate(changes.items)]
+
+
+def percent(probability: float) -> str:
+    """A probability to whole percents; only certainty is 100 %."""
+    shown = math.floor(probability * 100) if 0.99 < probability < 1 else round(probability * 100)
+    return f"{shown} %"
+
+
+def dropped_rows(changes: Changes) -> dict[str, int]:
+    """How many rows of each cloud had NaN or infinite coordinates, for the clouds that had any."""
+    sides = {side: changes.diagnostics.get(side) for side in ("before", "after")}
+    counts = {side: int(found.get("rows_dropped", 0)) for side, found in sides.items() if isinstance(found, dict)}
+    return {side: count for side, count in counts.items() if count}
+
+
+def dropped_text(side: str, count: int) -> str:
+    """What `dropped_rows` counts, in a sentence."""
+    rows, were = ("row", "was") if count == 1 else ("rows", "were")
+    return f"{count:,} {rows} of the {side} cloud had no finite position and {were} left out."
+
+
+def _cells(label: int, change: Change) -> tuple[str, ...]:
+    digits = _decimals(change.box.extent)
+    kind = change.kind if change.partner is None else f"{change.kind} (with {change.partner})"
+    centre = ", ".join(f"{value:.{digits}f}" for value in change.mean)
+    size = " × ".join(f"{value:.{digits}f}" for value in change.box.extent)
+    return str(label), kind, percent(change.probability), f"{change.points:,}", centre, size
+
+
+def _decimals(extent: np.ndarray) -> int:
+    """Decimals that show the longest edge in three digits."""
+    longest = float(extent.max())
+    return 3 if longest <= 0 else min(max(2 - math.floor(math.log10(longest)), 0), 9)

@@ -1,0 +1,60 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gmmjax.changes import Box, Change, Changes, DetectionConfig
+from gmmjax.clouds import PointCloud
+
+
+def change(kind, points, partner=None, probability=0.97):
+    return Change(
+        kind=kind,
+        probability=probability,
+        points=len(points),
+        mean=points.mean(axis=0),
+        covariance=np.cov(points.T),
+        box=Box.around(points),
+        partner=partner,
+    )
+
+
+def labelled(changes, labels_before, labels_after, items):
+    """The changes with other labels and items, for clouds of these sizes."""
+    return dataclasses.replace(
+        changes,
+        labels_before=labels_before,
+        labels_after=labels_after,
+        probability_before=np.where(labels_before < 0, 0.0, 1.0),
+        probability_after=np.where(labels_after < 0, 0.0, 1.0),
+        items=items,
+    )
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """Clouds of 400 and 500 points, the former with colours and a lost row, and what changed, made by hand."""
+    random = np.random.default_rng(1)
+    rows = random.normal(size=(401, 3))
+    rows[7, 1] = np.nan
+    colors = random.integers(0, 256, (401, 3)).astype(np.uint8)
+    before = PointCloud.from_rows(rows, colors=colors, source="scans/first.ply")
+    after = PointCloud.from_rows(random.normal(size=(500, 3)) + np.array([0, 0, 2]), source="scans/second.ply")
+    labels_before, labels_after = np.full(400, -1), np.full(500, -1)
+    labels_before[:50], labels_after[:60], labels_after[60:130] = 0, 1, 2
+    items = (
+        change("disappeared", before.points[:50]),
+        change("moved", after.points[:60], partner=None),
+        change("appeared", after.points[60:130], probability=0.999),
+    )
+    changes = Changes(
+        labels_before=labels_before,
+        labels_after=labels_after,
+        probability_before=np.where(labels_before < 0, 0.01, 0.97),
+        probability_after=np.where(labels_after < 0, 0.01, 0.97),
+        items=items,
+        emd=0.5,
+        config=DetectionConfig(restarts=3, voxel_size=0.25),
+        diagnostics={"before": {"rows_dropped": 1}, "seconds": {"fits": 1.5}, "nested": [{"a": [1, 2]}, None, "x"]},
+    )
+    return before, after, changes

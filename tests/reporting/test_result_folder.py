@@ -1,0 +1,81 @@
+import errno
+import os
+import tomllib
+
+import numpy as np
+import pytest
+
+from gmmjax.changes import Changes, DetectionConfig
+from gmmjax.clouds import read_cloud
+from gmmjax.errors import InputError
+from gmmjax.reporting import write_result
+
+FILES = {"changes.json", "labels.npz", "before.ply", "after.ply", "report.html", "config.toml"}
+
+
+@pytest.fixture(scope="module")
+def result(pair, tmp_path_factory):
+    return write_result(tmp_path_factory.mktemp("results") / "result", *pair)
+
+
+def test_all_outputs_are_there(result):
+    assert {path.name for path in result.iterdir()} == FILES
+
+
+def test_changes_and_settings_are_read_back(result, pair):
+    loaded = Changes.load(result)
+    np.testing.assert_array_equal(loaded.labels_after, pair[2].labels_after)
+    assert [change.kind for change in loaded.items] == [change.kind for change in pair[2].items]
+    assert DetectionConfig.from_dict(tomllib.loads((result / "config.toml").read_text())) == pair[2].config
+
+
+@pytest.mark.parametrize("side", ["before", "after"])
+def test_clouds_have_all_points_in_order_with_label_and_probability(result, pair, side):
+    cloud = pair[side == "after"]
+    written = read_cloud(result / f"{side}.ply")
+    np.testing.assert_array_equal(written.points, cloud.points)
+    np.testing.assert_array_equal(written.fields["label"], getattr(pair[2], f"labels_{side}"))
+    np.testing.assert_allclose(written.fields["probability"], getattr(pair[2], f"probability_{side}"), rtol=1e-6)
+    assert written.fields["label"].dtype == np.int32
+    assert written.fields["probability"].dtype == np.float32
+
+
+def test_rows_of_the_source_are_told_where_some_were_dropped(result, pair):
+    np.testing.assert_array_equal(read_cloud(result / "before.ply").fields["row"], pair[0].rows)
+    assert "row" not in read_cloud(result / "after.ply").fields
+
+
+def test_changes_stand_out_by_colour(result):
+    colors = read_cloud(result / "after.ply").colors
+    assert (colors[:60] == [0x00, 0x72, 0xB2]).all()
+    assert (colors[60:130] == [0x00, 0x9E, 0x73]).all()
+    assert (np.ptp(colors[130:].astype(int), axis=1) < 20).all()
+
+
+def test_clouds_of_other_changes_are_refused(pair, tmp_path):
+    before, _, changes = pair
+    with pytest.raises(InputError, match="400 points"):
+        write_result(tmp_path / "a", before, before, changes)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("fail_at", range(1, 9))
+def test_a_disk_that_fills_leaves_no_result_and_the_old_one_whole(pair, tmp_path, monkeypatch, fail_at):
+    old = write_result(tmp_path / "old", *pair)
+    kept = {path.name: path.read_bytes() for path in old.iterdir()}
+    fsync, calls = os.fsync, []
+
+    def full_later(descriptor):
+        calls.append(descriptor)
+        if len(calls) % 7 == fail_at % 7:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", full_later)
+    with pytest.raises(InputError, match=r"new: cannot be written \(No space left"):
+        write_result(tmp_path / "new", *pair)
+    calls.clear()
+    with pytest.raises(InputError, match=r"old: cannot be written \(No space left"):
+        write_result(tmp_path / "old", *pair, overwrite=True)
+    assert {path.name: path.read_bytes() for path in old.iterdir()} == kept
+    assert [path.name for path in tmp_path.iterdir()] == ["old"]

@@ -1,0 +1,362 @@
+import errno
+import json
+import os
+import subprocess
+import sys
+import tomllib
+
+import jax
+import numpy as np
+import pytest
+
+import gmmjax
+from gmmjax.changes import Changes
+from gmmjax.cli import compilation_cache, main
+from gmmjax.clouds import read_cloud, write_ply
+from gmmjax.reporting import read_mixture
+
+QUICK = ["--restarts", "2", "--max-components", "8"]
+MEANS = np.array([[0, 0, 0], [5, 0, 0], [0, 5, 1], [5, 5, 1], [2, 10, 3]])
+DETECT = ["--method", "transport", *QUICK]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def no_compilation_cache():
+    """JAX's own variable keeps the command line from changing JAX's settings for the other tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("JAX_COMPILATION_CACHE_DIR", "")
+        yield
+
+
+def clouds(points=150):
+    """Four Gaussians, and after that a fifth one."""
+    random = np.random.default_rng(0)
+    cloud = random.normal(size=(5 * points, 3)) * 0.3 + np.repeat(MEANS, points, axis=0)
+    return cloud[: 4 * points], cloud + random.normal(size=cloud.shape) * 0.01
+
+
+@pytest.fixture(scope="module")
+def scans(tmp_path_factory):
+    """The paths of a pair of scans; a row of the first is lost."""
+    folder = tmp_path_factory.mktemp("scans")
+    before, after = clouds()
+    np.save(folder / "before.npy", np.insert(before, 3, np.nan, axis=0))
+    write_ply(folder / "after.ply", after)
+    return str(folder / "before.npy"), str(folder / "after.ply")
+
+
+@pytest.fixture(scope="module")
+def result(scans, tmp_path_factory):
+    """The folder of one detection."""
+    folder = tmp_path_factory.mktemp("results") / "result"
+    assert main(["detect", *scans, "--out", str(folder), "--quiet", *DETECT]) == 0
+    return folder
+
+
+def failed(arguments, capsys):
+    """What a run that must end with status 2 says: one line, on standard error."""
+    assert main([str(argument) for argument in arguments]) == 2
+    captured = capsys.readouterr()
+    assert not captured.out
+    assert captured.err.startswith("gmmjax: error: ")
+    assert captured.err.count("\n") == 1
+    return captured.err
+
+
+def test_detect_writes_every_output(result):
+    assert {path.name for path in result.iterdir()} == {
+        "changes.json",
+        "labels.npz",
+        "before.ply",
+        "after.ply",
+        "report.html",
+        "config.toml",
+    }
+
+
+def test_detect_finds_what_appeared(result):
+    changes = Changes.load(result)
+    assert [change.kind for change in changes.items] == ["appeared"]
+    assert (changes.labels_after[600:] == 0).mean() > 0.95
+    assert (changes.labels_before == -1).all()
+
+
+def test_flags_and_their_values_reach_the_settings(result):
+    settings = tomllib.loads((result / "config.toml").read_text())
+    assert (settings["restarts"], settings["max_components"], settings["method"]) == (2, 8, "transport")
+
+
+def test_the_written_config_reproduces_the_result(result, scans, tmp_path):
+    again = tmp_path / "again"
+    assert main(["detect", *scans, "--out", str(again), "--config", str(result / "config.toml"), "--quiet"]) == 0
+    first, second = Changes.load(result), Changes.load(again)
+    assert first.config == second.config
+    np.testing.assert_array_equal(first.labels_after, second.labels_after)
+    np.testing.assert_array_equal(first.probability_after, second.probability_after)
+
+
+def test_flags_win_over_the_config_file(result, scans, tmp_path):
+    arguments = ["--out", str(tmp_path / "again"), f"--config={result / 'config.toml'}", "--seed", "7", "--quiet"]
+    assert main(["detect", *scans, *arguments]) == 0
+    config = Changes.load(tmp_path / "again").config
+    assert (config.seed, config.restarts) == (7, 2)
+
+
+def test_json_stands_alone_on_standard_output(scans, tmp_path, capsys):
+    arguments = ["--out", str(tmp_path / "a"), "--json", *DETECT]
+    assert main(["detect", *scans, *arguments]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert [change["kind"] for change in printed["changes"]] == ["appeared"]
+    assert printed["schema_version"] == 1
+
+
+def test_the_table_says_what_was_found_dropped_and_written(scans, tmp_path, capsys):
+    assert main(["detect", *scans, "--out", str(tmp_path / "a"), *DETECT]) == 0
+    captured = capsys.readouterr()
+    assert captured.out.startswith("1 change: 1 appeared\n")
+    assert "1 row of the before cloud" in captured.out
+    assert str(tmp_path / "a") in captured.out
+    assert not captured.err
+
+
+def test_quiet_prints_nothing(scans, tmp_path, capsys):
+    assert main(["detect", *scans, "--out", str(tmp_path / "a"), "--quiet", *DETECT]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_rows_of_the_source_are_in_the_labelled_cloud(result):
+    rows = read_cloud(result / "before.ply").fields["row"]
+    np.testing.assert_array_equal(rows, np.delete(np.arange(601), 3))
+
+
+@pytest.mark.parametrize("flat", [[1, 1, 0], [1, 0, 0]], ids=["plane", "line"])
+def test_clouds_on_a_plane_or_a_line_work(tmp_path, flat):
+    before, after = (cloud * flat for cloud in clouds())
+    np.save(tmp_path / "before.npy", before)
+    np.save(tmp_path / "after.npy", after)
+    paths = [str(tmp_path / name) for name in ("before.npy", "after.npy")]
+    assert main(["detect", *paths, "--out", str(tmp_path / "a"), "--quiet", *DETECT]) == 0
+    assert np.isfinite(Changes.load(tmp_path / "a").probability_after).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"), [(lambda points: points * 1000, "unit"), (lambda points: points + 1e3, "overlap")]
+)
+def test_other_units_and_frames_are_warned_of(tmp_path, capsys, change, message):
+    before, after = clouds()
+    np.save(tmp_path / "before.npy", before)
+    np.save(tmp_path / "after.npy", change(after))
+    paths = [str(tmp_path / name) for name in ("before.npy", "after.npy")]
+    assert main(["detect", *paths, "--out", str(tmp_path / "a"), *DETECT]) == 0
+    warned = capsys.readouterr().err
+    assert warned.startswith("gmmjax: warning: ")
+    assert message in warned
+
+
+def binary_ply(folder):
+    write_ply(folder / "whole.ply", np.random.default_rng(0).normal(size=(50, 3)))
+    return (folder / "whole.ply").read_bytes()
+
+
+BAD_CLOUDS = {
+    "missing.ply": (None, "no such file"),
+    "empty.ply": (lambda folder: b"", "empty"),
+    "truncated.ply": (lambda folder: binary_ply(folder)[:-100], "cut off"),
+    "garbage.ply": (lambda folder: bytes(range(256)), "PLY"),
+    "scan.docx": (lambda folder: b"text", "format"),
+    "none.xyz": (lambda folder: b"\n", "points"),
+    "one.xyz": (lambda folder: b"1 2 3\n", "1 point "),
+    "three.xyz": (lambda folder: b"1 2 3\n4 5 6\n7 8 8\n", "3 points"),
+    "equal.xyz": (lambda folder: b"1 2 3\n" * 100, "equal"),
+    "lost.xyz": (lambda folder: b"nan 2 3\n" * 100, "NaN"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_CLOUDS)
+@pytest.mark.parametrize("command", ["detect", "fit"])
+def test_bad_clouds_are_named_and_nothing_is_written(command, name, scans, tmp_path, capsys):
+    make, message = BAD_CLOUDS[name]
+    path = tmp_path / name
+    if make is not None:
+        path.write_bytes(make(tmp_path))
+    there = sorted(tmp_path.iterdir())
+    others = [scans[1]] if command == "detect" else []
+    said = failed([command, path, *others, "--out", tmp_path / "a"], capsys)
+    if command == "detect" or message not in ("1 point ", "3 points", "equal"):
+        assert name in said
+        assert message in said
+    assert sorted(tmp_path.iterdir()) == there
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--max-components", "100000"], "max_components=100000"),
+        (["--restarts", "0"], "restarts=0"),
+        (["--threshold", "2"], "threshold=2"),
+        (["--config", "nowhere.toml"], "nowhere.toml"),
+    ],
+)
+def test_bad_settings_are_named(scans, tmp_path, capsys, flags, message):
+    assert message in failed(["detect", *scans, "--out", tmp_path / "a", *flags], capsys)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("restarts = ", "not TOML"), ("restart = 3", "unknown setting restart"), ("restarts = 'many'", "restarts='many'")],
+)
+def test_bad_config_files_are_named(scans, tmp_path, capsys, text, message):
+    (tmp_path / "config.toml").write_text(text)
+    arguments = ["detect", *scans, "--out", tmp_path / "a", "--config", tmp_path / "config.toml"]
+    said = failed(arguments, capsys)
+    assert "config.toml" in said
+    assert message in said
+
+
+@pytest.mark.parametrize("arguments", [[], ["detect"], ["detect", "a", "b"], ["fit", "a", "--out", "c", "--what"]])
+def test_bad_usage_exits_with_status_2(arguments):
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    assert stopped.value.code == 2
+
+
+COMMANDS = {
+    "detect": lambda scans: ["detect", *scans],
+    "fit": lambda scans: ["fit", scans[1]],
+    "simulate": lambda scans: ["simulate", "gaussians"],
+    "demo": lambda scans: ["demo"],
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_an_output_path_that_cannot_be_written_is_found_out_first(command, scans, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("gmmjax.changes.detect_changes", None)
+    (tmp_path / "file").write_text("precious")
+    said = failed([*COMMANDS[command](scans), "--out", tmp_path / "file" / "below"], capsys)
+    assert str(tmp_path / "file") in said
+    assert (tmp_path / "file").read_text() == "precious"
+
+
+@pytest.mark.parametrize("command", ["detect", "fit", "simulate"])
+def test_an_output_folder_that_holds_something_else_is_left_alone(command, scans, tmp_path, capsys):
+    (tmp_path / "thesis.tex").write_text("precious")
+    said = failed([*COMMANDS[command](scans), "--out", tmp_path, "--overwrite"], capsys)
+    assert "thesis.tex" in said
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_a_previous_result_is_replaced_only_with_overwrite(scans, tmp_path, capsys):
+    arguments = ["detect", *scans, "--out", str(tmp_path / "a"), "--quiet", *DETECT]
+    assert main(arguments) == 0
+    assert "--overwrite" in failed(arguments, capsys)
+    assert main([*arguments, "--seed", "3", "--overwrite"]) == 0
+    assert Changes.load(tmp_path / "a").config.seed == 3
+
+
+def test_a_disk_that_fills_leaves_nothing(scans, tmp_path, capsys, monkeypatch):
+    def full_disk(descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full_disk)
+    said = failed(["detect", *scans, "--out", tmp_path / "new" / "a", *DETECT], capsys)
+    assert "No space left on device" in said
+    assert str(tmp_path / "new" / "a") in said
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interruption_is_clean(scans, tmp_path, capsys, monkeypatch):
+    def interrupted(*arguments, **settings):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gmmjax.changes.detect_changes", interrupted)
+    assert main(["detect", *scans, "--out", str(tmp_path / "a")]) == 130
+    assert "Traceback" not in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_fit_writes_the_mixture(scans, tmp_path, capsys):
+    assert main(["fit", scans[1], "--out", str(tmp_path / "a"), *QUICK]) == 0
+    mixture = read_mixture(tmp_path / "a")
+    np.testing.assert_allclose(sorted(mixture.means[:, 1]), [0, 0, 5, 5, 10], atol=0.2)
+    assert capsys.readouterr().out.startswith("5 Gaussians\n")
+
+
+def test_fit_reduces_to_voxels_and_keeps_every_points_weight(scans, tmp_path):
+    arguments = ["fit", scans[1], "--out", str(tmp_path / "a"), "--voxel-size", "0.3", "--quiet", *QUICK]
+    assert main(arguments) == 0
+    content = json.loads((tmp_path / "a" / "mixture.json").read_text())
+    assert content["settings"]["points_fitted"] < content["settings"]["points"] == 750
+    nearest = np.linalg.norm(np.array(content["means"])[:, None] - MEANS, axis=2).argmin(axis=1)
+    np.testing.assert_allclose(np.bincount(nearest, content["weights"]), np.full(5, 1 / 5), atol=0.02)
+
+
+def test_simulate_gaussians_writes_clouds_that_detect_reads(tmp_path):
+    arguments = [
+        "simulate",
+        "gaussians",
+        "--out",
+        str(tmp_path / "a"),
+        "--points",
+        "50",
+        "--disappeared",
+        "2",
+        "--quiet",
+    ]
+    assert main([*arguments, "--seed", "5"]) == 0
+    truth = np.load(tmp_path / "a" / "truth_before.npy", allow_pickle=False)
+    assert len(truth) == len(read_cloud(tmp_path / "a" / "before.ply")) == 250
+    assert set(truth) == {-1, 0, 1}
+    assert main(["simulate", "gaussians", "--out", str(tmp_path / "b"), "--fixed", "--points", "50", "--quiet"]) == 0
+    assert len(read_cloud(tmp_path / "b" / "after.ply")) == 350
+
+
+def test_demo_shows_what_was_found_and_the_truth(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("gmmjax.cli.demo.SETTINGS", {"method": "transport", "restarts": 2, "max_components": 8})
+    assert main(["demo", "--out", str(tmp_path / "a")]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("2 changes: 1 appeared, 1 disappeared\n")
+    assert "Truth" in printed
+    assert (tmp_path / "a" / "result" / "report.html").as_uri() in printed.replace("\n", "")
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"gmmjax {gmmjax.__version__}\n"
+
+
+def test_the_module_is_the_command(tmp_path):
+    arguments = ["detect", "nowhere.ply", "nowhere.ply", "--out", str(tmp_path / "a")]
+    ended = subprocess.run([sys.executable, "-m", "gmmjax", *arguments], capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("gmmjax: error: nowhere.ply: no such file")
+    assert "Traceback" not in ended.stderr
+
+
+@pytest.fixture
+def jax_settings(monkeypatch):
+    """JAX's settings are as before when the test ends."""
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
+    names = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
+    before = {name: getattr(jax.config, name) for name in names}
+    yield
+    for name, value in before.items():
+        jax.config.update(name, value)
+
+
+@pytest.mark.usefixtures("jax_settings")
+@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="the folder is another one there")
+def test_compiled_programs_are_kept_in_the_users_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    compilation_cache.use_compilation_cache()
+    assert jax.config.jax_compilation_cache_dir == str(tmp_path / "gmmjax" / "compiled")
+
+
+@pytest.mark.usefixtures("jax_settings")
+@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="the folder is another one there")
+def test_a_cache_that_cannot_be_written_is_passed_over(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    before = jax.config.jax_compilation_cache_dir
+    compilation_cache.use_compilation_cache()
+    assert jax.config.jax_compilation_cache_dir == before
