@@ -3,8 +3,7 @@
 import dataclasses
 from typing import Any, Literal, get_args
 
-from gmmjax.errors import InputError
-from gmmjax.mixtures.fitting import check_choice
+from gmmjax.errors import InputError, check_choice
 
 Method = Literal["greedy", "transport"]
 METHODS: tuple[Method, ...] = get_args(Method)

@@ -1,18 +1,17 @@
 """The front door of the fit: checks the points, chooses scale and precision, runs the restarts, raises once."""
 
 import functools
-import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Literal, TypeVar, get_args
+from typing import Literal, get_args
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, PRNGKeyArray
 
-from gmmjax._typing import Array
-from gmmjax.errors import ComputationError, InputError
+from gmmjax._host import available_cores, is_traced, to_numpy
+from gmmjax.errors import ComputationError, InputError, check_choice
 from gmmjax.mixtures.annihilation import NOT_FINITE, Fit, FitSettings, FitStatus, fit_by_annihilation
 from gmmjax.mixtures.covariance_type import parameters_per_component
 from gmmjax.mixtures.frame import Frame
@@ -22,7 +21,6 @@ from gmmjax.mixtures.weighted_points import WeightedPoints
 
 Precision = Literal["float64", "float32"]
 FitMethod = Literal["annihilation", "grid"]
-_Tree = TypeVar("_Tree")
 
 # The default noise floor, in units of the points' spread. In float32 the rounding of the second moments is about 7e-4
 # of the spread, and the floor must stand well above it.
@@ -230,26 +228,6 @@ def map_keys(
     return jax.tree.map(lambda *leaves: np.stack(leaves), *fits)
 
 
-def available_cores() -> int:
-    """The processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def is_traced(*trees: object) -> bool:
-    """Whether any leaf is being traced by a JAX transformation."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
-
-
-def to_numpy(tree: _Tree) -> _Tree:
-    """The tree with NumPy leaves, floating point ones in float64."""
-
-    def leaf_to_numpy(leaf: Array) -> np.ndarray:
-        array = np.asarray(leaf)
-        return array.astype(np.float64) if np.issubdtype(array.dtype, np.floating) else array
-
-    return jax.tree.map(leaf_to_numpy, tree)
-
-
 def _fit(points: WeightedPoints, key: PRNGKeyArray, prior: Prior, max_components: int, settings: FitSettings) -> Fit:
     start = initial_mixture(points, max_components, prior, key)
     return fit_by_annihilation(points, start, prior, settings)
@@ -269,12 +247,6 @@ def _traced_points(points: ArrayLike, mass: ArrayLike | None) -> WeightedPoints:
     return WeightedPoints(
         coordinates, jnp.ones(len(coordinates), coordinates.dtype) if mass is None else jnp.asarray(mass)
     )
-
-
-def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
-    """Raises an `InputError` that names the argument and its choices, unless the value is one of them."""
-    if value not in choices:
-        raise InputError(f"{name}={value!r} is unknown; choose from {', '.join(choices)}")
 
 
 def _check_components(max_components: int, points: int) -> None:

@@ -10,12 +10,13 @@ import numpy as np
 from jaxtyping import Array as JaxArray
 from jaxtyping import ArrayLike, Float, PRNGKeyArray
 
-from gmmjax.errors import ComputationError, InputError
+from gmmjax._host import to_numpy
+from gmmjax.errors import ComputationError, InputError, check_choice
 from gmmjax.mixtures.annihilation import NOT_FINITE, Fit, FitSettings, FitStatus
 from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES, CovarianceType, parameters_per_component
 from gmmjax.mixtures.criteria import CRITERIA, Criterion, criterion_score, message_length
 from gmmjax.mixtures.expectation_maximisation import expectation_maximisation
-from gmmjax.mixtures.fitting import RELATIVE_NOISE_FLOOR, Precision, check_choice, checked_points, map_keys, to_numpy
+from gmmjax.mixtures.fitting import RELATIVE_NOISE_FLOOR, Precision, checked_points, map_keys
 from gmmjax.mixtures.frame import Frame
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.prior import Prior

@@ -3,7 +3,7 @@
 import json
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -132,6 +132,23 @@ def print_truth(scene: GaussianScene) -> None:
     console = Console()
     console.print()
     console.print(table)
+
+
+def print_evaluation(rows: Sequence[Mapping[str, Any]], summary: Mapping[str, Mapping[str, float]]) -> None:
+    """Prints the table of an evaluation, a line for each method and condition, and a line of sums for each method.
+
+    Args:
+        rows: plain values by column; all rows have the same columns.
+        summary: figures over all conditions, by method.
+    """
+    table = _plain_table()
+    for column in rows[0]:
+        table.add_column(column.replace("_", " "), justify="left" if column in ("method", "condition") else "right")
+    for row in rows:
+        table.add_row(*(f"{cell:.3f}" if isinstance(cell, float) else str(cell) for cell in row.values()))
+    Console().print(table)
+    for method, figures in summary.items():
+        print(f"{method}: " + ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in figures.items()))
 
 
 def print_report_hint(report: Path) -> None:

@@ -1,10 +1,12 @@
 """The earth mover's distance between two mixtures (thesis 2.2.3)."""
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from gmmjax._typing import Array
-from gmmjax.errors import InputError
+from gmmjax._host import is_numpy, to_numpy
+from gmmjax._typing import Array, Scalar
+from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.transport.exact import exact_transport
 from gmmjax.transport.ground_cost import bures_wasserstein, euclidean
@@ -18,11 +20,13 @@ def earth_movers_distance(
     *,
     solver: str = "exact",
     ground_cost: str = "euclidean",
-    epsilon: Float[Array, ""] | float | None = None,
+    epsilon: Scalar | None = None,
 ) -> TransportResult:
     """Solve (2.21) between the components of two mixtures, with their weights as masses; `cost` is the EMD (2.22).
 
-    Weights need not sum to one, nor to the same on both sides. Dead slots change nothing.
+    Weights need not sum to one, nor to the same on both sides. Dead slots change nothing. Mixtures of NumPy arrays, as
+    `fit_mixture` returns them, are compared in float64 whatever JAX's setting, and the result is NumPy's; JAX arrays
+    are compared in their own precision, under any transformation.
 
     Args:
         before: the mixture of the first survey.
@@ -44,14 +48,23 @@ def earth_movers_distance(
             f"before has dimension {before.dimension} and after has dimension {after.dimension}: "
             "give two mixtures of the same dimension."
         )
+    check_choice("solver", solver, ("exact", "sinkhorn"))
+    check_choice("ground_cost", ground_cost, ("euclidean", "bures_wasserstein"))
+    if epsilon is not None and solver != "sinkhorn":
+        raise InputError('epsilon is of use to solver="sinkhorn" only: leave it out, or choose that solver.')
+    if is_numpy(before, after, epsilon):
+        with jax.enable_x64(True):
+            return to_numpy(_earth_movers_distance(before, after, solver, ground_cost, epsilon))
+    return _earth_movers_distance(before, after, solver, ground_cost, epsilon)
+
+
+def _earth_movers_distance(
+    before: GaussianMixture, after: GaussianMixture, solver: str, ground_cost: str, epsilon: Scalar | None
+) -> TransportResult:
     cost = _ground_cost(before, after, ground_cost)
     masses = [jnp.where(mixture.live, mixture.weights, 0) for mixture in (before, after)]
     if solver == "sinkhorn":
         return sinkhorn(masses[0], masses[1], cost, epsilon=epsilon)
-    if solver != "exact":
-        raise InputError(f'solver is {solver!r}: choose "exact" or "sinkhorn".')
-    if epsilon is not None:
-        raise InputError('epsilon is of use to solver="sinkhorn" only: leave it out, or choose that solver.')
     return exact_transport(masses[0], masses[1], cost)
 
 
@@ -59,6 +72,4 @@ def _ground_cost(before: GaussianMixture, after: GaussianMixture, name: str) -> 
     means = jnp.asarray(before.means), jnp.asarray(after.means)
     if name == "euclidean":
         return euclidean(*means)
-    if name == "bures_wasserstein":
-        return bures_wasserstein(means[0], jnp.asarray(before.covariances), means[1], jnp.asarray(after.covariances))
-    raise InputError(f'ground_cost is {name!r}: choose "euclidean" or "bures_wasserstein".')
+    return bures_wasserstein(means[0], jnp.asarray(before.covariances), means[1], jnp.asarray(after.covariances))

@@ -20,7 +20,7 @@ def as_users_have_it(settings):
 
 
 def test_unknown_settings_are_named_with_the_known_ones():
-    with pytest.raises(InputError, match="colour; known are .*voxel_size"):
+    with pytest.raises(InputError, match=r"colour; known are .*voxel_size"):
         DetectionConfig.from_dict({"colour": "red"})
 
 
@@ -31,6 +31,7 @@ def test_unknown_settings_are_named_with_the_known_ones():
         (dict(kinds="moved"), "kinds='moved'"),
         (dict(restarts=0), "restarts=0"),
         (dict(restarts=True), "restarts=True"),
+        (dict(restarts="many"), "restarts='many'"),
         (dict(seed=-1), "seed=-1"),
         (dict(max_points=10), "max_points=10"),
         (dict(max_components=0), "max_components=0"),

@@ -156,7 +156,7 @@ def test_clouds_that_cannot_be_compared_are_named(scene, before, message):
 
 
 def test_too_many_components_are_refused(scene):
-    with pytest.raises(InputError, match="max_components=2000 is more than the 1.*choose at most 12"):
+    with pytest.raises(InputError, match=r"max_components=2000 is more than the 1.*choose at most 12"):
         detect_changes(scene.before, scene.after, config=DetectionConfig(max_components=2000))
 
 

@@ -152,7 +152,7 @@ def test_bad_input_is_named(points, change, message):
 def test_failure_is_raised_once_or_returned(points):
     flat = points * np.array([1, 1, 0])
     arguments = dict(key=KEY, prior=Prior.figueiredo_jain(3, 0.0), restarts=2)
-    with pytest.raises(ComputationError, match="none of 2 restarts.*noise_floor"):
+    with pytest.raises(ComputationError, match=r"none of 2 restarts.*noise_floor"):
         fit_mixture(flat, **arguments)
     fit = fit_mixture(flat, **arguments, throw=False)
     assert fit.result == FitStatus.not_finite

@@ -1,0 +1,34 @@
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+EXPECTED = {
+    "compare_mixtures.py": ["EMD 0.661", "[0.055 0.183 0.   ]", "Sinkhorn"],
+    "detect_two_files.py": ["disappeared at [1.1,", "appeared at [-2.59,", "after: 300 of 1500 points changed"],
+    "fit_a_mixture.py": ["3 Gaussians", "from six starts: [3, 3, 3, 3, 3, 3]"],
+}
+
+
+def test_every_example_is_run_here():
+    assert {path.name for path in (ROOT / "examples").glob("*.py")} == set(EXPECTED)
+
+
+@pytest.mark.parametrize("name", sorted(EXPECTED))
+def test_the_example_says_what_it_should(name, tmp_path):
+    """As a user runs it, in a process of its own; warnings are errors."""
+    paths = [str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
+    done = subprocess.run(
+        [sys.executable, "-W", "error::UserWarning", ROOT / "examples" / name],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    for words in EXPECTED[name]:
+        assert words in done.stdout
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,57 @@
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+HEAVY = {"open3d", "ott", "plotly", "matplotlib", "laspy", "pandas", "sklearn", "tyro", "rich"}
+
+# JAX's settings before and after, the modules that are there, and whether JAX can still be told its devices.
+LOOK = """
+import json, sys
+import jax
+before = dict(jax.config.values)
+import gmmjax
+after = dict(jax.config.values)
+jax.config.update("jax_num_cpu_devices", 2)
+print(json.dumps({
+    "changed": sorted(name for name in after if after[name] != before.get(name)),
+    "settings": len(after),
+    "x64": jax.config.jax_enable_x64,
+    "modules": sorted(name for name in sys.modules if "." not in name),
+    "devices": len(jax.devices("cpu")),
+}))
+"""
+
+
+@pytest.fixture(scope="module")
+def imported():
+    """What a fresh process says after `import gmmjax`, where every warning is an error."""
+    paths = [str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
+    environment["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
+    done = subprocess.run([sys.executable, "-W", "error", "-c", LOOK], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout), done.stderr
+
+
+def test_nothing_is_said(imported):
+    assert imported[1] == ""
+
+
+def test_no_heavy_module_is_imported(imported):
+    assert HEAVY.isdisjoint(imported[0]["modules"])
+
+
+def test_no_setting_of_jax_is_changed(imported):
+    found, _ = imported
+    assert found["settings"] > 50
+    assert found["changed"] == []
+    assert found["x64"] is False
+
+
+def test_no_device_is_started(imported):
+    assert imported[0]["devices"] == 2
