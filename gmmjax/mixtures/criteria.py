@@ -4,7 +4,7 @@ import math
 from typing import Literal, get_args
 
 import jax.numpy as jnp
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from gmmjax._typing import Array, Scalar
 from gmmjax.mixtures.covariance_type import CovarianceType, parameters_per_component, shared_parameters
@@ -12,12 +12,6 @@ from gmmjax.mixtures.mixture import GaussianMixture
 
 Criterion = Literal["mdl", "bic", "aic"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
-
-
-def number_of_parameters(mixture: GaussianMixture, covariance_type: CovarianceType = "full") -> Int[Array, ""]:
-    """J, the free parameters of the live mixture with its K - 1 free weights; 10 K - 1 for full covariances in 3-D."""
-    per_component = parameters_per_component(mixture.dimension, covariance_type)
-    return mixture.count * (per_component + 1) - 1 + shared_parameters(mixture.dimension, covariance_type)
 
 
 def message_length(
@@ -68,7 +62,7 @@ def bayesian_information_criterion(
     covariance_type: CovarianceType = "full",
 ) -> Float[Array, ""]:
     r"""BIC, equation (2.14): $-\log L + J/2 \log n$. Arguments as in `message_length`."""
-    free = number_of_parameters(mixture, covariance_type).astype(mixture.weights.dtype)
+    free = mixture.number_of_parameters(covariance_type).astype(mixture.weights.dtype)
     return -log_likelihood + free / 2 * jnp.log(observations)
 
 
@@ -84,7 +78,7 @@ def akaike_information_criterion(
     Arguments as in `message_length`.
     """
     del observations
-    free = number_of_parameters(mixture, covariance_type).astype(mixture.weights.dtype)
+    free = mixture.number_of_parameters(covariance_type).astype(mixture.weights.dtype)
     return -log_likelihood + 2 * free
 
 

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int, PRNGKeyArray
 
 from gmmjax._typing import Array, Scalar
+from gmmjax.mixtures.covariance_type import CovarianceType, parameters_per_component, shared_parameters
 
 
 class GaussianMixture(eqx.Module):
@@ -53,6 +54,11 @@ class GaussianMixture(eqx.Module):
     def count(self) -> Int[Array, "..."]:
         """How many components are live: the K of the papers. Of a batch of mixtures, each one's."""
         return jnp.sum(self.live, axis=-1)
+
+    def number_of_parameters(self, covariance_type: CovarianceType = "full") -> Int[Array, "..."]:
+        """J, the free parameters of the live components and K - 1 free weights: 10 K - 1 for full ones in 3-D."""
+        per_component = parameters_per_component(self.dimension, covariance_type)
+        return self.count * (per_component + 1) - 1 + shared_parameters(self.dimension, covariance_type)
 
     def log_joint(self, points: Float[Array, "n d"]) -> Float[Array, "n k"]:
         r"""$\log w_k N(x_n; \mu_k, \Sigma_k)$ for every point and slot; minus infinity in dead slots.

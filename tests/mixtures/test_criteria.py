@@ -8,7 +8,6 @@ from gmmjax.mixtures import (
     bayesian_information_criterion,
     message_length,
     minimum_description_length,
-    number_of_parameters,
     parameters_per_component,
 )
 from gmmjax.mixtures.criteria import criterion_score
@@ -18,19 +17,19 @@ from tests.mixtures.examples import cloud, random_mixture
 def test_full_covariances_in_space_have_ten_parameters_each():
     """J = 10 K - 1 (thesis 2.2.2)."""
     assert parameters_per_component(3) == 9
-    assert number_of_parameters(random_mixture(components=4, slots=9)) == 39
+    assert random_mixture(components=4, slots=9).number_of_parameters() == 39
 
 
 @pytest.mark.parametrize(("ours", "theirs"), [("full", "full"), ("diagonal", "diag"), ("spherical", "spherical")])
 @pytest.mark.parametrize("dimension", [2, 3, 6])
 def test_parameters_are_those_of_scikit_learn(ours, theirs, dimension):
     peer = ScikitMixture(4, covariance_type=theirs, max_iter=200).fit(cloud(dimension))
-    assert number_of_parameters(random_mixture(dimension=dimension), ours) == peer._n_parameters()
+    assert random_mixture(dimension=dimension).number_of_parameters(ours) == peer._n_parameters()
 
 
 def test_tied_covariance_is_counted_once():
     peer = ScikitMixture(4, covariance_type="tied", max_iter=200).fit(cloud())
-    assert number_of_parameters(random_mixture(), "tied") == peer._n_parameters()
+    assert random_mixture().number_of_parameters("tied") == peer._n_parameters()
 
 
 def test_scores_are_the_equations(float64):
