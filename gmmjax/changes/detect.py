@@ -14,9 +14,9 @@ from jaxtyping import ArrayLike, Bool, Float
 
 from gmmjax._typing import Array, Scalar
 from gmmjax.changes.change import Changes
-from gmmjax.changes.config import DetectionConfig, Method
+from gmmjax.changes.config import DetectionConfig, Kinds, Method
 from gmmjax.changes.consensus import CloudConsensus, cloud_consensus, merged, votes_of_pairs
-from gmmjax.changes.greedy import remove_extra
+from gmmjax.changes.greedy import remove_changed
 from gmmjax.changes.preparation import PreparedCloud, PreparedPair, prepare_pair
 from gmmjax.changes.unmatched import unmatched_shares
 from gmmjax.clouds import PointCloud
@@ -178,7 +178,7 @@ def _compare(mixtures: tuple[GaussianMixture, GaussianMixture], pair: PreparedPa
     masses = float(pair.before.weighted.mass.sum()), float(pair.after.weighted.mass.sum())
     with jax.enable_x64(True):
         if config.method == "greedy":
-            compared = _greedy_pairs(*mixtures)
+            compared = _greedy_pairs(*mixtures, config.kinds)
         else:
             compared = _transport_pairs(*mixtures, *masses, config.penalty, config.threshold)
         changed_before, changed_after, emd, valid = (np.asarray(part) for part in compared)
@@ -200,13 +200,13 @@ def _compare(mixtures: tuple[GaussianMixture, GaussianMixture], pair: PreparedPa
 _Compared = tuple[Bool[Array, "r0 r1 k0"], Bool[Array, "r0 r1 k1"], Float[Array, "r0 r1"], Bool[Array, "r0 r1"]]
 
 
-@jax.jit
-def _greedy_pairs(before: GaussianMixture, after: GaussianMixture) -> _Compared:
-    """Algorithm 1 forward for appearances, and swapped for disappearances (4.5.1), for all pairs of restarts."""
+@functools.partial(jax.jit, static_argnames="kinds")
+def _greedy_pairs(before: GaussianMixture, after: GaussianMixture, kinds: Kinds) -> _Compared:
+    """Algorithm 1 for all pairs of restarts."""
 
     def compare(before: GaussianMixture, after: GaussianMixture) -> tuple[JaxArray, JaxArray, JaxArray, JaxArray]:
-        appeared, disappeared = remove_extra(before, after), remove_extra(after, before)
-        return disappeared.removed, appeared.removed, appeared.emd_before, appeared.valid & disappeared.valid
+        removals = remove_changed(before, after, kinds)
+        return removals.disappeared, removals.appeared, removals.emd_before, removals.valid
 
     return _over_pairs(compare)(before, after)
 

@@ -9,6 +9,7 @@ from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float
 
 from gmmjax._typing import Array
+from gmmjax.changes.config import Kinds
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.transport import TransportStatus, exact_transport
 from gmmjax.transport.ground_cost import euclidean
@@ -18,68 +19,88 @@ SMALLEST_GAIN = 1e-9
 
 
 class Removals(eqx.Module):
-    """Which Gaussians of a mixture were removed.
+    """Which Gaussians of the two mixtures were removed.
 
     Attributes:
-        removed: the slots that were removed.
+        disappeared: the slots that were removed from the before mixture.
+        appeared: the slots that were removed from the after mixture.
         emd: earth mover's distance that is left after the removals, in the unit of the means.
         emd_before: earth mover's distance before the first removal.
         valid: whether every transport problem on the way was solved.
     """
 
-    removed: Bool[Array, " k"]
+    disappeared: Bool[Array, " k0"]
+    appeared: Bool[Array, " k1"]
     emd: Float[Array, ""]
     emd_before: Float[Array, ""]
     valid: Bool[Array, ""]
 
 
 class _State(NamedTuple):
-    removed: JaxArray
+    kept_before: JaxArray
+    kept_after: JaxArray
     emd: JaxArray
     improved: JaxArray
     valid: JaxArray
 
 
-def remove_extra(reference: GaussianMixture, mixture: GaussianMixture) -> Removals:
-    """Algorithm 1: greedily removes from `mixture` the Gaussian whose removal lowers the EMD to `reference` most.
+def remove_changed(before: GaussianMixture, after: GaussianMixture, kinds: Kinds = "both") -> Removals:
+    """Algorithm 1: greedily removes the Gaussian whose removal lowers the EMD between the mixtures most.
 
-    It goes on until no removal lowers the distance. The weights that are left are renormalised after each removal, as
-    in the thesis; the ground cost is the Euclidean distance of the means (3.1.8). Unlike the thesis's published code,
-    every Gaussian is tried and every removal is compared with the latest distance.
+    It goes on until no removal lowers the distance. The weights that are left in a mixture are renormalised after each
+    removal, as in the thesis; the ground cost is the Euclidean distance of the means (3.1.8). Unlike the thesis's
+    published code, every Gaussian is tried and every removal is compared with the latest distance.
 
-    With `reference` before and `mixture` after the removed ones appeared; swapped, they disappeared (4.5.1).
+    For appearances Gaussians are removed from `after`; for disappearances the mixtures are swapped (4.5.1). For both
+    kinds every step tries all Gaussians of both mixtures and removes the best. Two separate runs, one each way, would
+    not see what the other one removed: they report disappearances where something only appeared, and find less where
+    both kinds occur together.
 
     Args:
-        reference: the mixture to compare with, k0 slots.
-        mixture: the mixture to remove from, k slots; at least one Gaussian is left in it.
+        before: mixture of the before cloud, k0 slots.
+        after: mixture of the after cloud, k1 slots. At least one Gaussian is left in either.
+        kinds: "appeared", "disappeared" or "both".
     """
-    cost = euclidean(reference.means, mixture.means)
-    masses = jnp.asarray(mixture.weights)
+    cost = euclidean(before.means, after.means)
+    slots_before = len(before.weights)
 
-    def distance(kept: JaxArray) -> tuple[JaxArray, JaxArray]:
-        left = jnp.where(kept, masses, 0)
-        result = exact_transport(reference.weights, left / jnp.sum(left), cost)
+    def distance(kept_before: JaxArray, kept_after: JaxArray) -> tuple[JaxArray, JaxArray]:
+        result = exact_transport(_normalised(before, kept_before), _normalised(after, kept_after), cost)
         return result.cost, result.result == TransportStatus.optimal
 
-    smallest_gain = SMALLEST_GAIN * jnp.max(jnp.where(reference.live[:, None] & mixture.live[None], cost, 0))
+    smallest_gain = SMALLEST_GAIN * jnp.max(jnp.where(before.live[:, None] & after.live[None], cost, 0))
 
     def remove_best(state: _State) -> _State:
-        kept = mixture.live & ~state.removed
-        removable = kept & (jnp.sum(kept) > 1)
-        without = kept[None] & ~jnp.eye(len(kept), dtype=bool)
-        # Slots that cannot be removed are tried as they are, so that every lane is a proper problem.
-        emds, valid = jax.vmap(distance)(jnp.where(removable[:, None], without, kept[None]))
+        removable_before = _removable(state.kept_before, kinds in ("both", "disappeared"))
+        removable_after = _removable(state.kept_after, kinds in ("both", "appeared"))
+        removable = jnp.concatenate([removable_before, removable_after])
+        # One trial a slot of either mixture; one that cannot be removed is tried as it is, a problem like the others.
+        trial = jnp.diag(removable)
+        trials_before = state.kept_before[None] & ~trial[:, :slots_before]
+        trials_after = state.kept_after[None] & ~trial[:, slots_before:]
+        emds, valid = jax.vmap(distance)(trials_before, trials_after)
         emds = jnp.where(removable, emds, jnp.inf)
         best = jnp.argmin(emds)
         improved = emds[best] < state.emd - smallest_gain
         return _State(
-            removed=state.removed | (improved & (jnp.arange(len(kept)) == best)),
+            kept_before=jnp.where(improved, trials_before[best], state.kept_before),
+            kept_after=jnp.where(improved, trials_after[best], state.kept_after),
             emd=jnp.where(improved, emds[best], state.emd),
             improved=improved,
             valid=state.valid & jnp.all(valid),
         )
 
-    emd, valid = distance(jnp.asarray(mixture.live))
-    start = _State(jnp.zeros_like(mixture.live), emd, jnp.asarray(True), valid)
+    live_before, live_after = jnp.asarray(before.live), jnp.asarray(after.live)
+    emd, valid = distance(live_before, live_after)
+    start = _State(live_before, live_after, emd, jnp.asarray(True), valid)
     end = jax.lax.while_loop(lambda state: state.improved & state.valid, remove_best, start)
-    return Removals(end.removed, end.emd, emd, end.valid)
+    return Removals(live_before & ~end.kept_before, live_after & ~end.kept_after, end.emd, emd, end.valid)
+
+
+def _normalised(mixture: GaussianMixture, kept: JaxArray) -> JaxArray:
+    weights = jnp.where(kept, mixture.weights, 0)
+    return weights / jnp.sum(weights)
+
+
+def _removable(kept: JaxArray, wanted: bool) -> JaxArray:
+    return kept & (jnp.sum(kept) > 1) & wanted
