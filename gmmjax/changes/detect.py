@@ -13,7 +13,7 @@ from jaxtyping import Array as JaxArray
 from jaxtyping import ArrayLike, Bool, Float
 
 from gmmjax._typing import Array, Scalar
-from gmmjax.changes.change import Changes
+from gmmjax.changes.change import Changes, Kind
 from gmmjax.changes.config import DetectionConfig, Kinds, Method
 from gmmjax.changes.consensus import CloudConsensus, cloud_consensus, merged, votes_of_pairs
 from gmmjax.changes.greedy import remove_changed
@@ -240,7 +240,7 @@ def _consensus(
     mixtures: GaussianMixture,
     fits: Fit,
     votes: np.ndarray,
-    kind: Any,
+    kind: Kind,
     config: DetectionConfig,
 ) -> CloudConsensus:
     reference = int(np.argmin(fits.message_length))

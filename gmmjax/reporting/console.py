@@ -143,7 +143,8 @@ def print_evaluation(rows: Sequence[Mapping[str, Any]], summary: Mapping[str, Ma
     """
     table = _plain_table()
     for column in rows[0]:
-        table.add_column(column.replace("_", " "), justify="left" if column in ("method", "condition") else "right")
+        is_text = isinstance(rows[0][column], str)
+        table.add_column(column.replace("_", " "), justify="left" if is_text else "right", no_wrap=is_text)
     for row in rows:
         table.add_row(*(f"{cell:.3f}" if isinstance(cell, float) else str(cell) for cell in row.values()))
     Console().print(table)

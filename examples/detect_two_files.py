@@ -1,0 +1,48 @@
+"""What changed between two files.
+
+`python examples/detect_two_files.py` simulates a pair of scans; with the names of two files, of any format that gmmjax
+reads, it takes those.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from gmmjax import Changes, DetectionConfig, detect_changes, read_cloud
+from gmmjax.clouds import write_ply
+from gmmjax.scenes import random_scene
+
+
+def simulated_pair(folder: Path) -> tuple[Path, Path]:
+    """Five Gaussians; one disappears, another one appears."""
+    scene = random_scene(jax.random.key(0), start=5, appeared=1, disappeared=1, points=300)
+    before, after = folder / "before.ply", folder / "after.ply"
+    write_ply(before, scene.before)
+    write_ply(after, scene.after)
+    return before, after
+
+
+def report(changes: Changes) -> None:
+    for label, change in enumerate(changes.items):
+        centre = np.round(change.mean, 2).tolist()
+        print(f"{label}: {change.kind} at {centre}, {change.points} points, probability {change.probability:.2f}")
+    for side, labels in (("before", changes.labels_before), ("after", changes.labels_after)):
+        print(f"{side}: {(labels >= 0).sum()} of {len(labels)} points changed")
+
+
+def main(before: Path, after: Path, folder: Path) -> None:
+    # Things may have appeared and disappeared: partial transport finds both together.
+    config = DetectionConfig(method="transport", restarts=4)
+    changes = detect_changes(read_cloud(before), read_cloud(after), config=config)
+    report(changes)
+    changes.save(folder / "result")
+    assert len(Changes.load(folder / "result").items) == len(changes.items)
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as temporary:
+        paths = [Path(path) for path in sys.argv[1:]] or simulated_pair(Path(temporary))
+        main(*paths, Path(temporary))
