@@ -134,7 +134,6 @@ def _fit_both(pair: PreparedPair, config: DetectionConfig, report: Progress) -> 
     keys = jax.random.split(jax.random.key(config.seed), 2)
 
     def fit(name: str, cloud: PreparedCloud, key: JaxArray) -> Fit:
-        observations = float(cloud.weighted.mass.sum())
         fits = fit_restarts(
             cloud.weighted.points,
             mass=cloud.weighted.mass,
@@ -142,7 +141,7 @@ def _fit_both(pair: PreparedPair, config: DetectionConfig, report: Progress) -> 
             max_components=pair.max_components,
             prior=_prior(cloud, pair.voxel_size, config),
             restarts=config.restarts,
-            settings=FitSettings(patience=PATIENCE * observations),
+            settings=FitSettings(patience=PATIENCE),
             progress=lambda: report("Fitting the mixtures", 0.15 + 0.65 * next(done) / (2 * config.restarts)),
         )
         finite = np.asarray(fits.result != FitStatus.not_finite)

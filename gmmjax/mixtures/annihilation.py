@@ -51,8 +51,8 @@ class FitSettings:
             knows no tied covariance.
         tolerance: convergence at a gain of log likelihood below this, in nats an observation.
         max_steps: steps at the most for each number of components.
-        patience: nats by which the message length may rise above the best one before the fit is ended early; infinity
-            goes on down to `min_components`, as FJ02 do.
+        patience: nats an observation by which the message length may rise above the best one before the fit is ended
+            early; infinity goes on down to `min_components`, as FJ02 do.
     """
 
     min_components: int = 1
@@ -159,7 +159,7 @@ def _step(state: _State, chunks: FeatureChunks, prior: Prior, settings: FitSetti
     died = updated.count < mixture.count
     finite = jnp.isfinite(log_likelihood)
     exhausted = at_rest & (mixture.count <= settings.min_components)
-    hopeless = at_rest & (length > best.message_length + settings.patience)
+    hopeless = at_rest & (length > best.message_length + settings.patience * observations)
     return _State(
         mixture=updated,
         previous=jnp.where(died, -jnp.inf, log_likelihood),

@@ -89,7 +89,7 @@ def test_settings_are_kept(float64):
     hurried = fit(points, jax.random.key(0), settings=FitSettings(max_steps=1))
     assert hurried.result == FitStatus.step_limit
     patient = fit(points, jax.random.key(0))
-    impatient = fit(points, jax.random.key(0), settings=FitSettings(patience=20.0))
+    impatient = fit(points, jax.random.key(0), settings=FitSettings(patience=20.0 / len(points.mass)))
     assert impatient.steps < patient.steps
     assert_mixtures_close(impatient.mixture, patient.mixture)
 
