@@ -1,7 +1,7 @@
 """EM with annihilation: from many components down, the best message length wins (FJ02; thesis 2.2.2)."""
 
 import dataclasses
-from typing import Literal, NamedTuple, TypeVar
+from typing import Literal, NamedTuple, TypeVar, get_args
 
 import equinox as eqx
 import jax
@@ -10,8 +10,9 @@ from jaxtyping import Array as JaxArray
 from jaxtyping import Float, Int
 
 from gmmjax._typing import Array
+from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures.component_wise import component_wise_sweep
-from gmmjax.mixtures.covariance_type import CovarianceType
+from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES, CovarianceType
 from gmmjax.mixtures.criteria import message_length
 from gmmjax.mixtures.expectation_maximisation import FeatureChunks, annihilating_maximisation, expectation
 from gmmjax.mixtures.mixture import GaussianMixture
@@ -61,6 +62,23 @@ class FitSettings:
     tolerance: float = 1e-5
     max_steps: int = 100
     patience: float = float("inf")
+
+    def __post_init__(self) -> None:
+        """Checks every setting.
+
+        Raises:
+            InputError: a setting out of its range, by name.
+        """
+        check_choice("covariance_type", self.covariance_type, COVARIANCE_TYPES)
+        check_choice("step", self.step, get_args(Step))
+        if self.step == "component-wise" and self.covariance_type == "tied":
+            raise InputError("covariance_type='tied' belongs to no single component; choose step='joint'")
+        for name in ("min_components", "max_steps"):
+            if getattr(self, name) < 1:
+                raise InputError(f"{name}={getattr(self, name)} must be at least 1")
+        for name in ("tolerance", "patience"):
+            if not getattr(self, name) >= 0:
+                raise InputError(f"{name}={getattr(self, name)} must not be negative")
 
 
 class Fit(eqx.Module):

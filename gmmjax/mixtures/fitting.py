@@ -13,7 +13,7 @@ from jaxtyping import ArrayLike, PRNGKeyArray
 from gmmjax._host import available_cores, is_traced, to_numpy
 from gmmjax.errors import ComputationError, InputError, check_choice
 from gmmjax.mixtures.annihilation import NOT_FINITE, Fit, FitSettings, FitStatus, fit_by_annihilation
-from gmmjax.mixtures.covariance_type import parameters_per_component
+from gmmjax.mixtures.covariance_type import CovarianceType, parameters_per_component
 from gmmjax.mixtures.frame import Frame
 from gmmjax.mixtures.prior import Prior
 from gmmjax.mixtures.seeding import initial_mixture
@@ -51,8 +51,8 @@ def fit_mixture(
         key: random key of the starts, `jax.random.key(seed)`.
         mass: how many observations each point stands for [n]; default 1 each. Mass 0 is padding.
         max_components: annihilation starts from this number of components (K_max).
-        prior: belief about weights and noise. Default: `Prior.figueiredo_jain` with a noise floor of a thousandth of
-            the points' spread: 1 mm for a scan of 2 m (5 mm in float32).
+        prior: belief about weights and noise; not used by the grid search. Default: `Prior.figueiredo_jain` with a
+            noise floor of a thousandth of the points' spread: 1 mm for a scan of 2 m (5 mm in float32).
         restarts: fits from different random starts; the one with the shortest message length is returned
             (`fit_restarts` returns all).
         method: "annihilation", or "grid" for the grid search over 1 to `max_components` and all covariance types by MDL
@@ -82,6 +82,7 @@ def fit_mixture(
             restarts=restarts,
             settings=settings,
             precision=precision,
+            throw=throw,
         ).fit
     fits = fit_restarts(
         points,
@@ -129,11 +130,11 @@ def fit_restarts(
     if restarts < 1:
         raise InputError(f"restarts={restarts} must be at least 1")
     if is_traced(points, mass, key, prior):
-        traced = _traced_points(points, mass)
+        traced = traced_points(points, mass)
         _check_components(max_components, len(traced.points))
         keys = jax.random.split(key, restarts)
         return jax.vmap(lambda key: fit_in_frame(traced, key, prior, max_components, settings))(keys)
-    checked = checked_points(points, mass, parameters_per_component(np.shape(points)[-1], settings.covariance_type))
+    checked = checked_points(points, mass, settings.covariance_type)
     _check_components(max_components, int(np.count_nonzero(checked.mass)))
 
     def fit_one(key: PRNGKeyArray, points: WeightedPoints) -> Fit:
@@ -175,7 +176,9 @@ def best_fit(fits: Fit, *, throw: bool = True) -> Fit:
     return jax.tree.map(lambda leaf: np.asarray(leaf[int(best)]), fits)
 
 
-def checked_points(points: ArrayLike, mass: ArrayLike | None, parameters: int) -> WeightedPoints:
+def checked_points(
+    points: ArrayLike, mass: ArrayLike | None, covariance_type: CovarianceType = "full"
+) -> WeightedPoints:
     """Points and masses in float64, checked on the host.
 
     Raises:
@@ -192,6 +195,7 @@ def checked_points(points: ArrayLike, mass: ArrayLike | None, parameters: int) -
     unusable = int((~np.isfinite(coordinates)).any(axis=1).sum())
     if unusable:
         raise InputError(f"points has {unusable} rows with NaN or infinite coordinates; drop them first")
+    parameters = parameters_per_component(coordinates.shape[1], covariance_type)
     if masses.sum() <= parameters:
         raise InputError(
             f"points has {masses.sum():g} observations; a single Gaussian in {coordinates.shape[1]} dimensions has "
@@ -242,7 +246,8 @@ def _prior_in_frame(prior: Prior | None, frame: Frame, settings: FitSettings, pr
     return Prior.figueiredo_jain(len(frame.origin), RELATIVE_NOISE_FLOOR[precision], settings.covariance_type)
 
 
-def _traced_points(points: ArrayLike, mass: ArrayLike | None) -> WeightedPoints:
+def traced_points(points: ArrayLike, mass: ArrayLike | None) -> WeightedPoints:
+    """Points and masses as JAX arrays, for tracing; nothing of their values is checked."""
     coordinates = jnp.asarray(points)
     return WeightedPoints(
         coordinates, jnp.ones(len(coordinates), coordinates.dtype) if mass is None else jnp.asarray(mass)

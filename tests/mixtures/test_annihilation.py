@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from gmmjax import InputError
 from gmmjax.mixtures import FitSettings, FitStatus, Prior, WeightedPoints, fit_by_annihilation, initial_mixture
 from gmmjax.scenes import fixed_scene, random_scene
 from tests.mixtures.examples import assert_mixtures_close, weighted
@@ -104,3 +105,18 @@ def test_singular_covariances_are_a_status_for_each_lane(float64):
     )
     np.testing.assert_array_equal(batch.result == FitStatus.not_finite, [True, False])
     assert np.isfinite(batch.mixture.means).all()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (dict(step="component-wise", covariance_type="tied"), "tied.*joint"),
+        (dict(min_components=0), "min_components=0"),
+        (dict(max_steps=0), "max_steps=0"),
+        (dict(tolerance=-1.0), "tolerance=-1"),
+        (dict(patience=float("nan")), "patience=nan"),
+    ],
+)
+def test_bad_settings_are_named(settings, message):
+    with pytest.raises(InputError, match=message):
+        FitSettings(**settings)

@@ -30,22 +30,39 @@ def test_finds_the_four_diagonal_gaussians(search):
 
 def test_scores_are_complete_and_their_minimum_wins(search):
     assert set(search.scores) == {"mdl", "bic", "aic"}
-    assert set(search.scores["mdl"]) == {"full", "diagonal", "spherical", "tied"}
-    scores = np.array(list(search.scores["mdl"].values()))
+    assert search.covariance_types == ("full", "diagonal", "spherical", "tied")
+    scores = search.scores["mdl"]
     assert scores.shape == (4, 4) and np.isfinite(scores).all()
-    assert search.scores["mdl"]["diagonal"][1] == scores.min()
+    assert scores[search.covariance_types.index("diagonal"), 1] == scores.min()
 
 
 def test_bic_is_that_of_scikit_learn(points, search):
     peers = [ScikitMixture(4, covariance_type="diag", n_init=3, random_state=0, tol=1e-5, max_iter=100)]
     expected = peers[0].fit(points).bic(points) / 2
-    np.testing.assert_allclose(search.scores["bic"]["diagonal"][1], expected, atol=0.5)
+    np.testing.assert_allclose(search.scores["bic"][1, 1], expected, atol=0.5)
 
 
 def test_criteria_can_choose_differently(points):
     chosen = grid_search(points, key=KEY, components=[4], covariance_types=["spherical", "full"], criterion="aic")
     assert chosen.covariance_type == "full"
     assert chosen.components == (4,)
+
+
+def test_traced_search_equals_the_host_search(points):
+    """Under jit and vmap over clouds."""
+    grid = dict(components=(3, 4), covariance_types=("full", "diagonal"), restarts=2)
+
+    def search(points):
+        return grid_search(points, key=KEY, **grid)
+
+    clouds = [points, points[::-1] + 1.0]
+    with jax.enable_x64(True):
+        batch = jax.jit(jax.vmap(search))(np.stack(clouds))
+    for index, cloud in enumerate(clouds):
+        host = search(cloud)
+        np.testing.assert_allclose(batch.scores["mdl"][index], host.scores["mdl"], rtol=1e-8)
+        assert int(batch.type_index[index]) == int(host.type_index)
+        np.testing.assert_allclose(batch.fit.mixture.weights[index], host.fit.mixture.weights, atol=1e-8)
 
 
 @pytest.mark.parametrize(
