@@ -11,6 +11,7 @@ import numpy as np
 from gmmjax.changes.change import Box, Change, Changes
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.clouds.atomic import atomic_write
+from gmmjax.clouds.files import read_json_record
 from gmmjax.errors import InputError
 
 SCHEMA_VERSION = 1
@@ -54,7 +55,7 @@ def load_changes(path: str | os.PathLike[str]) -> Changes:
     file = Path(path)
     if file.is_dir():
         file = file / CHANGES_FILE
-    content = _read_json(file)
+    content = read_json_record(file, SCHEMA_VERSION, "run the detection again")
     arrays = _read_labels(file.with_name(LABELS_FILE))
     try:
         return Changes(
@@ -66,19 +67,6 @@ def load_changes(path: str | os.PathLike[str]) -> Changes:
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{file}: is not a complete record of changes ({error!r}); run the detection again") from error
-
-
-def _read_json(file: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror or error}; name the folder that holds it") from error
-    except ValueError as error:
-        raise InputError(f"{file}: is not JSON ({error}); run the detection again") from error
-    version = content.get("schema_version") if isinstance(content, dict) else None
-    if version != SCHEMA_VERSION:
-        raise InputError(f"{file}: has schema version {version}, this gmmjax reads version {SCHEMA_VERSION}")
-    return dict(content)
 
 
 def _read_labels(file: Path) -> dict[str, np.ndarray]:

@@ -1,7 +1,9 @@
 """Files on their way in: what is wrong with a path is said once, with the remedy."""
 
+import json
 import os
 from pathlib import Path
+from typing import Any
 
 from gmmjax.errors import InputError
 
@@ -52,3 +54,27 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
         return file.read_bytes()
     except (OSError, MemoryError) as error:
         raise InputError(f"{file}: cannot be read ({error!r}); copy it to a local disk and try again") from error
+
+
+def read_json_record(path: str | os.PathLike[str], schema_version: int, remedy: str) -> dict[str, Any]:
+    """A JSON object that gmmjax wrote.
+
+    Args:
+        path: the file.
+        schema_version: what its "schema_version" must be.
+        remedy: what to do where the file is damaged.
+
+    Raises:
+        InputError: the file cannot be read, is no JSON, or is of another schema version.
+    """
+    file = Path(path)
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror}); name the folder that holds it") from error
+    except ValueError as error:
+        raise InputError(f"{file}: is not JSON ({error}); {remedy}") from error
+    version = content.get("schema_version") if isinstance(content, dict) else None
+    if version != schema_version:
+        raise InputError(f"{file}: has schema version {version}, this gmmjax reads version {schema_version}")
+    return dict(content)

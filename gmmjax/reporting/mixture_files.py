@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gmmjax.clouds import atomic_write
+from gmmjax.clouds.files import read_json_record
 from gmmjax.errors import InputError
 from gmmjax.mixtures import Fit, FitStatus, GaussianMixture
 from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder
@@ -88,15 +89,7 @@ def read_mixture(path: str | os.PathLike[str]) -> GaussianMixture:
     file = Path(path)
     if file.is_dir():
         file = file / MIXTURE_FILE
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read ({error.strerror}); name the folder that holds it") from error
-    except ValueError as error:
-        raise InputError(f"{file}: is not JSON ({error}); run the fit again") from error
-    version = content.get("schema_version") if isinstance(content, dict) else None
-    if version != SCHEMA_VERSION:
-        raise InputError(f"{file}: has schema version {version}, this gmmjax reads version {SCHEMA_VERSION}")
+    content = read_json_record(file, SCHEMA_VERSION, "run the fit again")
     try:
         arrays = {name: np.array(content[name], np.float64) for name in _ARRAYS}
         _check_shapes(**arrays)
