@@ -116,6 +116,15 @@ def test_large_clouds_are_reduced_and_every_point_is_labelled():
     assert scores.f1 == 1
 
 
+def test_a_voxel_of_many_points_is_no_gaussian():
+    """One Gaussian in a grid as coarse as a tenth of it is still one."""
+    random = np.random.default_rng(0)
+    before, after = random.normal(size=(2, 6000, 3))
+    changes = detect_changes(before, after, config=DetectionConfig(restarts=2, voxel_size=0.4, max_components=20))
+    assert changes.diagnostics["before"]["components"] == [1, 1]
+    assert not changes.items
+
+
 def test_the_same_seed_gives_the_same_result(scene, changes):
     again = detect_changes(scene.before, scene.after, method="transport", seed=0, config=CONFIG)
     np.testing.assert_array_equal(again.probability_after, changes.probability_after)

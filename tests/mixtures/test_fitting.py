@@ -105,6 +105,15 @@ def test_planes_and_lines_are_fitted(points, scale, precision):
     assert np.isfinite(fit.mixture.log_density(flat)).all()
 
 
+def test_the_default_noise_floor_follows_the_unit(points):
+    """Across a plane a Gaussian is as thick as the noise floor: a thousandth of the spread."""
+    flat = points * np.array([1, 1, 0])
+    spread = np.sqrt(flat.var(axis=0).mean())
+    for unit in (1.0, 1000.0):
+        covariances = fit_mixture(unit * flat, key=KEY).mixture.live_part().covariances
+        np.testing.assert_allclose(np.sqrt(covariances[:, 2, 2]), 1e-3 * spread * unit, rtol=1e-6)
+
+
 def test_noise_floor_is_in_the_unit_of_the_points(points):
     fit = fit_mixture(points, key=KEY, prior=Prior.figueiredo_jain(3, noise_floor=0.5))
     assert np.linalg.eigvalsh(fit.mixture.live_part().covariances).min() >= 0.25
