@@ -1,6 +1,7 @@
 """The settings of change detection: one frozen record with documented defaults."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, Literal, get_args
 
 from gmmjax.errors import InputError, check_choice
@@ -21,6 +22,8 @@ class DetectionConfig:
         restarts: random restarts of each cloud's fit; every pair of restarts votes on the changes.
         seed: of the random starts. The same seed gives the same result on the same machine.
         max_components: Gaussians that each fit starts from. None: 25, or a tenth of the points where that is less.
+        crop: box that is looked at: x, y and z of its lower and then of its upper corner. Points outside are never
+            changed. None: all.
         max_points: voxels that each cloud is reduced to at the most before the fit. All points get labels all the same.
         voxel_size: edge of the voxels. None: the smallest that leaves at most `max_points` in either cloud; clouds with
             fewer points are not reduced.
@@ -39,6 +42,7 @@ class DetectionConfig:
     restarts: int = 8
     seed: int = 0
     max_components: int | None = None
+    crop: tuple[float, float, float, float, float, float] | None = None
     max_points: int = 16384
     voxel_size: float | None = None
     outlier_neighbours: int = 20
@@ -59,6 +63,8 @@ class DetectionConfig:
             _check_least(name, getattr(self, name), least, int)
         if self.max_components is not None:
             _check_least("max_components", self.max_components, 1, int)
+        if self.crop is not None:
+            object.__setattr__(self, "crop", _checked_crop(self.crop))
         for name in ("voxel_size", "noise_floor", "penalty", "outlier_ratio"):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int | float) and 0 < value < float("inf")):
@@ -82,6 +88,16 @@ class DetectionConfig:
         if unknown:
             raise InputError(f"unknown setting {', '.join(unknown)}; known are {', '.join(sorted(known))}")
         return cls(**settings)
+
+
+def _checked_crop(crop: Sequence[float]) -> tuple[float, ...]:
+    """The box as a tuple, as which TOML and JSON do not return it."""
+    numbers = tuple(crop)
+    if len(numbers) != 6 or not all(isinstance(number, int | float) for number in numbers):
+        raise InputError(f"crop={crop!r} must be six numbers: x, y, z of the lower and then of the upper corner")
+    if not all(lower < upper for lower, upper in zip(numbers[:3], numbers[3:], strict=True)):
+        raise InputError(f"crop={crop!r}: the lower corner must be below the upper one on every axis")
+    return tuple(float(number) for number in numbers)
 
 
 def _check_least(name: str, value: object, least: int, kind: type) -> None:

@@ -247,9 +247,9 @@ def _consensus(
 
 
 def _to_rows(values: np.ndarray, cloud: PreparedCloud, missing: int | float) -> np.ndarray:
-    """Values of the finite points in the rows that the caller gave."""
-    rows = np.full(len(cloud.given), missing, values.dtype)
-    rows[cloud.given] = values
+    """Values of the points in use in the rows that the caller gave."""
+    rows = np.full(len(cloud.used), missing, values.dtype)
+    rows[cloud.used] = values
     return rows
 
 
@@ -276,10 +276,12 @@ def _diagnostics(
 
 
 def _cloud_diagnostics(given: ArrayLike | PointCloud, cloud: PreparedCloud, fits: Fit) -> dict[str, Any]:
+    unplaced = len(cloud.used) - len(cloud.points) - cloud.cropped
     return {
         "source": given.source if isinstance(given, PointCloud) else None,
         "points": len(cloud.points),
-        "rows_dropped": given.rows_dropped if isinstance(given, PointCloud) else int((~cloud.given).sum()),
+        "rows_dropped": given.rows_dropped if isinstance(given, PointCloud) else unplaced,
+        "cropped": cloud.cropped,
         "outliers": cloud.outliers,
         "points_fitted": len(cloud.weighted.mass),
         "components": fits.mixture.live.sum(axis=1).tolist(),

@@ -2,12 +2,13 @@
 
 import dataclasses
 import warnings
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import ArrayLike, Bool, Float
 
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.clouds import PointCloud, statistical_outliers, voxel_grid, voxel_size_for
+from gmmjax.clouds import PointCloud, crop_box, statistical_outliers, voxel_grid, voxel_size_for
 from gmmjax.errors import InputError, InputWarning
 from gmmjax.mixtures import WeightedPoints, parameters_per_component
 
@@ -23,14 +24,16 @@ class PreparedCloud:
     """One cloud on its way into the fit.
 
     Attributes:
-        points: all finite points, in the caller's order and unit [n, 3].
-        given: which rows of the caller's array are finite: all of them for a `PointCloud`.
+        points: all finite points inside the crop box, in the caller's order and unit [n, 3].
+        used: which rows of the caller's cloud these are.
+        cropped: how many finite points lie outside the crop box.
         weighted: what is fitted: outliers left out, one point a voxel with its count as mass.
         outliers: how many points the outlier filter left out.
     """
 
     points: Float[np.ndarray, "n 3"]
-    given: Bool[np.ndarray, " rows"]
+    used: Bool[np.ndarray, " rows"]
+    cropped: int
     weighted: WeightedPoints
     outliers: int
 
@@ -56,42 +59,61 @@ def prepare_pair(
     Warns:
         InputWarning: extents that do not overlap, or that differ so much that the units must differ.
     """
-    clouds = {"before": before, "after": after}
-    checked = {name: _checked(name, cloud) for name, cloud in clouds.items()}
-    _warn_about_extents(checked["before"][0], checked["after"][0])
-    kept = {name: _without_outliers(points, config) for name, (points, _) in checked.items()}
-    size = config.voxel_size or _voxel_size(
-        [points[mask] for (points, _), mask in zip(checked.values(), kept.values(), strict=True)], config
-    )
+    checked = {name: _checked(name, cloud, config) for name, cloud in (("before", before), ("after", after))}
+    _warn_about_extents(checked["before"].points, checked["after"].points)
+    kept = {name: cloud.points[_inliers(cloud.points, config)] for name, cloud in checked.items()}
+    size = config.voxel_size or _voxel_size(list(kept.values()), config)
     prepared = {
-        name: PreparedCloud(points, given, _reduced(points[kept[name]], size), int((~kept[name]).sum()))
-        for name, (points, given) in checked.items()
+        name: PreparedCloud(
+            points=cloud.points,
+            used=cloud.used,
+            cropped=cloud.cropped,
+            weighted=_reduced(kept[name], size),
+            outliers=len(cloud.points) - len(kept[name]),
+        )
+        for name, cloud in checked.items()
     }
     return PreparedPair(**prepared, voxel_size=size, max_components=_max_components(prepared, config))
 
 
-def _checked(name: str, cloud: ArrayLike | PointCloud) -> tuple[np.ndarray, np.ndarray]:
-    """The finite points, and which rows of what was given they are."""
-    if isinstance(cloud, PointCloud):
-        points, given = cloud.points, np.ones(len(cloud), bool)
-        label = f"{name} ({cloud.source})" if cloud.source else name
-    else:
-        try:
-            rows = np.asarray(cloud, np.float64)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{name}: must be an array of numbers [n, 3] or a PointCloud ({error})") from error
-        if rows.ndim != 2 or rows.shape[1] != 3:
-            raise InputError(f"{name}: must have the shape [n, 3], not {list(rows.shape)}")
-        given = np.asarray(np.isfinite(rows).all(axis=1))
-        points, label = rows[given], name
+class _Checked(NamedTuple):
+    """The first fields of `PreparedCloud`."""
+
+    points: np.ndarray
+    used: np.ndarray
+    cropped: int
+
+
+def _checked(name: str, cloud: ArrayLike | PointCloud, config: DetectionConfig) -> _Checked:
+    rows = cloud.points if isinstance(cloud, PointCloud) else _rows(name, cloud)
+    label = f"{name} ({cloud.source})" if isinstance(cloud, PointCloud) and cloud.source else name
+    finite = np.asarray(np.isfinite(rows).all(axis=1))
+    used = finite if config.crop is None else finite & _inside(rows, config.crop)
+    points = rows[used]
     if len(points) < SMALLEST_CLOUD:
         raise InputError(
-            f"{label}: has {len(points)} point{'s' * (len(points) != 1)} with finite coordinates; "
+            f"{label}: has {len(points)} point{'s' * (len(points) != 1)} with finite coordinates"
+            f"{'' if config.crop is None else ' inside the crop box'}; "
             f"at least {SMALLEST_CLOUD} are needed to fit a Gaussian"
         )
     if np.ptp(points, axis=0).max() <= 8 * np.finfo(np.float64).eps * np.abs(points).max():
         raise InputError(f"{label}: all {len(points)} points are equal; there is nothing to compare")
-    return points, given
+    return _Checked(points, used, int(finite.sum() - used.sum()))
+
+
+def _rows(name: str, array: ArrayLike) -> np.ndarray:
+    try:
+        rows = np.asarray(array, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}: must be an array of numbers [n, 3] or a PointCloud ({error})") from error
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        raise InputError(f"{name}: must have the shape [n, 3], not {list(rows.shape)}")
+    return rows
+
+
+def _inside(rows: np.ndarray, crop: tuple[float, ...]) -> np.ndarray:
+    """Rows that are not finite count as outside."""
+    return crop_box(np.where(np.isfinite(rows), rows, np.finfo(np.float64).max), crop[:3], crop[3:])
 
 
 def _warn_about_extents(before: np.ndarray, after: np.ndarray) -> None:
@@ -113,7 +135,7 @@ def _warn_about_extents(before: np.ndarray, after: np.ndarray) -> None:
         )
 
 
-def _without_outliers(points: np.ndarray, config: DetectionConfig) -> np.ndarray:
+def _inliers(points: np.ndarray, config: DetectionConfig) -> np.ndarray:
     if config.outlier_neighbours == 0:
         return np.ones(len(points), bool)
     outliers = statistical_outliers(points, neighbours=config.outlier_neighbours, ratio=config.outlier_ratio)

@@ -38,6 +38,8 @@ def test_unknown_settings_are_named_with_the_known_ones():
         (dict(voxel_size=-0.1), "voxel_size=-0.1"),
         (dict(voxel_size="1 cm"), "voxel_size='1 cm'"),
         (dict(noise_floor=float("nan")), "noise_floor=nan"),
+        (dict(crop=(0, 0, 0)), "crop=.*six numbers"),
+        (dict(crop=(0, 0, 0, 1, 1, 0)), "lower corner must be below"),
         (dict(threshold=1.5), "threshold=1.5"),
     ],
 )

@@ -1,3 +1,5 @@
+import json
+
 import jax
 import numpy as np
 import pytest
@@ -103,6 +105,25 @@ def test_rows_without_a_position_are_unchanged_and_counted(scene, changes):
     of_cloud = detect_changes(cloud, scene.after, method="transport", config=CONFIG)
     assert of_cloud.labels_before.shape == (1250,)
     assert of_cloud.diagnostics["before"] | {"source": None} == given.diagnostics["before"]
+
+
+def test_outside_the_crop_box_nothing_changes(scene, changes):
+    """A box that holds the appeared Gaussian, and half of the rest."""
+    appeared = next(change for change in changes.items if change.kind == "appeared")
+    lower, upper = np.full(3, -9.0), np.full(3, 9.0)
+    axis = int(np.abs(appeared.mean).argmax())
+    (lower if appeared.mean[axis] > 0 else upper)[axis] = 0.0
+    config = DetectionConfig(restarts=2, crop=(*lower.tolist(), *upper.tolist()))
+    before = np.insert(scene.before, 3, np.nan, axis=0)
+    cropped = detect_changes(before, scene.after, method="transport", config=config)
+    outside = ~((scene.after >= lower) & (scene.after <= upper)).all(axis=1)
+    assert outside.any() and (cropped.labels_after[outside] == -1).all()
+    assert (cropped.probability_after[outside] == 0).all()
+    assert cropped.labels_before.shape == (1251,)
+    assert cropped.diagnostics["before"]["rows_dropped"] == 1
+    assert cropped.diagnostics["after"]["cropped"] == outside.sum()
+    assert (cropped.labels_after[scene.truth_after >= 0] >= 0).mean() > 0.9
+    assert DetectionConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
 
 
 def test_large_clouds_are_reduced_and_every_point_is_labelled():
