@@ -90,7 +90,7 @@ class DetectionConfig:
         return cls(**settings)
 
 
-def _checked_crop(crop: Sequence[float]) -> tuple[float, ...]:
+def _checked_crop(crop: Sequence[Any]) -> tuple[float, ...]:
     """The box as a tuple, as which TOML and JSON do not return it."""
     numbers = tuple(crop)
     if len(numbers) != 6 or not all(isinstance(number, int | float) for number in numbers):

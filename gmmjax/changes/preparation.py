@@ -113,7 +113,7 @@ def _rows(name: str, array: ArrayLike) -> np.ndarray:
 
 def _inside(rows: np.ndarray, crop: tuple[float, ...]) -> np.ndarray:
     """Rows that are not finite count as outside."""
-    return crop_box(np.where(np.isfinite(rows), rows, np.finfo(np.float64).max), crop[:3], crop[3:])
+    return crop_box(np.where(np.isfinite(rows), rows, np.finfo(np.float64).max), np.array(crop[:3]), np.array(crop[3:]))
 
 
 def _warn_about_extents(before: np.ndarray, after: np.ndarray) -> None:
