@@ -87,11 +87,11 @@ class DetectionConfig:
         unknown = sorted(set(settings) - known)
         if unknown:
             raise InputError(f"unknown setting {', '.join(unknown)}; known are {', '.join(sorted(known))}")
-        return cls(**settings)
+        # TOML and JSON know lists only.
+        return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in settings.items()})
 
 
 def _checked_crop(crop: Sequence[Any]) -> tuple[float, ...]:
-    """The box as a tuple, as which TOML and JSON do not return it."""
     numbers = tuple(crop)
     if len(numbers) != 6 or not all(isinstance(number, int | float) for number in numbers):
         raise InputError(f"crop={crop!r} must be six numbers: x, y, z of the lower and then of the upper corner")
