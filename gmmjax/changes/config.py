@@ -88,7 +88,10 @@ class DetectionConfig:
         if unknown:
             raise InputError(f"unknown setting {', '.join(unknown)}; known are {', '.join(sorted(known))}")
         # TOML and JSON know lists only.
-        return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in settings.items()})
+        values: dict[str, Any] = {}
+        for name, value in settings.items():
+            values[name] = tuple(value) if isinstance(value, list) else value
+        return cls(**values)
 
 
 def _checked_crop(crop: Sequence[Any]) -> tuple[float, ...]:
