@@ -10,6 +10,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from gmmjax.changes.config import DetectionConfig
+from gmmjax.changes.storage import LABELS_FILE, POINT_ARRAYS, SCHEMA_VERSION, read_record, write_record
+from gmmjax.errors import InputError
 
 Kind = Literal["appeared", "disappeared", "moved"]
 
@@ -41,6 +43,15 @@ class Box:
         rotation[:, 2] *= np.sign(np.linalg.det(rotation))
         return cls(origin + axes @ ((lower + upper) / 2), (upper - lower)[order], rotation)
 
+    def to_dict(self) -> dict[str, Any]:
+        """The box as plain lists."""
+        return {"centre": self.centre.tolist(), "extent": self.extent.tolist(), "rotation": self.rotation.tolist()}
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> "Box":
+        """The box that `to_dict` made plain."""
+        return cls(*(np.array(content[name], float) for name in ("centre", "extent", "rotation")))
+
     def corners(self) -> Float[np.ndarray, "8 3"]:
         """The eight corners: bit i of the index says on which side of axis i."""
         signs = np.array([[(corner >> axis & 1) - 0.5 for axis in range(3)] for corner in range(8)])
@@ -68,6 +79,31 @@ class Change:
     covariance: Float[np.ndarray, "3 3"]
     box: Box
     partner: int | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The change as plain numbers, strings, lists and dictionaries."""
+        return {
+            "kind": self.kind,
+            "probability": self.probability,
+            "points": self.points,
+            "mean": self.mean.tolist(),
+            "covariance": self.covariance.tolist(),
+            "box": self.box.to_dict(),
+            "partner": self.partner,
+        }
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> "Change":
+        """The change that `to_dict` made plain."""
+        return cls(
+            kind=content["kind"],
+            probability=float(content["probability"]),
+            points=int(content["points"]),
+            mean=np.array(content["mean"], float),
+            covariance=np.array(content["covariance"], float),
+            box=Box.from_dict(content["box"]),
+            partner=content["partner"],
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,9 +135,16 @@ class Changes:
 
     def to_dict(self) -> dict[str, Any]:
         """The changes without the per-point arrays, as plain numbers, strings, lists and dictionaries (for JSON)."""
-        from gmmjax.changes.storage import changes_to_dict
-
-        return changes_to_dict(self)
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "changes": [change.to_dict() for change in self.items],
+            "emd": self.emd,
+            "points_before": len(self.labels_before),
+            "points_after": len(self.labels_after),
+            "config": self.config.to_dict(),
+            "diagnostics": dict(self.diagnostics),
+            "labels_file": LABELS_FILE,
+        }
 
     def save(self, folder: str | os.PathLike[str]) -> Path:
         """Writes `changes.json` and `labels.npz` into a folder, which is made where needed; returns the folder.
@@ -109,9 +152,7 @@ class Changes:
         Raises:
             InputError: the folder cannot be made or written.
         """
-        from gmmjax.changes.storage import save_changes
-
-        return save_changes(self, folder)
+        return write_record(folder, self.to_dict(), {name: getattr(self, name) for name in POINT_ARRAYS})
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> "Changes":
@@ -120,6 +161,16 @@ class Changes:
         Raises:
             InputError: files that are missing, damaged, or of another schema version.
         """
-        from gmmjax.changes.storage import load_changes
-
-        return load_changes(folder)
+        content, arrays = read_record(folder)
+        try:
+            return cls(
+                **arrays,
+                items=tuple(Change.from_dict(change) for change in content["changes"]),
+                emd=float(content["emd"]),
+                config=DetectionConfig.from_dict(content["config"]),
+                diagnostics=content["diagnostics"],
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                f"{folder}: is not a complete record of changes ({error!r}); run the detection again"
+            ) from error

@@ -22,8 +22,8 @@ from gmmjax.changes.unmatched import unmatched_shares
 from gmmjax.clouds import PointCloud
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, fit_restarts
-from gmmjax.mixtures.fitting import RELATIVE_NOISE_FLOOR
 from gmmjax.mixtures.frame import Frame
+from gmmjax.mixtures.restarts import RELATIVE_NOISE_FLOOR
 from gmmjax.transport import TransportStatus, exact_transport
 from gmmjax.transport.ground_cost import euclidean
 

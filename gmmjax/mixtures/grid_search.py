@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Sequence
+from typing import get_args
 
 import equinox as eqx
 import jax
@@ -17,10 +18,10 @@ from gmmjax.mixtures.annihilation import NOT_FINITE, Fit, FitSettings, FitStatus
 from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES, CovarianceType
 from gmmjax.mixtures.criteria import CRITERIA, Criterion, criterion_score, message_length
 from gmmjax.mixtures.expectation_maximisation import expectation_maximisation
-from gmmjax.mixtures.fitting import RELATIVE_NOISE_FLOOR, Precision, checked_points, map_keys, traced_points
 from gmmjax.mixtures.frame import Frame
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.prior import Prior
+from gmmjax.mixtures.restarts import RELATIVE_NOISE_FLOOR, Precision, checked_points, map_keys, traced_points
 from gmmjax.mixtures.seeding import initial_mixture
 from gmmjax.mixtures.weighted_points import WeightedPoints
 
@@ -82,6 +83,7 @@ def grid_search(
         InputError: points that cannot be fitted (see `fit_mixture`), an empty grid, an unknown criterion or type.
         ComputationError: no cell of the grid gave a finite score, and `throw`.
     """
+    check_choice("precision", precision, get_args(Precision))
     _check_grid(components, covariance_types, criterion, restarts)
     traced = is_traced(points, mass, key)
     weighted = traced_points(points, mass) if traced else checked_points(points, mass)

@@ -6,7 +6,6 @@ import pytest
 
 import gmmjax
 from gmmjax import ComputationError, FitSettings, FitStatus, InputError, Prior, fit_mixture
-from gmmjax.mixtures import best_fit, fit_restarts
 from gmmjax.scenes import random_scene
 from tests.mixtures.examples import cloud, random_rotation
 
@@ -68,13 +67,6 @@ def test_points_without_mass_are_padding(points, fit):
     np.testing.assert_allclose(again.message_length, fit.message_length, atol=1e-6)
 
 
-def test_more_restarts_are_never_worse_and_all_are_returned(points, fit):
-    fits = fit_restarts(points, key=KEY, restarts=2)
-    assert fits.message_length.shape == (2,) and fits.mixture.means.shape == (2, 25, 3)
-    assert (fits.result == FitStatus.converged).all()
-    assert best_fit(fits).message_length == fits.message_length.min() == fit.message_length
-
-
 def test_host_call_equals_the_traced_call(points):
     host = fit_mixture(points, key=KEY, max_components=12)
     with jax.enable_x64(True):
@@ -128,12 +120,6 @@ def test_position_and_colour(float64):
     assert fit.mixture.count == 2
     labels = np.asarray(fit.mixture.labels(points))
     assert len(set(labels[:200])) == 1 and len(set(labels[200:])) == 1
-
-
-def test_progress_is_told_for_every_restart(points):
-    told = []
-    fit_restarts(points, key=KEY, restarts=2, progress=lambda: told.append(1))
-    assert len(told) == 2
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,57 @@
+import inspect
+
+import jax
+import numpy as np
+import pytest
+
+from gmmjax import ComputationError, FitStatus, InputError, fit_mixture
+from gmmjax.mixtures import best_fit, fit_restarts
+from gmmjax.scenes import random_scene
+
+KEY = jax.random.key(0)
+
+
+@pytest.fixture(scope="module")
+def points():
+    return random_scene(jax.random.key(5), appeared=0, points=200).before
+
+
+@pytest.fixture(scope="module")
+def fits(points):
+    return fit_restarts(points, key=KEY, restarts=2)
+
+
+def test_all_restarts_are_returned_and_the_best_wins(points, fits):
+    assert fits.message_length.shape == (2,) and fits.mixture.means.shape == (2, 25, 3)
+    assert (fits.result == FitStatus.converged).all()
+    assert (
+        best_fit(fits).message_length
+        == fits.message_length.min()
+        == fit_mixture(points, key=KEY, restarts=2).message_length
+    )
+
+
+def test_restarts_that_failed_never_win(fits):
+    """However short the message length that they report."""
+    lengths = np.array([-1e9, fits.message_length[1]])
+    index_of_failure = int(FitStatus.not_finite._value)
+    statuses = jax.tree.map(lambda leaf: np.array([index_of_failure, leaf[1]]), fits.result)
+    failed = type(fits)(fits.mixture, lengths, fits.log_likelihood, fits.steps, statuses)
+    assert best_fit(failed).message_length == fits.message_length[1]
+    none = type(fits)(fits.mixture, np.full(2, np.nan), fits.log_likelihood, fits.steps, fits.result)
+    with pytest.raises(ComputationError, match="none of 2 restarts"):
+        best_fit(none)
+
+
+def test_progress_is_told_for_every_restart(points):
+    told = []
+    fit_restarts(points, key=KEY, restarts=2, progress=lambda: told.append(1))
+    assert len(told) == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "message"), [(dict(restarts=0), "restarts=0"), (dict(precision="float16"), "precision='float16'")]
+)
+def test_bad_input_is_named(points, change, message):
+    with pytest.raises(InputError, match=message):
+        inspect.unwrap(fit_restarts)(points, key=KEY, **change)
