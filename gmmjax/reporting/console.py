@@ -76,7 +76,7 @@ def print_changes(changes: Changes, *, heading: str | None = None) -> None:
         console.print(escape(heading), style="dim", highlight=False, soft_wrap=True)
     console.print(answer(changes), style="bold", highlight=False)
     if changes.items:
-        console.print(_table(changes))
+        _print_whole(_table(changes))
     for side, count in dropped_rows(changes).items():
         console.print(dropped_text(side, count), highlight=False)
 
@@ -113,7 +113,7 @@ def print_fit(fit: Fit, cloud: PointCloud) -> None:
         deviations = np.sqrt(np.linalg.eigvalsh(mixture.covariances[index])[::-1])
         means = ", ".join(f"{value:.3f}" for value in mixture.means[index])
         table.add_row(f"{mixture.weights[index]:.3f}", means, " × ".join(f"{value:.2g}" for value in deviations))
-    console.print(table)
+    _print_whole(table)
     if cloud.rows_dropped:
         console.print(dropped_text("given", cloud.rows_dropped), highlight=False)
 
@@ -131,7 +131,7 @@ def print_truth(scene: GaussianScene) -> None:
             table.add_row(str(number), f"● {kind}", f"{len(own):,}", centre)
     console = Console()
     console.print()
-    console.print(table)
+    _print_whole(table)
 
 
 def print_evaluation(rows: Sequence[Mapping[str, Any]], summary: Mapping[str, Mapping[str, float]]) -> None:
@@ -147,7 +147,7 @@ def print_evaluation(rows: Sequence[Mapping[str, Any]], summary: Mapping[str, Ma
         table.add_column(column.replace("_", " "), justify="left" if is_text else "right", no_wrap=is_text)
     for row in rows:
         table.add_row(*(f"{cell:.3f}" if isinstance(cell, float) else str(cell) for cell in row.values()))
-    Console().print(table)
+    _print_whole(table)
     for method, figures in summary.items():
         print(f"{method}: " + ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in figures.items()))
 
@@ -174,3 +174,10 @@ def _table(changes: Changes) -> Table:
 
 def _plain_table() -> Table:
     return Table(box=None, header_style="dim", padding=(0, 2, 0, 0), pad_edge=False)
+
+
+def _print_whole(table: Table) -> None:
+    """Prints a table as wide as it is: where the terminal is narrower its lines wrap, and no figure is cut off."""
+    console = Console()
+    natural = console.measure(table, options=console.options.update(max_width=10_000)).maximum
+    console.print(table, width=max(console.width, natural), crop=False)
