@@ -180,4 +180,4 @@ def _print_whole(table: Table) -> None:
     """Prints a table as wide as it is: where the terminal is narrower its lines wrap, and no figure is cut off."""
     console = Console()
     natural = console.measure(table, options=console.options.update(max_width=10_000)).maximum
-    console.print(table, width=max(console.width, natural), crop=False)
+    Console(width=max(console.width, natural)).print(table)
