@@ -291,6 +291,16 @@ def test_fit_reduces_to_voxels_and_keeps_every_points_weight(scans, tmp_path):
     np.testing.assert_allclose(np.bincount(nearest, content["weights"]), np.full(5, 1 / 5), atol=0.02)
 
 
+def test_fit_names_the_cloud_that_it_cannot_fit(scans, tmp_path, capsys):
+    write_ply(tmp_path / "equal.ply", np.ones((50, 3)))
+    write_ply(tmp_path / "three.ply", np.arange(9.0).reshape(3, 3))
+    out = ["--out", str(tmp_path / "a"), "--restarts", "1"]
+    assert "equal.ply: all points are equal" in failed(["fit", str(tmp_path / "equal.ply"), *out], capsys)
+    assert "three.ply: points has 3 observations" in failed(["fit", str(tmp_path / "three.ply"), *out], capsys)
+    assert "max_components=9000" in failed(["fit", scans[1], "--max-components", "9000", *out], capsys)
+    assert not (tmp_path / "a").exists()
+
+
 def test_simulate_gaussians_writes_clouds_that_detect_reads(tmp_path):
     arguments = [
         "simulate",

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import math
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -21,9 +20,7 @@ from gmmjax.changes.preparation import PreparedCloud, PreparedPair, prepare_pair
 from gmmjax.changes.unmatched import unmatched_shares
 from gmmjax.clouds import PointCloud
 from gmmjax.errors import ComputationError
-from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, fit_restarts
-from gmmjax.mixtures.frame import Frame
-from gmmjax.mixtures.restarts import RELATIVE_NOISE_FLOOR
+from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, derived_noise_floor, fit_restarts
 from gmmjax.transport import TransportStatus, exact_transport
 from gmmjax.transport.ground_cost import euclidean
 
@@ -134,12 +131,13 @@ def _fit_both(pair: PreparedPair, config: DetectionConfig, report: Progress) -> 
     keys = jax.random.split(jax.random.key(config.seed), 2)
 
     def fit(name: str, cloud: PreparedCloud, key: JaxArray) -> Fit:
+        floor = derived_noise_floor(cloud.weighted, noise_floor=config.noise_floor, voxel_size=pair.voxel_size)
         fits = fit_restarts(
             cloud.weighted.points,
             mass=cloud.weighted.mass,
             key=key,
             max_components=pair.max_components,
-            prior=_prior(cloud, pair.voxel_size, config),
+            prior=Prior.figueiredo_jain(3, floor),
             restarts=config.restarts,
             settings=FitSettings(patience=PATIENCE),
             progress=lambda: report("Fitting the mixtures", 0.15 + 0.65 * next(done) / (2 * config.restarts)),
@@ -150,16 +148,6 @@ def _fit_both(pair: PreparedPair, config: DetectionConfig, report: Progress) -> 
         return jax.tree.map(lambda leaf: leaf[finite], fits)
 
     return fit("before", pair.before, keys[0]), fit("after", pair.after, keys[1])
-
-
-def _prior(cloud: PreparedCloud, voxel_size: float | None, config: DetectionConfig) -> Prior:
-    """Figueiredo and Jain's prior; in a grid the noise floor includes the scatter that was averaged away in a voxel.
-
-    Without it a single voxel of many points would look like a Gaussian of no extent, and become one.
-    """
-    floor = config.noise_floor or RELATIVE_NOISE_FLOOR["float64"] * float(Frame.of(cloud.weighted).spread)
-    within_voxel = 0.0 if voxel_size is None else voxel_size / math.sqrt(12)
-    return Prior.figueiredo_jain(3, math.hypot(floor, within_voxel))
 
 
 def _compacted(fits: tuple[Fit, Fit], max_components: int) -> tuple[GaussianMixture, GaussianMixture]:

@@ -9,12 +9,11 @@ import tyro
 from tyro.conf import Positional
 
 from gmmjax.cli.compilation_cache import use_compilation_cache
+from gmmjax.errors import InputError
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from gmmjax.clouds import PointCloud
-    from gmmjax.mixtures import Fit
+    from gmmjax.mixtures import Fit, WeightedPoints
 
 MIXTURE_FILES = {"mixture.json": "weights, means, covariances and how they were found", "mixture.npz": "the arrays"}
 
@@ -64,9 +63,13 @@ def fit(
     with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
         progress("Reading the cloud", 0.0)
         read = read_cloud(cloud)
-        points, mass = _reduced(read, voxel_size, max_points)
-        components = _components(len(points), max_components)
-        found = _best_fit(points, mass, method, components, restarts, seed, progress)
+        try:
+            voxel_size = _voxel_size(read, voxel_size, max_points)
+            weighted = _weighted(read, voxel_size)
+            components = _components(len(weighted.mass), max_components)
+            found = _best_fit(weighted, voxel_size, method, components, restarts, seed, progress)
+        except InputError as error:
+            raise InputError(f"{cloud}: {error}") from error
         settings = {
             "method": method,
             "max_components": components,
@@ -74,7 +77,8 @@ def fit(
             "seed": seed,
             "points": len(read),
             "rows_dropped": read.rows_dropped,
-            "points_fitted": len(points),
+            "points_fitted": len(weighted.mass),
+            "voxel_size": voxel_size,
         }
         write_mixture(out, found, source=str(cloud), settings=settings, overwrite=overwrite)
     if not quiet:
@@ -83,29 +87,39 @@ def fit(
     return 0
 
 
-def _reduced(cloud: "PointCloud", voxel_size: float | None, max_points: int) -> tuple["np.ndarray", "np.ndarray"]:
-    """Points and masses to fit: voxels where a size is given or there are too many points, else the points."""
+def _voxel_size(cloud: "PointCloud", voxel_size: float | None, max_points: int) -> float | None:
+    """The size that was asked for, else one that leaves `max_points` where there are more."""
+    from gmmjax.clouds import voxel_size_for
+
+    if voxel_size is None and len(cloud) > max_points:
+        return voxel_size_for(cloud.points, max_points)
+    return voxel_size
+
+
+def _weighted(cloud: "PointCloud", voxel_size: float | None) -> "WeightedPoints":
+
     import numpy as np
 
-    from gmmjax.clouds import voxel_grid, voxel_size_for
+    from gmmjax.clouds import voxel_grid
+    from gmmjax.mixtures import WeightedPoints
 
     if voxel_size is None:
-        if len(cloud) <= max_points:
-            return cloud.points, np.ones(len(cloud))
-        voxel_size = voxel_size_for(cloud.points, max_points)
+        return WeightedPoints(cloud.points, np.ones(len(cloud)))
     grid = voxel_grid(cloud.points, voxel_size)
-    return grid.points, grid.mass
+    return WeightedPoints(grid.points, grid.mass)
 
 
 def _components(points: int, max_components: int | None) -> int:
     from gmmjax.changes.preparation import DEFAULT_COMPONENTS, POINTS_PER_COMPONENT
 
-    return max_components or max(1, min(DEFAULT_COMPONENTS, points // POINTS_PER_COMPONENT))
+    if max_components is not None:
+        return max_components
+    return max(1, min(DEFAULT_COMPONENTS, points // POINTS_PER_COMPONENT))
 
 
 def _best_fit(
-    points: "np.ndarray",
-    mass: "np.ndarray",
+    weighted: "WeightedPoints",
+    voxel_size: float | None,
     method: Method,
     max_components: int,
     restarts: int,
@@ -114,20 +128,19 @@ def _best_fit(
 ) -> "Fit":
     import jax
 
-    from gmmjax.mixtures import best_fit, fit_mixture, fit_restarts
+    from gmmjax.mixtures import Prior, best_fit, derived_noise_floor, fit_mixture, fit_restarts
 
-    key = jax.random.key(seed)
+    settings = {"key": jax.random.key(seed), "mass": weighted.mass, "max_components": max_components}
     if method == "grid":
         progress("Trying every number of Gaussians", 0.0)
-        return fit_mixture(points, key=key, mass=mass, max_components=max_components, restarts=restarts, method="grid")
+        return fit_mixture(weighted.points, restarts=restarts, method="grid", **settings)
     progress("Fitting", 0.0)
     done = itertools.count(1)
     fits = fit_restarts(
-        points,
-        key=key,
-        mass=mass,
-        max_components=max_components,
+        weighted.points,
+        prior=Prior.figueiredo_jain(3, derived_noise_floor(weighted, voxel_size=voxel_size)),
         restarts=restarts,
         progress=lambda: progress("Fitting", next(done) / restarts),
+        **settings,
     )
     return best_fit(fits)

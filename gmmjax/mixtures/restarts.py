@@ -1,6 +1,7 @@
 """Fits from many random starts: checks the points, chooses scale and precision, shares the work out over the cores."""
 
 import functools
+import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Literal, get_args
@@ -104,6 +105,24 @@ def best_fit(fits: Fit, *, throw: bool = True) -> Fit:
     if is_traced(fits):
         return jax.tree.map(lambda leaf: leaf[best], fits)
     return jax.tree.map(lambda leaf: np.asarray(leaf[int(best)]), fits)
+
+
+def derived_noise_floor(
+    points: WeightedPoints, *, noise_floor: float | None = None, voxel_size: float | None = None
+) -> float:
+    """The noise floor of points that may be the means of voxels, in their unit.
+
+    In a grid the floor includes the scatter that was averaged away in a voxel: without it a single voxel of many points
+    would look like a Gaussian of no extent, and become one.
+
+    Args:
+        points: the points that are fitted, NumPy arrays.
+        noise_floor: the sensor's; None: a thousandth of the points' spread.
+        voxel_size: edge of the voxels; None: no grid.
+    """
+    floor = noise_floor or RELATIVE_NOISE_FLOOR["float64"] * float(Frame.of(points).spread)
+    within_voxel = 0.0 if voxel_size is None else voxel_size / math.sqrt(12)
+    return math.hypot(floor, within_voxel)
 
 
 def checked_points(
