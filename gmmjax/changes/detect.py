@@ -95,7 +95,7 @@ def detect_changes(
         items=items,
         emd=votes.emd,
         config=config,
-        diagnostics=_diagnostics(before, after, pair, fits, votes, clock),
+        diagnostics=_diagnostics(before, after, pair, fits, votes, clock, config),
     )
 
 
@@ -167,14 +167,10 @@ def _compare(mixtures: tuple[GaussianMixture, GaussianMixture], pair: PreparedPa
         if config.method == "greedy":
             compared = _greedy_pairs(*mixtures, config.kinds)
         else:
-            compared = _transport_pairs(*mixtures, *masses, config.penalty, config.threshold)
+            compared = _transport_pairs(*mixtures, *masses, config.penalty, config.threshold, config.kinds)
         changed_before, changed_after, emd, valid = (np.asarray(part) for part in compared)
     if not valid.any():
         raise ComputationError("no pair of restarts could be compared: the transport problems were not solved")
-    if config.kinds == "appeared":
-        changed_before = np.zeros_like(changed_before)
-    if config.kinds == "disappeared":
-        changed_after = np.zeros_like(changed_after)
     return _Votes(
         before=votes_of_pairs(changed_before.swapaxes(0, 1), valid.T),
         after=votes_of_pairs(changed_after, valid),
@@ -198,7 +194,7 @@ def _greedy_pairs(before: GaussianMixture, after: GaussianMixture, kinds: Kinds)
     return _over_pairs(compare)(before, after)
 
 
-@functools.partial(jax.jit, static_argnames=("threshold",))
+@functools.partial(jax.jit, static_argnames=("threshold", "kinds"))
 def _transport_pairs(
     before: GaussianMixture,
     after: GaussianMixture,
@@ -206,6 +202,7 @@ def _transport_pairs(
     points_after: Scalar,
     penalty: Scalar | None,
     threshold: float,
+    kinds: Kinds,
 ) -> _Compared:
     """Partial transport of point counts for all pairs of restarts."""
 
@@ -213,7 +210,9 @@ def _transport_pairs(
         unmatched = unmatched_shares(before, after, points_before, points_after, penalty)
         distance = exact_transport(before.weights, after.weights, euclidean(before.means, after.means))
         valid = unmatched.valid & (distance.result == TransportStatus.optimal)
-        return unmatched.share_before > threshold, unmatched.share_after > threshold, distance.cost, valid
+        disappeared = (unmatched.share_before > threshold) & (kinds != "appeared")
+        appeared = (unmatched.share_after > threshold) & (kinds != "disappeared")
+        return disappeared, appeared, distance.cost, valid
 
     return _over_pairs(compare)(before, after)
 
@@ -248,11 +247,12 @@ def _diagnostics(
     fits: tuple[Fit, Fit],
     votes: _Votes,
     clock: _Clock,
+    config: DetectionConfig,
 ) -> dict[str, Any]:
     """Plain values for the record and the report."""
-    sides = {"before": (before, pair.before, fits[0]), "after": (after, pair.after, fits[1])}
     return {
-        **{name: _cloud_diagnostics(*side) for name, side in sides.items()},
+        "before": _cloud_diagnostics(before, pair.before, fits[0], config),
+        "after": _cloud_diagnostics(after, pair.after, fits[1], config),
         "voxel_size": pair.voxel_size,
         "max_components": pair.max_components,
         "pairs_of_restarts": votes.pairs,
@@ -263,7 +263,9 @@ def _diagnostics(
     }
 
 
-def _cloud_diagnostics(given: ArrayLike | PointCloud, cloud: PreparedCloud, fits: Fit) -> dict[str, Any]:
+def _cloud_diagnostics(
+    given: ArrayLike | PointCloud, cloud: PreparedCloud, fits: Fit, config: DetectionConfig
+) -> dict[str, Any]:
     unplaced = len(cloud.used) - len(cloud.points) - cloud.cropped
     return {
         "source": given.source if isinstance(given, PointCloud) else None,
@@ -272,6 +274,7 @@ def _cloud_diagnostics(given: ArrayLike | PointCloud, cloud: PreparedCloud, fits
         "cropped": cloud.cropped,
         "outliers": cloud.outliers,
         "points_fitted": len(cloud.weighted.mass),
+        "restarts_failed": config.restarts - len(fits.steps),
         "components": fits.mixture.live.sum(axis=1).tolist(),
         "message_length": np.round(fits.message_length, 3).tolist(),
         "steps": fits.steps.tolist(),

@@ -53,6 +53,11 @@ def prepare_pair(
 ) -> PreparedPair:
     """Checks, filters and reduces the two clouds.
 
+    Args:
+        before: coordinates [n0, 3] or a `PointCloud`, in any unit.
+        after: coordinates [n1, 3] or a `PointCloud`, in the same unit.
+        config: crop box, outlier filter, voxels and K_max.
+
     Raises:
         InputError: a cloud that is not [n, 3], has too few points or only equal ones, or fewer than `max_components`.
 
@@ -65,11 +70,7 @@ def prepare_pair(
     size = config.voxel_size or _voxel_size(list(kept.values()), config)
     prepared = {
         name: PreparedCloud(
-            points=cloud.points,
-            used=cloud.used,
-            cropped=cloud.cropped,
-            weighted=_reduced(kept[name], size),
-            outliers=len(cloud.points) - len(kept[name]),
+            **cloud._asdict(), weighted=reduced(kept[name], size), outliers=len(cloud.points) - len(kept[name])
         )
         for name, cloud in checked.items()
     }
@@ -149,17 +150,27 @@ def _voxel_size(clouds: list[np.ndarray], config: DetectionConfig) -> float | No
     return max(sizes, default=None)
 
 
-def _reduced(points: np.ndarray, size: float | None) -> WeightedPoints:
+def reduced(points: Float[np.ndarray, "n 3"], size: float | None) -> WeightedPoints:
+    """The means of the voxels of this edge with their counts as mass; None: the points themselves, mass 1 each.
+
+    Raises:
+        InputError: a size that is not positive, or too small for the extent of the points.
+    """
     if size is None:
         return WeightedPoints(points, np.ones(len(points)))
     grid = voxel_grid(points, size)
     return WeightedPoints(grid.points, grid.mass)
 
 
+def default_components(points: int) -> int:
+    """K_max where none is given: 25, or a tenth of the points that are fitted where that is less."""
+    return max(1, min(DEFAULT_COMPONENTS, points // POINTS_PER_COMPONENT))
+
+
 def _max_components(prepared: dict[str, PreparedCloud], config: DetectionConfig) -> int:
     smallest, name = min((len(cloud.weighted.mass), name) for name, cloud in prepared.items())
     if config.max_components is None:
-        return max(1, min(DEFAULT_COMPONENTS, smallest // POINTS_PER_COMPONENT))
+        return default_components(smallest)
     if config.max_components > smallest:
         raise InputError(
             f"max_components={config.max_components} is more than the {smallest} points (or voxels) of the {name} "

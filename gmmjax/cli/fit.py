@@ -54,6 +54,7 @@ def fit(
         overwrite: replace a previous mixture in the output folder.
         quiet: print nothing but errors.
     """
+    from gmmjax.changes.preparation import default_components, reduced
     from gmmjax.clouds import read_cloud
     from gmmjax.reporting import console
     from gmmjax.reporting.mixture_files import check_mixture_folder, write_mixture
@@ -65,14 +66,15 @@ def fit(
         read = read_cloud(cloud)
         try:
             voxel_size = _voxel_size(read, voxel_size, max_points)
-            weighted = _weighted(read, voxel_size)
-            components = _components(len(weighted.mass), max_components)
-            found = _best_fit(weighted, voxel_size, method, components, restarts, seed, progress)
+            weighted = reduced(read.points, voxel_size)
+            if max_components is None:
+                max_components = default_components(len(weighted.mass))
+            found = _best_fit(weighted, voxel_size, method, max_components, restarts, seed, progress)
         except InputError as error:
             raise InputError(f"{cloud}: {error}") from error
         settings = {
             "method": method,
-            "max_components": components,
+            "max_components": max_components,
             "restarts": restarts,
             "seed": seed,
             "points": len(read),
@@ -94,27 +96,6 @@ def _voxel_size(cloud: "PointCloud", voxel_size: float | None, max_points: int) 
     if voxel_size is None and len(cloud) > max_points:
         return voxel_size_for(cloud.points, max_points)
     return voxel_size
-
-
-def _weighted(cloud: "PointCloud", voxel_size: float | None) -> "WeightedPoints":
-
-    import numpy as np
-
-    from gmmjax.clouds import voxel_grid
-    from gmmjax.mixtures import WeightedPoints
-
-    if voxel_size is None:
-        return WeightedPoints(cloud.points, np.ones(len(cloud)))
-    grid = voxel_grid(cloud.points, voxel_size)
-    return WeightedPoints(grid.points, grid.mass)
-
-
-def _components(points: int, max_components: int | None) -> int:
-    from gmmjax.changes.preparation import DEFAULT_COMPONENTS, POINTS_PER_COMPONENT
-
-    if max_components is not None:
-        return max_components
-    return max(1, min(DEFAULT_COMPONENTS, points // POINTS_PER_COMPONENT))
 
 
 def _best_fit(

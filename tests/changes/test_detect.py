@@ -60,6 +60,35 @@ def test_greedy_finds_one_kind():
     assert not only_gone.items and (only_gone.labels_after == -1).all()
 
 
+@pytest.mark.parametrize("kinds", ["appeared", "disappeared"])
+def test_transport_looks_for_the_kinds_that_are_wanted(scene, kinds):
+    config = DetectionConfig(restarts=2, kinds=kinds)
+    found = detect_changes(scene.before, scene.after, method="transport", config=config)
+    assert {change.kind for change in found.items} == {kinds}
+    other = found.probability_before if kinds == "appeared" else found.probability_after
+    assert (other == 0).all()
+
+
+def test_settings_reach_the_detection(scene):
+    """A floor thickens every Gaussian, a high penalty matches everything, and the outlier filter can be off."""
+    thick = detect_changes(
+        scene.before, scene.after, method="transport", config=DetectionConfig(restarts=2, noise_floor=0.4)
+    )
+    assert thick.items
+    assert all(np.linalg.eigvalsh(change.covariance).min() >= 0.16 for change in thick.items)
+    matched = detect_changes(
+        scene.before, scene.after, method="transport", config=DetectionConfig(restarts=2, penalty=100.0)
+    )
+    assert not matched.items
+    stray = np.concatenate([scene.before, [[30.0, 30.0, 30.0]]])
+    filtered = detect_changes(stray, scene.after, config=CONFIG)
+    unfiltered = detect_changes(stray, scene.after, config=DetectionConfig(restarts=2, outlier_neighbours=0))
+    assert filtered.diagnostics["before"]["outliers"] > 0
+    assert unfiltered.diagnostics["before"]["outliers"] == 0
+    assert unfiltered.diagnostics["before"]["points_fitted"] == 1251
+    assert unfiltered.diagnostics["before"]["restarts_failed"] == 0
+
+
 def test_backwards_in_time_appeared_is_disappeared(scene, changes):
     swapped = detect_changes(scene.after, scene.before, method="transport", config=CONFIG)
     kinds = {change.kind: change.points for change in changes.items}

@@ -13,8 +13,8 @@ KEY = jax.random.key(0)
 
 
 @pytest.fixture(scope="module")
-def points():
-    return random_scene(jax.random.key(5), appeared=0, points=200).before
+def points(scene_points):
+    return scene_points
 
 
 @pytest.fixture(scope="module")

@@ -7,14 +7,13 @@ import pytest
 
 from gmmjax import ComputationError, FitStatus, InputError, fit_mixture
 from gmmjax.mixtures import best_fit, fit_restarts
-from gmmjax.scenes import random_scene
 
 KEY = jax.random.key(0)
 
 
 @pytest.fixture(scope="module")
-def points():
-    return random_scene(jax.random.key(5), appeared=0, points=200).before
+def points(scene_points):
+    return scene_points
 
 
 @pytest.fixture(scope="module")
