@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-# A cloud whose points all lie in such a cone about +z, this near, is taken for a depth camera's: x right, y down.
+# A cloud whose points all lie in such a cone about the z axis, this near, is taken for a depth camera's: z forward and
+# y down, as robots and photogrammetry have it, or z backward and y up, as OpenGL has it.
 CAMERA_HALF_ANGLE = np.deg2rad(60)
 CAMERA_RANGE = 20.0
 TILT = np.deg2rad(25)
@@ -53,8 +54,11 @@ def initial_camera(points: Float[np.ndarray, "n 3"]) -> Camera:
     Args:
         points: the cloud, at least one point; metres.
     """
-    if _is_depth_camera(points):
-        return Camera(_unit(np.array([-0.15, -0.25, -1.0])), np.array([0.0, -1.0, 0.0]))
+    for forward in (1, -1):
+        # The two conventions differ by half a turn about x, and so do the views.
+        turn = np.array([1, forward, forward])
+        if _is_depth_camera(points * turn):
+            return Camera(turn * _unit(np.array([-0.15, -0.25, -1.0])), turn * np.array([0.0, -1.0, 0.0]))
     deviations = points - points.mean(axis=0)
     thinnest = np.linalg.eigh(deviations.T @ deviations)[1][:, 0]
     up = np.array([0.0, 0.0, 1.0])
@@ -67,6 +71,7 @@ def initial_camera(points: Float[np.ndarray, "n 3"]) -> Camera:
 
 
 def _is_depth_camera(points: Float[np.ndarray, "n 3"]) -> bool:
+    """Whether a depth camera at the origin that looks along +z could have seen the points."""
     depth = points[:, 2]
     if not (depth > 0).all() or np.median(depth) > CAMERA_RANGE:
         return False

@@ -15,6 +15,14 @@ def test_a_depth_scan_is_seen_from_the_sensor():
     np.testing.assert_array_equal(camera.up, [0, -1, 0])
 
 
+def test_a_depth_scan_with_z_backward_is_seen_from_the_sensor_too():
+    """OpenGL's axes: the same view, turned by half a turn about x."""
+    turn = np.array([1, -1, -1])
+    camera, turned = initial_camera(DEPTH_SCAN), initial_camera(DEPTH_SCAN * turn)
+    np.testing.assert_allclose(turned.towards_eye, turn * camera.towards_eye)
+    np.testing.assert_allclose(turned.up, [0, 1, 0])
+
+
 def test_a_floor_is_seen_from_above():
     camera = initial_camera(FLOOR)
     assert camera.towards_eye[2] > 0.5
