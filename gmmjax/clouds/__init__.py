@@ -6,6 +6,9 @@ from gmmjax.clouds.filters import statistical_outliers as statistical_outliers
 from gmmjax.clouds.ply import write_ply as write_ply
 from gmmjax.clouds.point_cloud import PointCloud as PointCloud
 from gmmjax.clouds.reading import read_cloud as read_cloud
+from gmmjax.clouds.views import SensorViews as SensorViews
+from gmmjax.clouds.views_file import read_views as read_views
+from gmmjax.clouds.views_file import write_views as write_views
 from gmmjax.clouds.voxel_grid import VoxelGrid as VoxelGrid
 from gmmjax.clouds.voxel_grid import voxel_grid as voxel_grid
 from gmmjax.clouds.voxel_grid import voxel_size_for as voxel_size_for

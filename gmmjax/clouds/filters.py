@@ -5,7 +5,7 @@ import numpy.typing as npt
 from jaxtyping import Bool
 from scipy.spatial import cKDTree
 
-from gmmjax.clouds.point_cloud import as_finite_points
+from gmmjax.clouds.coordinates import as_finite_points
 from gmmjax.errors import InputError
 
 

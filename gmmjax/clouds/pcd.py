@@ -1,5 +1,6 @@
 """Reading PCD files, the format of the Point Cloud Library (version 0.7)."""
 
+import dataclasses
 import os
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from gmmjax.clouds.colors import CHANNELS
 from gmmjax.clouds.columns import cast_column, cloud_of_columns, native, require_axes
 from gmmjax.clouds.files import read_bytes
 from gmmjax.clouds.number_table import NumberedLines, parse_table
+from gmmjax.clouds.ordered_frame import frame_views
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.errors import InputError
 
@@ -44,6 +46,8 @@ class PcdHeader:
         encoding: ascii, binary or binary_compressed.
         body: the byte after the header.
         lines: how many lines the header has.
+        width: columns of an ordered image, or None where the points are in no order.
+        viewpoint: position and quaternion of the sensor, as declared; empty where they are no numbers.
     """
 
     fields: tuple[Field, ...]
@@ -51,6 +55,8 @@ class PcdHeader:
     encoding: str
     body: int
     lines: int
+    width: int | None
+    viewpoint: tuple[float, ...]
 
 
 def read_pcd(path: str | os.PathLike[str]) -> PointCloud:
@@ -59,6 +65,9 @@ def read_pcd(path: str | os.PathLike[str]) -> PointCloud:
     rgb or rgba, packed into four bytes, become colours; the other fields keep their type, and one with COUNT above 1
     becomes `name_0`, `name_1`, ...; padding is left out. Organised clouds are flattened row by row, and pixels without
     a depth (NaN) are dropped and counted.
+
+    An organised cloud (HEIGHT above 1) whose VIEWPOINT is the pose of the pinhole camera that took it gets `views`; see
+    `frame_views`.
 
     Args:
         path: the file.
@@ -78,7 +87,10 @@ def read_pcd(path: str | os.PathLike[str]) -> PointCloud:
     for field, block in zip(header.fields, blocks, strict=True):
         if field.name != PADDING:
             columns |= _columns(field, block, source)
-    return cloud_of_columns(columns, source)
+    cloud = cloud_of_columns(columns, source)
+    if header.width is None:
+        return cloud
+    return dataclasses.replace(cloud, views=frame_views(cloud.points, cloud.rows, header.width, header.viewpoint))
 
 
 def parse_header(data: bytes, source: str) -> PcdHeader:
@@ -112,7 +124,9 @@ def parse_header(data: bytes, source: str) -> PcdHeader:
             f"{source}: the PCD header has no line DATA with one of {', '.join(ENCODINGS)}; is it cut off?"
         )
     body = position if position else len(data)
-    return PcdHeader(_fields(entries, source), _point_count(entries, source), entries["DATA"][0], body, lines)
+    points, encoding = _point_count(entries, source), entries["DATA"][0]
+    viewpoint = _viewpoint(entries.get("VIEWPOINT", []))
+    return PcdHeader(_fields(entries, source), points, encoding, body, lines, _image_width(entries, source), viewpoint)
 
 
 _NUMBERS = ("SIZE", "COUNT", "WIDTH", "HEIGHT", "POINTS")
@@ -156,6 +170,20 @@ def _point_count(entries: dict[str, list[str]], source: str) -> int:
     if declared not in (None, area):
         raise InputError(f"{source}: POINTS is {declared}, WIDTH times HEIGHT is {area}; correct the PCD header")
     return area
+
+
+def _image_width(entries: dict[str, list[str]], source: str) -> int | None:
+    """WIDTH where HEIGHT tells that the points are the rows of an image."""
+    if "WIDTH" not in entries or "HEIGHT" not in entries or _numbers(entries, "HEIGHT", 1, source)[0] < 2:
+        return None
+    return _numbers(entries, "WIDTH", 1, source)[0]
+
+
+def _viewpoint(values: list[str]) -> tuple[float, ...]:
+    try:
+        return tuple(float(value) for value in values)
+    except ValueError:
+        return ()
 
 
 def _ascii_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.ndarray]:

@@ -11,10 +11,11 @@ import numpy.typing as npt
 from gmmjax.clouds.atomic import atomic_write
 from gmmjax.clouds.colors import CHANNELS
 from gmmjax.clouds.columns import AXES, cast_column, cloud_of_columns, require_axes
+from gmmjax.clouds.coordinates import as_finite_points
 from gmmjax.clouds.files import read_bytes
 from gmmjax.clouds.number_table import NumberedLines, parse_table
 from gmmjax.clouds.ply_header import Element, PlyHeader, parse_header
-from gmmjax.clouds.point_cloud import PointCloud, as_finite_points
+from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.errors import InputError
 
 WRITTEN_TYPES = {

@@ -7,6 +7,8 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Float64, Int64, UInt8
 
+from gmmjax.clouds.coordinates import as_points
+from gmmjax.clouds.views import SensorViews
 from gmmjax.errors import InputError
 
 
@@ -23,6 +25,7 @@ class PointCloud:
         fields: further scalars per point, by name, as read (label, probability, intensity, ...).
         rows_dropped: how many rows of the source had a NaN or infinite coordinate.
         source: the file, or None for arrays.
+        views: where the sensor stood, in the frame of the points, where the file says so; else None.
 
     Raises:
         InputError: arrays whose shapes or types disagree with the above.
@@ -34,6 +37,7 @@ class PointCloud:
     fields: Mapping[str, np.ndarray] = field(default_factory=dict)
     rows_dropped: int = 0
     source: str | None = None
+    views: SensorViews | None = None
 
     def __post_init__(self) -> None:
         prefix = _prefix(self.source)
@@ -54,6 +58,7 @@ class PointCloud:
         colors: npt.ArrayLike | None = None,
         fields: Mapping[str, npt.ArrayLike] | None = None,
         source: str | None = None,
+        views: SensorViews | None = None,
     ) -> "PointCloud":
         """The cloud of those rows whose three coordinates are finite.
 
@@ -62,6 +67,7 @@ class PointCloud:
             colors: red, green and blue [N, 3], uint8.
             fields: scalars [N] by name.
             source: the file that the rows came from, for messages.
+            views: where the sensor stood, in the frame of the points; None where that is not known.
 
         Returns:
             The cloud; `rows` tells which row each point was, `rows_dropped` how many are gone.
@@ -80,57 +86,7 @@ class PointCloud:
             coordinates = coordinates[rows]
             color_rows = None if color_rows is None else color_rows[rows]
             columns = {name: values[rows] for name, values in columns.items()}
-        return cls(coordinates, rows, color_rows, columns, int(len(finite) - len(rows)), source)
-
-
-def as_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray, "n 3"]:
-    """Coordinates [N, 3] as float64, copied only where the type changes; NaN and inf pass.
-
-    Args:
-        points: real numbers [N, 3].
-        name: what the message calls them.
-
-    Returns:
-        The same numbers in float64.
-
-    Raises:
-        InputError: not real numbers, or not [N, 3].
-    """
-    try:
-        array = np.asarray(points)
-    except (ValueError, TypeError) as error:
-        raise InputError(
-            f"{name}: cannot be made an array [N, 3] ({error}); give three numbers for each point"
-        ) from error
-    if array.dtype.kind not in "fiu" and array.size:
-        raise InputError(f"{name}: must be real numbers, not {array.dtype}; convert them with astype(float)")
-    if array.ndim != 2 or array.shape[1] != 3:
-        hint = "; transpose it" if array.ndim == 2 and array.shape[0] == 3 else ""
-        raise InputError(f"{name}: must have shape [N, 3], not {list(array.shape)}{hint}")
-    return array.astype(np.float64, copy=False)
-
-
-def as_finite_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray, "n 3"]:
-    """As `as_points`, and NaN or inf is an error.
-
-    Args:
-        points: real, finite numbers [N, 3].
-        name: what the message calls them.
-
-    Returns:
-        The same numbers in float64.
-
-    Raises:
-        InputError: not real, not [N, 3] or not finite.
-    """
-    array = as_points(points, name)
-    broken = ~np.isfinite(array).all(axis=1)
-    if broken.any():
-        raise InputError(
-            f"{name}: {int(broken.sum())} of {len(array)} rows have NaN or inf (first: row {int(broken.argmax())}); "
-            "drop them with PointCloud.from_rows(points).points"
-        )
-    return array
+        return cls(coordinates, rows, color_rows, columns, int(len(finite) - len(rows)), source, views)
 
 
 def _check_attributes(colors: np.ndarray | None, fields: Mapping[str, np.ndarray], count: int, prefix: str) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Float64, Int64
 
-from gmmjax.clouds.point_cloud import as_finite_points
+from gmmjax.clouds.coordinates import as_finite_points
 from gmmjax.errors import InputError
 
 AXIS_BITS = 21

@@ -1,0 +1,57 @@
+"""Coordinates as callers give them, checked."""
+
+import numpy as np
+import numpy.typing as npt
+from jaxtyping import Float64
+
+from gmmjax.errors import InputError
+
+
+def as_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray, "n 3"]:
+    """Coordinates [N, 3] as float64, copied only where the type changes; NaN and inf pass.
+
+    Args:
+        points: real numbers [N, 3].
+        name: what the message calls them.
+
+    Returns:
+        The same numbers in float64.
+
+    Raises:
+        InputError: not real numbers, or not [N, 3].
+    """
+    try:
+        array = np.asarray(points)
+    except (ValueError, TypeError) as error:
+        raise InputError(
+            f"{name}: cannot be made an array [N, 3] ({error}); give three numbers for each point"
+        ) from error
+    if array.dtype.kind not in "fiu" and array.size:
+        raise InputError(f"{name}: must be real numbers, not {array.dtype}; convert them with astype(float)")
+    if array.ndim != 2 or array.shape[1] != 3:
+        hint = "; transpose it" if array.ndim == 2 and array.shape[0] == 3 else ""
+        raise InputError(f"{name}: must have shape [N, 3], not {list(array.shape)}{hint}")
+    return array.astype(np.float64, copy=False)
+
+
+def as_finite_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray, "n 3"]:
+    """As `as_points`, and NaN or inf is an error.
+
+    Args:
+        points: real, finite numbers [N, 3].
+        name: what the message calls them.
+
+    Returns:
+        The same numbers in float64.
+
+    Raises:
+        InputError: not real, not [N, 3] or not finite.
+    """
+    array = as_points(points, name)
+    broken = ~np.isfinite(array).all(axis=1)
+    if broken.any():
+        raise InputError(
+            f"{name}: {int(broken.sum())} of {len(array)} rows have NaN or inf (first: row {int(broken.argmax())}); "
+            "drop them with PointCloud.from_rows(points).points"
+        )
+    return array
