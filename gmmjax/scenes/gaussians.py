@@ -47,6 +47,8 @@ def random_scene(
     disappeared: int = 0,
     overlap: Overlap = "low",
     points: int = 1000,
+    density: float = 1.0,
+    shift: float = 0.0,
 ) -> GaussianScene:
     """A random scene of thesis 4.6.1.
 
@@ -57,21 +59,62 @@ def random_scene(
         disappeared: Gaussians of the before cloud that are not in the after cloud.
         overlap: "low" has the means in [-4, 4] m, "medium" in [-2, 2] m.
         points: points drawn from each Gaussian.
+        density: of the after cloud, by that of the before cloud.
+        shift: standard deviation on each axis of a displacement of the whole after cloud, metres.
 
     Raises:
         InputError: numbers that leave a cloud without a Gaussian or without points, or an unknown overlap.
     """
-    if overlap not in OVERLAPS:
-        raise InputError(f"overlap={overlap!r} is unknown; choose from {', '.join(OVERLAPS)}")
-    if min(start, points) < 1 or min(appeared, disappeared) < 0:
-        raise InputError("start and points must be at least 1, appeared and disappeared at least 0")
+    _check(overlap, start, points, density, shift)
+    if min(appeared, disappeared) < 0:
+        raise InputError("appeared and disappeared must be at least 0")
     if disappeared > start or start - disappeared + appeared < 1:
         raise InputError(f"disappeared={disappeared} of start={start} leaves no Gaussian in one of the clouds")
-    random = _numpy_generator(key)
+    random = numpy_generator(key)
     total = start + appeared
     means = random.uniform(-HALF_WIDTH[overlap], HALF_WIDTH[overlap], (total, 3))
     covariances = _random_covariances(random, total)
-    return _scene(random, means, covariances, start, disappeared, points)
+    counts = points, _after_points(points, density)
+    return _shifted(random, _scene(random, means, covariances, start, disappeared, counts), shift)
+
+
+def replaced_scene(
+    key: PRNGKeyArray,
+    *,
+    separation: float,
+    start: int = 5,
+    overlap: Overlap = "low",
+    points: int = 1000,
+    density: float = 1.0,
+    shift: float = 0.0,
+) -> GaussianScene:
+    """A random scene in which one Gaussian is gone and a new one stands near its place, as in thesis figure 4.8.
+
+    The new Gaussian has a random covariance of its own. It stands in a random direction from the one that is gone.
+
+    Args:
+        key: random key; the same key gives the same scene.
+        separation: distance of the two means, in root mean square standard deviations of the Gaussian that is gone.
+        start: Gaussians in either cloud.
+        overlap: "low" has the means in [-4, 4] m, "medium" in [-2, 2] m.
+        points: points drawn from each Gaussian.
+        density: of the after cloud, by that of the before cloud.
+        shift: standard deviation on each axis of a displacement of the whole after cloud, metres.
+
+    Raises:
+        InputError: numbers that leave a cloud without a Gaussian or without points, or an unknown overlap.
+    """
+    _check(overlap, start, points, density, shift)
+    if not 0 <= separation < np.inf:
+        raise InputError(f"separation={separation!r} must be at least 0")
+    random = numpy_generator(key)
+    means = random.uniform(-HALF_WIDTH[overlap], HALF_WIDTH[overlap], (start + 1, 3))
+    covariances = _random_covariances(random, start + 1)
+    direction = random.standard_normal(3)
+    deviation = np.sqrt(np.trace(covariances[0]) / 3)
+    means[start] = means[0] + separation * deviation * direction / np.linalg.norm(direction)
+    counts = points, _after_points(points, density)
+    return _shifted(random, _scene(random, means, covariances, start, 1, counts), shift)
 
 
 def fixed_scene(key: PRNGKeyArray, *, points: int = 1000) -> GaussianScene:
@@ -98,7 +141,7 @@ def fixed_scene(key: PRNGKeyArray, *, points: int = 1000) -> GaussianScene:
             [0.05, 0.05, 0.1],
         ]
     )
-    return _scene(_numpy_generator(key), means, diagonals[:, :, None] * np.eye(3), 4, 0, points)
+    return _scene(numpy_generator(key), means, diagonals[:, :, None] * np.eye(3), 4, 0, (points, points))
 
 
 def _scene(
@@ -107,7 +150,7 @@ def _scene(
     covariances: Float[np.ndarray, "k 3 3"],
     start: int,
     disappeared: int,
-    points: int,
+    counts: tuple[int, int],
 ) -> GaussianScene:
     """The first `start` Gaussians are in `before`; the first `disappeared` of them are not in `after`."""
     before = np.arange(start)
@@ -117,13 +160,36 @@ def _scene(
     changed = np.concatenate([before[:disappeared], np.arange(start, len(means))])
     change[changed] = np.arange(len(changed))
     return GaussianScene(
-        before=_draw(random, means[before], covariances[before], points),
-        after=_draw(random, means[after], covariances[after], points),
-        truth_before=np.repeat(change[before], points),
-        truth_after=np.repeat(change[after], points),
+        before=_draw(random, means[before], covariances[before], counts[0]),
+        after=_draw(random, means[after], covariances[after], counts[1]),
+        truth_before=np.repeat(change[before], counts[0]),
+        truth_after=np.repeat(change[after], counts[1]),
         mixture_before=_equal_mixture(means[before], covariances[before]),
         mixture_after=_equal_mixture(means[after], covariances[after]),
     )
+
+
+def _shifted(random: np.random.Generator, scene: GaussianScene, shift: float) -> GaussianScene:
+    """The scene with its after cloud displaced at random."""
+    displacement = shift * random.standard_normal(3)
+    mixture = scene.mixture_after
+    moved = GaussianMixture(mixture.weights, mixture.means + displacement, mixture.covariances, mixture.live)
+    return dataclasses.replace(scene, after=scene.after + displacement, mixture_after=moved)
+
+
+def _check(overlap: str, start: int, points: int, density: float, shift: float) -> None:
+    if overlap not in OVERLAPS:
+        raise InputError(f"overlap={overlap!r} is unknown; choose from {', '.join(OVERLAPS)}")
+    if min(start, points) < 1:
+        raise InputError("start and points must be at least 1")
+    if not 0 < density < np.inf:
+        raise InputError(f"density={density!r} must be a positive number")
+    if not 0 <= shift < np.inf:
+        raise InputError(f"shift={shift!r} must be a length of at least 0")
+
+
+def _after_points(points: int, density: float) -> int:
+    return max(1, round(points * density))
 
 
 def _draw(
@@ -146,6 +212,6 @@ def _random_covariances(random: np.random.Generator, count: int) -> Float[np.nda
     return np.einsum("kij,kj,klj->kil", axes, random.uniform(*PRINCIPAL_VARIANCES, (count, 3)), axes)
 
 
-def _numpy_generator(key: PRNGKeyArray) -> np.random.Generator:
+def numpy_generator(key: PRNGKeyArray) -> np.random.Generator:
     """NumPy's generator, in float64 whatever JAX's setting, seeded with the bits of a JAX key."""
     return np.random.default_rng(np.asarray(jax.random.key_data(key)).tolist())

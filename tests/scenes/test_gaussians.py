@@ -4,7 +4,7 @@ import pytest
 import scipy.stats
 
 from gmmjax import InputError
-from gmmjax.scenes import fixed_scene, random_scene
+from gmmjax.scenes import fixed_scene, random_scene, replaced_scene
 
 KEY = jax.random.key(3)
 
@@ -77,8 +77,42 @@ def test_gaussians_that_stay_are_drawn_anew():
         (dict(appeared=-1), "appeared"),
         (dict(disappeared=6), "disappeared=6"),
         (dict(disappeared=5, appeared=0), "no Gaussian"),
+        (dict(density=0.0), "density=0.0"),
+        (dict(shift=-0.1), "shift=-0.1"),
     ],
 )
 def test_scenes_that_cannot_be_are_refused(arguments, message):
     with pytest.raises(InputError, match=message):
         random_scene(KEY, **arguments)
+
+
+def test_a_new_gaussian_stands_near_the_place_of_the_one_that_is_gone():
+    scenes = [replaced_scene(jax.random.key(seed), separation=0.5, points=20) for seed in range(5)]
+    steps = []
+    for scene in scenes:
+        gone, new = scene.mixture_before.means[0], scene.mixture_after.means[-1]
+        deviation = np.sqrt(np.trace(scene.mixture_before.covariances[0]) / 3)
+        assert np.linalg.norm(new - gone) == pytest.approx(0.5 * deviation)
+        assert not np.allclose(scene.mixture_after.covariances[-1], scene.mixture_before.covariances[0])
+        np.testing.assert_array_equal(scene.mixture_before.means[1:], scene.mixture_after.means[:-1])
+        assert set(scene.truth_before) == {-1, 0} and set(scene.truth_after) == {-1, 1}
+        assert len(scene.before) == len(scene.after) == 100
+        steps.append((new - gone) / np.linalg.norm(new - gone))
+    assert np.linalg.matrix_rank(steps) == 3
+
+
+@pytest.mark.parametrize("make", [random_scene, lambda key, **more: replaced_scene(key, separation=2.0, **more)])
+def test_the_after_cloud_can_be_sparser_and_displaced(make):
+    plain, sparse, shifted = (make(KEY, points=50, **more) for more in ({}, {"density": 0.4}, {"shift": 0.1}))
+    assert len(sparse.before) == len(plain.before)
+    assert len(sparse.after) == len(sparse.truth_after) == round(0.4 * len(plain.after))
+    displacement = shifted.after[0] - plain.after[0]
+    np.testing.assert_allclose(shifted.after, plain.after + displacement)
+    np.testing.assert_allclose(shifted.mixture_after.means, plain.mixture_after.means + displacement)
+    np.testing.assert_array_equal(shifted.before, plain.before)
+    assert 0 < np.linalg.norm(displacement) < 0.5
+
+
+def test_a_gaussian_cannot_be_replaced_at_no_distance():
+    with pytest.raises(InputError, match=r"separation=-1\.0"):
+        replaced_scene(KEY, separation=-1.0)

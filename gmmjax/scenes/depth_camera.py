@@ -1,0 +1,70 @@
+"""A depth camera that looks at solids: noise, flying pixels and drop-outs included."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from gmmjax.scenes.ray_casting import UNCHANGED, Solid, cast
+
+# A jump in range between neighbouring pixels from which there is a depth edge, metres.
+EDGE = 0.1
+
+
+@dataclasses.dataclass(frozen=True)
+class DepthCamera:
+    """A time-of-flight camera like the thesis's HazCam (171 x 224 pixels).
+
+    Attributes:
+        columns: pixels across.
+        rows: pixels down.
+        field_of_view: full horizontal and vertical angle, degrees.
+        least_range: nothing nearer is returned, metres.
+        max_range: nor anything further.
+        noise: standard deviation along the ray at 2 m; half of it is constant, half grows with the range.
+        flying: share of the pixels at depth edges that fall between the two surfaces.
+        lost: share of the pixels without a return.
+    """
+
+    columns: int = 224
+    rows: int = 171
+    field_of_view: tuple[float, float] = (62.0, 45.0)
+    least_range: float = 0.3
+    max_range: float = 4.0
+    noise: float = 0.008
+    flying: float = 0.05
+    lost: float = 0.03
+
+    def directions(self) -> Float[np.ndarray, "n 3"]:
+        """Unit directions of all pixels, row by row; x right, y down, z forward."""
+        across, down = (np.tan(np.radians(angle) / 2) for angle in self.field_of_view)
+        x = across * ((np.arange(self.columns) + 0.5) / self.columns * 2 - 1)
+        y = down * ((np.arange(self.rows) + 0.5) / self.rows * 2 - 1)
+        rays = np.stack([*np.meshgrid(x, y), np.ones((self.rows, self.columns))], axis=-1).reshape(-1, 3)
+        return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+    def frame(
+        self, solids: Sequence[Solid], pose: Float[np.ndarray, "4 4"], random: np.random.Generator
+    ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
+        """The points that it returns from a pose, in the world, and the change that each belongs to."""
+        directions = self.directions() @ pose[:3, :3].T
+        ranges, change = cast(solids, pose[:3, 3], directions)
+        ranges = np.minimum(ranges, 2 * self.max_range)
+        measured = ranges + self.noise * (0.5 + ranges / 4) * random.standard_normal(len(ranges))
+        behind = self._behind_edge(ranges)
+        flies = (behind > ranges) & (random.random(len(ranges)) < self.flying)
+        measured = np.where(flies, ranges + random.random(len(ranges)) * (behind - ranges), measured)
+        returned = (ranges > self.least_range) & (measured < self.max_range) & (random.random(len(ranges)) > self.lost)
+        points = pose[:3, 3] + directions[returned] * measured[returned, None]
+        return points, np.where(flies, UNCHANGED, change)[returned]
+
+    def _behind_edge(self, ranges: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """The range of a pixel beside where that is at least 10 cm further; the own range elsewhere."""
+        image = ranges.reshape(self.rows, self.columns)
+        behind = image.copy()
+        for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+            for near, far in ((one, other), (other, one)):
+                jump = image[far] - image[near] > EDGE
+                behind[near] = np.where(jump, image[far], behind[near])
+        return np.asarray(behind.ravel())

@@ -1,0 +1,322 @@
+"""The simulated laboratory: a room of 2 m that a depth camera surveys twice, with truth (after thesis 3.1.3 to 3.1.5).
+
+Granite floor, walls, a docking station, a shelf, handrails and a cupboard, whose places differ from scene to scene;
+objects of about 0.3 m come, go, move and stay.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, PRNGKeyArray
+from scipy.spatial.transform import Rotation
+
+from gmmjax.clouds import SensorViews, voxel_grid
+from gmmjax.errors import InputError, check_choice
+from gmmjax.scenes.depth_camera import DepthCamera
+from gmmjax.scenes.gaussians import numpy_generator
+from gmmjax.scenes.ray_casting import UNCHANGED, Solid, cast
+
+Level = Literal["normal", "hard"]
+Survey = Literal["panorama", "frame"]
+
+FRAMES = 16
+# The hard level loses this share of the frames of each survey, in one run.
+LOST_FRAMES = 0.25
+VOXEL = 0.01
+# A survey uses every so many pixels.
+PIXEL_STEP = 3.5
+# Half the inner side of the room, and where objects may stand.
+INNER, STANDING = 1.1, 0.78
+# A point is seen when the first hit on its ray is not nearer than it by more than this.
+HIDDEN_BY = 0.03
+# A change is counted in a cloud when so many of its points are there and less than half of them are unseen.
+LEAST_POINTS = 40
+MOST_OBJECTS = 5
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LaboratoryScene:
+    """Two surveys of the laboratory with the truth.
+
+    Attributes:
+        before: the first survey [n0, 3], metres.
+        after: the second one [n1, 3], misregistered.
+        truth_before: per point -1, or the number of the change; a moved object has the same number in both clouds.
+        truth_after: the same for `after`.
+        unseen_before: per point whether the other survey could not see its place.
+        unseen_after: the same for `after`.
+        views_before: where the camera stood.
+        views_after: where it believed to stand: misregistered like its cloud.
+        uncounted_before: changes with fewer than 40 points in `before`, or half of whose points are unseen.
+        uncounted_after: the same for `after`.
+        kinds: of each change: "appeared", "disappeared" or "moved".
+        misregistration: rigid motion [4, 4] of the after cloud and its views.
+        motions: for each moved object the rigid motion [4, 4] from `before` to `after` as they are given.
+    """
+
+    before: Float[np.ndarray, "n0 3"]
+    after: Float[np.ndarray, "n1 3"]
+    truth_before: Int[np.ndarray, " n0"]
+    truth_after: Int[np.ndarray, " n1"]
+    unseen_before: Bool[np.ndarray, " n0"]
+    unseen_after: Bool[np.ndarray, " n1"]
+    views_before: SensorViews
+    views_after: SensorViews
+    uncounted_before: frozenset[int]
+    uncounted_after: frozenset[int]
+    kinds: tuple[str, ...]
+    misregistration: Float[np.ndarray, "4 4"]
+    motions: dict[int, Float[np.ndarray, "4 4"]]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Surveyed:
+    """One survey in true coordinates."""
+
+    points: np.ndarray
+    change: np.ndarray
+    poses: np.ndarray
+
+
+def laboratory_scene(
+    key: PRNGKeyArray,
+    *,
+    appeared: int = 1,
+    disappeared: int = 0,
+    moved: int = 0,
+    level: Level = "normal",
+    survey: Survey = "panorama",
+) -> LaboratoryScene:
+    """A random laboratory, surveyed before and after something changed.
+
+    Args:
+        key: random key; the same key gives the same scene.
+        appeared: new objects in the after cloud.
+        disappeared: objects of the before cloud that are not in the after cloud.
+        moved: objects that stand elsewhere in the after cloud.
+        level: "normal" has 6 to 10 mm noise, 1 to 2 cm and up to 0.5 degrees misregistration; "hard" the upper ends,
+            and a quarter of the frames of each survey is lost.
+        survey: "panorama" fuses 16 frames from around the room in voxels of 1 cm; "frame" is one depth frame from
+            nearly the same pose in both.
+
+    Raises:
+        InputError: a negative number, more than five changed objects, or an unknown level or survey.
+    """
+    check_choice("level", level, get_args(Level))
+    check_choice("survey", survey, get_args(Survey))
+    if min(appeared, disappeared, moved) < 0 or appeared + disappeared + 2 * moved > MOST_OBJECTS:
+        raise InputError(
+            f"appeared={appeared}, disappeared={disappeared}, moved={moved}: must not be negative, and there is room "
+            f"for {MOST_OBJECTS} places of changed objects (a moved one needs two)"
+        )
+    random = numpy_generator(key)
+    room = _room(random, open_front=survey == "frame")
+    gone, new, moves, staying = _objects(random, appeared, disappeared, moved)
+    before = [*room, *staying, *gone, *(old for old, _ in moves)]
+    after = [*room, *staying, *new, *(to for _, to in moves)]
+    hard = level == "hard"
+    camera = DepthCamera(noise=0.01 if hard else random.uniform(0.006, 0.01))
+    if survey == "panorama":
+        columns, rows = (int(pixels / PIXEL_STEP) for pixels in (camera.columns, camera.rows))
+        camera = dataclasses.replace(camera, columns=columns, rows=rows)
+    stands = _stands(random, survey)
+    first = _survey(random, before, stands, camera, survey, hard)
+    second = _survey(random, after, stands, camera, survey, hard)
+    shift, turn = (0.02, 0.5) if hard else (random.uniform(0.01, 0.02), random.uniform(0, 0.5))
+    misregistration = _small_motion(random, shift, turn)
+    kinds = ("disappeared",) * disappeared + ("appeared",) * appeared + ("moved",) * moved
+    motions = {old.change: misregistration @ to.pose() @ np.linalg.inv(old.pose()) for old, to in moves}
+    return _scene(first, second, before, after, camera, misregistration, kinds, motions)
+
+
+def _scene(
+    first: _Surveyed,
+    second: _Surveyed,
+    before: Sequence[Solid],
+    after: Sequence[Solid],
+    camera: DepthCamera,
+    misregistration: np.ndarray,
+    kinds: tuple[str, ...],
+    motions: dict[int, np.ndarray],
+) -> LaboratoryScene:
+    views_before = SensorViews(first.poses, camera.field_of_view, camera.max_range)
+    views_after = SensorViews(second.poses, camera.field_of_view, camera.max_range)
+    unseen_before = ~_seen(first.points, after, views_after)
+    unseen_after = ~_seen(second.points, before, views_before)
+    return LaboratoryScene(
+        before=first.points,
+        after=second.points @ misregistration[:3, :3].T + misregistration[:3, 3],
+        truth_before=first.change,
+        truth_after=second.change,
+        unseen_before=unseen_before,
+        unseen_after=unseen_after,
+        views_before=views_before,
+        views_after=views_after.moved(misregistration),
+        uncounted_before=_uncounted(first.change, unseen_before),
+        uncounted_after=_uncounted(second.change, unseen_after),
+        kinds=kinds,
+        misregistration=misregistration,
+        motions=motions,
+    )
+
+
+def _room(random: np.random.Generator, open_front: bool) -> list[Solid]:
+    """Floor, walls and what is fixed to them; a single frame looks in from where the front wall would be."""
+    wall, height = 0.1, 1.4
+    middle = INNER + wall / 2
+    walls = [(0.0, middle, 0.0), (-middle, 0.0, 0.0), (middle, 0.0, 0.0)] + [(0.0, -middle, 0.0)] * (not open_front)
+    solids = [_solid((0.0, 0.0, -0.05), (2.4, 2.4, 0.1))]
+    for x, y, _ in walls:
+        extent = (2.4, wall, height) if x == 0 else (wall, 2.4, height)
+        solids.append(_solid((x, y, height / 2 - 0.1), extent))
+    dock = random.uniform(-0.5, 0.5)
+    solids.append(_solid((dock, 1.05, 0.5), (0.4, 0.12, 0.4)))
+    solids.append(_solid((dock, 0.97, 0.45), (0.15, 0.06, 0.15)))
+    solids.append(_solid((-1.0, random.uniform(-0.4, 0.4), random.uniform(0.6, 0.8)), (0.2, 0.7, 0.03)))
+    for _ in range(2):
+        solids.append(_solid((1.06, random.uniform(-0.6, 0.6), random.uniform(0.3, 1.0)), (0.03, 0.6, 0.03)))
+    if not open_front:
+        solids.append(_solid((random.uniform(-0.8, 0.8), -1.0, 0.25), (0.25, 0.2, 0.5)))
+    return solids
+
+
+def _solid(centre: Sequence[float | int], extent: Sequence[float | int]) -> Solid:
+    return Solid(np.array(centre, float), np.array(extent, float))
+
+
+def _objects(
+    random: np.random.Generator, appeared: int, disappeared: int, moved: int
+) -> tuple[list[Solid], list[Solid], list[tuple[Solid, Solid]], list[Solid]]:
+    """Objects that are gone, new, moved (from, to) and stay, none in the place of another."""
+    taken: list[tuple[np.ndarray, float]] = []
+    gone = [_placed(random, _object(random, number), taken) for number in range(disappeared)]
+    new = [_placed(random, _object(random, disappeared + number), taken) for number in range(appeared)]
+    moves = []
+    for number in range(moved):
+        old = _placed(random, _object(random, disappeared + appeared + number), taken)
+        moves.append((old, _placed(random, old, taken)))
+    staying = 2 if appeared + disappeared + 2 * moved < 4 else 1
+    return gone, new, moves, [_placed(random, _object(random, UNCHANGED), taken) for _ in range(staying)]
+
+
+def _object(random: np.random.Generator, change: int) -> Solid:
+    """A robot's cube, a box, a bag or a drum of about 0.3 m."""
+    extent = random.uniform(0.22, 0.42, 3)
+    round_ = bool(random.random() < 0.25)
+    if round_:
+        extent[1] = extent[0]
+    elif random.random() < 0.2:
+        extent[:] = 0.32
+    return Solid(np.array([0.0, 0.0, extent[2] / 2]), extent, 0.0, round_, change)
+
+
+def _placed(random: np.random.Generator, solid: Solid, taken: list[tuple[np.ndarray, float]]) -> Solid:
+    """The object on a free place of the floor, turned at random."""
+    radius = (1.0 if solid.round else 2**0.5) * max(solid.extent[:2]) / 2
+    gap = 0.05
+    for _ in range(10_000):
+        place = random.uniform(-STANDING, STANDING, 2)
+        if all(np.linalg.norm(place - other) > radius + reach + gap for other, reach in taken):
+            taken.append((place, radius))
+            centre = np.array([*place, solid.centre[2]])
+            return dataclasses.replace(solid, centre=centre, yaw=float(random.uniform(0, 2 * np.pi)))
+        gap *= 0.999
+        radius *= 0.9999
+    raise InputError("there is no room left for so many objects")
+
+
+def _stands(random: np.random.Generator, survey: Survey) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Where the camera stands and what it looks at."""
+    if survey == "frame":
+        return [(np.array([random.uniform(-0.3, 0.3), -1.5, 1.4]), np.array([random.uniform(-0.1, 0.1), 0.15, 0.1]))]
+    stands = []
+    for index in range(FRAMES):
+        angle = 2 * np.pi * index / FRAMES
+        round_the_room = np.array([np.cos(angle), np.sin(angle)])
+        position = np.array([*(np.array([0.85, 0.75]) * round_the_room), 1.1 + 0.25 * (index % 2)])
+        stands.append((position, np.array([*(-0.6 * round_the_room), 0.15 + 0.35 * (index % 3 == 0)])))
+    return stands
+
+
+def _survey(
+    random: np.random.Generator,
+    solids: Sequence[Solid],
+    stands: Sequence[tuple[np.ndarray, np.ndarray]],
+    camera: DepthCamera,
+    survey: Survey,
+    hard: bool,
+) -> _Surveyed:
+    kept = list(range(len(stands)))
+    if hard and survey == "panorama":
+        first, lost = random.integers(FRAMES), int(LOST_FRAMES * FRAMES)
+        kept = [index for index in kept if (index - first) % FRAMES >= lost]
+    near, aim = (0.03, 0.05) if survey == "panorama" else (0.003, 0.003)
+    poses = np.stack([_looking(_about(random, stands[i][0], near), _about(random, stands[i][1], aim)) for i in kept])
+    frames = [camera.frame(solids, pose, random) for pose in poses]
+    if survey == "frame":
+        return _Surveyed(frames[0][0], frames[0][1], poses)
+    # Each frame is a little off its believed pose.
+    points = np.concatenate(
+        [
+            _moved_about(frame, pose[:3, 3], _small_motion(random, 0.003, 0.1))
+            for (frame, _), pose in zip(frames, poses, strict=True)
+        ]
+    )
+    return _voxels(points, np.concatenate([change for _, change in frames]), poses)
+
+
+def _about(random: np.random.Generator, place: np.ndarray, deviation: float) -> np.ndarray:
+    return np.asarray(place + deviation * random.standard_normal(3))
+
+
+def _voxels(points: np.ndarray, change: np.ndarray, poses: np.ndarray) -> _Surveyed:
+    """The means of the voxels; each belongs to what most of its points belong to."""
+    grid = voxel_grid(points, VOXEL)
+    numbers = np.unique(change)
+    votes = [np.bincount(grid.voxel_of_point, change == number, minlength=len(grid.mass)) for number in numbers]
+    return _Surveyed(grid.points, numbers[np.argmax(votes, axis=0)], poses)
+
+
+def _looking(position: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """A camera's pose, upright: x right, y down, z towards the target."""
+    forward = (target - position) / np.linalg.norm(target - position)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3] = np.stack([right, np.cross(forward, right), forward, position], axis=1)
+    return pose
+
+
+def _small_motion(random: np.random.Generator, shift: float, degrees: float) -> np.ndarray:
+    """A rigid motion of this length and angle in random directions."""
+    axis, direction = (vector / np.linalg.norm(vector) for vector in random.standard_normal((2, 3)))
+    motion = np.eye(4)
+    motion[:3, :3] = Rotation.from_rotvec(np.radians(degrees) * axis).as_matrix()
+    motion[:3, 3] = shift * direction
+    return motion
+
+
+def _moved_about(points: np.ndarray, centre: np.ndarray, motion: np.ndarray) -> np.ndarray:
+    return np.asarray((points - centre) @ motion[:3, :3].T + motion[:3, 3] + centre)
+
+
+def _seen(points: np.ndarray, solids: Sequence[Solid], views: SensorViews) -> np.ndarray:
+    """Which places a survey of these solids could see, through or onto."""
+    seen = np.zeros(len(points), bool)
+    for view in range(len(views)):
+        places = views.in_camera(points, view)
+        candidates = np.flatnonzero(views.in_field_of_view(places) & (places[:, 2] > 0) & ~seen)
+        position = views.poses[view, :3, 3]
+        rays = points[candidates] - position
+        ranges = np.linalg.norm(rays, axis=1)
+        first_hit, _ = cast(solids, position, rays / ranges[:, None])
+        seen[candidates[first_hit > ranges - HIDDEN_BY]] = True
+    return seen
+
+
+def _uncounted(change: np.ndarray, unseen: np.ndarray) -> frozenset[int]:
+    numbers = np.unique(change[change != UNCHANGED])
+    few = [int(n) for n in numbers if (change == n).sum() < LEAST_POINTS or unseen[change == n].mean() >= 0.5]
+    return frozenset(few)

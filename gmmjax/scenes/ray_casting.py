@@ -1,0 +1,86 @@
+"""Solids that rays hit: boxes and upright cylinders, with what they stand for."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+UNCHANGED = -1
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Solid:
+    """A box or an upright cylinder.
+
+    Attributes:
+        centre: its centre, metres.
+        extent: full edge lengths along its own axes; of a cylinder twice the diameter and the height.
+        yaw: turn about the vertical, radians.
+        round: whether it is a cylinder.
+        change: number of the change that it belongs to, or `UNCHANGED`.
+    """
+
+    centre: Float[np.ndarray, "3"]
+    extent: Float[np.ndarray, "3"]
+    yaw: float = 0.0
+    round: bool = False
+    change: int = UNCHANGED
+
+    @property
+    def rotation(self) -> Float[np.ndarray, "3 3"]:
+        """Its axes as columns."""
+        cosine, sine = np.cos(self.yaw), np.sin(self.yaw)
+        return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+    def pose(self) -> Float[np.ndarray, "4 4"]:
+        """Its own coordinates to the world's."""
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = self.rotation, self.centre
+        return pose
+
+    def contains(self, points: Float[np.ndarray, "n 3"], margin: float = 0.0) -> Bool[np.ndarray, " n"]:
+        """Which points lie inside, or outside by no more than the margin on each axis."""
+        own = (points - self.centre) @ self.rotation
+        half = self.extent / 2 + margin
+        if self.round:
+            return np.asarray((np.hypot(own[:, 0], own[:, 1]) <= half[0]) & (np.abs(own[:, 2]) <= half[2]))
+        return np.asarray((np.abs(own) <= half).all(axis=1))
+
+    def ranges(self, origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+        """How far along each ray, of unit direction, it is hit from outside; inf where it is not."""
+        start, along = (origin - self.centre) @ self.rotation, directions @ self.rotation
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return _cylinder(start, along, self.extent / 2) if self.round else _box(start, along, self.extent / 2)
+
+
+def cast(
+    solids: Sequence[Solid], origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """The range of the first hit of each ray, inf where there is none, and the change of what it hits."""
+    nearest, change = np.full(len(directions), np.inf), np.full(len(directions), UNCHANGED)
+    for solid in solids:
+        ranges = solid.ranges(origin, directions)
+        nearer = ranges < nearest
+        nearest[nearer], change[nearer] = ranges[nearer], solid.change
+    return nearest, change
+
+
+def _box(start: np.ndarray, along: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """The slabs of the three axes are entered and left; the box is where all are."""
+    first, second = (-half - start) / along, (half - start) / along
+    enters = np.nanmax(np.minimum(first, second), axis=1)
+    leaves = np.nanmin(np.maximum(first, second), axis=1)
+    return np.where((enters <= leaves) & (enters > 0), enters, np.inf)
+
+
+def _cylinder(start: np.ndarray, along: np.ndarray, half: np.ndarray) -> np.ndarray:
+    quadratic = (along[:, :2] ** 2).sum(axis=1)
+    linear = along[:, :2] @ start[:2]
+    root = linear**2 - quadratic * (start[:2] @ start[:2] - half[0] ** 2)
+    side = (-linear - np.sqrt(np.where(root >= 0, root, np.nan))) / quadratic
+    on_side = (side > 0) & (np.abs(start[2] + side * along[:, 2]) <= half[2])
+    lid = (np.sign(start[2]) * half[2] - start[2]) / along[:, 2]
+    across = start[:2] + lid[:, None] * along[:, :2]
+    on_lid = (lid > 0) & ((across**2).sum(axis=1) <= half[0] ** 2) & (abs(start[2]) > half[2])
+    return np.fmin(np.where(on_side, side, np.inf), np.where(on_lid, lid, np.inf))
