@@ -1,20 +1,26 @@
 """EM with annihilation: from many components down, the best message length wins (FJ02; thesis 2.2.2)."""
 
 import dataclasses
-from typing import Literal, NamedTuple, TypeVar, get_args
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple, TypeVar, get_args
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array as JaxArray
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from gmmjax._typing import Array
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures.component_wise import component_wise_sweep
 from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES, CovarianceType
 from gmmjax.mixtures.criteria import message_length
-from gmmjax.mixtures.expectation_maximisation import FeatureChunks, annihilating_maximisation, expectation
+from gmmjax.mixtures.expectation_maximisation import (
+    FeatureChunks,
+    Moments,
+    annihilating_maximisation,
+    expectation,
+)
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.prior import Prior
 from gmmjax.mixtures.weighted_points import WeightedPoints
@@ -99,17 +105,48 @@ class Fit(eqx.Module):
     result: FitStatus
 
 
-class _Candidate(NamedTuple):
-    """A converged mixture and its scores."""
+class Algorithm(NamedTuple):
+    """EM for one kind of model, as functions of the model (any pytree); the points are bound in them.
 
-    mixture: GaussianMixture
+    Attributes:
+        expectation: what the points give to the components, any pytree, and the log likelihood.
+        message_length: of the model with its log likelihood.
+        update: the next model from the model, what the points give, and whether the model is at rest, where the
+            update is not used; at most the weakest component dies.
+        without_weakest: the model without its weakest component.
+        live_count: how many components are live.
+        observations: the total mass of the points.
+    """
+
+    expectation: Callable[[Any], tuple[Any, JaxArray]]
+    message_length: Callable[[Any, JaxArray], JaxArray]
+    update: Callable[[Any, Any, JaxArray], Any]
+    without_weakest: Callable[[Any], Any]
+    live_count: Callable[[Any], JaxArray]
+    observations: JaxArray
+
+
+class Annihilated(NamedTuple):
+    """Result of `annihilate`: the model with the shortest message length, its scores, and how the search ended."""
+
+    model: Any
+    message_length: JaxArray
+    log_likelihood: JaxArray
+    steps: JaxArray
+    result: FitStatus
+
+
+class _Candidate(NamedTuple):
+    """A converged model and its scores."""
+
+    model: Any
     message_length: JaxArray
     log_likelihood: JaxArray
     converged: JaxArray
 
 
 class _State(NamedTuple):
-    mixture: GaussianMixture
+    model: Any
     previous: JaxArray  # log likelihood one step ago; minus infinity after an annihilation
     steps: JaxArray  # since the last annihilation at convergence
     steps_in_all: JaxArray
@@ -134,52 +171,76 @@ def fit_by_annihilation(
         prior: `Prior.figueiredo_jain` for the published algorithm.
         settings: frozen and hashable: a static argument under `jit`.
     """
+    end = annihilate(jax.tree.map(jnp.asarray, start), _gaussian_mixture_algorithm(points, prior, settings), settings)
+    return Fit(end.model, end.message_length, end.log_likelihood, end.steps, end.result)
+
+
+def _gaussian_mixture_algorithm(points: WeightedPoints, prior: Prior, settings: FitSettings) -> Algorithm:
     chunks = FeatureChunks.of(points)
-    start = jax.tree.map(jnp.asarray, start)
+    observations = jnp.sum(chunks.mass)
+    covariance_type, least = settings.covariance_type, settings.min_components
+
+    def update(mixture: GaussianMixture, moments: Moments, at_rest: JaxArray) -> GaussianMixture:
+        if settings.step == "joint":
+            return annihilating_maximisation(moments, mixture.live, prior, covariance_type, least)
+        # Not in vain at rest, where its result is dropped: `cond` skips it outside of `vmap`.
+        return jax.lax.cond(
+            at_rest, lambda: mixture, lambda: component_wise_sweep(mixture, chunks, prior, covariance_type, least)
+        )
+
+    return Algorithm(
+        expectation=lambda mixture: expectation(mixture, chunks),
+        message_length=lambda mixture, likelihood: message_length(mixture, likelihood, observations, covariance_type),
+        update=update,
+        without_weakest=without_weakest,
+        live_count=lambda mixture: mixture.count,
+        observations=observations,
+    )
+
+
+def annihilate(start: Any, algorithm: Algorithm, settings: FitSettings) -> Annihilated:
+    """EM with annihilation (FJ02, figure 2) for any model; see `fit_by_annihilation`.
+
+    Args:
+        start: the model to start from, a pytree of JAX arrays.
+        algorithm: the steps of EM for this model.
+        settings: when EM has converged, and when the search ends.
+    """
     state = jax.lax.while_loop(
-        lambda state: ~state.finished, lambda state: _step(state, chunks, prior, settings), _initial_state(start)
+        lambda state: ~state.finished, lambda state: _step(state, algorithm, settings), _initial_state(start, algorithm)
     )
     best = state.best
     result = FitStatus.where(best.converged, FitStatus.converged, FitStatus.step_limit)
     result = FitStatus.where(state.finite, result, FitStatus.not_finite)
-    return Fit(best.mixture, best.message_length, best.log_likelihood, state.steps_in_all, result)
+    return Annihilated(best.model, best.message_length, best.log_likelihood, state.steps_in_all, result)
 
 
-def _initial_state(start: GaussianMixture) -> _State:
-    infinity = jnp.asarray(jnp.inf, start.means.dtype)
+def _initial_state(start: Any, algorithm: Algorithm) -> _State:
+    infinity = jnp.asarray(jnp.inf, algorithm.observations.dtype)
     zero, no, yes = jnp.asarray(0, jnp.int32), jnp.asarray(False), jnp.asarray(True)
     return _State(start, -infinity, zero, zero, _Candidate(start, infinity, -infinity, no), finished=no, finite=yes)
 
 
-def _step(state: _State, chunks: FeatureChunks, prior: Prior, settings: FitSettings) -> _State:
+def _step(state: _State, algorithm: Algorithm, settings: FitSettings) -> _State:
     """One E-step; then the M-step or, at convergence, the annihilation of the weakest component."""
-    mixture, covariance_type = state.mixture, settings.covariance_type
-    observations = jnp.sum(chunks.mass)
-    moments, log_likelihood = expectation(mixture, chunks)
+    model, observations = state.model, algorithm.observations
+    given, log_likelihood = algorithm.expectation(model)
     converged = jnp.abs(log_likelihood - state.previous) < settings.tolerance * observations
     at_rest = converged | (state.steps >= settings.max_steps)
-    length = message_length(mixture, log_likelihood, observations, covariance_type)
+    length = algorithm.message_length(model, log_likelihood)
     best = _select(
         at_rest & (length < state.best.message_length),
-        _Candidate(mixture, length, log_likelihood, converged),
+        _Candidate(model, length, log_likelihood, converged),
         state.best,
     )
-    if settings.step == "joint":
-        updated = annihilating_maximisation(moments, mixture.live, prior, covariance_type, settings.min_components)
-    else:
-        # Not in vain at rest, where its result is dropped: `cond` skips it outside of `vmap`.
-        updated = jax.lax.cond(
-            at_rest,
-            lambda: mixture,
-            lambda: component_wise_sweep(mixture, chunks, prior, covariance_type, settings.min_components),
-        )
-    updated = _select(at_rest, without_weakest(mixture), updated)
-    died = updated.count < mixture.count
+    updated = algorithm.update(model, given, at_rest)
+    updated = _select(at_rest, algorithm.without_weakest(model), updated)
+    died = algorithm.live_count(updated) < algorithm.live_count(model)
     finite = jnp.isfinite(log_likelihood)
-    exhausted = at_rest & (mixture.count <= settings.min_components)
+    exhausted = at_rest & (algorithm.live_count(model) <= settings.min_components)
     hopeless = at_rest & (length > best.message_length + settings.patience * observations)
     return _State(
-        mixture=updated,
+        model=updated,
         previous=jnp.where(died, -jnp.inf, log_likelihood),
         steps=jnp.where(at_rest, 0, state.steps + 1),
         steps_in_all=state.steps_in_all + 1,
@@ -191,11 +252,15 @@ def _step(state: _State, chunks: FeatureChunks, prior: Prior, settings: FitSetti
 
 def without_weakest(mixture: GaussianMixture) -> GaussianMixture:
     """The mixture without its live component of the smallest weight; the others' weights are renormalised."""
-    weakest = jnp.argmin(jnp.where(mixture.live, mixture.weights, jnp.inf))
-    live = mixture.live & (jnp.arange(len(mixture.live)) != weakest)
+    live = mixture.live & ~weakest(mixture.weights, mixture.live)
     weights = jnp.where(live, mixture.weights, 0)
     total = jnp.sum(weights)
     return GaussianMixture.masked(weights / jnp.where(total > 0, total, 1), mixture.means, mixture.covariances, live)
+
+
+def weakest(weights: Float[Array, " k"], live: Bool[Array, " k"]) -> Bool[Array, " k"]:
+    """True at the live component of the smallest weight."""
+    return jnp.arange(len(weights)) == jnp.argmin(jnp.where(live, weights, jnp.inf))
 
 
 def _select(condition: JaxArray, chosen: _Tree, other: _Tree) -> _Tree:

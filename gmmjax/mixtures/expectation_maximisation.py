@@ -61,7 +61,18 @@ def expectation(mixture: GaussianMixture, chunks: FeatureChunks) -> tuple[Moment
     Returns:
         The components' moments, and the log likelihood (nats) of the observations, (2.11).
     """
-    parameters = coefficients(mixture)
+    sums, log_likelihood = feature_sums(coefficients(mixture), chunks)
+    return Moments(*split_feature_sums(sums, chunks.dimension)), log_likelihood
+
+
+def feature_sums(
+    parameters: Float[Array, "k f"], chunks: FeatureChunks
+) -> tuple[Float[Array, "k f"], Float[Array, ""]]:
+    r"""Responsibility-weighted sums of the features, where $\theta_k \cdot \phi$ is the log joint of component k.
+
+    Returns:
+        For each component the sums of all features, and the log likelihood (nats) of the observations.
+    """
 
     def add_chunk(
         totals: tuple[JaxArray, JaxArray], chunk: tuple[JaxArray, JaxArray]
@@ -78,7 +89,7 @@ def expectation(mixture: GaussianMixture, chunks: FeatureChunks) -> tuple[Moment
 
     zeros = (jnp.zeros_like(parameters), jnp.zeros((), parameters.dtype))
     (sums, log_likelihood), _ = jax.lax.scan(add_chunk, zeros, (chunks.features, chunks.mass))
-    return Moments(*split_feature_sums(sums, chunks.dimension)), log_likelihood
+    return sums, log_likelihood
 
 
 def maximisation(moments: Moments, prior: Prior, covariance_type: CovarianceType = "full") -> GaussianMixture:

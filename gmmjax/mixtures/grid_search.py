@@ -21,7 +21,7 @@ from gmmjax.mixtures.expectation_maximisation import expectation_maximisation
 from gmmjax.mixtures.frame import Frame
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.prior import Prior
-from gmmjax.mixtures.restarts import RELATIVE_NOISE_FLOOR, Precision, checked_points, map_keys, traced_points
+from gmmjax.mixtures.restarts import RELATIVE_NOISE_FLOOR, Precision, checked_points, map_on_cores, traced_points
 from gmmjax.mixtures.seeding import initial_mixture
 from gmmjax.mixtures.weighted_points import WeightedPoints
 
@@ -127,12 +127,13 @@ def _host_fits(
 ) -> Fit:
     """All fits of one covariance type along one leading axis, number by number and restart by restart."""
     per_number = []
+    arguments = [(key, points.padded()) for key in jax.random.split(key, restarts)]
     for count in components:
 
         def fit_one(key: PRNGKeyArray, points: WeightedPoints, count: int = count) -> Fit:
             return _fit_fixed(points, key, count, max(components), covariance_type, settings)
 
-        per_number.append(map_keys(fit_one, points, key, restarts, precision))
+        per_number.append(map_on_cores(fit_one, arguments, precision))
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *per_number)
 
 

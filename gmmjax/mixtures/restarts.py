@@ -2,9 +2,9 @@
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import jax
 import jax.numpy as jnp
@@ -73,7 +73,8 @@ def fit_restarts(
 
     frame = Frame.of(checked)
     prior_in_frame = _prior_in_frame(prior, frame, settings, precision)
-    fits = map_keys(fit_one, frame.enter(checked), key, restarts, precision, progress)
+    padded = frame.enter(checked).padded()
+    fits = map_on_cores(fit_one, [(key, padded) for key in jax.random.split(key, restarts)], precision, progress)
     with jax.enable_x64(True):
         return to_numpy(jax.vmap(frame.leave_fit, in_axes=(0, None))(fits, checked.mass.sum()))
 
@@ -156,29 +157,43 @@ def checked_points(
     return WeightedPoints(coordinates, masses)
 
 
-def map_keys(
-    function: Callable[[PRNGKeyArray, WeightedPoints], Fit],
-    points: WeightedPoints,
-    key: PRNGKeyArray,
-    count: int,
+def map_on_cores(
+    function: Callable[..., Any],
+    arguments: Sequence[tuple[Any, ...]],
     precision: Precision,
     progress: Callable[[], None] | None = None,
-) -> Fit:
-    """Runs a compiled fit on the host for `count` keys, shared out over the cores, and stacks the results (NumPy)."""
-    padded = points.padded()
-    in_precision = WeightedPoints(padded.points.astype(precision), padded.mass.astype(precision))
+) -> Any:
+    """Runs a compiled function on the host for each tuple of arguments, shared out over the cores.
 
-    def run(key: PRNGKeyArray) -> Fit:
+    Args:
+        function: compiled by `jit`.
+        arguments: one tuple of trees for each call, with NumPy leaves; all of the same shapes.
+        precision: in which the floating point leaves go in.
+        progress: called after each call, from any thread.
+
+    Returns:
+        The results stacked, as NumPy arrays.
+    """
+
+    def run(own: tuple[Any, ...]) -> Any:
         with jax.enable_x64(precision == "float64"):
-            fit = to_numpy(function(key, in_precision))
+            result = to_numpy(function(*in_precision(own, precision)))
         if progress is not None:
             progress()
-        return fit
+        return result
 
-    keys = list(jax.random.split(key, count))
-    with ThreadPoolExecutor(min(count, available_cores())) as pool:
-        fits = list(pool.map(run, keys))
-    return jax.tree.map(lambda *leaves: np.stack(leaves), *fits)
+    with ThreadPoolExecutor(min(len(arguments), available_cores())) as pool:
+        results = list(pool.map(run, arguments))
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *results)
+
+
+def in_precision(tree: Any, precision: Precision) -> Any:
+    """The tree with its NumPy floating point leaves in this precision."""
+
+    def cast(leaf: Any) -> Any:
+        return leaf.astype(precision) if isinstance(leaf, np.ndarray) and leaf.dtype.kind == "f" else leaf
+
+    return jax.tree.map(cast, tree)
 
 
 def _fit(points: WeightedPoints, key: PRNGKeyArray, prior: Prior, max_components: int, settings: FitSettings) -> Fit:
