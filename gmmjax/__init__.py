@@ -5,7 +5,9 @@ from gmmjax.changes import Changes as Changes
 from gmmjax.changes import DetectionConfig as DetectionConfig
 from gmmjax.changes import detect_changes as detect_changes
 from gmmjax.clouds import PointCloud as PointCloud
+from gmmjax.clouds import SensorViews as SensorViews
 from gmmjax.clouds import read_cloud as read_cloud
+from gmmjax.clouds import read_views as read_views
 from gmmjax.errors import ComputationError as ComputationError
 from gmmjax.errors import InputError as InputError
 from gmmjax.errors import InputWarning as InputWarning

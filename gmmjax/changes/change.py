@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.storage import LABELS_FILE, POINT_ARRAYS, SCHEMA_VERSION, read_record, write_record
@@ -63,33 +63,41 @@ class Change:
     """One object that changed.
 
     Attributes:
-        kind: "appeared" (its points are in the after cloud), "disappeared" (in the before cloud) or "moved" (in both).
+        kind: "appeared" (its points are in the after cloud), "disappeared" (in the before cloud), or "moved": it is one
+            of two changes, one in each cloud, that are the same object.
         probability: that it is a change, averaged over the restarts.
+        significance: by how many standard deviations its points exceed what the other cloud has in its place, given the
+            counting noise and the registration error.
         points: how many points of the clouds belong to it.
         mean: mean of its Gaussian, in the unit of the clouds.
         covariance: covariance of its Gaussian.
         box: around its points.
         partner: for a moved object, the index of the change that it was or became; else None.
+        transform: for a moved object, the rigid motion [4, 4] that takes it from before to after; else None.
     """
 
     kind: Kind
     probability: float
+    significance: float
     points: int
     mean: Float[np.ndarray, "3"]
     covariance: Float[np.ndarray, "3 3"]
     box: Box
     partner: int | None = None
+    transform: Float[np.ndarray, "4 4"] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The change as plain numbers, strings, lists and dictionaries."""
         return {
             "kind": self.kind,
             "probability": self.probability,
+            "significance": self.significance,
             "points": self.points,
             "mean": self.mean.tolist(),
             "covariance": self.covariance.tolist(),
             "box": self.box.to_dict(),
             "partner": self.partner,
+            "transform": None if self.transform is None else self.transform.tolist(),
         }
 
     @classmethod
@@ -98,11 +106,13 @@ class Change:
         return cls(
             kind=content["kind"],
             probability=float(content["probability"]),
+            significance=float(content["significance"]),
             points=int(content["points"]),
             mean=np.array(content["mean"], float),
             covariance=np.array(content["covariance"], float),
             box=Box.from_dict(content["box"]),
             partner=content["partner"],
+            transform=None if content["transform"] is None else np.array(content["transform"], float),
         )
 
 
@@ -117,6 +127,9 @@ class Changes:
         labels_after: the same for the after cloud.
         probability_before: per point the probability that it belongs to a change.
         probability_after: the same for the after cloud.
+        unobserved_before: per point whether the survey of the after cloud did not see its place: hidden, out of view or
+            beyond its edge. Nothing is known of a change there.
+        unobserved_after: per point whether the survey of the before cloud did not see its place.
         items: the changes, most probable first.
         emd: earth mover's distance between the mixtures of the two clouds, mean over the restarts (unit of the clouds).
         config: the settings that were used.
@@ -128,6 +141,8 @@ class Changes:
     labels_after: Int[np.ndarray, " n1"]
     probability_before: Float[np.ndarray, " n0"]
     probability_after: Float[np.ndarray, " n1"]
+    unobserved_before: Bool[np.ndarray, " n0"]
+    unobserved_after: Bool[np.ndarray, " n1"]
     items: tuple[Change, ...]
     emd: float
     config: DetectionConfig

@@ -6,9 +6,13 @@ from typing import Any, Literal, get_args
 
 from gmmjax.errors import InputError, check_choice
 
-Method = Literal["greedy", "transport"]
+Method = Literal["joint", "greedy", "transport"]
 METHODS: tuple[Method, ...] = get_args(Method)
 Kinds = Literal["both", "appeared", "disappeared"]
+Registration = Literal["auto", "always", "never"]
+
+# What a restart gains ends here (docs/results.md): joint mixtures agree far more than separate ones.
+DEFAULT_RESTARTS: dict[Method, int] = {"joint": 3, "greedy": 8, "transport": 8}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -16,18 +20,28 @@ class DetectionConfig:
     """How changes are detected. Lengths are in the unit of the clouds; None means derived from the data.
 
     Attributes:
-        method: "greedy" removes the Gaussians that the earth mover's distance wants gone (the thesis's Algorithm 1);
-            "transport" leaves unmatched what partial transport cannot match (finds changes of both kinds together).
+        method: "joint" fits one mixture to both clouds and looks at each component's share of either (the default);
+            "greedy" removes the Gaussians of separate mixtures that the earth mover's distance wants gone (the thesis's
+            Algorithm 1); "transport" leaves unmatched what partial transport between separate mixtures cannot match.
         kinds: which kinds of change to look for.
-        restarts: random restarts of each cloud's fit; every pair of restarts votes on the changes.
+        restarts: random restarts of the fits, over which probabilities are averaged. None: 3 for "joint"; 8 for the
+            others, where every pair of restarts of the two clouds votes.
         seed: of the random starts. The same seed gives the same result on the same machine.
-        max_components: Gaussians that each fit starts from. None: 25, or a tenth of the points where that is less.
+        max_components: Gaussians that each fit starts from. None: 25, or 40 for "joint" on surface scans, or less
+            where there are few points.
         crop: box that is looked at: x, y and z of its lower and then of its upper corner. Points outside are never
             changed. None: all.
-        max_points: voxels that each cloud is reduced to at the most before the fit. All points get labels all the same.
-        voxel_size: edge of the voxels. None: the smallest that leaves at most `max_points` in either cloud; clouds with
-            fewer points are not reduced.
-        outlier_neighbours: neighbours that the outlier filter looks at; 0 switches it off.
+        registration: "auto" aligns the after cloud to the before cloud where the residual says that it is needed,
+            "always" whenever a motion can be found, "never" leaves it. Of "joint"; the others take the clouds as they
+            are.
+        tolerance: registration error that is to be tolerated, standard deviation an axis. None: from the points'
+            spacing and the residual of the registration. Of "joint".
+        max_points: voxels that each cloud is reduced to at the most before a separate fit; points that one restart of
+            "joint" is fitted to. All points get labels all the same.
+        voxel_size: edge of the voxels. None: the smallest that leaves at most `max_points` (50,000 for "joint") in
+            either cloud; clouds with fewer points are not reduced.
+        outlier_neighbours: neighbours that the outlier filter looks at; 0 switches it off. Of separate fits; "joint"
+            has a component for stray points.
         outlier_ratio: a point is an outlier, and kept out of the fit, when its mean distance to those neighbours is
             more than this many standard deviations above the cloud's mean.
         noise_floor: standard deviation of the sensor's noise, added to every Gaussian. None: a thousandth of the
@@ -37,12 +51,14 @@ class DetectionConfig:
             distance (Bures-Wasserstein). None: 0.4 of the median standard deviation of the Gaussians.
     """
 
-    method: Method = "greedy"
+    method: Method = "joint"
     kinds: Kinds = "both"
-    restarts: int = 8
+    restarts: int | None = None
     seed: int = 0
     max_components: int | None = None
     crop: tuple[float, float, float, float, float, float] | None = None
+    registration: Registration = "auto"
+    tolerance: float | None = None
     max_points: int = 16384
     voxel_size: float | None = None
     outlier_neighbours: int = 20
@@ -59,18 +75,25 @@ class DetectionConfig:
         """
         check_choice("method", self.method, METHODS)
         check_choice("kinds", self.kinds, get_args(Kinds))
-        for name, least in (("restarts", 1), ("seed", 0), ("max_points", 100), ("outlier_neighbours", 0)):
+        check_choice("registration", self.registration, get_args(Registration))
+        for name, least in (("seed", 0), ("max_points", 100), ("outlier_neighbours", 0)):
             _check_least(name, getattr(self, name), least, int)
-        if self.max_components is not None:
-            _check_least("max_components", self.max_components, 1, int)
+        for name in ("restarts", "max_components"):
+            if getattr(self, name) is not None:
+                _check_least(name, getattr(self, name), 1, int)
         if self.crop is not None:
             object.__setattr__(self, "crop", _checked_crop(self.crop))
-        for name in ("voxel_size", "noise_floor", "penalty", "outlier_ratio"):
+        for name in ("tolerance", "voxel_size", "noise_floor", "penalty", "outlier_ratio"):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int | float) and 0 < value < float("inf")):
                 raise InputError(f"{name}={value!r} must be a positive number")
         if not (isinstance(self.threshold, int | float) and 0 < self.threshold < 1):
             raise InputError(f"threshold={self.threshold!r} must lie between 0 and 1")
+
+    @property
+    def number_of_restarts(self) -> int:
+        """The restarts, or the method's default."""
+        return DEFAULT_RESTARTS[self.method] if self.restarts is None else self.restarts
 
     def to_dict(self) -> dict[str, Any]:
         """The settings by name; those that are None, derived from the data, are left out."""

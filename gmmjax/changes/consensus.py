@@ -1,5 +1,6 @@
 """From the votes of all pairs of restarts to probabilities, labels and a list of changes."""
 
+import dataclasses
 from typing import NamedTuple
 
 import jax
@@ -63,16 +64,25 @@ def cloud_consensus(
         if members.sum() < SMALLEST_CHANGE:
             continue
         labels[members] = len(items)
-        change = Change(
-            kind=kind,
-            probability=float(probability[members].mean()),
-            points=int(members.sum()),
-            mean=np.asarray(mixtures.means[reference, component]),
-            covariance=np.asarray(mixtures.covariances[reference, component]),
-            box=Box.around(points[members]),
-        )
-        items.append(change)
+        vote = float(probability[members].mean())
+        change = change_of(points[members], kind, vote, vote * np.sqrt(float(members.sum())))
+        gaussian = mixtures.means[reference, component], mixtures.covariances[reference, component]
+        items.append(dataclasses.replace(change, mean=np.asarray(gaussian[0]), covariance=np.asarray(gaussian[1])))
     return CloudConsensus(probability, labels, items)
+
+
+def change_of(points: Float[np.ndarray, "n 3"], kind: Kind, probability: float, significance: float) -> Change:
+    """The record of a change with these points: their mean, covariance and box."""
+    mean = points.mean(axis=0)
+    return Change(
+        kind=kind,
+        probability=probability,
+        significance=float(significance),
+        points=len(points),
+        mean=mean,
+        covariance=(points - mean).T @ (points - mean) / len(points),
+        box=Box.around(points),
+    )
 
 
 def merged(

@@ -1,37 +1,16 @@
 """Change detection end to end: two clouds in, `Changes` out."""
 
 import dataclasses
-import functools
-import time
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
-import jax
-import numpy as np
-from jaxtyping import Array as JaxArray
-from jaxtyping import ArrayLike, Bool, Float
+from jaxtyping import ArrayLike
 
-from gmmjax._typing import Array, Scalar
-from gmmjax.changes.change import Changes, Kind
-from gmmjax.changes.config import DetectionConfig, Kinds, Method
-from gmmjax.changes.consensus import CloudConsensus, cloud_consensus, merged, votes_of_pairs
-from gmmjax.changes.greedy import remove_changed
-from gmmjax.changes.preparation import PreparedCloud, PreparedPair, prepare_pair
-from gmmjax.changes.unmatched import unmatched_shares
-from gmmjax.clouds import PointCloud
-from gmmjax.errors import ComputationError
-from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, derived_noise_floor, fit_restarts
-from gmmjax.transport import TransportStatus, exact_transport
-from gmmjax.transport.ground_cost import euclidean
-
-Progress = Callable[[str, float], None]
-
-# The mixtures are compared in as few slots as they fit in: programs compile for these numbers only, and for K_max.
-SLOTS = (8, 16)
-
-# Real scans want more Gaussians than they are given; a message length this much above the best one (nats an
-# observation) does not come back, and going down to one Gaussian would only cost time.
-PATIENCE = 0.25
+from gmmjax.changes.change import Changes
+from gmmjax.changes.clock import Progress
+from gmmjax.changes.config import DetectionConfig, Method
+from gmmjax.changes.joint import joint_changes
+from gmmjax.changes.separate import separate_changes
+from gmmjax.clouds import PointCloud, SensorViews
 
 
 def detect_changes(
@@ -42,241 +21,47 @@ def detect_changes(
     restarts: int | None = None,
     seed: int | None = None,
     config: DetectionConfig | None = None,
+    views_before: SensorViews | None = None,
+    views_after: SensorViews | None = None,
     progress: Progress | None = None,
 ) -> Changes:
-    """What changed between two point clouds, and how sure that is (thesis 3, with 4.5 and 5.1).
-
-    Each cloud is fitted by a Gaussian mixture from several random starts; every pair of restarts is compared by optimal
-    transport; points and Gaussians get the mean of the votes as probability.
+    """What changed between two point clouds, and how sure that is.
 
     Args:
         before: coordinates [n0, 3], or a `PointCloud`, in any unit. Rows that are not finite are never changed.
-        after: the cloud at the later time [n1, 3], in the same frame and unit.
-        method: "greedy" (Algorithm 1) or "transport" (partial transport); None: the config's.
-        restarts: random starts of each cloud's fit; None: the config's.
+        after: the cloud at the later time [n1, 3], in the same unit and about the same frame.
+        method: "joint" (one mixture for both clouds), "greedy" (the thesis's Algorithm 1) or "transport" (partial
+            transport); None: the config's, "joint".
+        restarts: random starts of the fits; None: the config's.
         seed: of the random starts; None: the config's.
         config: all settings; default `DetectionConfig()`.
+        views_before: where the sensor stood in the survey of the before cloud, in its frame. None: the cloud's own
+            `PointCloud.views`, if it has any. With views a change must lie where the other survey saw that there was
+            nothing; without them surfaces that go on where one survey did not look are told by their shape.
+        views_after: the same for the after cloud.
         progress: called with the name of the stage and the share of the work that is done, from any thread.
 
     Returns:
         The changes, with a label and a probability for every row of both clouds.
 
     Raises:
-        InputError: clouds or settings that cannot be used.
-        ComputationError: no restart of a cloud gave a mixture, or no pair of restarts could be compared.
+        InputError: clouds, views or settings that cannot be used.
+        ComputationError: no restart gave a mixture, or no pair of separate mixtures could be compared.
 
     Warns:
-        InputWarning: extents that do not overlap, or differ as if in another unit.
+        InputWarning: extents that do not overlap, or differ as if in another unit; clouds that overlap too little;
+            views that contradict their cloud, which then are not used.
     """
     config = _overridden(config or DetectionConfig(), method=method, restarts=restarts, seed=seed)
     report = progress or (lambda stage, share: None)
-    clock = _Clock()
-    report("Filtering the points", 0.0)
-    pair = prepare_pair(before, after, config)
-    clock.lap("preparation")
-    report("Fitting the mixtures", 0.15)
-    fits = _fit_both(pair, config, report)
-    clock.lap("fits")
-    report("Comparing the mixtures", 0.8)
-    mixtures = _compacted(fits, pair.max_components)
-    votes = _compare(mixtures, pair, config)
-    clock.lap("comparison")
-    report("Labelling the points", 0.9)
-    consensus_before = _consensus(pair.before, mixtures[0], fits[0], votes.before, "disappeared", config)
-    consensus_after = _consensus(pair.after, mixtures[1], fits[1], votes.after, "appeared", config)
-    items, labels_before, labels_after = merged(consensus_before, consensus_after)
-    clock.lap("labels")
-    report("Done", 1.0)
-    return Changes(
-        labels_before=_to_rows(labels_before, pair.before, -1),
-        labels_after=_to_rows(labels_after, pair.after, -1),
-        probability_before=_to_rows(consensus_before.probability, pair.before, 0.0),
-        probability_after=_to_rows(consensus_after.probability, pair.after, 0.0),
-        items=items,
-        emd=votes.emd,
-        config=config,
-        diagnostics=_diagnostics(before, after, pair, fits, votes, clock, config),
-    )
-
-
-class _Votes(NamedTuple):
-    """What the pairs of restarts say: for each restart and Gaussian, how many of the other cloud's restarts want it."""
-
-    before: np.ndarray
-    after: np.ndarray
-    emd: float
-    solved: int
-    pairs: int
-
-
-class _Clock:
-    """Seconds of each stage."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def lap(self, stage: str) -> None:
-        now = time.perf_counter()
-        self.seconds[stage], self._last = round(now - self._last, 3), now
+    if config.method != "joint":
+        return separate_changes(before, after, config, report)
+    return joint_changes(before, after, _views(before, views_before), _views(after, views_after), config, report)
 
 
 def _overridden(config: DetectionConfig, **settings: Any) -> DetectionConfig:
     return dataclasses.replace(config, **{name: value for name, value in settings.items() if value is not None})
 
 
-def _fit_both(pair: PreparedPair, config: DetectionConfig, report: Progress) -> tuple[Fit, Fit]:
-    """The fits of both clouds with a leading axis of restarts; those that failed are left out."""
-    done = iter(range(1, 2 * config.restarts + 1))
-    keys = jax.random.split(jax.random.key(config.seed), 2)
-
-    def fit(name: str, cloud: PreparedCloud, key: JaxArray) -> Fit:
-        floor = derived_noise_floor(cloud.weighted, noise_floor=config.noise_floor, voxel_size=pair.voxel_size)
-        fits = fit_restarts(
-            cloud.weighted.points,
-            mass=cloud.weighted.mass,
-            key=key,
-            max_components=pair.max_components,
-            prior=Prior.figueiredo_jain(3, floor),
-            restarts=config.restarts,
-            settings=FitSettings(patience=PATIENCE),
-            progress=lambda: report("Fitting the mixtures", 0.15 + 0.65 * next(done) / (2 * config.restarts)),
-        )
-        finite = np.asarray(fits.result != FitStatus.not_finite)
-        if not finite.any():
-            raise ComputationError(f"{name}: none of {config.restarts} restarts gave a mixture; raise noise_floor")
-        return jax.tree.map(lambda leaf: leaf[finite], fits)
-
-    return fit("before", pair.before, keys[0]), fit("after", pair.after, keys[1])
-
-
-def _compacted(fits: tuple[Fit, Fit], max_components: int) -> tuple[GaussianMixture, GaussianMixture]:
-    """The mixtures of all restarts in the smallest common number of slots."""
-    most = max(int(fit.mixture.live.sum(axis=1).max()) for fit in fits)
-    slots = next((slots for slots in SLOTS if most <= slots <= max_components), max_components)
-    with jax.enable_x64(True):
-        compacted = jax.vmap(lambda mixture: mixture.compacted(slots))
-        before, after = (jax.tree.map(np.asarray, compacted(fit.mixture)) for fit in fits)
-    return before, after
-
-
-def _compare(mixtures: tuple[GaussianMixture, GaussianMixture], pair: PreparedPair, config: DetectionConfig) -> _Votes:
-    """Every pair of restarts at once."""
-    masses = float(pair.before.weighted.mass.sum()), float(pair.after.weighted.mass.sum())
-    with jax.enable_x64(True):
-        if config.method == "greedy":
-            compared = _greedy_pairs(*mixtures, config.kinds)
-        else:
-            compared = _transport_pairs(*mixtures, *masses, config.penalty, config.threshold, config.kinds)
-        changed_before, changed_after, emd, valid = (np.asarray(part) for part in compared)
-    if not valid.any():
-        raise ComputationError("no pair of restarts could be compared: the transport problems were not solved")
-    return _Votes(
-        before=votes_of_pairs(changed_before.swapaxes(0, 1), valid.T),
-        after=votes_of_pairs(changed_after, valid),
-        emd=float(emd[valid].mean()),
-        solved=int(valid.sum()),
-        pairs=valid.size,
-    )
-
-
-_Compared = tuple[Bool[Array, "r0 r1 k0"], Bool[Array, "r0 r1 k1"], Float[Array, "r0 r1"], Bool[Array, "r0 r1"]]
-
-
-@functools.partial(jax.jit, static_argnames="kinds")
-def _greedy_pairs(before: GaussianMixture, after: GaussianMixture, kinds: Kinds) -> _Compared:
-    """Algorithm 1 for all pairs of restarts."""
-
-    def compare(before: GaussianMixture, after: GaussianMixture) -> tuple[JaxArray, JaxArray, JaxArray, JaxArray]:
-        removals = remove_changed(before, after, kinds)
-        return removals.disappeared, removals.appeared, removals.emd_before, removals.valid
-
-    return _over_pairs(compare)(before, after)
-
-
-@functools.partial(jax.jit, static_argnames=("threshold", "kinds"))
-def _transport_pairs(
-    before: GaussianMixture,
-    after: GaussianMixture,
-    points_before: Scalar,
-    points_after: Scalar,
-    penalty: Scalar | None,
-    threshold: float,
-    kinds: Kinds,
-) -> _Compared:
-    """Partial transport of point counts for all pairs of restarts."""
-
-    def compare(before: GaussianMixture, after: GaussianMixture) -> tuple[JaxArray, JaxArray, JaxArray, JaxArray]:
-        unmatched = unmatched_shares(before, after, points_before, points_after, penalty)
-        distance = exact_transport(before.weights, after.weights, euclidean(before.means, after.means))
-        valid = unmatched.valid & (distance.result == TransportStatus.optimal)
-        disappeared = (unmatched.share_before > threshold) & (kinds != "appeared")
-        appeared = (unmatched.share_after > threshold) & (kinds != "disappeared")
-        return disappeared, appeared, distance.cost, valid
-
-    return _over_pairs(compare)(before, after)
-
-
-def _over_pairs(function: Callable[..., Any]) -> Callable[..., Any]:
-    return jax.vmap(jax.vmap(function, in_axes=(None, 0)), in_axes=(0, None))
-
-
-def _consensus(
-    cloud: PreparedCloud,
-    mixtures: GaussianMixture,
-    fits: Fit,
-    votes: np.ndarray,
-    kind: Kind,
-    config: DetectionConfig,
-) -> CloudConsensus:
-    reference = int(np.argmin(fits.message_length))
-    return cloud_consensus(cloud.points, mixtures, votes, reference, kind, config.threshold)
-
-
-def _to_rows(values: np.ndarray, cloud: PreparedCloud, missing: int | float) -> np.ndarray:
-    """Values of the points in use in the rows that the caller gave."""
-    rows = np.full(len(cloud.used), missing, values.dtype)
-    rows[cloud.used] = values
-    return rows
-
-
-def _diagnostics(
-    before: ArrayLike | PointCloud,
-    after: ArrayLike | PointCloud,
-    pair: PreparedPair,
-    fits: tuple[Fit, Fit],
-    votes: _Votes,
-    clock: _Clock,
-    config: DetectionConfig,
-) -> dict[str, Any]:
-    """Plain values for the record and the report."""
-    return {
-        "before": _cloud_diagnostics(before, pair.before, fits[0], config),
-        "after": _cloud_diagnostics(after, pair.after, fits[1], config),
-        "voxel_size": pair.voxel_size,
-        "max_components": pair.max_components,
-        "pairs_of_restarts": votes.pairs,
-        "pairs_solved": votes.solved,
-        "seconds": clock.seconds,
-        "device": jax.devices()[0].device_kind,
-        "precision": "float64",
-    }
-
-
-def _cloud_diagnostics(
-    given: ArrayLike | PointCloud, cloud: PreparedCloud, fits: Fit, config: DetectionConfig
-) -> dict[str, Any]:
-    unplaced = len(cloud.used) - len(cloud.points) - cloud.cropped
-    return {
-        "source": given.source if isinstance(given, PointCloud) else None,
-        "points": len(cloud.points),
-        "rows_dropped": given.rows_dropped if isinstance(given, PointCloud) else unplaced,
-        "cropped": cloud.cropped,
-        "outliers": cloud.outliers,
-        "points_fitted": len(cloud.weighted.mass),
-        "restarts_failed": config.restarts - len(fits.steps),
-        "components": fits.mixture.live.sum(axis=1).tolist(),
-        "message_length": np.round(fits.message_length, 3).tolist(),
-        "steps": fits.steps.tolist(),
-        "converged": np.asarray(fits.result == FitStatus.converged).tolist(),
-    }
+def _views(cloud: ArrayLike | PointCloud, given: SensorViews | None) -> SensorViews | None:
+    return cloud.views if given is None and isinstance(cloud, PointCloud) else given

@@ -1,39 +1,30 @@
 """From two clouds as given to two sets of weighted points that can be fitted: checked, filtered, reduced."""
 
 import dataclasses
-import warnings
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import ArrayLike, Bool, Float
+from jaxtyping import ArrayLike, Float
 
+from gmmjax.changes.checking import SMALLEST_CLOUD, CheckedCloud, check_pair
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.clouds import PointCloud, crop_box, statistical_outliers, voxel_grid, voxel_size_for
-from gmmjax.errors import InputError, InputWarning
-from gmmjax.mixtures import WeightedPoints, parameters_per_component
+from gmmjax.changes.scales import common_voxel_size
+from gmmjax.clouds import PointCloud, statistical_outliers, voxel_grid
+from gmmjax.errors import InputError
+from gmmjax.mixtures import WeightedPoints
 
-SMALLEST_CLOUD = parameters_per_component(3) + 1
 DEFAULT_COMPONENTS = 25
 POINTS_PER_COMPONENT = 10
-# Two clouds of one scene differ in extent by what one of them missed, hardly by more than this.
-SUSPICIOUS_SCALE = 100.0
 
 
 @dataclasses.dataclass(frozen=True)
-class PreparedCloud:
-    """One cloud on its way into the fit.
+class PreparedCloud(CheckedCloud):
+    """One cloud on its way into a fit of its own.
 
     Attributes:
-        points: all finite points inside the crop box, in the caller's order and unit [n, 3].
-        used: which rows of the caller's cloud these are.
-        cropped: how many finite points lie outside the crop box.
         weighted: what is fitted: outliers left out, one point a voxel with its count as mass.
         outliers: how many points the outlier filter left out.
     """
 
-    points: Float[np.ndarray, "n 3"]
-    used: Bool[np.ndarray, " rows"]
-    cropped: int
     weighted: WeightedPoints
     outliers: int
 
@@ -64,76 +55,16 @@ def prepare_pair(
     Warns:
         InputWarning: extents that do not overlap, or that differ so much that the units must differ.
     """
-    checked = {name: _checked(name, cloud, config) for name, cloud in (("before", before), ("after", after))}
-    _warn_about_extents(checked["before"].points, checked["after"].points)
+    checked = dict(zip(("before", "after"), check_pair(before, after, config), strict=True))
     kept = {name: cloud.points[_inliers(cloud.points, config)] for name, cloud in checked.items()}
-    size = config.voxel_size or _voxel_size(list(kept.values()), config)
+    size = config.voxel_size or common_voxel_size(kept["before"], kept["after"], config.max_points)
     prepared = {
         name: PreparedCloud(
-            **cloud._asdict(), weighted=reduced(kept[name], size), outliers=len(cloud.points) - len(kept[name])
+            **vars(cloud), weighted=reduced(kept[name], size), outliers=len(cloud.points) - len(kept[name])
         )
         for name, cloud in checked.items()
     }
     return PreparedPair(**prepared, voxel_size=size, max_components=_max_components(prepared, config))
-
-
-class _Checked(NamedTuple):
-    """The first fields of `PreparedCloud`."""
-
-    points: np.ndarray
-    used: np.ndarray
-    cropped: int
-
-
-def _checked(name: str, cloud: ArrayLike | PointCloud, config: DetectionConfig) -> _Checked:
-    rows = cloud.points if isinstance(cloud, PointCloud) else _rows(name, cloud)
-    label = f"{name} ({cloud.source})" if isinstance(cloud, PointCloud) and cloud.source else name
-    finite = np.asarray(np.isfinite(rows).all(axis=1))
-    used = finite if config.crop is None else finite & _inside(rows, config.crop)
-    points = rows[used]
-    if len(points) < SMALLEST_CLOUD:
-        raise InputError(
-            f"{label}: has {len(points)} point{'s' * (len(points) != 1)} with finite coordinates"
-            f"{'' if config.crop is None else ' inside the crop box'}; "
-            f"at least {SMALLEST_CLOUD} are needed to fit a Gaussian"
-        )
-    if np.ptp(points, axis=0).max() <= 8 * np.finfo(np.float64).eps * np.abs(points).max():
-        raise InputError(f"{label}: all {len(points)} points are equal; there is nothing to compare")
-    return _Checked(points, used, int(finite.sum() - used.sum()))
-
-
-def _rows(name: str, array: ArrayLike) -> np.ndarray:
-    try:
-        rows = np.asarray(array, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name}: must be an array of numbers [n, 3] or a PointCloud ({error})") from error
-    if rows.ndim != 2 or rows.shape[1] != 3:
-        raise InputError(f"{name}: must have the shape [n, 3], not {list(rows.shape)}")
-    return rows
-
-
-def _inside(rows: np.ndarray, crop: tuple[float, ...]) -> np.ndarray:
-    """Rows that are not finite count as outside."""
-    return crop_box(np.where(np.isfinite(rows), rows, np.finfo(np.float64).max), np.array(crop[:3]), np.array(crop[3:]))
-
-
-def _warn_about_extents(before: np.ndarray, after: np.ndarray) -> None:
-    extent_before, extent_after = np.ptp(before, axis=0).max(), np.ptp(after, axis=0).max()
-    ratio = max(extent_before, extent_after) / min(extent_before, extent_after)
-    if ratio > SUSPICIOUS_SCALE:
-        warnings.warn(
-            f"the clouds differ {ratio:.0f}-fold in extent ({extent_before:.4g} before, {extent_after:.4g} after): "
-            "is one in millimetres and the other in metres? Both must have the same unit",
-            InputWarning,
-            stacklevel=2,
-        )
-    if (before.max(axis=0) < after.min(axis=0)).any() or (after.max(axis=0) < before.min(axis=0)).any():
-        warnings.warn(
-            "the extents of the clouds do not overlap at all, so what is found means little: are both in the same "
-            "frame, and both in metres?",
-            InputWarning,
-            stacklevel=2,
-        )
 
 
 def _inliers(points: np.ndarray, config: DetectionConfig) -> np.ndarray:
@@ -142,12 +73,6 @@ def _inliers(points: np.ndarray, config: DetectionConfig) -> np.ndarray:
     outliers = statistical_outliers(points, neighbours=config.outlier_neighbours, ratio=config.outlier_ratio)
     # A filter that leaves too little to fit was meant for another kind of cloud.
     return ~outliers if (~outliers).sum() >= SMALLEST_CLOUD else np.ones(len(points), bool)
-
-
-def _voxel_size(clouds: list[np.ndarray], config: DetectionConfig) -> float | None:
-    """One size for both clouds, so that both are seen at the same resolution."""
-    sizes = [voxel_size_for(points, config.max_points) for points in clouds if len(points) > config.max_points]
-    return max(sizes, default=None)
 
 
 def reduced(points: Float[np.ndarray, "n 3"], size: float | None) -> WeightedPoints:

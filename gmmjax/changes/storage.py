@@ -13,11 +13,13 @@ from gmmjax.clouds.atomic import atomic_write
 from gmmjax.clouds.files import read_json_record
 from gmmjax.errors import InputError
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 CHANGES_FILE = "changes.json"
 LABELS_FILE = "labels.npz"
 
-POINT_ARRAYS = ("labels_before", "labels_after", "probability_before", "probability_after")
+POINT_ARRAYS = tuple(
+    f"{name}_{time}" for name in ("labels", "probability", "unobserved") for time in ("before", "after")
+)
 
 
 def write_record(folder: str | os.PathLike[str], content: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Path:

@@ -7,17 +7,21 @@ from hypothesis import strategies as st
 
 from gmmjax import Change, Changes, DetectionConfig, InputError
 from gmmjax.changes import Box
+from gmmjax.changes.storage import POINT_ARRAYS
 from tests.mixtures.examples import random_rotation
 
 
 def example():
     random = np.random.default_rng(0)
-    change = Change("appeared", 0.75, 40, np.arange(3.0), np.eye(3), Box.around(random.normal(size=(40, 3))))
+    box, motion = Box.around(random.normal(size=(40, 3))), np.eye(4)
+    change = Change("moved", 0.75, 6.5, 40, np.arange(3.0), np.eye(3), box, partner=0, transform=motion)
     return Changes(
         labels_before=np.full(30, -1),
         labels_after=np.r_[np.zeros(40, int), np.full(10, -1)],
         probability_before=np.zeros(30),
         probability_after=random.uniform(size=50),
+        unobserved_before=np.arange(30) < 4,
+        unobserved_after=np.zeros(50, bool),
         items=(change,),
         emd=0.25,
         config=DetectionConfig(method="transport", seed=3),
@@ -51,15 +55,17 @@ def test_what_is_saved_is_loaded(tmp_path):
         loaded = Changes.load(path)
         assert loaded.to_dict() == changes.to_dict()
         assert loaded.config == changes.config
-        for name in ("labels_before", "labels_after", "probability_before", "probability_after"):
+        for name in POINT_ARRAYS:
             np.testing.assert_array_equal(getattr(loaded, name), getattr(changes, name))
         np.testing.assert_array_equal(loaded.items[0].box.rotation, changes.items[0].box.rotation)
+        np.testing.assert_array_equal(loaded.items[0].transform, np.eye(4))
+        assert loaded.items[0].significance == 6.5
 
 
 def test_dictionary_is_json_with_a_schema_version():
     content = json.loads(json.dumps(example().to_dict(), allow_nan=False))
-    assert content["schema_version"] == 1
-    assert content["changes"][0]["kind"] == "appeared"
+    assert content["schema_version"] == 2
+    assert content["changes"][0]["kind"] == "moved"
 
 
 @pytest.mark.parametrize(
@@ -68,8 +74,9 @@ def test_dictionary_is_json_with_a_schema_version():
         ("changes.json", b"{", "is not JSON"),
         ("changes.json", b"\xff\xfe", "is not JSON"),
         ("changes.json", b'{"schema_version": 99}', "schema version 99"),
+        ("changes.json", b'{"schema_version": 1}', "schema version 1"),
         ("changes.json", b"[1]", "schema version None"),
-        ("changes.json", b'{"schema_version": 1}', "not a complete record"),
+        ("changes.json", b'{"schema_version": 2}', "not a complete record"),
         ("labels.npz", b"PK garbage", "labels"),
         ("labels.npz", None, "labels"),
         ("changes.json", None, "changes.json"),

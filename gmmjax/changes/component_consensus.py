@@ -1,0 +1,90 @@
+"""The displacement on which most components of two mixtures agree."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from gmmjax.mixtures import GaussianMixture
+from gmmjax.transport.ground_cost import bures_wasserstein
+
+# Components have the same shape when they differ, centred, by less than this share of their own size, and so many times
+# the share 1 / sqrt n by which n observations leave it open.
+SAME_SHAPE, SAMPLING = 0.2, 2.0
+# They agree on a displacement when theirs is within so many standard errors of it.
+AGREEMENT = 4.0
+
+
+class Consensus(NamedTuple):
+    """A displacement of the after cloud.
+
+    Attributes:
+        displacement: what is to be added to the after points.
+        standard_error: of each coordinate.
+        share: of the mass whose components agree, in the mixture where it is less.
+    """
+
+    displacement: Float[np.ndarray, " 3"]
+    standard_error: Float[np.ndarray, " 3"]
+    share: float
+
+
+def consensus_displacement(
+    before: GaussianMixture, after: GaussianMixture, points_before: float, points_after: float
+) -> Consensus:
+    """The displacement supported by most mass among components of the same shape.
+
+    Every pair of components of the same shape proposes one; those that agree with it within the sampling errors of
+    their means support it, each component once. Their mean, weighted by its precision, is the result.
+
+    Args:
+        before: mixture of the before cloud; NumPy leaves.
+        after: mixture of the after cloud.
+        points_before: observations in the before cloud.
+        points_after: observations in the after cloud.
+    """
+    before, after = before.live_part(), after.live_part()
+    observations = np.minimum(before.weights[:, None] * points_before, after.weights[None] * points_after)
+    alike = (SAME_SHAPE + SAMPLING / np.sqrt(observations)) * _size(before)[:, None]
+    same_shape = _shape_distance(before, after) < alike
+    displacements = before.means[:, None] - after.means[None]
+    errors = _mean_errors(before, points_before)[:, None] + _mean_errors(after, points_after)[None]
+    weights = np.minimum(before.weights[:, None], after.weights[None]) * same_shape
+    best, support = None, 0.0
+    for i, j in np.argwhere(same_shape):
+        agreeing = _agreeing(displacements, errors + errors[i, j], displacements[i, j], weights)
+        if weights[agreeing].sum() > support:
+            best, support = agreeing, float(weights[agreeing].sum())
+    if best is None:
+        return Consensus(np.zeros(3), np.full(3, np.inf), 0.0)
+    precision = 1 / errors[best]
+    displacement = (precision * displacements[best]).sum(axis=0) / precision.sum(axis=0)
+    return Consensus(displacement, precision.sum(axis=0) ** -0.5, support)
+
+
+def _agreeing(displacements: np.ndarray, errors: np.ndarray, proposed: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """The pairs that agree with the proposed displacement; of several with one component, the nearest."""
+    deviation = ((displacements - proposed) ** 2 / errors).sum(axis=2)
+    deviation = np.where((weights > 0) & (deviation < AGREEMENT**2), deviation, np.inf)
+    nearest = (deviation == deviation.min(axis=0)) & (deviation == deviation.min(axis=1)[:, None])
+    return np.asarray(nearest & np.isfinite(deviation))
+
+
+def _mean_errors(mixture: GaussianMixture, points: float) -> Float[np.ndarray, "k 3"]:
+    """Variance of each component's estimated mean, for each coordinate."""
+    variances = np.diagonal(mixture.covariances, axis1=1, axis2=2)
+    return np.asarray(variances / (mixture.weights * points)[:, None])
+
+
+def _size(mixture: GaussianMixture) -> Float[np.ndarray, " k"]:
+    return np.sqrt(np.trace(mixture.covariances, axis1=1, axis2=2) / 3)
+
+
+def _shape_distance(before: GaussianMixture, after: GaussianMixture) -> np.ndarray:
+    with jax.enable_x64(True):
+        distance = bures_wasserstein(
+            jnp.zeros_like(before.means), before.covariances, jnp.zeros_like(after.means), after.covariances
+        )
+        return np.asarray(distance)

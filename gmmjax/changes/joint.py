@@ -1,0 +1,277 @@
+"""Changes by one mixture for both clouds: registration, fit, segments with evidence, moved objects."""
+
+import dataclasses
+import warnings
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import ArrayLike, Bool, Float
+from scipy.spatial import cKDTree
+
+from gmmjax.changes.change import Changes, Kind
+from gmmjax.changes.checking import CheckedCloud, check_pair
+from gmmjax.changes.clock import Clock, Progress
+from gmmjax.changes.config import DetectionConfig
+from gmmjax.changes.consensus import CloudConsensus, merged
+from gmmjax.changes.joint_fit import JointFits, fit_joint_restarts, mixtures_distance, point_excess
+from gmmjax.changes.joint_mixture import JointPrior, SourcedPoints
+from gmmjax.changes.local_difference import difference_scale, local_difference
+from gmmjax.changes.moved import with_moved
+from gmmjax.changes.registration import LEAST_OVERLAP, Registration, register
+from gmmjax.changes.scales import WorkingCloud, WorkingPair, working_pair
+from gmmjax.changes.settling import moved_points
+from gmmjax.changes.surface import SurfaceCloud, SurfaceScales, surface_segments
+from gmmjax.changes.surface_consensus import surface_consensus
+from gmmjax.changes.view_checks import check_views
+from gmmjax.changes.volumetric import restart_weights, volumetric_changes
+from gmmjax.clouds import PointCloud, SensorViews
+from gmmjax.errors import InputWarning
+from gmmjax.mixtures import FitSettings, FitStatus, WeightedPoints
+from gmmjax.mixtures.restarts import RELATIVE_NOISE_FLOOR
+
+# Components that annihilation starts from, and points that a restart sees: on surfaces the mixture need not be fine,
+# because distances see what is small.
+SURFACE_COMPONENTS, VOLUME_COMPONENTS = 40, 25
+SURFACE_POINTS = 6_000
+POINTS_PER_COMPONENT = 20
+SETTINGS = FitSettings(patience=0.02, tolerance=3e-5)
+# The registration tolerance of scans, in spacings.
+TOLERANCE_SPACINGS = 2.0
+# The scatter of voxel means on a surface, in spacings: that of a uniform distribution.
+SCATTER = 12**-0.5
+
+
+# The kind of a change in the before and in the after cloud.
+KINDS: tuple[Kind, Kind] = ("disappeared", "appeared")
+
+
+class _Detected(NamedTuple):
+    """What was found in both clouds; `noise` is the usual offset between unchanged surfaces."""
+
+    before: CloudConsensus
+    after: CloudConsensus
+    unobserved_before: Bool[np.ndarray, " n0"]
+    unobserved_after: Bool[np.ndarray, " n1"]
+    noise: float
+
+
+def joint_changes(
+    before: ArrayLike | PointCloud,
+    after: ArrayLike | PointCloud,
+    views_before: SensorViews | None,
+    views_after: SensorViews | None,
+    config: DetectionConfig,
+    report: Progress,
+) -> Changes:
+    """Changes by the joint mixture. Arguments, errors and warnings as in `detect_changes`."""
+    clock = Clock()
+    report("Reading the scales of the clouds", 0.0)
+    checked = check_pair(before, after, config)
+    views = _usable("views_before", views_before, checked[0]), _usable("views_after", views_after, checked[1])
+    pair = working_pair(checked[0].points, checked[1].points, config)
+    clock.lap("preparation")
+    report("Aligning the clouds", 0.1)
+    registration = register(pair, config)
+    _warn_about_overlap(registration)
+    pair = _aligned(pair, registration.transform)
+    views = views[0], None if views[1] is None else views[1].moved(registration.transform)
+    clock.lap("registration")
+    report("Fitting the mixtures", 0.25)
+    tolerance = _tolerance(pair, registration, config)
+    fits = _fit(pair, config, tolerance, report)
+    clock.lap("fits")
+    report("Looking for changes", 0.75)
+    if pair.volumetric:
+        detected = _volumetric(checked, pair, fits, registration, config)
+    else:
+        detected = _surface(checked, pair, fits, views, config)
+    detected = _of_kinds(detected, config)
+    items, labels_before, labels_after = merged(detected.before, detected.after)
+    clock.lap("changes")
+    report("Looking for moved objects", 0.9)
+    if not pair.volumetric:
+        clouds = checked[0].points, checked[1].points
+        items = with_moved(items, *clouds, labels_before, labels_after, detected.noise)
+    clock.lap("moved")
+    report("Done", 1.0)
+    return Changes(
+        labels_before=checked[0].to_rows(labels_before, -1),
+        labels_after=checked[1].to_rows(labels_after, -1),
+        probability_before=checked[0].to_rows(detected.before.probability, 0.0),
+        probability_after=checked[1].to_rows(detected.after.probability, 0.0),
+        unobserved_before=checked[0].to_rows(detected.unobserved_before, False),
+        unobserved_after=checked[1].to_rows(detected.unobserved_after, False),
+        items=items,
+        emd=mixtures_distance(fits),
+        config=config,
+        diagnostics=_diagnostics((before, after), checked, pair, fits, registration, tolerance, views, clock),
+    )
+
+
+def _usable(name: str, views: SensorViews | None, cloud: CheckedCloud) -> SensorViews | None:
+    """The views, where they do not contradict the cloud."""
+    if views is None:
+        return None
+    contradiction = check_views(name, views, cloud.points)
+    if contradiction is None:
+        return views
+    warnings.warn(contradiction, InputWarning, stacklevel=4)
+    return None
+
+
+def _warn_about_overlap(registration: Registration) -> None:
+    if registration.overlap < LEAST_OVERLAP:
+        warnings.warn(
+            f"only {registration.overlap:.0%} of the points of one cloud have a counterpart in the other, so what is "
+            "found means little: are both of the same place, in the same frame and unit? registration='always' tries "
+            "harder to align them, crop leaves out what only one cloud has",
+            InputWarning,
+            stacklevel=4,
+        )
+
+
+def _aligned(pair: WorkingPair, transform: Float[np.ndarray, "4 4"]) -> WorkingPair:
+    after = dataclasses.replace(pair.after, points=moved_points(pair.after.points, transform))
+    return dataclasses.replace(pair, after=after)
+
+
+def _tolerance(pair: WorkingPair, registration: Registration, config: DetectionConfig) -> float:
+    """The tolerance of registration grows with its residual; on surfaces it is never below the points' own scatter."""
+    if config.tolerance is not None:
+        return config.tolerance
+    return registration.residual if pair.volumetric else max(TOLERANCE_SPACINGS * pair.spacing, registration.residual)
+
+
+def _fit(pair: WorkingPair, config: DetectionConfig, tolerance: float, report: Progress) -> JointFits:
+    clouds = (pair.before, pair.after)
+    points = np.concatenate([cloud.points for cloud in clouds])
+    # The density of a scan is an accident of where the sensor stood: on surfaces every voxel counts the same.
+    masses = [cloud.mass if pair.volumetric else np.ones(len(cloud.mass)) for cloud in clouds]
+    after = np.repeat([0.0, 1.0], [len(cloud.points) for cloud in clouds])
+    restarts = config.number_of_restarts
+    done = iter(range(1, restarts + 1))
+    return fit_joint_restarts(
+        SourcedPoints(WeightedPoints(points, np.concatenate(masses)), after),
+        key=jax.random.key(config.seed),
+        max_components=_components(pair, config),
+        prior=JointPrior(_noise_floor(pair, points, config), tolerance, 1.0),
+        restarts=restarts,
+        max_points=_points_of_a_fit(pair, config),
+        settings=SETTINGS,
+        progress=lambda: report("Fitting the mixtures", 0.25 + 0.5 * next(done) / restarts),
+    )
+
+
+def _components(pair: WorkingPair, config: DetectionConfig) -> int:
+    points = len(pair.before.points) + len(pair.after.points)
+    if config.max_components is not None:
+        return min(config.max_components, points)
+    default = VOLUME_COMPONENTS if pair.volumetric else SURFACE_COMPONENTS
+    return max(1, min(default, points // POINTS_PER_COMPONENT))
+
+
+def _points_of_a_fit(pair: WorkingPair, config: DetectionConfig) -> int:
+    return config.max_points if pair.volumetric else min(config.max_points, SURFACE_POINTS)
+
+
+def _noise_floor(pair: WorkingPair, points: np.ndarray, config: DetectionConfig) -> float:
+    if config.noise_floor is not None:
+        return config.noise_floor
+    if not pair.volumetric:
+        return SCATTER * pair.spacing
+    return RELATIVE_NOISE_FLOOR["float64"] * float(np.sqrt(points.var(axis=0).mean()))
+
+
+def _volumetric(
+    checked: tuple[CheckedCloud, CheckedCloud],
+    pair: WorkingPair,
+    fits: JointFits,
+    registration: Registration,
+    config: DetectionConfig,
+) -> _Detected:
+    fitted = len(pair.before.points) + len(pair.after.points)
+    weights = restart_weights(fits, comparable=fitted <= _points_of_a_fit(pair, config))
+    aligned = checked[0].points, moved_points(checked[1].points, registration.transform)
+    found = [
+        volumetric_changes(cloud.points, points, fits, weights, kind, config.threshold)
+        for cloud, points, kind in zip(checked, aligned, KINDS, strict=True)
+    ]
+    nothing = [np.zeros(len(points), bool) for points in aligned]
+    return _Detected(found[0], found[1], nothing[0], nothing[1], noise=0.0)
+
+
+def _surface(
+    checked: tuple[CheckedCloud, CheckedCloud],
+    pair: WorkingPair,
+    fits: JointFits,
+    views: tuple[SensorViews | None, SensorViews | None],
+    config: DetectionConfig,
+) -> _Detected:
+    clouds = (pair.before, pair.after)
+    trees = [cKDTree(cloud.points) for cloud in clouds]
+    differences = [local_difference(clouds[i].points, trees[i], trees[1 - i]) for i in (0, 1)]
+    usual = difference_scale(*differences)
+    scales = SurfaceScales.of(pair.spacing, usual)
+    found, unobserved = [], []
+    for i, (cloud, kind) in enumerate(zip(clouds, KINDS, strict=True)):
+        known = SurfaceCloud(cloud.points, differences[i], point_excess(fits, cloud.points, kind == "appeared"))
+        segments = surface_segments(known, clouds[1 - i].points, scales, views[1 - i], config.threshold)
+        found.append(surface_consensus(checked[i].points, cloud.member, known, segments, usual, kind))
+        unobserved.append(segments.unobserved[cloud.member])
+    return _Detected(found[0], found[1], unobserved[0], unobserved[1], noise=usual.offset)
+
+
+def _of_kinds(detected: _Detected, config: DetectionConfig) -> _Detected:
+    """Without the changes of the kind that is not looked for."""
+    before = _none(detected.before) if config.kinds == "appeared" else detected.before
+    after = _none(detected.after) if config.kinds == "disappeared" else detected.after
+    return detected._replace(before=before, after=after)
+
+
+def _none(found: CloudConsensus) -> CloudConsensus:
+    return CloudConsensus(np.zeros_like(found.probability), np.full_like(found.labels, -1), [])
+
+
+def _diagnostics(
+    given: tuple[ArrayLike | PointCloud, ArrayLike | PointCloud],
+    checked: tuple[CheckedCloud, CheckedCloud],
+    pair: WorkingPair,
+    fits: JointFits,
+    registration: Registration,
+    tolerance: float,
+    views: tuple[SensorViews | None, SensorViews | None],
+    clock: Clock,
+) -> dict[str, Any]:
+    """Plain values for the record and the report."""
+    return {
+        "before": _cloud_diagnostics(given[0], checked[0], pair.before, views[0]),
+        "after": _cloud_diagnostics(given[1], checked[1], pair.after, views[1]),
+        "voxel_size": pair.voxel_size,
+        "spacing": pair.spacing,
+        "volumetric": pair.volumetric,
+        "tolerance": tolerance,
+        "registration": registration.to_dict(),
+        "components": fits.joint.mixture.live.sum(axis=1).tolist(),
+        "message_length": np.round(fits.message_length, 3).tolist(),
+        "density_ratio": np.round(fits.density_ratio, 4).tolist(),
+        "steps": fits.steps.tolist(),
+        "converged": np.asarray(fits.result == FitStatus.converged).tolist(),
+        "seconds": clock.seconds,
+        "device": jax.devices()[0].device_kind,
+        "precision": "float64",
+    }
+
+
+def _cloud_diagnostics(
+    given: ArrayLike | PointCloud, cloud: CheckedCloud, working: WorkingCloud, views: SensorViews | None
+) -> dict[str, Any]:
+    unplaced = len(cloud.used) - len(cloud.points) - cloud.cropped
+    return {
+        "source": given.source if isinstance(given, PointCloud) else None,
+        "points": len(cloud.points),
+        "rows_dropped": given.rows_dropped if isinstance(given, PointCloud) else unplaced,
+        "cropped": cloud.cropped,
+        "points_compared": len(working.points),
+        "views": 0 if views is None else len(views),
+    }

@@ -1,0 +1,193 @@
+"""The joint mixture fitted on the host: several random starts, on a subsample, in the unit of the points."""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int, PRNGKeyArray
+
+from gmmjax._host import to_numpy
+from gmmjax._typing import Array
+from gmmjax.changes.joint_mixture import (
+    JointMixture,
+    JointPrior,
+    SourcedPoints,
+    changed_share,
+    density_ratio,
+    fit_joint_mixture,
+    initial_joint_mixture,
+    intensities,
+    responsibilities,
+)
+from gmmjax.errors import ComputationError
+from gmmjax.mixtures import FitSettings, FitStatus, GaussianMixture
+from gmmjax.mixtures.annihilation import Annihilated
+from gmmjax.mixtures.frame import Frame
+from gmmjax.mixtures.restarts import map_on_cores
+from gmmjax.transport import earth_movers_distance
+
+# Points whose posterior is computed in one pass: one compiled shape for clouds of every size.
+CHUNK = 8192
+
+
+class JointFits(NamedTuple):
+    """Joint mixtures of several restarts, in the frame that they were computed in.
+
+    Attributes:
+        joint: the mixtures, with a leading axis of r restarts.
+        message_length: of each; comparable where the restarts saw the same points.
+        density_ratio: of each, after to before.
+        steps: EM steps of each.
+        result: a `FitStatus` for each.
+        frame: from the unit of the points into that of the mixtures.
+    """
+
+    joint: JointMixture
+    message_length: Float[np.ndarray, " r"]
+    density_ratio: Float[np.ndarray, " r"]
+    steps: Int[np.ndarray, " r"]
+    result: FitStatus
+    frame: Frame
+
+
+def fit_joint_restarts(
+    points: SourcedPoints,
+    *,
+    key: PRNGKeyArray,
+    max_components: int,
+    prior: JointPrior,
+    restarts: int,
+    max_points: int,
+    settings: FitSettings,
+    progress: Callable[[], None] | None = None,
+) -> JointFits:
+    """Fits the joint mixture from several random starts, each on its own random subsample.
+
+    Args:
+        points: both clouds, NumPy arrays in any unit.
+        key: random key of the subsamples and the starts.
+        max_components: components that annihilation starts from.
+        prior: tolerance and noise in the unit of the points.
+        restarts: how many.
+        max_points: of each subsample; where there are no more points, all are used.
+        settings: how EM runs.
+        progress: called after each restart, from any thread.
+
+    Raises:
+        ComputationError: no restart gave a mixture.
+    """
+    frame = Frame.of(points.points)
+    framed = SourcedPoints(frame.enter(points.points), points.after)
+    prior = JointPrior(prior.noise_floor / frame.spread, prior.tolerance / frame.spread, prior.noise)
+    generator = np.random.default_rng(np.asarray(jax.random.key_data(key)).tolist())
+    samples = [_subsample(framed, max_points, generator).padded() for _ in range(restarts)]
+    keys = jax.random.split(key, restarts)
+
+    def fit_one(key: PRNGKeyArray, points: SourcedPoints) -> tuple[Annihilated, Array]:
+        return _compiled_fit(points, key, prior, max_components, settings)
+
+    fits, ratios = map_on_cores(fit_one, list(zip(keys, samples, strict=True)), "float64", progress)
+    finite = np.asarray(fits.result != FitStatus.not_finite)
+    if not finite.any():
+        raise ComputationError(f"none of {restarts} restarts gave a joint mixture; raise noise_floor")
+    fits, ratios = jax.tree.map(lambda leaf: leaf[finite], (fits, ratios))
+    return JointFits(fits.model, fits.message_length, ratios, fits.steps, fits.result, frame)
+
+
+@functools.partial(jax.jit, static_argnames=("max_components", "settings"))
+def _compiled_fit(
+    points: SourcedPoints, key: PRNGKeyArray, prior: JointPrior, max_components: int, settings: FitSettings
+) -> tuple[Annihilated, Array]:
+    start = initial_joint_mixture(points, max_components, prior, key)
+    fit = fit_joint_mixture(points, start, prior, settings)
+    return fit, density_ratio(fit.model)
+
+
+def point_excess(fits: JointFits, points: Float[np.ndarray, "n 3"], after: bool) -> Float[np.ndarray, "r n"]:
+    r"""For each restart the posterior that a point is extra: $\max(0, 1 - \rho f_0 / f_1)$ in the after cloud.
+
+    The intensities $f_0$ and $f_1$ of the two clouds are compared in a place, whatever Gaussians make them up: two that
+    share a wall unevenly cancel out.
+
+    Args:
+        fits: the joint mixtures with their density ratio $\rho$.
+        points: points of one cloud, in its unit.
+        after: whether that is the after cloud; in the before cloud it is $\max(0, 1 - f_1 / (\rho f_0))$.
+    """
+    intensity_before, intensity_after = _in_chunks(_chunk_intensities, fits, points)
+    scaled = intensity_before * fits.density_ratio[:, None]
+    share = scaled / intensity_after if after else intensity_after / scaled
+    return np.clip(1 - share, 0, 1)
+
+
+def component_excess(
+    fits: JointFits, points: Float[np.ndarray, "n 3"], after: bool
+) -> tuple[Float[np.ndarray, "r n"], Int[np.ndarray, "r n"]]:
+    """For each restart the posterior that a point is of a component that changed, and that component's slot.
+
+    A Gaussian that is gone and one that came in the same place are told apart by their shapes, where `point_excess`
+    sees that the density is still the same. The slot is that of the component which explains most of the change.
+
+    Args:
+        fits: the joint mixtures.
+        points: points of one cloud, in its unit.
+        after: whether that is the after cloud.
+    """
+    return _in_chunks(functools.partial(_chunk_components, after=after), fits, points)
+
+
+def mixtures_distance(fits: JointFits) -> float:
+    """Earth mover's distance between the two clouds' mixtures, in the unit of the points, mean over the restarts.
+
+    The components are shared; each cloud has its own weights, normalised.
+    """
+    distances = []
+    for restart in range(len(fits.message_length)):
+        # All slots, dead ones too: one compiled program for fits of any size.
+        joint = jax.tree.map(lambda leaf, index=restart: leaf[index], fits.joint)
+        before, after = (_reweighted(joint.mixture, share) for share in (1 - joint.share_after, joint.share_after))
+        distances.append(float(earth_movers_distance(before, after).cost))
+    return float(np.mean(distances)) * float(fits.frame.spread)
+
+
+def _reweighted(mixture: GaussianMixture, share: np.ndarray) -> GaussianMixture:
+    weights = mixture.weights * share
+    return GaussianMixture(weights / weights.sum(), mixture.means, mixture.covariances, mixture.live)
+
+
+def _in_chunks(function: Callable[..., tuple[Array, ...]], fits: JointFits, points: np.ndarray) -> Any:
+    framed = (points - fits.frame.origin) / fits.frame.spread
+    padded = np.pad(framed, ((0, -len(points) % CHUNK), (0, 0)))
+    with jax.enable_x64(True):
+        joint, ratio = jax.tree.map(jnp.asarray, (fits.joint, fits.density_ratio))
+        parts = [to_numpy(function(joint, ratio, chunk)) for chunk in np.split(padded, len(padded) // CHUNK)]
+    return tuple(np.concatenate(part, axis=1)[:, : len(points)] for part in zip(*parts, strict=True))
+
+
+@jax.jit
+def _chunk_intensities(
+    joint: JointMixture, ratio: Float[Array, " r"], chunk: Float[Array, "c 3"]
+) -> tuple[Float[Array, "r c"], Float[Array, "r c"]]:
+    return jax.lax.map(lambda one: intensities(one, chunk), joint)
+
+
+@functools.partial(jax.jit, static_argnames="after")
+def _chunk_components(
+    joint: JointMixture, ratio: Float[Array, " r"], chunk: Float[Array, "c 3"], after: bool
+) -> tuple[Float[Array, "r c"], Int[Array, "r c"]]:
+    def one_restart(restart: tuple[JointMixture, Array]) -> tuple[Array, Array]:
+        one, ratio = restart
+        changed = changed_share(one, ratio, after)[:, None] * responsibilities(one, chunk, after)[:-1]
+        return jnp.sum(changed, axis=0), jnp.argmax(changed, axis=0).astype(jnp.int32)
+
+    return jax.lax.map(one_restart, (joint, ratio))
+
+
+def _subsample(points: SourcedPoints, size: int, generator: np.random.Generator) -> SourcedPoints:
+    if len(points.after) <= size:
+        return points
+    chosen = generator.choice(len(points.after), size, replace=False)
+    return jax.tree.map(lambda leaf: leaf[chosen], points)

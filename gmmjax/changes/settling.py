@@ -1,0 +1,81 @@
+"""Small rigid motions that lay one surface onto another: iterated closest points along the normals."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from gmmjax.changes.local_difference import OTHER_NEIGHBOURS, OWN_NEIGHBOURS, local_planes
+
+# The reach of the residuals shrinks by this factor a step, from the first to the last.
+SHRINKING = 0.75
+# A motion that nothing determines, such as one along a wall, is not made.
+DAMPING = 1e-2
+# A point is kept apart from the surface sideways by this many reaches at most.
+SIDEWAYS = 4.0
+
+
+def settled(
+    source: Float[np.ndarray, "n 3"],
+    target: Float[np.ndarray, "m 3"],
+    start: Float[np.ndarray, "4 4"],
+    first_reach: float,
+    last_reach: float,
+    steps: int,
+) -> Float[np.ndarray, "4 4"]:
+    """The rigid motion that lays the source onto the target, from a start that is nearly right.
+
+    Means of neighbouring source points are held against the plane through the target's points round them (Chen and
+    Medioni 1992). The weights of Geman and McClure, whose scale shrinks from step to step, leave out what has no
+    counterpart.
+
+    Args:
+        source: points that are moved.
+        target: points that stay.
+        start: motion to start from.
+        first_reach: offset at which a point has a quarter of its weight, in the first step.
+        last_reach: the same in the last steps; some standard deviations of the offsets.
+        steps: how many.
+    """
+    tree = cKDTree(target)
+    means = local_means(source)
+    transform = start
+    for step in range(steps):
+        placed = moved_points(means, transform)
+        distances, neighbours = tree.query(placed, k=min(OTHER_NEIGHBOURS, len(target)), workers=-1)
+        centres, normals, _ = local_planes(target[neighbours])
+        offsets = np.einsum("ni,ni->n", placed - centres, normals)
+        reach = max(last_reach, first_reach * SHRINKING**step)
+        weights = _weights(offsets / reach) * _weights(distances[:, 0] / (SIDEWAYS * reach))
+        transform = _small_motion(placed, normals, offsets, weights) @ transform
+    return transform
+
+
+def local_means(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """The mean of each point and its neighbours."""
+    neighbours = cKDTree(points).query(points, k=min(OWN_NEIGHBOURS, len(points)), workers=-1)[1]
+    return points[neighbours].mean(axis=1)
+
+
+def moved_points(points: Float[np.ndarray, "n 3"], transform: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "n 3"]:
+    """The points after a rigid motion."""
+    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
+
+
+def _weights(residuals: np.ndarray) -> np.ndarray:
+    return 1 / (1 + residuals**2) ** 2
+
+
+def _small_motion(points: np.ndarray, normals: np.ndarray, offsets: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """The motion that takes the offsets away in weighted least squares, linear in its angles."""
+    centre = points.mean(axis=0)
+    size = max(float(np.sqrt(((points - centre) ** 2).sum(axis=1).mean())), np.finfo(np.float64).tiny)
+    # Angles in units of the size, so that the damping weighs turns and shifts alike.
+    rows = np.concatenate([np.cross((points - centre) / size, normals), normals], axis=1)
+    normal_matrix = rows.T @ (weights[:, None] * rows)
+    damping = DAMPING * max(weights.sum(), 1e-12) * np.eye(6)
+    solution = np.linalg.solve(normal_matrix + damping, -rows.T @ (weights * offsets))
+    transform = np.eye(4)
+    transform[:3, :3] = Rotation.from_rotvec(solution[:3] / size).as_matrix()
+    transform[:3, 3] = solution[3:] + centre - transform[:3, :3] @ centre
+    return transform

@@ -1,0 +1,271 @@
+"""Changes of surface scans: clusters of points that the other cloud has not, where the other survey looked."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, Int8
+from scipy.spatial import cKDTree
+
+from gmmjax.changes.free_space import Observed, observation
+from gmmjax.changes.local_difference import DifferenceScale, LocalDifference
+from gmmjax.changes.segments import density_clusters
+from gmmjax.changes.surface_continuation import unobserved_points
+from gmmjax.clouds import SensorViews
+
+# A point is surely changed this far from the other cloud: in spacings of either cloud, in usual distances, in the
+# thickness of the other surface there; and this far off its plane, in standard deviations of usual offsets.
+SURE_SPACINGS = 3.0
+SURE_DISTANCES = 3.0
+SURE_THICKNESS = 4.0
+SURE_OFFSETS = 6.5
+# Below this share of the sure distance nothing is said.
+FIRST_DISTANCE = 0.3
+# An offset of this share of the sure one is evidence of a change where the other survey saw the surface.
+THIN_OFFSET = 0.8
+# A cluster holds points changed with the threshold's probability; it is a change when so many of them are changed with
+# this one, a tenfold excess.
+CORE_PROBABILITY = 0.9
+SMALLEST_CORE = 20
+# Clusters: points within so many spacings of each other, with so many neighbours each.
+CLUSTER_RADIUS = 5.0
+CLUSTER_NEIGHBOURS = 8
+# A cluster takes in points that reach the threshold within so many of these radii.
+GROWTH = 2.0
+# With views: at least so many points of a change, and so much of what was observed of it, lie where the other survey
+# saw that there was nothing; and at least so much of it was observed.
+LEAST_FREE = 10
+LEAST_FREE_SHARE = 0.5
+LEAST_OBSERVED_SHARE = 0.2
+# Without views: a segment that continues unchanged surfaces with more than this share of its points is none.
+MOST_CONTINUED = 0.6
+# An unchanged surface is at most this share of the sure offset apart in the two clouds.
+SAME_SURFACE = 0.5
+# A part of a segment is judged by itself when it has so many points and so much of the segment.
+SMALLEST_PIECE = 100
+SHARE_OF_PIECE = 0.15
+
+
+class SurfaceCloud(NamedTuple):
+    """One cloud of a pair with what is known of its points.
+
+    Attributes:
+        points: at the working resolution.
+        difference: of each to the other cloud.
+        excess: for each restart the posterior of the joint mixture that the point is extra.
+    """
+
+    points: Float[np.ndarray, "n 3"]
+    difference: LocalDifference
+    excess: Float[np.ndarray, "r n"]
+
+
+class SurfaceScales(NamedTuple):
+    """What distances mean in a pair of scans.
+
+    Attributes:
+        spacing: of neighbouring points.
+        distance: how far from the other cloud a point is surely changed, where that is as dense as usual.
+        offset: how far off the other cloud's plane.
+    """
+
+    spacing: float
+    distance: float
+    offset: float
+
+    @classmethod
+    def of(cls, spacing: float, scale: DifferenceScale) -> "SurfaceScales":
+        """The scales of a pair with this spacing and these usual differences."""
+        offset = SURE_OFFSETS * scale.offset
+        return cls(spacing, max(SURE_SPACINGS * spacing, SURE_DISTANCES * scale.distance, offset), offset)
+
+    def sure_offset(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
+        """The sure offset of each point, more where its neighbourhood is noisier."""
+        return np.maximum(self.offset, SURE_OFFSETS * difference.noise)
+
+    def sure_distance(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
+        """The sure distance of each point, more where the other cloud is sparser or thicker."""
+        local = np.maximum(SURE_SPACINGS * difference.spacing, SURE_THICKNESS * difference.thickness)
+        return np.maximum(self.distance, local)
+
+
+class SurfaceSegments(NamedTuple):
+    """The changes of one cloud.
+
+    Attributes:
+        labels: -1, or the number of the segment.
+        probability: for each restart, that the point is changed; 0 where nothing is known.
+        unobserved: whether the other survey did not see the point's place.
+    """
+
+    labels: Int[np.ndarray, " n"]
+    probability: Float[np.ndarray, "r n"]
+    unobserved: Bool[np.ndarray, " n"]
+
+
+def surface_segments(
+    cloud: SurfaceCloud,
+    other: Float[np.ndarray, "m 3"],
+    scales: SurfaceScales,
+    views: SensorViews | None,
+    threshold: float,
+) -> SurfaceSegments:
+    """The segments of one cloud that changed, and what the other survey did not see.
+
+    Args:
+        cloud: the cloud.
+        other: the points of the other cloud.
+        scales: of the pair.
+        views: where the other cloud was seen from, or None.
+        threshold: probability from which a point is changed.
+    """
+    probability = changed_probability(cloud, scales)
+    mean = probability.mean(axis=0)
+    labels = clusters_with_core(cloud.points, mean, scales.spacing, threshold)
+    if views is None:
+        unobserved = continuing(cloud.points, labels, other, scales)
+        labels = np.where(unobserved, -1, labels)
+    else:
+        observed = observation(cloud.points, other, views, scales.distance)
+        unobserved = observed == Observed.unobserved
+        dropped = not_seen_empty(cloud, labels, observed, other, scales)
+        labels = np.where(dropped, -1, labels)
+        unobserved |= dropped
+        shadows = continuing(cloud.points, hidden_parts(cloud.points, labels, observed, scales), other, scales)
+        labels = np.where(shadows, -1, labels)
+    probability = np.where((labels < 0) & unobserved, 0.0, probability)
+    return SurfaceSegments(renumbered(labels), probability, unobserved & (labels < 0))
+
+
+def changed_probability(cloud: SurfaceCloud, scales: SurfaceScales) -> Float[np.ndarray, "r n"]:
+    """For each restart the greatest of three: the mixture's posterior, and what distance and offset say.
+
+    The mixture sees differences of density and extended changes; the distance sees small objects, for which it cannot
+    spare a Gaussian; the offset sees thin ones, which are nearer to the other surface than its points to each other.
+    """
+    difference = cloud.difference
+    by_distance = difference.distance / scales.sure_distance(difference)
+    by_distance = np.clip((by_distance - FIRST_DISTANCE) / (1 - FIRST_DISTANCE), 0, 1)
+    by_offset = np.clip(difference.offset / scales.sure_offset(difference), 0, 1)
+    return np.maximum(cloud.excess, np.maximum(by_distance, by_offset)[None])
+
+
+def clusters_with_core(
+    points: Float[np.ndarray, "n 3"], probability: Float[np.ndarray, " n"], spacing: float, threshold: float
+) -> Int[np.ndarray, " n"]:
+    """Density clusters of nearly sure points, with the points beside them that reach the threshold.
+
+    Were they clusters of all these points, a slight misregistration would chain half the scene to an object.
+    """
+    radius = CLUSTER_RADIUS * spacing
+    labels = np.full(len(points), -1)
+    core = np.flatnonzero(probability >= CORE_PROBABILITY)
+    labels[core] = density_clusters(points[core], radius, CLUSTER_NEIGHBOURS)
+    counts = np.bincount(labels[labels >= 0], minlength=1)
+    labels[np.isin(labels, np.flatnonzero(counts < SMALLEST_CORE))] = -1
+    core, others = np.flatnonzero(labels >= 0), np.flatnonzero((labels < 0) & (probability >= threshold))
+    if len(core):
+        tree = cKDTree(points[core])
+        distances, nearest = tree.query(points[others], distance_upper_bound=GROWTH * radius, workers=-1)
+        near = np.isfinite(distances)
+        labels[others[near]] = labels[core[nearest[near]]]
+    return labels
+
+
+def not_seen_empty(
+    cloud: SurfaceCloud,
+    labels: Int[np.ndarray, " n"],
+    observed: Int8[np.ndarray, " n"],
+    other: Float[np.ndarray, "m 3"],
+    scales: SurfaceScales,
+) -> Bool[np.ndarray, " n"]:
+    """The points of the segments whose place the other survey did not see to be empty.
+
+    A place is empty where the survey looked through it. A thin object is too near to the surface behind it for that:
+    there the survey saw a surface that is off this one, and the segment must not continue the surfaces beside it.
+    """
+    offset = cloud.difference.offset > THIN_OFFSET * scales.sure_offset(cloud.difference)
+    free = observed == Observed.free
+    thin = free | ((observed == Observed.surface) & offset)
+    seen = observed != Observed.unobserved
+    through = [label for label in np.unique(labels[labels >= 0]) if _mostly(free, seen, labels == label)]
+    rest = np.where(np.isin(labels, through), -1, labels)
+    off = [label for label in np.unique(rest[rest >= 0]) if _mostly(thin, seen, labels == label)]
+    candidates = np.where(np.isin(labels, off), labels, -1)
+    thin_ones = (candidates >= 0) & ~continuing(cloud.points, candidates, other, scales)
+    return (labels >= 0) & ~np.isin(labels, through) & ~thin_ones
+
+
+def _mostly(empty: np.ndarray, seen: np.ndarray, own: np.ndarray) -> bool:
+    """Whether enough of a segment is empty, and enough of it was seen at all."""
+    least = max(LEAST_FREE, LEAST_FREE_SHARE * seen[own].sum())
+    return bool(empty[own].sum() >= least and seen[own].mean() >= LEAST_OBSERVED_SHARE)
+
+
+def hidden_parts(
+    points: Float[np.ndarray, "n 3"],
+    labels: Int[np.ndarray, " n"],
+    observed: Int8[np.ndarray, " n"],
+    scales: SurfaceScales,
+) -> Int[np.ndarray, " n"]:
+    """The parts of the segments that the other survey did not see, as segments of their own.
+
+    The hidden side of an object belongs to it; a shadow on the wall behind it does not.
+    """
+    parts = np.full(len(labels), -1)
+    hidden = np.flatnonzero((labels >= 0) & (observed == Observed.unobserved))
+    parts[hidden] = density_clusters(points[hidden], CLUSTER_RADIUS * scales.spacing, CLUSTER_NEIGHBOURS)
+    return parts
+
+
+def continuing(
+    points: Float[np.ndarray, "n 3"],
+    labels: Int[np.ndarray, " n"],
+    other: Float[np.ndarray, "m 3"],
+    scales: SurfaceScales,
+) -> Bool[np.ndarray, " n"]:
+    """The points of the segments that only continue the unchanged surfaces beside them.
+
+    An object and its shadow on the wall behind may be one segment: what continues and what does not are judged apart
+    where either is a good part of it.
+    """
+    # What is further off than this is another surface: the top of a thin object does not cover the floor's plane.
+    arguments = (labels < 0, other, SAME_SURFACE * scales.offset, scales.spacing)
+    unseen = unobserved_points(points, labels, *arguments)
+    whole = _shares(unseen, labels) > MOST_CONTINUED
+    pieces, of_segment = _pieces(points, labels, unseen, scales.spacing)
+    dropped = (labels >= 0) & whole[labels]
+    if len(of_segment):
+        of_piece = _shares(unobserved_points(points, pieces, *arguments), pieces) > MOST_CONTINUED
+        dropped = np.where(pieces >= 0, of_piece[pieces], dropped)
+    return dropped
+
+
+def _pieces(
+    points: np.ndarray, labels: np.ndarray, unseen: np.ndarray, spacing: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The good-sized clusters of the points of each segment that are unseen, and of those that are not."""
+    pieces = np.full(len(labels), -1)
+    of_segment: list[int] = []
+    for label in np.unique(labels[labels >= 0]):
+        own = labels == label
+        least = max(SMALLEST_PIECE, SHARE_OF_PIECE * own.sum())
+        for part in (np.flatnonzero(own & unseen), np.flatnonzero(own & ~unseen)):
+            clusters = density_clusters(points[part], CLUSTER_RADIUS * spacing, CLUSTER_NEIGHBOURS)
+            for number in np.flatnonzero(np.bincount(clusters[clusters >= 0]) >= least):
+                pieces[part[clusters == number]] = len(of_segment)
+                of_segment.append(int(label))
+    return pieces, np.array(of_segment)
+
+
+def _shares(flags: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """The share of each label's points that are flagged; one more entry, 0, for the label -1."""
+    inside = labels >= 0
+    counts = np.bincount(labels[inside])
+    return np.append(np.bincount(labels[inside], flags[inside], len(counts)) / np.maximum(counts, 1), 0.0)
+
+
+def renumbered(labels: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """The labels without gaps in their numbers."""
+    result = labels.copy()
+    result[labels >= 0] = np.unique(labels[labels >= 0], return_inverse=True)[1]
+    return result

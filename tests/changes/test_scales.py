@@ -1,0 +1,55 @@
+import jax
+import numpy as np
+import pytest
+
+from gmmjax import DetectionConfig
+from gmmjax.changes.scales import MAX_VOXELS, common_voxel_size, working_pair
+from gmmjax.scenes import random_scene
+
+CONFIG = DetectionConfig()
+
+
+def planes(seed, noise, size=2.0, count=8000):
+    """A floor and a wall."""
+    random = np.random.default_rng(seed)
+    u, v = random.uniform(0, size, (2, count))
+    flat = noise * random.standard_normal(count)
+    return np.concatenate([np.stack([u, v, flat], axis=1), np.stack([u, flat, v], axis=1)])
+
+
+@pytest.mark.parametrize("points", [60, 200, 1000])
+@pytest.mark.parametrize("overlap", ["low", "medium"])
+def test_gaussians_fill_volumes(points, overlap):
+    scene = random_scene(jax.random.key(points), appeared=1, overlap=overlap, points=points)
+    assert working_pair(scene.before, scene.after, CONFIG).volumetric
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize("unit", [1.0, 1000.0])
+def test_scans_lie_on_surfaces_in_any_unit(noise, unit):
+    pair = working_pair(unit * planes(0, noise), unit * planes(1, noise), CONFIG)
+    assert not pair.volumetric
+    # 8,000 points on 4 square metres, at random.
+    assert 0.005 * unit < pair.spacing < 0.03 * unit
+
+
+def test_a_map_of_a_hall_is_a_surface_too():
+    assert not working_pair(planes(2, 0.02, size=30.0), planes(3, 0.02, size=30.0), CONFIG).volumetric
+
+
+def test_large_clouds_are_reduced_to_one_size_of_voxels():
+    before, after = planes(4, 0.002, count=MAX_VOXELS), planes(5, 0.002, count=1000)
+    pair = working_pair(before, after, CONFIG)
+    assert pair.voxel_size is not None and pair.voxel_size == common_voxel_size(before, after, MAX_VOXELS)
+    assert len(pair.before.points) <= MAX_VOXELS
+    assert pair.before.mass.sum() == len(before) and len(pair.before.member) == len(before)
+    # A point is in the voxel that it counts for.
+    distance = np.linalg.norm(pair.before.points[pair.before.member] - before, axis=1)
+    assert distance.max() < pair.voxel_size * 3**0.5
+
+
+def test_small_clouds_are_taken_as_they_are():
+    before = planes(6, 0.01, count=100)
+    pair = working_pair(before, before, CONFIG)
+    assert pair.voxel_size is None
+    np.testing.assert_array_equal(pair.before.points, before)
