@@ -1,4 +1,6 @@
+import csv
 import errno
+import io
 import json
 import os
 import subprocess
@@ -328,6 +330,105 @@ def test_demo_shows_what_was_found_and_the_truth(tmp_path, capsys, monkeypatch):
     assert printed.startswith("2 changes: 1 appeared, 1 disappeared\n")
     assert "Truth" in printed
     assert (tmp_path / "a" / "result" / "report.html").as_uri() in printed.replace("\n", "")
+
+
+def evaluated(command, capsys, *arguments):
+    """What an evaluation prints."""
+    assert main(["evaluate", *command, *map(str, arguments)]) == 0
+    captured = capsys.readouterr()
+    assert not captured.err
+    return captured.out
+
+
+def test_evaluate_gaussians_scores_the_detectors_that_are_asked_for(tmp_path, capsys):
+    table, curves = tmp_path / "table.md", tmp_path / "curves.json"
+    flags = ["--seeds", 1, "--points", 300, "--conditions", "(+1) low*", "(none)*", "--restarts", 2]
+    printed = evaluated(
+        ["gaussians"], capsys, *flags, "--methods", "transport", "c2c", "--out", table, "--reliability", curves
+    )
+    assert printed.splitlines()[1] == "(+1) low, 300 points"
+    assert "all 3 of thesis" in printed
+    assert table.read_text().count("| c2c |") == 4
+    assert list(json.loads(curves.read_text())) == ["transport"]
+
+
+@pytest.mark.parametrize("flag", ["--json", "--csv"])
+def test_an_evaluation_can_be_read_by_programs(flag, capsys):
+    flags = ["--families", "separation", "--conditions", "*low, 1 sd*", "--seeds", 2, "--methods", "c2c"]
+    printed = evaluated(["gaussians"], capsys, *flags, flag)
+    rows = json.loads(printed)["rows"] if flag == "--json" else list(csv.DictReader(io.StringIO(printed)))
+    assert [(row["condition"], int(row["pairs"])) for row in rows] == [("(-1 +1) low, 1 sd apart", 2)]
+
+
+@pytest.fixture
+def pairs(tmp_path):
+    """A folder with a pair of depth frames."""
+    generator = np.random.default_rng(0)
+    wall = np.column_stack([generator.uniform(-0.5, 0.5, (2000, 2)), np.full(2000, 2.0)])
+    thing = np.column_stack([generator.uniform(-0.1, 0.1, (200, 2)), np.full(200, 1.5)])
+    for name in ("frame", "scan"):
+        folder = tmp_path / "pairs" / name
+        folder.mkdir(parents=True)
+        np.save(folder / "before.npy", wall)
+        np.save(folder / "after.npy", np.concatenate([wall, thing]))
+        np.save(folder / "truth_before.npy", np.full(2000, -1))
+        np.save(folder / "truth_after.npy", np.repeat([-1, 0], [2000, 200]))
+    return tmp_path / "pairs"
+
+
+def test_evaluate_pairs_scores_a_folder(pairs, capsys):
+    printed = evaluated(["pairs"], capsys, pairs, "--methods", "c2c", "--sensor-at-origin", "frame*", "--json")
+    rows = {row["condition"]: row for row in json.loads(printed)["rows"]}
+    assert rows["frame"]["f1"] == rows["scan"]["f1"] == 1
+
+
+def test_a_pair_that_fails_does_not_lose_the_others(pairs, capsys):
+    np.save(pairs / "scan" / "truth_after.npy", np.zeros(7, int))
+    assert main(["evaluate", "pairs", str(pairs), "--methods", "c2c"]) == 1
+    captured = capsys.readouterr()
+    assert "frame" in captured.out
+    assert captured.err.startswith("gmmjax: failed: scan: ") and captured.err.count("\n") == 1
+
+
+def test_a_folder_of_which_nothing_can_be_evaluated_is_an_error(pairs, capsys):
+    for name in ("frame", "scan"):
+        np.save(pairs / name / "truth_after.npy", np.zeros(7, int))
+    assert main(["evaluate", "pairs", str(pairs), "--methods", "c2c"]) == 1
+    assert capsys.readouterr().err.startswith("gmmjax: error: nothing could be evaluated: frame: ")
+
+
+def test_evaluate_laboratory_surveys_a_room(capsys):
+    flags = ["--seeds", 1, "--surveys", "frame", "--conditions", "(+1)", "--methods", "c2c", "--poses", "given"]
+    assert evaluated(["laboratory"], capsys, *flags).splitlines()[1] == "(+1)"
+
+
+BAD_EVALUATIONS = {
+    "gaussians --out a.xlsx": ".csv, .json, .md",
+    "gaussians --reliability a.csv": ".html, .json, .md",
+    "gaussians --out nowhere/a.csv": "no folder nowhere",
+    "gaussians --seeds 0": "--seeds 0",
+    "gaussians --first-seed -1": "--first-seed -1",
+    "gaussians --points 0": "--points 0",
+    "gaussians --conditions (+9)*": "fits none of (+1) low; (+1) medium",
+    "laboratory --conditions (+9)": "fits none of (+1); (+2)",
+    "pairs nowhere": "nowhere: there is no such folder",
+}
+
+
+@pytest.mark.parametrize("words", BAD_EVALUATIONS)
+def test_bad_evaluations_are_refused_first(words, capsys, monkeypatch):
+    monkeypatch.setattr("gmmjax.evaluation.evaluate", None)
+    assert BAD_EVALUATIONS[words] in failed(["evaluate", *words.split()], capsys)
+
+
+def test_pairs_at_the_origin_must_be_there(pairs, capsys):
+    said = failed(["evaluate", "pairs", pairs, "--sensor-at-origin", "mosd*"], capsys)
+    assert "mosd*: fits none of the pairs frame, scan" in said
+
+
+def test_m3c2_is_refused_where_it_cannot_run(capsys, monkeypatch):
+    monkeypatch.setattr("gmmjax.evaluation.detectors.has_m3c2", lambda: False)
+    assert "gmmjax[peers]" in failed(["evaluate", "gaussians", "--methods", "m3c2"], capsys)
 
 
 def test_version(capsys):

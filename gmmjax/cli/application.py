@@ -19,7 +19,9 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "detect": ("detect", "What changed from one scan to another: a list, labels for all points, a report."),
     "fit": ("fit", "Fit a Gaussian mixture to a scan; the number of Gaussians is found."),
     "simulate gaussians": ("simulate_gaussians", "A pair of clouds drawn from Gaussians, with the truth."),
-    "evaluate gaussians": ("evaluate_gaussians", "Score the methods on the thesis's artificial scenes."),
+    "evaluate gaussians": ("evaluate_gaussians", "Score detectors on artificial scenes of Gaussians."),
+    "evaluate laboratory": ("evaluate_laboratory", "Score detectors on a simulated room."),
+    "evaluate pairs": ("evaluate_pairs", "Score detectors on pairs of scans with truth."),
     "demo": ("demo", "Simulate a pair of scans, detect the changes, and say where the results lie."),
 }
 

@@ -10,8 +10,7 @@ from gmmjax.cli.compilation_cache import use_compilation_cache
 from gmmjax.cli.detect import RESULT_FILES
 
 DEFAULT_FOLDER = Path("gmmjax-demo")
-# Something disappears while something else appears: Algorithm 1 ("greedy") is not made for that.
-SETTINGS: Mapping[str, Any] = {"method": "transport"}
+SETTINGS: Mapping[str, Any] = {}
 
 
 def command(arguments: Sequence[str]) -> Callable[..., int]:
@@ -29,7 +28,7 @@ def demo(
 ) -> int:
     """Simulate a pair of scans, detect the changes, and say where the results lie.
 
-    Five Gaussians, of which one disappears while another appears; changes are found by partial transport.
+    Five Gaussians, of which one disappears while another appears.
 
     Args:
         out: folder for the scene (in scene/) and what was found (in result/).

@@ -48,6 +48,8 @@ def detect(
     *,
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
     config: Annotated[Path | None, tyro.conf.arg(metavar="FILE.toml")] = None,
+    views_before: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    views_after: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     overwrite: bool = False,
     quiet: bool = False,
     print_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
@@ -55,13 +57,18 @@ def detect(
 ) -> int:
     """What changed from one scan to another: a list, labels for all points, a report.
 
-    Reads PLY, PCD, XYZ, PTS, CSV, NPY, NPZ, LAS and LAZ. Both scans must be in the same frame and unit (metres).
+    Reads PLY, PCD, XYZ, PTS, CSV, NPY, NPZ, LAS and LAZ. Both scans must be in about the same frame, and in
+    the same unit (metres).
 
     Args:
         before: the scan at the first time.
         after: the scan at the second time.
         out: folder for the results; is made where needed.
         config: TOML file with settings, such as the config.toml of an earlier result; flags win over it.
+        views_before: where the sensor stood during the first scan, JSON or NPZ with poses, field_of_view and
+            max_range; then only what the other scan looked through is a change. The default is what a PCD file of an
+            ordered frame says.
+        views_after: the same for the second scan.
         overwrite: replace a previous result in the output folder.
         quiet: print nothing but errors.
         print_json: print the changes as JSON and nothing else.
@@ -69,7 +76,7 @@ def detect(
     """
     del config  # Its settings are the defaults of the flags already: see `command`.
     from gmmjax.changes import detect_changes
-    from gmmjax.clouds import read_cloud
+    from gmmjax.clouds import read_cloud, read_views
     from gmmjax.reporting import console
     from gmmjax.reporting.result_folder import check_result_folder, write_result
 
@@ -79,7 +86,10 @@ def detect(
     with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
         progress("Reading the clouds", 0.0)
         clouds = read_cloud(before), read_cloud(after)
-        changes = detect_changes(*clouds, config=detection, progress=progress)
+        views = [None if file is None else read_views(file) for file in (views_before, views_after)]
+        changes = detect_changes(
+            *clouds, config=detection, views_before=views[0], views_after=views[1], progress=progress
+        )
         progress("Writing the results", 1.0)
         write_result(out, *clouds, changes, overwrite=overwrite)
     if print_json:

@@ -1,14 +1,13 @@
 """`gmmjax evaluate gaussians`."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Annotated
+from typing import Literal
 
-import tyro
+from tyro.conf import OmitArgPrefixes
 
-from gmmjax.changes.config import METHODS, DetectionConfig, Method
-from gmmjax.cli.compilation_cache import use_compilation_cache
-from gmmjax.errors import InputError
+from gmmjax.cli.evaluation import Options, fitting, run_evaluation, seed_range
+
+Family = Literal["thesis", "separation", "few-points", "sparse", "shifted"]
 
 
 def command(arguments: Sequence[str]) -> Callable[..., int]:
@@ -19,48 +18,30 @@ def command(arguments: Sequence[str]) -> Callable[..., int]:
 
 def evaluate_gaussians(
     *,
-    methods: tuple[Method, ...] = METHODS,
+    families: tuple[Family, ...] = ("thesis",),
+    conditions: tuple[str, ...] = ("*",),
     seeds: int = 10,
     first_seed: int = 0,
-    restarts: int = DetectionConfig.restarts,
-    points: int = 1000,
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    quiet: bool = False,
+    points: int | None = None,
+    common: OmitArgPrefixes[Options] = Options(),
 ) -> int:
-    """Precision, recall and F1 on the thesis's artificial scenes: (+1) (+2) (-1) (-2) (-1 +1), low and medium overlap.
+    """Score detectors on artificial scenes of five Gaussians: precision, recall, F1, false segments, times.
 
     Args:
-        methods: detection methods.
+        families: "thesis": (+1) (+2) (-1) (-2) (-1 +1) (none) (-2 +2) (-1 +3) (-3 +1) with low and medium overlap;
+            "separation": one gone and one new, 0.25 to 2 standard deviations apart; "few-points": the same with 60 and
+            200 points; "sparse": an after cloud 0.4 times as dense; "shifted": one displaced by 0.1 m on each axis.
+        conditions: only those whose names fit one of these patterns, such as '(-1 +1)*' or '*medium*'.
         seeds: scenes of each condition.
         first_seed: of the scenes; the others follow on.
-        restarts: random starts of each cloud's fit.
-        points: points drawn from each Gaussian.
-        out: also write the table there: .csv, .json or .md, by the ending.
-        quiet: print nothing but errors.
+        points: points drawn from each Gaussian; default the condition's own, 1,000 unless it says otherwise.
+        common: to all evaluations.
     """
-    from gmmjax.clouds import atomic_write
-    from gmmjax.evaluation import gaussians
-    from gmmjax.reporting import console
+    from gmmjax.errors import InputError
+    from gmmjax.evaluation.gaussians import gaussian_sources
 
-    writers = {".csv": gaussians.to_csv, ".json": gaussians.to_json, ".md": gaussians.to_markdown}
-    if out is not None and out.suffix not in writers:
-        raise InputError(f"--out {out}: the ending must be one of {', '.join(writers)}")
-    if seeds < 1:
-        raise InputError(f"--seeds {seeds} must be at least 1")
-    if out is not None and not out.resolve().parent.is_dir():
-        raise InputError(f"--out {out}: there is no folder {out.parent}; make it first")
-    use_compilation_cache()
-    with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
-        rows = gaussians.evaluate_gaussians(
-            methods,
-            range(first_seed, first_seed + seeds),
-            config=DetectionConfig(restarts=restarts),
-            points=points,
-            progress=progress,
-        )
-    if out is not None:
-        with atomic_write(out) as file:
-            file.write(writers[out.suffix](rows).encode())
-    if not quiet:
-        console.print_evaluation([row.to_dict() for row in rows], gaussians.summary(rows))
-    return 0
+    common.check()
+    if points is not None and points < 1:
+        raise InputError(f"--points {points} must be at least 1")
+    sources = gaussian_sources(seed_range(first_seed, seeds), families, points=points)
+    return run_evaluation(fitting(sources, conditions), common, evidence=False)

@@ -1,17 +1,30 @@
 """Precision, recall and F1 of labelled changes against truth, for segments and for points."""
 
 import dataclasses
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
+
+from gmmjax.evaluation.labelled_pair import LabelledCloud, LabelledPair
+
+# The truth of a segment that is no change, and of one that is mostly made of changes that are not counted.
+FALSE, NEITHER = -1, -2
 
 
 @dataclasses.dataclass(frozen=True)
 class Scores:
-    """Counts over one or many scenes; add them before dividing (micro average).
+    """Counts over one or many pairs; add them before dividing (micro average).
 
     In each cloud a detected segment is a true positive when more than half of its points come from changed sources; a
-    true change is found when at least half of its points lie in true positive segments.
+    true change is found when at least half of its points lie in true positive segments. An object that moved is a
+    change of either cloud.
+
+    Changes that are not counted neither help nor hurt: they are not in `changes`, their points in none of the counts of
+    points, and a segment that is true thanks to them is no segment. Points whose place the other survey could not see
+    count as any other: to tell them from a change is the detector's work, and the hidden part of an object that
+    appeared belongs to it.
 
     Attributes:
         true_segments: detected segments that are true positives.
@@ -21,6 +34,12 @@ class Scores:
         true_points: points that are changed and labelled so.
         labelled_points: points labelled as changed.
         changed_points: points that are changed.
+        shadow_points: labelled points that are unchanged, in places that the other survey could not see.
+        unchanged_pairs: pairs in which nothing changed.
+        false_in_unchanged: segments detected in those.
+        moved: objects that moved, counted in both clouds.
+        moved_found: those of them that were reported as moved from the one place to the other.
+        moved_false: pairs of segments reported as one object that moved, and are not.
     """
 
     true_segments: int = 0
@@ -30,6 +49,12 @@ class Scores:
     true_points: int = 0
     labelled_points: int = 0
     changed_points: int = 0
+    shadow_points: int = 0
+    unchanged_pairs: int = 0
+    false_in_unchanged: int = 0
+    moved: int = 0
+    moved_found: int = 0
+    moved_false: int = 0
 
     def __add__(self, other: "Scores") -> "Scores":
         mine, theirs = dataclasses.astuple(self), dataclasses.astuple(other)
@@ -38,12 +63,12 @@ class Scores:
     @property
     def precision(self) -> float:
         """True positive segments by segments; 1 where nothing was detected."""
-        return self.true_segments / self.segments if self.segments else 1.0
+        return _share(self.true_segments, self.segments)
 
     @property
     def recall(self) -> float:
         """Found changes by changes; 1 where there was none to find."""
-        return self.found / self.changes if self.changes else 1.0
+        return _share(self.found, self.changes)
 
     @property
     def f1(self) -> float:
@@ -56,10 +81,19 @@ class Scores:
         return self.segments - self.true_segments
 
     @property
+    def point_precision(self) -> float:
+        """Changed points among those labelled so; 1 where none was."""
+        return _share(self.true_points, self.labelled_points)
+
+    @property
+    def point_recall(self) -> float:
+        """Labelled points among the changed ones; 1 where there are none."""
+        return _share(self.true_points, self.changed_points)
+
+    @property
     def point_f1(self) -> float:
         """F1 over points; 1 where there was no changed point and none was labelled."""
-        total = self.labelled_points + self.changed_points
-        return 2 * self.true_points / total if total else 1.0
+        return _share(2 * self.true_points, self.labelled_points + self.changed_points)
 
 
 def score_pair(
@@ -67,6 +101,12 @@ def score_pair(
     labels_after: Int[np.ndarray, " n1"],
     truth_before: Int[np.ndarray, " n0"],
     truth_after: Int[np.ndarray, " n1"],
+    *,
+    unseen_before: Bool[np.ndarray, " n0"] | None = None,
+    unseen_after: Bool[np.ndarray, " n1"] | None = None,
+    not_counted_before: Collection[int] = (),
+    not_counted_after: Collection[int] = (),
+    moved: Collection[tuple[int, int]] = (),
 ) -> Scores:
     """The scores of one pair: both clouds' added.
 
@@ -75,22 +115,118 @@ def score_pair(
         labels_after: the same for the after cloud.
         truth_before: per point -1 or the id of a true change.
         truth_after: the same for the after cloud.
+        unseen_before: whether the other survey could not see the point's place; None: not known.
+        unseen_after: the same for the after cloud.
+        not_counted_before: ids of true changes that are not counted.
+        not_counted_after: the same for the after cloud.
+        moved: detected changes of the before and of the after cloud that are reported as one object.
     """
-    return _score_cloud(labels_before, truth_before) + _score_cloud(labels_after, truth_after)
+    before = _Side(labels_before, truth_before, unseen_before, not_counted_before)
+    after = _Side(labels_after, truth_after, unseen_after, not_counted_after)
+    scores = _score_cloud(before) + _score_cloud(after) + _score_moved(before, after, moved)
+    if (truth_before >= 0).any() or (truth_after >= 0).any():
+        return scores
+    return dataclasses.replace(scores, unchanged_pairs=1, false_in_unchanged=scores.segments)
 
 
-def _score_cloud(labels: Int[np.ndarray, " n"], truth: Int[np.ndarray, " n"]) -> Scores:
-    changed = truth >= 0
-    segments = np.unique(labels[labels >= 0])
-    true_segments = [segment for segment in segments if changed[labels == segment].mean() > 0.5]
-    in_true_segment = np.isin(labels, true_segments)
-    changes = np.unique(truth[changed])
+def score_labelled_pair(
+    pair: LabelledPair,
+    labels_before: Int[np.ndarray, " n0"],
+    labels_after: Int[np.ndarray, " n1"],
+    moved: Collection[tuple[int, int]] = (),
+) -> Scores:
+    """`score_pair` with all that is known of a pair."""
+    return score_pair(
+        labels_before,
+        labels_after,
+        pair.before.truth,
+        pair.after.truth,
+        unseen_before=pair.before.unseen,
+        unseen_after=pair.after.unseen,
+        not_counted_before=pair.before.not_counted,
+        not_counted_after=pair.after.not_counted,
+        moved=moved,
+    )
+
+
+def segment_truth(labels: Int[np.ndarray, " n"], cloud: LabelledCloud) -> dict[int, int]:
+    """What each detected segment of a cloud truly is.
+
+    Args:
+        labels: per point -1 or the id of a detected change.
+        cloud: with the truth.
+
+    Returns:
+        By segment the id of the change that most of its changed points are of; `FALSE` where no more than half of its
+        points are changed, `NEITHER` where most of those that are belong to changes that are not counted.
+    """
+    return _segment_truth(_Side(labels, cloud.truth, cloud.unseen, cloud.not_counted))
+
+
+def counted_points(cloud: LabelledCloud) -> Bool[np.ndarray, " n"]:
+    """The points that help or hurt: all but those of changes that are not counted."""
+    return ~np.isin(cloud.truth, list(cloud.not_counted))
+
+
+class _Side(NamedTuple):
+    labels: Int[np.ndarray, " n"]
+    truth: Int[np.ndarray, " n"]
+    unseen: Bool[np.ndarray, " n"] | None
+    not_counted: Collection[int]
+
+
+def _segment_truth(side: _Side) -> dict[int, int]:
+    truths = {}
+    for segment in np.unique(side.labels[side.labels >= 0]):
+        own = side.truth[side.labels == segment]
+        changed = own[own >= 0]
+        not_counted = np.isin(changed, list(side.not_counted))
+        if 2 * len(changed) <= len(own):
+            truths[int(segment)] = FALSE
+        elif 2 * not_counted.sum() > len(changed):
+            truths[int(segment)] = NEITHER
+        else:
+            ids, counts = np.unique(changed[~not_counted], return_counts=True)
+            truths[int(segment)] = int(ids[counts.argmax()])
+    return truths
+
+
+def _score_cloud(side: _Side) -> Scores:
+    truths = _segment_truth(side)
+    true_segments = [segment for segment, truth in truths.items() if truth >= 0]
+    in_true_segment = np.isin(side.labels, true_segments)
+    counted = ~np.isin(side.truth, list(side.not_counted))
+    changes = _counted_changes(side)
+    neither = [segment for segment, truth in truths.items() if truth == NEITHER]
+    labelled = counted & (side.labels >= 0) & ~np.isin(side.labels, neither)
+    changed = counted & (side.truth >= 0)
     return Scores(
         true_segments=len(true_segments),
-        segments=len(segments),
-        found=sum(bool(in_true_segment[truth == change].mean() >= 0.5) for change in changes),
+        segments=sum(truth != NEITHER for truth in truths.values()),
+        found=sum(bool(in_true_segment[side.truth == change].mean() >= 0.5) for change in changes),
         changes=len(changes),
-        true_points=int((changed & (labels >= 0)).sum()),
-        labelled_points=int((labels >= 0).sum()),
+        true_points=int((changed & labelled).sum()),
+        labelled_points=int(labelled.sum()),
         changed_points=int(changed.sum()),
+        shadow_points=0 if side.unseen is None else int((labelled & ~changed & side.unseen).sum()),
     )
+
+
+def _counted_changes(side: _Side) -> Sequence[int]:
+    changes = np.unique(side.truth[side.truth >= 0])
+    return [int(change) for change in changes if change not in side.not_counted]
+
+
+def _score_moved(before: _Side, after: _Side, reported: Collection[tuple[int, int]]) -> Scores:
+    truths_before, truths_after = _segment_truth(before), _segment_truth(after)
+    pairs = [(truths_before.get(gone, FALSE), truths_after.get(new, FALSE)) for gone, new in reported]
+    moved = set(_counted_changes(before)) & set(_counted_changes(after))
+    return Scores(
+        moved=len(moved),
+        moved_found=len({gone for gone, new in pairs if gone == new and gone in moved}),
+        moved_false=sum(gone != new or gone == FALSE for gone, new in pairs if NEITHER not in (gone, new)),
+    )
+
+
+def _share(part: int, whole: int) -> float:
+    return part / whole if whole else 1.0

@@ -3,7 +3,7 @@
 import json
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,9 +17,11 @@ from rich.table import Table
 from gmmjax.changes.change import Changes
 from gmmjax.clouds import PointCloud
 from gmmjax.errors import InputWarning
+from gmmjax.evaluation.benchmark import Evaluation, Failure
 from gmmjax.mixtures import Fit
+from gmmjax.reporting.evaluation_table import evaluation_lines
 from gmmjax.reporting.palette import KIND_COLORS
-from gmmjax.reporting.summary import HEADINGS, answer, change_rows, dropped_rows, dropped_text
+from gmmjax.reporting.summary import HEADINGS, answer, change_rows, dropped_rows, dropped_text, unobserved_text
 from gmmjax.scenes import GaussianScene
 
 
@@ -77,6 +79,9 @@ def print_changes(changes: Changes, *, heading: str | None = None) -> None:
     console.print(answer(changes), style="bold", highlight=False)
     if changes.items:
         _print_whole(_table(changes))
+    unobserved = unobserved_text(changes)
+    if unobserved is not None:
+        console.print(unobserved, highlight=False)
     for side, count in dropped_rows(changes).items():
         console.print(dropped_text(side, count), highlight=False)
 
@@ -134,22 +139,26 @@ def print_truth(scene: GaussianScene) -> None:
     _print_whole(table)
 
 
-def print_evaluation(rows: Sequence[Mapping[str, Any]], summary: Mapping[str, Mapping[str, float]]) -> None:
-    """Prints the table of an evaluation, a line for each method and condition, and a line of sums for each method.
+def print_evaluation(evaluation: Evaluation) -> None:
+    """The scores on standard output: under each condition a line for each detector, and at last the sums.
 
     Args:
-        rows: plain values by column; all rows have the same columns.
-        summary: figures over all conditions, by method.
+        evaluation: at least one row.
     """
-    table = _plain_table()
-    for column in rows[0]:
-        is_text = isinstance(rows[0][column], str)
-        table.add_column(column.replace("_", " "), justify="left" if is_text else "right", no_wrap=is_text)
-    for row in rows:
-        table.add_row(*(f"{cell:.3f}" if isinstance(cell, float) else str(cell) for cell in row.values()))
-    _print_whole(table)
-    for method, figures in summary.items():
-        print(f"{method}: " + ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in figures.items()))
+    console = Console()
+    for text, style in evaluation_lines(evaluation, console.width):
+        console.print(escape(text), style=style, highlight=False, soft_wrap=True)
+
+
+def print_failures(failures: Sequence[Failure]) -> None:
+    """What of an evaluation failed on standard error: a line for each reason and detector."""
+    alike: dict[tuple[str | None, str], list[str]] = {}
+    for failure in failures:
+        alike.setdefault((failure.detector, " ".join(failure.message.split())), []).append(failure.pair)
+    for (detector, message), pairs in alike.items():
+        more = f" and {len(pairs) - 1} more" if len(pairs) > 1 else ""
+        who = f"{detector} on " if detector else ""
+        print(f"gmmjax: failed: {who}{pairs[0]}{more}: {message}", file=sys.stderr)
 
 
 def print_report_hint(report: Path) -> None:

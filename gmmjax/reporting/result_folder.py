@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import tomli_w
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from gmmjax.changes.change import Changes
 from gmmjax.changes.storage import CHANGES_FILE, LABELS_FILE
@@ -38,8 +38,8 @@ def write_result(
     """Writes all outputs of a detection, or none.
 
     `changes.json` and `labels.npz` (read back by `Changes.load`), `before.ply` and `after.ply` (points of changes in
-    the colour of their kind, fields `label` and `probability`; `row`, the row in the source, where rows were dropped),
-    `report.html` and `config.toml`.
+    the colour of their kind, fields `label`, `probability` and `unobserved`; `row`, the row in the source, where rows
+    were dropped), `report.html` and `config.toml`.
 
     Args:
         folder: is made where needed; may be empty.
@@ -57,8 +57,10 @@ def write_result(
     _check_lengths(before, after, changes)
     with output_folder(folder, RESULT, overwrite=overwrite) as staging:
         changes.save(staging)
-        _write_labelled(staging / BEFORE_FILE, before, changes.labels_before, changes.probability_before, changes)
-        _write_labelled(staging / AFTER_FILE, after, changes.labels_after, changes.probability_after, changes)
+        fields = changes.labels_before, changes.probability_before, changes.unobserved_before
+        _write_labelled(staging / BEFORE_FILE, before, *fields, changes)
+        fields = changes.labels_after, changes.probability_after, changes.unobserved_after
+        _write_labelled(staging / AFTER_FILE, after, *fields, changes)
         with atomic_write(staging / REPORT_FILE) as file:
             file.write(report_html(before, after, changes).encode())
         with atomic_write(staging / CONFIG_FILE) as file:
@@ -80,11 +82,13 @@ def _write_labelled(
     cloud: PointCloud,
     labels: Int[np.ndarray, " n"],
     probability: Float[np.ndarray, " n"],
+    unobserved: Bool[np.ndarray, " n"],
     changes: Changes,
 ) -> None:
     fields: dict[str, np.ndarray] = {
         "label": labels.astype(np.int32),
         "probability": probability.astype(np.float32),
+        "unobserved": unobserved.astype(np.uint8),
     }
     if cloud.rows_dropped:
         fields["row"] = cloud.rows.astype(np.int32)

@@ -60,6 +60,13 @@ def dropped_text(side: str, count: int) -> str:
     return f"{count:,} {rows} of the {side} cloud had no finite position and {were} left out."
 
 
+def unobserved_text(changes: Changes) -> str | None:
+    """How much of each cloud the other survey did not see, in a sentence; None where it saw all or nothing is known."""
+    shares = {"before": changes.unobserved_before.mean(), "after": changes.unobserved_after.mean()}
+    parts = [f"{percent(float(share))} of the {side} cloud" for side, share in shares.items() if share > 0]
+    return f"Not observed by the other survey: {' and '.join(parts)}." if parts else None
+
+
 def _cells(label: int, change: Change) -> tuple[str, ...]:
     digits = _decimals(change.box.extent)
     kind = change.kind if change.partner is None else f"{change.kind} (with {change.partner})"

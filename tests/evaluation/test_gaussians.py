@@ -1,51 +1,47 @@
-import csv
-import io
-import json
-
+import numpy as np
 import pytest
 
-from gmmjax import DetectionConfig
-from gmmjax.evaluation import CONDITIONS, Condition, evaluate_gaussians
-from gmmjax.evaluation.gaussians import summary, to_csv, to_json, to_markdown
+from gmmjax import InputError
+from gmmjax.evaluation import FAMILIES, gaussian_sources
+from gmmjax.evaluation.gaussians import CONDITIONS
 
 
-@pytest.fixture(scope="module")
-def told():
-    return []
-
-
-@pytest.fixture(scope="module")
-def rows(told):
-    return evaluate_gaussians(
-        ["greedy", "transport"],
-        [20],
-        conditions=[Condition(1, 0, "low"), Condition(1, 1, "low")],
-        config=DetectionConfig(restarts=2),
-        points=500,
-        progress=lambda cell, share: told.append((cell, share)),
-    )
-
-
-def test_conditions_are_those_of_the_thesis():
+def test_the_first_conditions_are_those_of_the_thesis():
     assert [str(condition) for condition in CONDITIONS[:4]] == ["(+1) low", "(+1) medium", "(+2) low", "(+2) medium"]
-    assert str(CONDITIONS[-1]) == "(-1 +1) medium" and len(CONDITIONS) == 10
+    assert "(none) low" in map(str, CONDITIONS) and "(-3 +1) medium" in map(str, CONDITIONS)
+    assert len(CONDITIONS) == 18
 
 
-def test_methods_find_what_they_can(rows, told):
-    """Both find one appearance; of a mixed pair Algorithm 1 finds one half, partial transport both."""
-    scores = {(row.method, str(row.condition)): row.scores for row in rows}
-    assert scores["greedy", "(+1) low"].f1 == scores["transport", "(+1) low"].f1 == 1
-    assert scores["transport", "(-1 +1) low"].f1 == 1
-    assert scores["greedy", "(-1 +1) low"].precision == 1
-    assert all(row.right_components == 1 for row in rows)
-    assert told[0] == ("greedy (+1) low", 0.0)
+def test_every_condition_has_a_name_of_its_own():
+    for conditions in FAMILIES.values():
+        assert len(set(map(str, conditions))) == len(conditions)
 
 
-def test_tables_hold_every_row(rows):
-    assert len(to_markdown(rows).splitlines()) == 2 + 4
-    read = list(csv.DictReader(io.StringIO(to_csv(rows))))
-    assert [line["method"] for line in read] == ["greedy", "greedy", "transport", "transport"]
-    assert float(read[2]["f1"]) == 1
-    content = json.loads(to_json(rows))
-    assert len(content["rows"]) == 4
-    assert content["summary"]["transport"]["f1_mixed"] == summary(rows)["transport"]["f1_mixed"] == 1
+@pytest.mark.parametrize("family", FAMILIES)
+def test_scenes_are_what_their_condition_says(family):
+    sources = gaussian_sources([7], [family])
+    assert len(sources) == len(FAMILIES[family])
+    for source, condition in zip(sources, FAMILIES[family], strict=True):
+        assert (source.name, source.group, source.condition) == ("seed 7", family, str(condition))
+        pair = source.load()
+        assert len(pair.before.points) == 5 * condition.points
+        assert len(np.unique(pair.before.truth)) - 1 == condition.disappeared
+        assert len(np.unique(pair.after.truth)) - 1 == condition.appeared
+        after = 5 - condition.disappeared + condition.appeared
+        assert len(pair.after.points) == round(after * condition.points * condition.density)
+        assert pair.unchanged == (str(condition).startswith("(none)"))
+
+
+def test_a_scene_is_its_seed():
+    first, again, other = (gaussian_sources([seed])[0].load() for seed in (3, 3, 4))
+    np.testing.assert_array_equal(first.after.points, again.after.points)
+    assert (first.after.points != other.after.points).any()
+
+
+def test_the_number_of_points_can_be_set():
+    assert len(gaussian_sources([0], points=30)[0].load().before.points) == 150
+
+
+def test_unknown_families_are_refused():
+    with pytest.raises(InputError, match="'many' is unknown; choose from thesis, separation"):
+        gaussian_sources([0], ["many"])

@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gmmjax.evaluation import Scores, score_pair
+from gmmjax.evaluation import LabelledCloud, LabelledPair, Scores, score_pair
+from gmmjax.evaluation.scores import FALSE, NEITHER, counted_points, score_labelled_pair, segment_truth
 
 NOTHING = np.full(4, -1)
 
@@ -15,7 +16,8 @@ def labels(*values):
 def test_a_perfect_detection_scores_one():
     truth = labels(-1, -1, 0, 0)
     scores = score_pair(truth, NOTHING, truth, NOTHING)
-    assert (scores.precision, scores.recall, scores.f1, scores.point_f1) == (1, 1, 1, 1)
+    assert (scores.precision, scores.recall, scores.f1) == (1, 1, 1)
+    assert (scores.point_precision, scores.point_recall, scores.point_f1) == (1, 1, 1)
 
 
 def test_a_segment_is_true_when_more_than_half_of_it_changed():
@@ -31,6 +33,12 @@ def test_a_change_is_found_when_half_of_it_lies_in_true_segments():
     assert score_pair(labels(-1, -1, 7, -1, -1, -1), none, truth, none).recall == 0
 
 
+def test_points_are_counted_one_by_one():
+    scores = score_pair(labels(3, 3, 3, -1, -1), NOTHING, labels(-1, 0, 0, 0, 0), NOTHING)
+    assert scores.point_precision == pytest.approx(2 / 3) and scores.point_recall == 0.5
+    assert scores.point_f1 == pytest.approx(4 / 7)
+
+
 def test_both_clouds_count():
     truth = labels(-1, -1, 0, 0)
     scores = score_pair(NOTHING, truth, truth, truth)
@@ -41,11 +49,83 @@ def test_both_clouds_count():
 def test_nothing_changed():
     scores = score_pair(NOTHING, NOTHING, NOTHING, NOTHING)
     assert scores.f1 == 1 and scores.false_segments == 0
-    assert score_pair(labels(3, 3, 4, -1), NOTHING, NOTHING, NOTHING).false_segments == 2
+    scores = score_pair(labels(3, 3, 4, -1), NOTHING, NOTHING, NOTHING)
+    assert scores.false_segments == scores.false_in_unchanged == 2 and scores.unchanged_pairs == 1
 
 
-@given(st.lists(st.tuples(*[st.integers(0, 9)] * 7), min_size=2, max_size=4))
+def test_false_segments_of_changed_pairs_are_not_those_of_unchanged_ones():
+    scores = score_pair(labels(3, 3, -1, -1), NOTHING, labels(-1, -1, 0, 0), NOTHING)
+    assert scores.false_segments == 1 and scores.false_in_unchanged == scores.unchanged_pairs == 0
+
+
+@pytest.mark.parametrize("found", [[-1, -1, -1, -1], [-1, -1, 5, 5]], ids=["missed", "found"])
+def test_changes_that_are_not_counted_neither_help_nor_hurt(found):
+    truth = labels(-1, -1, 0, 0, 1, 1)
+    scores = score_pair(labels(*found, 6, 6), NOTHING, truth, NOTHING, not_counted_before=[0])
+    assert scores == score_pair(labels(-1, -1, -1, -1, 6, 6), NOTHING, labels(-1, -1, -1, -1, 1, 1), NOTHING)
+
+
+def test_a_segment_is_judged_by_what_is_most_of_its_changed_points():
+    """Three of not-counted changes with one neighbour are neither; with three of a counted one it is true."""
+    truth = labels(0, 0, 0, -1, 1, 1, 1)
+    cloud = LabelledCloud(np.zeros((7, 3)), truth, not_counted=frozenset({0}))
+    assert segment_truth(labels(9, 9, 9, 9, -1, -1, -1), cloud) == {9: NEITHER}
+    assert segment_truth(labels(9, 9, -1, 9, 9, 9, 9), cloud) == {9: 1}
+    assert segment_truth(labels(9, -1, -1, 9, -1, -1, -1), cloud) == {9: FALSE}
+    np.testing.assert_array_equal(counted_points(cloud), truth != 0)
+
+
+def test_the_fringe_of_a_segment_that_is_neither_does_not_hurt():
+    scores = score_pair(labels(9, 9, 9, 9), NOTHING, labels(0, 0, 0, -1), NOTHING, not_counted_before=[0])
+    assert scores.labelled_points == scores.segments == 0
+
+
+def test_a_shadow_that_is_labelled_as_a_change_is_false_and_named():
+    unseen = np.array([True, True, True, False])
+    scores = score_pair(labels(2, 2, 5, 5), NOTHING, labels(-1, -1, 0, 0), NOTHING, unseen_before=unseen)
+    assert scores.false_segments == 1 and scores.shadow_points == 2
+    assert scores.true_points == 2
+
+
+MOVED = labels(-1, -1, 0, 0), labels(0, 0, -1, -1)
+
+
+def test_a_moved_object_is_a_change_of_either_cloud():
+    scores = score_pair(*MOVED, *MOVED)
+    assert scores.changes == scores.found == 2
+    assert (scores.moved, scores.moved_found, scores.moved_false) == (1, 0, 0)
+
+
+def test_a_moved_object_is_recognised_from_the_one_place_to_the_other():
+    before, after = labels(-1, -1, 4, 4), labels(7, 7, -1, -1)
+    assert score_pair(before, after, *MOVED, moved=[(4, 7)]).moved_found == 1
+    elsewhere = score_pair(before, labels(-1, -1, 7, 7), *MOVED, moved=[(4, 7)])
+    assert (elsewhere.moved_found, elsewhere.moved_false) == (0, 1)
+
+
+def test_two_objects_taken_for_one_that_moved_are_false():
+    truth = labels(-1, -1, 0, 0), labels(1, 1, -1, -1)
+    scores = score_pair(*truth, *truth, moved=[(0, 1)])
+    assert (scores.moved, scores.moved_found, scores.moved_false) == (0, 0, 1)
+
+
+def test_an_object_whose_other_place_was_out_of_sight_need_not_be_recognised():
+    scores = score_pair(*MOVED, *MOVED, moved=[(0, 0)], not_counted_after=[0])
+    assert (scores.moved, scores.moved_found, scores.moved_false) == (0, 0, 0)
+
+
+def test_a_labelled_pair_brings_all_that_is_known_of_it():
+    before = LabelledCloud(
+        np.zeros((4, 3)), labels(-1, 0, 0, 1), np.array([True, False, False, False]), None, frozenset({1})
+    )
+    pair = LabelledPair("a", before, LabelledCloud(np.zeros((4, 3)), NOTHING))
+    scores = score_labelled_pair(pair, labels(8, 8, 8, 9), NOTHING)
+    assert (scores.segments, scores.changes, scores.shadow_points) == (1, 1, 1)
+
+
+@given(st.lists(st.tuples(*[st.integers(0, 9)] * 12), min_size=2, max_size=4))
 def test_scores_add_up_before_they_are_divided(rows):
     together = sum((Scores(*row) for row in rows), Scores())
     assert together.segments == sum(row[1] for row in rows)
     assert together.found == sum(row[2] for row in rows)
+    assert together.moved_found == sum(row[11] for row in rows)

@@ -11,6 +11,7 @@ def change(kind, points, partner=None, probability=0.97):
     return Change(
         kind=kind,
         probability=probability,
+        significance=9.0,
         points=len(points),
         mean=points.mean(axis=0),
         covariance=np.cov(points.T),
@@ -52,6 +53,8 @@ def pair():
         labels_after=labels_after,
         probability_before=np.where(labels_before < 0, 0.01, 0.97),
         probability_after=np.where(labels_after < 0, 0.01, 0.97),
+        unobserved_before=np.zeros(len(labels_before), bool),
+        unobserved_after=np.arange(len(labels_after)) == 0,
         items=items,
         emd=0.5,
         config=DetectionConfig(restarts=3, voxel_size=0.25),

@@ -1,0 +1,192 @@
+"""Pairs of clouds whose changes are known, from folders or from memory."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from gmmjax.clouds import PointCloud, SensorViews, read_cloud, read_views
+from gmmjax.clouds.reading import READERS
+from gmmjax.errors import InputError
+
+VIEWS_ENDINGS = (".json", ".npz")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LabelledCloud:
+    """One cloud of a pair, with the truth.
+
+    Attributes:
+        points: coordinates, finite, in any unit.
+        truth: per point -1 unchanged, else the id of its change; the same id in both clouds is one object that moved.
+        unseen: per point whether the other survey could not see its place; None: not known.
+        views: where the sensor stood; None: not known.
+        not_counted: ids of changes that nobody can be asked to find, such as of objects that the other survey could not
+            see.
+    """
+
+    points: Float[np.ndarray, "n 3"]
+    truth: Int[np.ndarray, " n"]
+    unseen: Bool[np.ndarray, " n"] | None = None
+    views: SensorViews | None = None
+    not_counted: frozenset[int] = frozenset()
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LabelledPair:
+    """Two clouds whose changes are known.
+
+    Attributes:
+        name: of the pair.
+        before: the cloud at the first time.
+        after: the cloud at the later time, in the same unit and about the same frame.
+    """
+
+    name: str
+    before: LabelledCloud
+    after: LabelledCloud
+
+    @property
+    def unchanged(self) -> bool:
+        """Whether nothing changed."""
+        return bool((self.before.truth < 0).all() and (self.after.truth < 0).all())
+
+
+@dataclasses.dataclass(frozen=True)
+class PairSource:
+    """A pair that is read or simulated when it is needed.
+
+    Attributes:
+        name: of the pair.
+        group: what is summed up together: a kind of scene.
+        condition: of the pair in its group, one row of the tables.
+        load: gives the pair.
+    """
+
+    name: str
+    group: str
+    condition: str
+    load: Callable[[], LabelledPair]
+
+    @property
+    def label(self) -> str:
+        """The condition and the name, or the name alone where it is its own condition."""
+        return self.name if self.name == self.condition else f"{self.condition}, {self.name}"
+
+
+def find_pairs(folder: Path) -> list[PairSource]:
+    """The pairs in the folders of a folder, in the order of their names.
+
+    Each has `before.*` and `after.*` in any format that `read_cloud` takes, `truth_before.npy` and `truth_after.npy`;
+    see `read_pair`. Folders without any of these are passed over.
+
+    Args:
+        folder: that holds the pairs' folders.
+
+    Returns:
+        A source for each pair, read when it is needed; the group is the folder's name, the condition the pair's.
+
+    Raises:
+        InputError: no such folder, no pair in it, or a pair that lacks a file.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: there is no such folder; give the folder that holds the pairs' folders")
+    pairs = [path for path in sorted(folder.iterdir()) if path.is_dir() and _holds_part_of_a_pair(path)]
+    if not pairs:
+        hint = (
+            "it is a pair itself: give the folder above" if _holds_part_of_a_pair(folder) else "each pair is a folder"
+        )
+        raise InputError(
+            f"{folder}: holds no pairs; {hint} with before.ply, after.ply (or another format), truth_before.npy and "
+            "truth_after.npy"
+        )
+    for path in pairs:
+        for side in ("before", "after"):
+            _cloud_file(path, side)
+            _required(path / f"truth_{side}.npy")
+    return [PairSource(path.name, folder.resolve().name, path.name, _reader(path)) for path in pairs]
+
+
+def read_pair(folder: Path) -> LabelledPair:
+    """The pair in a folder.
+
+    `before.*` and `after.*` are the clouds. `truth_before.npy` and `truth_after.npy` hold an integer for every row of
+    them: -1 unchanged, else the id of the change. Where there are `unseen_before.npy` and `unseen_after.npy`, a bool
+    for every row says whether the other survey could not see the place; where there are `views_before.json` and
+    `views_after.json` (or .npz), they say where the sensor stood.
+
+    Args:
+        folder: of the pair.
+
+    Raises:
+        InputError: files that are missing, cannot be read, or do not fit each other.
+    """
+    return LabelledPair(folder.name, _read_cloud(folder, "before"), _read_cloud(folder, "after"))
+
+
+def at_origin(pair: LabelledPair) -> LabelledPair:
+    """The pair with a sensor at the origin of either cloud, looking along z: for single depth frames.
+
+    Raises:
+        InputError: points behind the sensor.
+    """
+    before, after = (
+        dataclasses.replace(cloud, views=SensorViews.at_origin(cloud.points)) for cloud in (pair.before, pair.after)
+    )
+    return dataclasses.replace(pair, before=before, after=after)
+
+
+def _reader(folder: Path) -> Callable[[], LabelledPair]:
+    return lambda: read_pair(folder)
+
+
+def _read_cloud(folder: Path, side: str) -> LabelledCloud:
+    file = _cloud_file(folder, side)
+    cloud = read_cloud(file)
+    truth = _read_rows(_required(folder / f"truth_{side}.npy"), cloud, file, "iu")
+    unseen_file = folder / f"unseen_{side}.npy"
+    unseen = _read_rows(unseen_file, cloud, file, "b") if unseen_file.is_file() else None
+    views_files = [folder / f"views_{side}{ending}" for ending in VIEWS_ENDINGS]
+    views = next((read_views(path) for path in views_files if path.is_file()), cloud.views)
+    return LabelledCloud(cloud.points, truth.astype(np.int64), unseen, views)
+
+
+def _read_rows(path: Path, cloud: PointCloud, source: Path, kinds: str) -> np.ndarray:
+    """One value for each point of the cloud; the file has one for each row of the cloud's file."""
+    try:
+        values = np.load(path, allow_pickle=False)
+    # NumPy raises many kinds of exception on damaged files.
+    except Exception as error:
+        raise InputError(f"{path}: is no array of numbers ({error}); write it with numpy.save") from error
+    rows = len(cloud) + cloud.rows_dropped
+    if not isinstance(values, np.ndarray) or values.shape != (rows,) or values.dtype.kind not in kinds:
+        wanted = "whole numbers (-1 or the id of a change)" if "i" in kinds else "true or false"
+        found = f"{values.dtype} {list(values.shape)}" if isinstance(values, np.ndarray) else "an archive"
+        raise InputError(f"{path}: must hold {wanted} for each of the {rows} rows of {source.name}, not {found}")
+    return values[cloud.rows]
+
+
+def _cloud_file(folder: Path, side: str) -> Path:
+    files = _cloud_files(folder, side)
+    if not files:
+        raise InputError(f"{folder}: has no {side}.ply (or {side}.* of another format); a pair needs two clouds")
+    if len(files) > 1:
+        names = ", ".join(path.name for path in files)
+        raise InputError(f"{folder}: has several clouds {names}; leave the one that is meant")
+    return files[0]
+
+
+def _cloud_files(folder: Path, side: str) -> Sequence[Path]:
+    return sorted(path for path in folder.glob(f"{side}.*") if path.suffix.lower() in READERS)
+
+
+def _holds_part_of_a_pair(folder: Path) -> bool:
+    return any(_cloud_files(folder, side) or (folder / f"truth_{side}.npy").is_file() for side in ("before", "after"))
+
+
+def _required(path: Path) -> Path:
+    if not path.is_file():
+        raise InputError(f"{path}: is missing; it must hold -1 or the id of the change for each row of the cloud")
+    return path
