@@ -68,24 +68,6 @@ def unobserved_points(
     return unseen
 
 
-def unobserved_shares(
-    points: Float64[np.ndarray, "n 3"],
-    labels: Int[np.ndarray, " n"],
-    unchanged: Bool[np.ndarray, " n"],
-    other: Float64[np.ndarray, "k 3"],
-    tolerance: float,
-    spacing: float,
-) -> Float64[np.ndarray, " s"]:
-    """The share of each segment's points that are `unobserved_points`, 0 to 1; arguments as there.
-
-    Above 0.6 the segment is not observed rather than changed.
-    """
-    unseen = unobserved_points(points, labels, unchanged, other, tolerance, spacing)
-    segments = labels >= 0
-    counts = np.bincount(labels[segments])
-    return np.bincount(labels[segments], unseen[segments], len(counts)) / np.maximum(counts, 1)
-
-
 class Surroundings(NamedTuple):
     """What a segment is held against.
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.surface_continuation import unobserved_shares
+from gmmjax.changes.surface_continuation import unobserved_points
 from gmmjax.clouds import SensorViews
 from tests.changes.rooms import around, box, looking, scanned
 
@@ -15,6 +15,12 @@ TOLERANCE = 0.02
 REACH = 0.045
 NOT_OBSERVED = 0.6
 VIEWS = around(8)
+
+
+def unobserved_shares(points, labels, *arguments):
+    """The share of each segment's points that are unobserved."""
+    unseen = unobserved_points(points, labels, *arguments)
+    return np.array([unseen[labels == label].mean() for label in range(labels.max() + 1)])
 
 
 def share(cloud, other, where, reach=REACH, tolerance=TOLERANCE):
