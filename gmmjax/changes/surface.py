@@ -158,7 +158,7 @@ def clusters_with_core(
     """
     radius = CLUSTER_RADIUS * spacing
     labels = np.full(len(points), -1)
-    core = np.flatnonzero(probability >= CORE_PROBABILITY)
+    core = np.flatnonzero(probability >= max(CORE_PROBABILITY, threshold))
     labels[core] = density_clusters(points[core], radius, CLUSTER_NEIGHBOURS)
     counts = np.bincount(labels[labels >= 0], minlength=1)
     labels[np.isin(labels, np.flatnonzero(counts < SMALLEST_CORE))] = -1
