@@ -109,7 +109,7 @@ def test_json_stands_alone_on_standard_output(scans, tmp_path, capsys):
     assert main(["detect", *scans, *arguments]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert [change["kind"] for change in printed["changes"]] == ["appeared"]
-    assert printed["schema_version"] == 1
+    assert printed["schema_version"] == 2
 
 
 def test_the_table_says_what_was_found_dropped_and_written(scans, tmp_path, capsys):

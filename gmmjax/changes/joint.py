@@ -26,7 +26,7 @@ from gmmjax.changes.surface_consensus import surface_consensus
 from gmmjax.changes.view_checks import check_views
 from gmmjax.changes.volumetric import restart_weights, volumetric_changes
 from gmmjax.clouds import PointCloud, SensorViews
-from gmmjax.errors import InputWarning
+from gmmjax.errors import InputError, InputWarning
 from gmmjax.mixtures import FitSettings, FitStatus, WeightedPoints
 from gmmjax.mixtures.restarts import RELATIVE_NOISE_FLOOR
 
@@ -166,7 +166,12 @@ def _fit(pair: WorkingPair, config: DetectionConfig, tolerance: float, report: P
 def _components(pair: WorkingPair, config: DetectionConfig) -> int:
     points = len(pair.before.points) + len(pair.after.points)
     if config.max_components is not None:
-        return min(config.max_components, points)
+        if config.max_components > points:
+            raise InputError(
+                f"max_components={config.max_components} is more than the {points} points (or voxels) of both clouds; "
+                f"choose at most {max(1, points // POINTS_PER_COMPONENT)}"
+            )
+        return config.max_components
     default = VOLUME_COMPONENTS if pair.volumetric else SURFACE_COMPONENTS
     return max(1, min(default, points // POINTS_PER_COMPONENT))
 

@@ -25,7 +25,10 @@ FIRST_REACH = 16.0
 # And when it has a point of the other within so many spacings.
 BESIDE = 2.5
 # The same object: at least this share of the points of either lies on the other one.
-LEAST_SHARE = 0.915
+LEAST_SHARE = 0.895
+# And their sizes differ, on average over so many directions, by fewer than so many spacings; the outermost points,
+# which may be stray, left out.
+DIRECTIONS, OUTERMOST, MOST_SIZE_DIFFERENCE = 48, 0.03, 2.5
 # Objects whose longest extents or point counts differ by more than this factor are not tried.
 MOST_EXTENT_RATIO = 1.4
 MOST_COUNT_RATIO = 4.0
@@ -147,7 +150,19 @@ def _settled(source: np.ndarray, target: np.ndarray, start: np.ndarray, noise: f
     back = local_difference(fine[1], tree, placed_tree)
     reach = BESIDE * _spacing(placed, target)
     lies = [(side.offset < ON_IT * np.maximum(noise, side.noise)) & (side.distance < reach) for side in (there, back)]
-    return Match(transform, float(min(side.mean() for side in lies)))
+    alike = size_difference(placed, target) < MOST_SIZE_DIFFERENCE * _spacing(placed, target)
+    return Match(transform, float(min(side.mean() for side in lies)) if alike else 0.0)
+
+
+def size_difference(one: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "m 3"]) -> float:
+    """How much further one set of points reaches than the other, mean over evenly spread directions."""
+    height = 1 - (2 * np.arange(DIRECTIONS) + 1) / DIRECTIONS
+    # A spiral of Fibonacci's: each turn is the golden angle.
+    angle = np.pi * (1 + 5**0.5) * (np.arange(DIRECTIONS) + 0.5)
+    radius = np.sqrt(1 - height**2)
+    directions = np.stack([radius * np.cos(angle), radius * np.sin(angle), height])
+    reaches = [np.quantile(points @ directions, 1 - OUTERMOST, axis=0) for points in (one, other)]
+    return float(np.abs(reaches[0] - reaches[1]).mean())
 
 
 def _kabsch(source: np.ndarray, target: np.ndarray) -> np.ndarray:

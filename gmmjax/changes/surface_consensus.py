@@ -12,6 +12,8 @@ from gmmjax.changes.surface import SurfaceCloud, SurfaceSegments
 LEAST_SIGNIFICANCE = 4.0
 # The power that the odds are raised to, from the reliability curve over simulated laboratories.
 SHARPENING = 3.0
+# And of points that look changed, but are of no change, so many are.
+OUTSIDE = 0.05
 
 
 def surface_consensus(
@@ -44,6 +46,7 @@ def surface_consensus(
             continue
         labels[own] = len(items)
         items.append(change_of(points[own[member]], kind, float(probability[own].mean()), strength))
+    probability = np.where(labels >= 0, probability, OUTSIDE * probability)
     return CloudConsensus(probability[member], labels[member], items)
 
 

@@ -170,8 +170,8 @@ def test_views_of_a_cloud_are_used(laboratory, of_laboratory):
 
 
 def test_views_that_contradict_the_cloud_are_not_used(laboratory):
-    """A camera that sees no further than 0.7 m has not seen the far walls."""
-    wrong = SensorViews(laboratory.views_before.poses, laboratory.views_before.field_of_view, 0.7)
+    """A camera that sees no further than 1.5 m has not seen the far walls."""
+    wrong = SensorViews(laboratory.views_before.poses, laboratory.views_before.field_of_view, 1.5)
     with pytest.warns(InputWarning, match="views_before"):
         changes = detect_changes(laboratory.before, laboratory.after, config=CONFIG, views_before=wrong)
     assert changes.diagnostics["before"]["views"] == 0

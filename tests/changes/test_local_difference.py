@@ -39,10 +39,10 @@ def test_the_less_changed_cloud_sets_the_scale():
 
 
 def test_thickness_and_spacing_are_those_of_the_other_cloud():
-    found = difference(floor(7, noise=0.001), floor(8, noise=0.02, count=2500))
-    assert np.median(found.thickness) == pytest.approx(0.02, rel=0.3)
-    # 2,500 points on a square metre are 2 cm apart on a grid, and nearer to their nearest ones at random.
-    assert 0.01 < np.median(found.spacing) < 0.025
+    found = difference(floor(7, noise=0.001), floor(8, noise=0.005, count=10_000))
+    assert np.median(found.thickness) == pytest.approx(0.005, rel=0.3)
+    # 10,000 points on a square metre are 1 cm apart on a grid.
+    assert 0.006 < np.median(found.spacing) < 0.0125
 
 
 def test_a_rigid_motion_changes_nothing():

@@ -28,6 +28,8 @@ def labelled(changes, labels_before, labels_after, items):
         labels_after=labels_after,
         probability_before=np.where(labels_before < 0, 0.0, 1.0),
         probability_after=np.where(labels_after < 0, 0.0, 1.0),
+        unobserved_before=np.zeros(len(labels_before), bool),
+        unobserved_after=np.zeros(len(labels_after), bool),
         items=items,
     )
 
