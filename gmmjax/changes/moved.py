@@ -25,7 +25,7 @@ FIRST_REACH = 16.0
 # And when it has a point of the other within so many spacings.
 BESIDE = 2.5
 # The same object: at least this share of the points of either lies on the other one.
-LEAST_SHARE = 0.895
+LEAST_SHARE = 0.93
 # And their sizes differ, on average over so many directions, by fewer than so many spacings; the outermost points,
 # which may be stray, left out.
 DIRECTIONS, OUTERMOST, MOST_SIZE_DIFFERENCE = 48, 0.03, 2.5
