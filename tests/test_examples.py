@@ -9,6 +9,7 @@ ROOT = Path(__file__).parents[1]
 EXPECTED = {
     "compare_mixtures.py": ["EMD 0.661", "[0.055 0.183 0.   ]", "Sinkhorn"],
     "detect_two_files.py": ["disappeared at [1.1,", "appeared at [-2.59,", "after: 300 of 1500 points changed"],
+    "registration_error.py": ["panorama normal", "frame normal"],
     "fit_a_mixture.py": ["3 Gaussians", "from six starts: [3, 3, 3, 3, 3, 3]"],
 }
 
