@@ -36,6 +36,9 @@ class DetectionConfig:
             are.
         tolerance: registration error that is to be tolerated, standard deviation an axis. None: from the points'
             spacing and the residual of the registration. Of "joint".
+        evidence: whether a change of a surface scan must lie where the other scan looked: where its views saw that
+            there was nothing, or, without views, off the surfaces beside it. False reports all that one scan has and
+            the other has not. Of "joint".
         max_points: voxels that each cloud is reduced to at the most before a separate fit; points that one restart of
             "joint" is fitted to. All points get labels all the same.
         voxel_size: edge of the voxels. None: the smallest that leaves at most `max_points` (50,000 for "joint") in
@@ -59,6 +62,7 @@ class DetectionConfig:
     crop: tuple[float, float, float, float, float, float] | None = None
     registration: Registration = "auto"
     tolerance: float | None = None
+    evidence: bool = True
     max_points: int = 16384
     voxel_size: float | None = None
     outlier_neighbours: int = 20
@@ -76,6 +80,8 @@ class DetectionConfig:
         check_choice("method", self.method, METHODS)
         check_choice("kinds", self.kinds, get_args(Kinds))
         check_choice("registration", self.registration, get_args(Registration))
+        if not isinstance(self.evidence, bool):
+            raise InputError(f"evidence={self.evidence!r} must be True or False")
         for name, least in (("seed", 0), ("max_points", 100), ("outlier_neighbours", 0)):
             _check_least(name, getattr(self, name), least, int)
         for name in ("restarts", "max_components"):

@@ -1,16 +1,16 @@
 """What one survey knows of the places where the other one has points."""
 
+import dataclasses
 import enum
+import functools
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int8
 from scipy.spatial import cKDTree
 
-from gmmjax.changes.depth_image import DepthImage, cameras
-from gmmjax.clouds import SensorViews, voxel_grid, voxel_size_for
+from gmmjax.changes.depth_image import Camera, DepthImage, cameras
+from gmmjax.clouds import SensorViews
 
-# Clouds with more points are thinned: finer detail than this shows in no depth image.
-MOST_POINTS = 120_000
 # The distance to this neighbour is the spacing of points on a surface: exact on a square grid, and right on average
 # for points strewn at random.
 SPACING_NEIGHBOUR = 4
@@ -31,47 +31,68 @@ class Observed(enum.IntEnum):
     """It looked through the place at something behind: nothing was there."""
 
 
-def observation(
-    points: Float64[np.ndarray, "n 3"], other: Float64[np.ndarray, "m 3"], views: SensorViews, margin: float
-) -> Int8[np.ndarray, " n"]:
-    """What the survey that made the `other` cloud knows of the places of `points`.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Survey:
+    """One cloud, and where it was seen from; what is derived from them is kept, for the next question.
 
-    Where the other cloud has a point within the margin there is a surface. A place further from it is free when at
-    least one view looked past it: it lies in the field of view and range, the other cloud has a surface behind it in
+    Attributes:
+        points: of the cloud.
+        views: where it was taken from, or None where that is not known.
+    """
+
+    points: Float64[np.ndarray, "n 3"]
+    views: SensorViews | None = None
+    _images: dict[int, list[tuple[Camera, DepthImage]]] = dataclasses.field(default_factory=dict, repr=False)
+
+    @functools.cached_property
+    def tree(self) -> cKDTree:
+        """Of the points."""
+        return cKDTree(self.points)
+
+    @functools.cached_property
+    def spacing(self) -> Float64[np.ndarray, " n"]:
+        """Of each point from those beside it."""
+        return point_spacing(self.tree)
+
+    def images(self, view: int) -> list[tuple[Camera, DepthImage]]:
+        """What a view sees of the cloud."""
+        assert self.views is not None
+        if view not in self._images:
+            points = self.views.in_camera(self.points, view)
+            self._images[view] = [
+                (camera, DepthImage.of(points, self.spacing, camera)) for camera in cameras(self.views)
+            ]
+        return self._images[view]
+
+
+def observation(points: Float64[np.ndarray, "n 3"], survey: Survey, margin: float) -> Int8[np.ndarray, " n"]:
+    """What a survey knows of the places of points of another one.
+
+    Where its cloud has a point within the margin there is a surface. A place further from it is free when at
+    least one view looked past it: it lies in the field of view and range, the cloud has a surface behind it in
     the same direction, by more than the margin, and nothing in front of it in that direction or those next to it.
     The distance to the surface, not the depth along the ray, is held against the margin, so that a surface seen
     at a grazing angle is not taken for free space when it is a little misregistered.
 
     Args:
         points: the places, of the one cloud.
-        other: the other cloud; none where the survey saw nothing.
-        views: where the other cloud was taken from.
+        survey: of the other cloud; one without views knows only its surfaces.
         margin: how far a surface may be displaced by noise and registration, in the unit of the clouds.
 
     Returns:
         A value of `Observed` for each of the points.
     """
     result = np.full(len(points), Observed.unobserved, np.int8)
-    if not len(points) or not len(other):
+    if not len(points) or not len(survey.points):
         return result
-    surface = thinned(other)
-    tree = cKDTree(surface)
-    near = np.isfinite(tree.query(points, distance_upper_bound=margin, workers=-1)[0])
+    near = np.isfinite(survey.tree.query(points, distance_upper_bound=margin, workers=-1)[0])
     result[near] = Observed.surface
     open_places = np.flatnonzero(~near)
-    spacing = point_spacing(tree)
-    for view in range(len(views)):
-        free = _seen_through(points[open_places], surface, spacing, views, view, margin)
+    for view in range(0 if survey.views is None else len(survey.views)):
+        free = _seen_through(points[open_places], survey, view, margin)
         result[open_places[free]] = Observed.free
         open_places = open_places[~free]
     return result
-
-
-def thinned(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "m 3"]:
-    """The points, or the means of small voxels where there are more than `MOST_POINTS`."""
-    if len(points) <= MOST_POINTS:
-        return points
-    return voxel_grid(points, voxel_size_for(points, MOST_POINTS)).points
 
 
 def point_spacing(tree: cKDTree) -> Float64[np.ndarray, " n"]:
@@ -84,22 +105,17 @@ def point_spacing(tree: cKDTree) -> Float64[np.ndarray, " n"]:
 
 
 def _seen_through(
-    points: Float64[np.ndarray, "n 3"],
-    surface: Float64[np.ndarray, "m 3"],
-    spacing: Float64[np.ndarray, " m"],
-    views: SensorViews,
-    view: int,
-    margin: float,
+    points: Float64[np.ndarray, "n 3"], survey: Survey, view: int, margin: float
 ) -> Bool[np.ndarray, " n"]:
     """The points, none of them near the surface, that one view looked past."""
     free = np.zeros(len(points), bool)
-    places = views.in_camera(points, view)
-    visible = np.flatnonzero(views.in_field_of_view(places))
+    assert survey.views is not None
+    places = survey.views.in_camera(points, view)
+    visible = np.flatnonzero(survey.views.in_field_of_view(places))
     if not len(visible):
         return free
-    surface = views.in_camera(surface, view)
-    for camera in cameras(views):
+    for camera, image in survey.images(view):
         inside, directions, ranges = camera.seen(places[visible])
-        behind, in_front = DepthImage.of(surface, spacing, camera).nearest(directions)
+        behind, in_front = image.nearest(directions)
         free[visible[inside]] = np.isfinite(behind) & (behind > ranges + margin) & (in_front > ranges)
     return free

@@ -6,14 +6,14 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import ArrayLike, Bool, Float
-from scipy.spatial import cKDTree
+from jaxtyping import ArrayLike, Bool, Float, Int
 
-from gmmjax.changes.change import Changes, Kind
+from gmmjax.changes.change import Change, Changes, Kind
 from gmmjax.changes.checking import CheckedCloud, check_pair
 from gmmjax.changes.clock import Clock, Progress
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.consensus import CloudConsensus, merged
+from gmmjax.changes.free_space import Survey
 from gmmjax.changes.joint_fit import JointFits, fit_joint_restarts, mixtures_distance, point_excess
 from gmmjax.changes.joint_mixture import JointPrior, SourcedPoints
 from gmmjax.changes.local_difference import difference_scale, local_difference
@@ -82,17 +82,17 @@ def joint_changes(
     fits = _fit(pair, config, tolerance, report)
     clock.lap("fits")
     report("Looking for changes", 0.75)
+    surveys = Survey(pair.before.points, views[0]), Survey(pair.after.points, views[1])
     if pair.volumetric:
         detected = _volumetric(checked, pair, fits, registration, config)
     else:
-        detected = _surface(checked, pair, fits, views, config)
+        detected = _surface(checked, pair, fits, surveys, config)
     detected = _of_kinds(detected, config)
     items, labels_before, labels_after = merged(detected.before, detected.after)
     clock.lap("changes")
     report("Looking for moved objects", 0.9)
     if not pair.volumetric:
-        clouds = checked[0].points, checked[1].points
-        items = with_moved(items, *clouds, labels_before, labels_after, detected.noise)
+        items = _moved(items, (labels_before, labels_after), pair, surveys, registration, detected.noise)
     clock.lap("moved")
     report("Done", 1.0)
     return Changes(
@@ -210,21 +210,43 @@ def _surface(
     checked: tuple[CheckedCloud, CheckedCloud],
     pair: WorkingPair,
     fits: JointFits,
-    views: tuple[SensorViews | None, SensorViews | None],
+    surveys: tuple[Survey, Survey],
     config: DetectionConfig,
 ) -> _Detected:
     clouds = (pair.before, pair.after)
-    trees = [cKDTree(cloud.points) for cloud in clouds]
-    differences = [local_difference(clouds[i].points, trees[i], trees[1 - i]) for i in (0, 1)]
+    differences = [local_difference(surveys[i].points, surveys[i].tree, surveys[1 - i].tree) for i in (0, 1)]
     usual = difference_scale(*differences)
     scales = SurfaceScales.of(pair.spacing, usual)
     found, unobserved = [], []
     for i, (cloud, kind) in enumerate(zip(clouds, KINDS, strict=True)):
         known = SurfaceCloud(cloud.points, differences[i], point_excess(fits, cloud.points, kind == "appeared"))
-        segments = surface_segments(known, clouds[1 - i].points, scales, views[1 - i], config.threshold)
+        segments = surface_segments(known, surveys[1 - i], scales, config)
         found.append(surface_consensus(checked[i].points, cloud.member, known, segments, usual, kind))
         unobserved.append(segments.unobserved[cloud.member])
     return _Detected(found[0], found[1], unobserved[0], unobserved[1], noise=usual.offset)
+
+
+def _moved(
+    items: tuple[Change, ...],
+    labels: tuple[Int[np.ndarray, " n0"], Int[np.ndarray, " n1"]],
+    pair: WorkingPair,
+    surveys: tuple[Survey, Survey],
+    registration: Registration,
+    noise: float,
+) -> tuple[Change, ...]:
+    """With the moved objects; their motions are those of the clouds as they were given."""
+    of_working = _of_working_points(pair.before, labels[0]), _of_working_points(pair.after, labels[1])
+    to_given = np.linalg.inv(registration.transform)
+    return tuple(
+        change if change.transform is None else dataclasses.replace(change, transform=to_given @ change.transform)
+        for change in with_moved(items, *surveys, of_working[0], of_working[1], noise)
+    )
+
+
+def _of_working_points(cloud: WorkingCloud, labels: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
+    working = np.empty(len(cloud.points), int)
+    working[cloud.member] = labels
+    return working
 
 
 def _of_kinds(detected: _Detected, config: DetectionConfig) -> _Detected:

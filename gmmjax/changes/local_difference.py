@@ -11,6 +11,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 
+from gmmjax.changes.neighbours import nearest_neighbours
+from gmmjax.changes.planes import local_planes
+
 # Neighbours in the own cloud whose mean is compared, and in the other cloud whose plane it is compared with.
 OWN_NEIGHBOURS = 8
 OTHER_NEIGHBOURS = 16
@@ -57,28 +60,18 @@ def local_difference(points: Float[np.ndarray, "n 3"], own: cKDTree, other: cKDT
         own: tree of that cloud.
         other: tree of the other cloud.
     """
-    own_groups = own.data[_neighbours(own, points, OWN_NEIGHBOURS)[1]]
+    own_groups = own.data[nearest_neighbours(own, points, OWN_NEIGHBOURS)[1]]
     means = own_groups.mean(axis=1)
-    groups = other.data[_neighbours(other, means, OTHER_NEIGHBOURS)[1]]
+    groups = other.data[nearest_neighbours(other, means, OTHER_NEIGHBOURS)[1]]
     centres, normals, variances = local_planes(groups)
-    own_scatter = np.einsum("nki,ni->nk", own_groups - means[:, None], normals).var(axis=1)
+    own_scatter = ((own_groups - means[:, None]) @ normals[:, :, None])[..., 0].var(axis=1)
     return LocalDifference(
-        distance=other.query(points, workers=-1)[0],
+        distance=nearest_neighbours(other, points, 1)[0][:, 0],
         offset=np.abs(np.einsum("ni,ni->n", means - centres, normals)),
         noise=np.sqrt(own_scatter / own_groups.shape[1] + variances[:, 0] / groups.shape[1]),
         thickness=np.sqrt(variances[:, 0]),
         spacing=SPACING_PER_SPREAD * np.sqrt(variances[:, 1] + variances[:, 2]),
     )
-
-
-def local_planes(
-    groups: Float[np.ndarray, "n k 3"],
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-    """Centre, unit normal and principal variances, least first, of each group of points."""
-    centres = groups.mean(axis=1)
-    centred = groups - centres[:, None]
-    variances, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", centred, centred) / groups.shape[1])
-    return centres, axes[:, :, 0], np.maximum(variances, 0)
 
 
 def difference_scale(before: LocalDifference, after: LocalDifference) -> DifferenceScale:
@@ -87,7 +80,3 @@ def difference_scale(before: LocalDifference, after: LocalDifference) -> Differe
         distance=min(float(np.median(side.distance)) for side in (before, after)),
         offset=MEDIAN_TO_DEVIATION * min(float(np.median(side.offset)) for side in (before, after)),
     )
-
-
-def _neighbours(tree: cKDTree, points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    return tree.query(points, k=np.arange(1, min(count, tree.n) + 1), workers=-1)

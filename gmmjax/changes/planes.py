@@ -6,9 +6,21 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.spatial import cKDTree
 
+from gmmjax.changes.neighbours import nearest_neighbours
+
 NEIGHBOURS = 12
 MOST_PLANES = 6
 LEAST_POINTS = 8
+
+
+def local_planes(
+    groups: Float64[np.ndarray, "n k 3"],
+) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n 3"]]:
+    """Centre, unit normal and principal variances, least first, of each group of points."""
+    centres = groups.mean(axis=1)
+    centred = groups - centres[:, None]
+    variances, axes = np.linalg.eigh(centred.swapaxes(1, 2) @ centred / groups.shape[1])
+    return centres, axes[:, :, 0], np.maximum(variances, 0)
 
 
 class Plane(NamedTuple):
@@ -51,13 +63,9 @@ class LocalPlanes(NamedTuple):
     @classmethod
     def of(cls, points: Float64[np.ndarray, "n 3"]) -> "LocalPlanes":
         """The planes of least squares through twelve neighbours each."""
-        neighbours = cKDTree(points).query(points, k=min(NEIGHBOURS, len(points)))[1]
-        groups = points[neighbours.reshape(len(points), -1)]
-        centres = groups.mean(axis=1)
-        offsets = groups - centres[:, None]
-        variances, axes = np.linalg.eigh(np.einsum("bki,bkj->bij", offsets, offsets) / groups.shape[1])
-        noise = float(np.sqrt(max(np.median(variances[:, 0]), 0.0)))
-        return cls(axes[:, :, 0], np.einsum("bi,bi->b", axes[:, :, 0], centres), noise)
+        neighbours = nearest_neighbours(cKDTree(points), points, NEIGHBOURS)[1]
+        centres, normals, variances = local_planes(points[neighbours])
+        return cls(normals, (normals * centres).sum(axis=1), float(np.sqrt(np.median(variances[:, 0]))))
 
 
 def planes_of(

@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.config import DetectionConfig
+from gmmjax.changes.planes import local_planes
 from gmmjax.clouds import voxel_grid, voxel_size_for
 
 # Voxels of either cloud that are compared at the most: two clouds of this size take about two seconds.
@@ -93,7 +94,6 @@ def _probe(points: np.ndarray) -> tuple[float, float]:
     # Regularly spaced rows, so that the same cloud always gives the same scales.
     probes = points[np.linspace(0, len(points) - 1, min(PROBES, len(points))).astype(int)]
     distances, neighbours = cKDTree(points).query(probes, k=min(NEIGHBOURS, max(2, len(points) // 4)))
-    centred = points[neighbours] - points[neighbours].mean(axis=1, keepdims=True)
-    variances = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", centred, centred))
+    variances = local_planes(points[neighbours])[2]
     total = np.maximum(variances.sum(axis=1), np.finfo(np.float64).tiny)
     return float(np.median(distances[:, 1])), float(np.median(variances[:, 0] / total))

@@ -5,12 +5,16 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.local_difference import OTHER_NEIGHBOURS, OWN_NEIGHBOURS, local_planes
+from gmmjax.changes.local_difference import OTHER_NEIGHBOURS, OWN_NEIGHBOURS
+from gmmjax.changes.neighbours import nearest_neighbours
+from gmmjax.changes.planes import local_planes
 
 # The reach of the residuals shrinks by this factor a step, from the first to the last.
 SHRINKING = 0.75
 # A motion that nothing determines, such as one along a wall, is not made.
 DAMPING = 1e-2
+# Settled: the last step moved no point by more than this share of the last reach.
+STANDSTILL = 0.02
 # A point is kept apart from the surface sideways by this many reaches at most.
 SIDEWAYS = 4.0
 
@@ -35,26 +39,28 @@ def settled(
         start: motion to start from.
         first_reach: offset at which a point has a quarter of its weight, in the first step.
         last_reach: the same in the last steps; some standard deviations of the offsets.
-        steps: how many.
+        steps: how many at the most; fewer where the source stands still.
     """
     tree = cKDTree(target)
     means = local_means(source)
     transform = start
     for step in range(steps):
         placed = moved_points(means, transform)
-        distances, neighbours = tree.query(placed, k=min(OTHER_NEIGHBOURS, len(target)), workers=-1)
+        distances, neighbours = nearest_neighbours(tree, placed, OTHER_NEIGHBOURS)
         centres, normals, _ = local_planes(target[neighbours])
         offsets = np.einsum("ni,ni->n", placed - centres, normals)
         reach = max(last_reach, first_reach * SHRINKING**step)
         weights = _weights(offsets / reach) * _weights(distances[:, 0] / (SIDEWAYS * reach))
         transform = _small_motion(placed, normals, offsets, weights) @ transform
+        moved_by = np.abs(moved_points(means, transform) - placed).max()
+        if reach == last_reach and moved_by < STANDSTILL * last_reach:
+            break
     return transform
 
 
 def local_means(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     """The mean of each point and its neighbours."""
-    neighbours = cKDTree(points).query(points, k=min(OWN_NEIGHBOURS, len(points)), workers=-1)[1]
-    return points[neighbours].mean(axis=1)
+    return points[nearest_neighbours(cKDTree(points), points, OWN_NEIGHBOURS)[1]].mean(axis=1)
 
 
 def moved_points(points: Float[np.ndarray, "n 3"], transform: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "n 3"]:

@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 from scipy.spatial import cKDTree
 
-from gmmjax.changes.free_space import Observed, observation
+from gmmjax.changes.config import DetectionConfig
+from gmmjax.changes.free_space import Observed, Survey, observation
 from gmmjax.changes.local_difference import DifferenceScale, LocalDifference
 from gmmjax.changes.segments import density_clusters
 from gmmjax.changes.surface_continuation import unobserved_points
-from gmmjax.clouds import SensorViews
 
 # A point is surely changed this far from the other cloud: in spacings of either cloud, in usual distances, in the
 # thickness of the other surface there; and this far off its plane, in standard deviations of usual offsets.
@@ -104,36 +104,48 @@ class SurfaceSegments(NamedTuple):
 
 def surface_segments(
     cloud: SurfaceCloud,
-    other: Float[np.ndarray, "m 3"],
+    other: Survey,
     scales: SurfaceScales,
-    views: SensorViews | None,
-    threshold: float,
+    config: DetectionConfig,
 ) -> SurfaceSegments:
     """The segments of one cloud that changed, and what the other survey did not see.
 
     Args:
         cloud: the cloud.
-        other: the points of the other cloud.
+        other: the other cloud, with its views where they are known.
         scales: of the pair.
-        views: where the other cloud was seen from, or None.
-        threshold: probability from which a point is changed.
+        config: the threshold, and whether there must be evidence.
     """
     probability = changed_probability(cloud, scales)
     mean = probability.mean(axis=0)
-    labels = clusters_with_core(cloud.points, mean, scales.spacing, threshold)
-    if views is None:
-        unobserved = continuing(cloud.points, labels, other, scales)
-        labels = np.where(unobserved, -1, labels)
-    else:
-        observed = observation(cloud.points, other, views, scales.distance)
-        unobserved = observed == Observed.unobserved
-        dropped = not_seen_empty(cloud, labels, observed, other, scales)
+    labels = clusters_with_core(cloud.points, mean, scales.spacing, config.threshold)
+    unobserved = np.zeros(len(labels), bool)
+    if config.evidence:
+        dropped, unobserved = put_to_evidence(cloud, labels, other, scales)
         labels = np.where(dropped, -1, labels)
-        unobserved |= dropped
-        shadows = continuing(cloud.points, hidden_parts(cloud.points, labels, observed, scales), other, scales)
-        labels = np.where(shadows, -1, labels)
     probability = np.where((labels < 0) & unobserved, 0.0, probability)
     return SurfaceSegments(renumbered(labels), probability, unobserved & (labels < 0))
+
+
+def put_to_evidence(
+    cloud: SurfaceCloud, labels: Int[np.ndarray, " n"], other: Survey, scales: SurfaceScales
+) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """The points of the segments that do not lie where the other survey looked, and all points that it did not see.
+
+    Args:
+        cloud: the cloud.
+        labels: -1, or the number of the segment.
+        other: the other cloud, with its views where they are known.
+        scales: of the pair.
+    """
+    if other.views is None:
+        unobserved = continuing(cloud.points, labels, other.points, scales)
+        return unobserved, unobserved
+    observed = observation(cloud.points, other, scales.distance)
+    dropped = not_seen_empty(cloud, labels, observed, other.points, scales)
+    hidden = hidden_parts(cloud.points, np.where(dropped, -1, labels), observed, scales)
+    shadows = continuing(cloud.points, hidden, other.points, scales)
+    return dropped | shadows, (observed == Observed.unobserved) | dropped
 
 
 def changed_probability(cloud: SurfaceCloud, scales: SurfaceScales) -> Float[np.ndarray, "r n"]:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 from scipy.spatial import cKDTree
 
+from gmmjax.changes.neighbours import nearest_neighbours
 from gmmjax.changes.observed_edge import MOST_COVERED, NEAR, at_observed_edge
 from gmmjax.changes.planes import NEIGHBOURS, LocalPlanes, Plane, planes_of
 from gmmjax.clouds import voxel_grid
@@ -143,8 +144,7 @@ def _common_planes(
     if not len(points):
         return []
     local = LocalPlanes.of(points)
-    distances, neighbours = around.other.query(points, k=min(NEIGHBOURS, around.other.n))
-    distances, neighbours = distances.reshape(len(points), -1), neighbours.reshape(len(points), -1)
+    distances, neighbours = nearest_neighbours(around.other, points, NEIGHBOURS)
     heights = np.abs(np.einsum("nki,ni->nk", around.other.data[neighbours] - points[:, None], local.normals))
     along = distances**2 - heights**2
     both = ((heights <= around.tolerance) & (along <= (NEAR * around.spacing) ** 2)).any(axis=1)

@@ -1,5 +1,6 @@
 """Every detector that can be scored, ours and the peers, by its name."""
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Literal, NamedTuple, cast, get_args
@@ -14,10 +15,12 @@ from gmmjax.evaluation.evidence import without_unobserved
 from gmmjax.evaluation.labelled_pair import LabelledPair
 from gmmjax.evaluation.peers import PEERS, Candidates, has_m3c2, peer_labels
 
-# After the name of a detector: its segments are put to the evidence test of "joint", which has it built in.
-WITH_EVIDENCE = "+evidence"
+# After the name of a detector: its segments are put to the evidence test of "joint", which has it built in and can
+# leave it out.
+WITH_EVIDENCE, WITHOUT_EVIDENCE = "+evidence", "-no-evidence"
 Name = Literal[
     "joint",
+    "joint-no-evidence",
     "greedy",
     "greedy+evidence",
     "transport",
@@ -62,25 +65,24 @@ def detector(name: str, config: DetectionConfig = DetectionConfig()) -> Detector
         InputError: an unknown name.
     """
     check_choice("method", name, NAMES)
-    bare = name.removesuffix(WITH_EVIDENCE)
+    if name.endswith(WITHOUT_EVIDENCE):
+        config = dataclasses.replace(config, evidence=False)
+    bare = name.removesuffix(WITH_EVIDENCE).removesuffix(WITHOUT_EVIDENCE)
     if bare in PEERS:
         found: Detector = functools.partial(_peer, PEERS[bare])
     else:
         found = functools.partial(_ours, cast(Method, bare), config)
-    return functools.partial(_with_evidence, found) if name != bare else found
+    return functools.partial(_with_evidence, found) if name.endswith(WITH_EVIDENCE) else found
 
 
 def available(*, evidence: bool = True) -> tuple[Name, ...]:
     """The names of the detectors that can run here, those of M3C2 with py4dgeo only.
 
     Args:
-        evidence: also those with the evidence test, which does nothing for clouds that fill volumes.
+        evidence: also those that differ by the evidence test, which does nothing for clouds that fill volumes.
     """
-    return tuple(
-        name
-        for name in NAMES
-        if (has_m3c2() or not name.startswith("m3c2")) and (evidence or not name.endswith(WITH_EVIDENCE))
-    )
+    runnable = (name for name in NAMES if has_m3c2() or not name.startswith("m3c2"))
+    return tuple(name for name in runnable if evidence or not name.endswith((WITH_EVIDENCE, WITHOUT_EVIDENCE)))
 
 
 def _ours(method: Method, config: DetectionConfig, pair: LabelledPair) -> Detection:

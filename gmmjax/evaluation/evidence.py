@@ -1,15 +1,13 @@
 """The evidence test of the joint method, for the segments of any detector."""
 
 import numpy as np
-from jaxtyping import Bool, Int
-from scipy.spatial import cKDTree
+from jaxtyping import Int
 
 from gmmjax.changes import surface
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.free_space import observation
+from gmmjax.changes.free_space import Survey
 from gmmjax.changes.local_difference import difference_scale, local_difference
 from gmmjax.changes.scales import WorkingCloud, working_pair
-from gmmjax.clouds import SensorViews
 from gmmjax.evaluation.labelled_pair import LabelledPair
 
 
@@ -30,31 +28,15 @@ def without_unobserved(
     if working.volumetric:
         return labels_before, labels_after
     clouds = working.before, working.after
-    trees = [cKDTree(cloud.points) for cloud in clouds]
-    differences = [local_difference(trees[own].data, trees[own], trees[1 - own]) for own in (0, 1)]
+    surveys = Survey(clouds[0].points, pair.before.views), Survey(clouds[1].points, pair.after.views)
+    differences = [local_difference(surveys[own].points, surveys[own].tree, surveys[1 - own].tree) for own in (0, 1)]
     scales = surface.SurfaceScales.of(working.spacing, difference_scale(*differences))
-    dropped = []
-    for own, (labels, views) in enumerate(((labels_before, pair.after.views), (labels_after, pair.before.views))):
+    kept = []
+    for own, labels in enumerate((labels_before, labels_after)):
         cloud = surface.SurfaceCloud(clouds[own].points, differences[own], np.zeros((1, len(clouds[own].points))))
-        voxels = _voxel_labels(clouds[own], labels)
-        dropped.append(_dropped(cloud, voxels, clouds[1 - own].points, scales, views)[clouds[own].member])
-    return np.where(dropped[0], -1, labels_before), np.where(dropped[1], -1, labels_after)
-
-
-def _dropped(
-    cloud: surface.SurfaceCloud,
-    labels: Int[np.ndarray, " n"],
-    other: np.ndarray,
-    scales: surface.SurfaceScales,
-    views: SensorViews | None,
-) -> Bool[np.ndarray, " n"]:
-    """The points whose segments do not pass."""
-    if views is None:
-        return surface.continuing(cloud.points, labels, other, scales)
-    observed = observation(cloud.points, other, views, scales.distance)
-    dropped = surface.not_seen_empty(cloud, labels, observed, other, scales)
-    hidden = surface.hidden_parts(cloud.points, np.where(dropped, -1, labels), observed, scales)
-    return dropped | surface.continuing(cloud.points, hidden, other, scales)
+        dropped, _ = surface.put_to_evidence(cloud, _voxel_labels(clouds[own], labels), surveys[1 - own], scales)
+        kept.append(np.where(dropped[clouds[own].member], -1, labels))
+    return kept[0], kept[1]
 
 
 def _voxel_labels(cloud: WorkingCloud, labels: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:

@@ -10,11 +10,13 @@ from gmmjax.scenes.ray_casting import UNCHANGED, Solid, cast
 
 # A jump in range between neighbouring pixels from which there is a depth edge, metres.
 EDGE = 0.1
+# Surfaces whose normal is further from the ray than this cosine return less and less, none at zero.
+GRAZING = 0.2
 
 
 @dataclasses.dataclass(frozen=True)
 class DepthCamera:
-    """A time-of-flight camera like the thesis's HazCam (171 x 224 pixels).
+    """A time-of-flight camera like the thesis's HazCam (224 x 171 pixels).
 
     Attributes:
         columns: pixels across.
@@ -55,7 +57,9 @@ class DepthCamera:
         behind = self._behind_edge(ranges)
         flies = (behind > ranges) & (random.random(len(ranges)) < self.flying)
         measured = np.where(flies, ranges + random.random(len(ranges)) * (behind - ranges), measured)
-        returned = (ranges > self.least_range) & (measured < self.max_range) & (random.random(len(ranges)) > self.lost)
+        returned = (ranges > self.least_range) & (measured < self.max_range)
+        returned &= random.random(len(ranges)) > self.lost
+        returned &= random.random(len(ranges)) < self._facing(ranges) / GRAZING
         points = pose[:3, 3] + directions[returned] * measured[returned, None]
         return points, np.where(flies, UNCHANGED, change)[returned]
 
@@ -68,3 +72,16 @@ class DepthCamera:
                 jump = image[far] - image[near] > EDGE
                 behind[near] = np.where(jump, image[far], behind[near])
         return np.asarray(behind.ravel())
+
+    def _facing(self, ranges: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Cosine between each ray and the surface's normal, from the neighbouring pixels; 1 at edges and borders."""
+        places = (self.directions() * ranges[:, None]).reshape(self.rows, self.columns, 3)
+        right = places[1:-1, 2:] - places[1:-1, :-2]
+        down = places[2:, 1:-1] - places[:-2, 1:-1]
+        normal = np.cross(right, down)
+        length = np.linalg.norm(normal, axis=2) * np.linalg.norm(places[1:-1, 1:-1], axis=2)
+        facing = np.ones((self.rows, self.columns))
+        cosine = np.abs((normal * places[1:-1, 1:-1]).sum(axis=2)) / np.maximum(length, 1e-12)
+        smooth = np.maximum(np.linalg.norm(right, axis=2), np.linalg.norm(down, axis=2)) < EDGE
+        facing[1:-1, 1:-1] = np.where(smooth, cosine, 1.0)
+        return facing.ravel()

@@ -5,7 +5,7 @@ objects of about 0.3 m come, go, move and stay.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -16,6 +16,7 @@ from gmmjax.clouds import SensorViews, voxel_grid
 from gmmjax.errors import InputError, check_choice
 from gmmjax.scenes.depth_camera import DepthCamera
 from gmmjax.scenes.gaussians import numpy_generator
+from gmmjax.scenes.objects import INNER, StandingObject, placed_objects
 from gmmjax.scenes.ray_casting import UNCHANGED, Solid, cast
 
 Level = Literal["normal", "hard"]
@@ -27,8 +28,6 @@ LOST_FRAMES = 0.25
 VOXEL = 0.01
 # A survey uses every so many pixels.
 PIXEL_STEP = 3.5
-# Half the inner side of the room, and where objects may stand.
-INNER, STANDING = 1.1, 0.78
 # A point is seen when the first hit on its ray is not nearer than it by more than this.
 HIDDEN_BY = 0.03
 # A change is counted in a cloud when so many of its points are there and less than half of them are unseen.
@@ -106,28 +105,32 @@ def laboratory_scene(
     """
     check_choice("level", level, get_args(Level))
     check_choice("survey", survey, get_args(Survey))
+    for name, number in (("appeared", appeared), ("disappeared", disappeared), ("moved", moved)):
+        if isinstance(number, bool) or not isinstance(number, int | np.integer):
+            raise InputError(f"{name}={number!r} must be a whole number of objects")
     if min(appeared, disappeared, moved) < 0 or appeared + disappeared + 2 * moved > MOST_OBJECTS:
         raise InputError(
             f"appeared={appeared}, disappeared={disappeared}, moved={moved}: must not be negative, and there is room "
             f"for {MOST_OBJECTS} places of changed objects (a moved one needs two)"
         )
     random = numpy_generator(key)
-    room = _room(random, open_front=survey == "frame")
-    gone, new, moves, staying = _objects(random, appeared, disappeared, moved)
-    before = [*room, *staying, *gone, *(old for old, _ in moves)]
-    after = [*room, *staying, *new, *(to for _, to in moves)]
+    room, shelf = _room(random, open_front=survey == "frame")
+    gone, new, moves, staying = placed_objects(random, room, shelf, appeared, disappeared, moved)
+    before = [*room, *_solids(staying), *_solids(gone), *_solids(old for old, _ in moves)]
+    after = [*room, *_solids(staying), *_solids(new), *_solids(to for _, to in moves)]
     hard = level == "hard"
     camera = DepthCamera(noise=0.01 if hard else random.uniform(0.006, 0.01))
     if survey == "panorama":
         columns, rows = (int(pixels / PIXEL_STEP) for pixels in (camera.columns, camera.rows))
         camera = dataclasses.replace(camera, columns=columns, rows=rows)
     stands = _stands(random, survey)
-    first = _survey(random, before, stands, camera, survey, hard)
-    second = _survey(random, after, stands, camera, survey, hard)
+    lost = _lost_frames(random) if hard and survey == "panorama" else (frozenset(), frozenset())
+    first = _survey(random, before, stands, camera, survey, lost[0])
+    second = _survey(random, after, stands, camera, survey, lost[1])
     shift, turn = (0.02, 0.5) if hard else (random.uniform(0.01, 0.02), random.uniform(0, 0.5))
     misregistration = _small_motion(random, shift, turn)
     kinds = ("disappeared",) * disappeared + ("appeared",) * appeared + ("moved",) * moved
-    motions = {old.change: misregistration @ to.pose() @ np.linalg.inv(old.pose()) for old, to in moves}
+    motions = {old[0].change: misregistration @ to[0].pose() @ np.linalg.inv(old[0].pose()) for old, to in moves}
     return _scene(first, second, before, after, camera, misregistration, kinds, motions)
 
 
@@ -154,90 +157,87 @@ def _scene(
         unseen_after=unseen_after,
         views_before=views_before,
         views_after=views_after.moved(misregistration),
-        uncounted_before=_uncounted(first.change, unseen_before),
-        uncounted_after=_uncounted(second.change, unseen_after),
+        uncounted_before=_uncounted(before, first.change, unseen_before),
+        uncounted_after=_uncounted(after, second.change, unseen_after),
         kinds=kinds,
         misregistration=misregistration,
         motions=motions,
     )
 
 
-def _room(random: np.random.Generator, open_front: bool) -> list[Solid]:
-    """Floor, walls and what is fixed to them; a single frame looks in from where the front wall would be."""
-    wall, height = 0.1, 1.4
+def _room(random: np.random.Generator, open_front: bool) -> tuple[list[Solid], Solid]:
+    """Floor, walls and what is fixed to them, and which of it is the shelf.
+
+    A single frame looks in from where the front wall would be.
+    """
+    wall, height = 0.1, random.uniform(1.3, 1.5)
     middle = INNER + wall / 2
-    walls = [(0.0, middle, 0.0), (-middle, 0.0, 0.0), (middle, 0.0, 0.0)] + [(0.0, -middle, 0.0)] * (not open_front)
-    solids = [_solid((0.0, 0.0, -0.05), (2.4, 2.4, 0.1))]
-    for x, y, _ in walls:
-        extent = (2.4, wall, height) if x == 0 else (wall, 2.4, height)
-        solids.append(_solid((x, y, height / 2 - 0.1), extent))
-    dock = random.uniform(-0.5, 0.5)
-    solids.append(_solid((dock, 1.05, 0.5), (0.4, 0.12, 0.4)))
-    solids.append(_solid((dock, 0.97, 0.45), (0.15, 0.06, 0.15)))
-    solids.append(_solid((-1.0, random.uniform(-0.4, 0.4), random.uniform(0.6, 0.8)), (0.2, 0.7, 0.03)))
-    for _ in range(2):
-        solids.append(_solid((1.06, random.uniform(-0.6, 0.6), random.uniform(0.3, 1.0)), (0.03, 0.6, 0.03)))
+    solids = [_solid((0.0, 0.0, -0.05), (2.4, 2.4, 0.1)), _solid((0.0, middle, height / 2 - 0.1), (2.4, wall, height))]
+    solids += [_solid((side * middle, 0.0, height / 2 - 0.1), (wall, 2.4, height)) for side in (-1.0, 1.0)]
     if not open_front:
-        solids.append(_solid((random.uniform(-0.8, 0.8), -1.0, 0.25), (0.25, 0.2, 0.5)))
-    return solids
+        solids.append(_solid((0.0, -middle, height / 2 - 0.1), (2.4, wall, height)))
+    dock, width = random.uniform(-0.5, 0.5), random.uniform(0.32, 0.48)
+    solids.append(_solid((dock, 1.05, 0.5), (width, 0.12, random.uniform(0.3, 0.45))))
+    solids.append(_solid((dock, 0.97, random.uniform(0.42, 0.5)), (0.15, 0.06, 0.15)))
+    depth = random.uniform(0.25, 0.4)
+    shelf = _solid(
+        (depth / 2 - INNER, random.uniform(-0.4, 0.4), random.uniform(0.55, 0.7)),
+        (depth, random.uniform(0.6, 0.9), 0.03),
+    )
+    solids.append(shelf)
+    # Handrails: one along the wall and one upright.
+    thick = random.uniform(0.02, 0.04)
+    solids.append(_solid((1.06, random.uniform(-0.5, 0.5), random.uniform(0.5, 1.0)), (thick, 0.6, thick)))
+    upright = _solid((1.06, random.uniform(-0.9, 0.9), 0.6), (thick, thick, random.uniform(0.5, 0.9)))
+    solids.append(dataclasses.replace(upright, round=True))
+    if not open_front:
+        deep = random.uniform(0.15, 0.25)
+        extent = (random.uniform(0.2, 0.4), deep, random.uniform(0.35, 0.6))
+        solids.append(_solid((random.uniform(-0.8, 0.8), deep / 2 - INNER, extent[2] / 2), extent))
+    return solids, shelf
 
 
-def _solid(centre: Sequence[float | int], extent: Sequence[float | int]) -> Solid:
+def _solid(centre: Sequence[float], extent: Sequence[float]) -> Solid:
     return Solid(np.array(centre, float), np.array(extent, float))
 
 
-def _objects(
-    random: np.random.Generator, appeared: int, disappeared: int, moved: int
-) -> tuple[list[Solid], list[Solid], list[tuple[Solid, Solid]], list[Solid]]:
-    """Objects that are gone, new, moved (from, to) and stay, none in the place of another."""
-    taken: list[tuple[np.ndarray, float]] = []
-    gone = [_placed(random, _object(random, number), taken) for number in range(disappeared)]
-    new = [_placed(random, _object(random, disappeared + number), taken) for number in range(appeared)]
-    moves = []
-    for number in range(moved):
-        old = _placed(random, _object(random, disappeared + appeared + number), taken)
-        moves.append((old, _placed(random, old, taken)))
-    staying = 2 if appeared + disappeared + 2 * moved < 4 else 1
-    return gone, new, moves, [_placed(random, _object(random, UNCHANGED), taken) for _ in range(staying)]
-
-
-def _object(random: np.random.Generator, change: int) -> Solid:
-    """A robot's cube, a box, a bag or a drum of about 0.3 m."""
-    extent = random.uniform(0.22, 0.42, 3)
-    round_ = bool(random.random() < 0.25)
-    if round_:
-        extent[1] = extent[0]
-    elif random.random() < 0.2:
-        extent[:] = 0.32
-    return Solid(np.array([0.0, 0.0, extent[2] / 2]), extent, 0.0, round_, change)
-
-
-def _placed(random: np.random.Generator, solid: Solid, taken: list[tuple[np.ndarray, float]]) -> Solid:
-    """The object on a free place of the floor, turned at random."""
-    radius = (1.0 if solid.round else 2**0.5) * max(solid.extent[:2]) / 2
-    gap = 0.05
-    for _ in range(10_000):
-        place = random.uniform(-STANDING, STANDING, 2)
-        if all(np.linalg.norm(place - other) > radius + reach + gap for other, reach in taken):
-            taken.append((place, radius))
-            centre = np.array([*place, solid.centre[2]])
-            return dataclasses.replace(solid, centre=centre, yaw=float(random.uniform(0, 2 * np.pi)))
-        gap *= 0.999
-        radius *= 0.9999
-    raise InputError("there is no room left for so many objects")
+def _solids(objects: Iterable[StandingObject]) -> list[Solid]:
+    return [solid for parts in objects for solid in parts]
 
 
 def _stands(random: np.random.Generator, survey: Survey) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Where the camera stands and what it looks at."""
+    """Where the camera stands and what it looks at.
+
+    Of a survey every fourth frame is a panorama's, outward from near the middle, and the others look inward from a
+    rectangular path along the walls (thesis 3.1.2).
+    """
     if survey == "frame":
-        return [(np.array([random.uniform(-0.3, 0.3), -1.5, 1.4]), np.array([random.uniform(-0.1, 0.1), 0.15, 0.1]))]
+        return [(np.array([random.uniform(-0.3, 0.3), -1.8, 1.5]), np.array([random.uniform(-0.1, 0.1), 0.0, 0.1]))]
     stands = []
+    start = random.uniform(0, 2 * np.pi)
     for index in range(FRAMES):
-        angle = 2 * np.pi * index / FRAMES
+        angle = start + 2 * np.pi * index / FRAMES
         round_the_room = np.array([np.cos(angle), np.sin(angle)])
-        position = np.array([*(np.array([0.85, 0.75]) * round_the_room), 1.1 + 0.25 * (index % 2)])
+        if index % 4 == 3:
+            position = np.array([*(-0.25 * round_the_room), 1.2])
+            stands.append((position, np.array([*(0.9 * round_the_room), 0.3])))
+            continue
+        rectangle = np.array([0.85, 0.75]) * round_the_room / np.abs(round_the_room).max()
+        position = np.array([*np.clip(rectangle, -0.7, 0.7), 1.1 + 0.25 * (index % 2)])
         stands.append((position, np.array([*(-0.6 * round_the_room), 0.15 + 0.35 * (index % 3 == 0)])))
     return stands
+
+
+def _lost_frames(random: np.random.Generator) -> tuple[frozenset[int], frozenset[int]]:
+    """Of either survey one run of frames, and no frame in both."""
+    lost = int(LOST_FRAMES * FRAMES)
+    first = int(random.integers(FRAMES))
+    second = first + int(random.integers(lost, FRAMES - lost + 1))
+    return _run(first, lost), _run(second, lost)
+
+
+def _run(first: int, length: int) -> frozenset[int]:
+    return frozenset((first + step) % FRAMES for step in range(length))
 
 
 def _survey(
@@ -246,12 +246,9 @@ def _survey(
     stands: Sequence[tuple[np.ndarray, np.ndarray]],
     camera: DepthCamera,
     survey: Survey,
-    hard: bool,
+    lost: frozenset[int],
 ) -> _Surveyed:
-    kept = list(range(len(stands)))
-    if hard and survey == "panorama":
-        first, lost = random.integers(FRAMES), int(LOST_FRAMES * FRAMES)
-        kept = [index for index in kept if (index - first) % FRAMES >= lost]
+    kept = [index for index in range(len(stands)) if index not in lost]
     near, aim = (0.03, 0.05) if survey == "panorama" else (0.003, 0.003)
     poses = np.stack([_looking(_about(random, stands[i][0], near), _about(random, stands[i][1], aim)) for i in kept])
     frames = [camera.frame(solids, pose, random) for pose in poses]
@@ -316,7 +313,11 @@ def _seen(points: np.ndarray, solids: Sequence[Solid], views: SensorViews) -> np
     return seen
 
 
-def _uncounted(change: np.ndarray, unseen: np.ndarray) -> frozenset[int]:
-    numbers = np.unique(change[change != UNCHANGED])
-    few = [int(n) for n in numbers if (change == n).sum() < LEAST_POINTS or unseen[change == n].mean() >= 0.5]
+def _uncounted(solids: Sequence[Solid], change: np.ndarray, unseen: np.ndarray) -> frozenset[int]:
+    """Those of which the survey has no point included."""
+    few = set()
+    for number in {solid.change for solid in solids} - {UNCHANGED}:
+        own = change == number
+        if own.sum() < LEAST_POINTS or unseen[own].mean() >= 0.5:
+            few.add(number)
     return frozenset(few)

@@ -41,6 +41,7 @@ def test_unknown_settings_are_named_with_the_known_ones():
         (dict(crop=(0, 0, 0)), "crop=.*six numbers"),
         (dict(crop=(0, 0, 0, 1, 1, 0)), "lower corner must be below"),
         (dict(threshold=1.5), "threshold=1.5"),
+        (dict(evidence=1), "evidence=1"),
     ],
 )
 def test_bad_settings_are_named(settings, message):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from gmmjax.changes.local_difference import difference_scale, local_difference, local_planes
+from gmmjax.changes.local_difference import difference_scale, local_difference
 from tests.mixtures.examples import random_rotation
 
 
@@ -51,17 +51,6 @@ def test_a_rigid_motion_changes_nothing():
     here, there = difference(points, other), difference(points @ rotation.T + shift, other @ rotation.T + shift)
     np.testing.assert_allclose(there.offset, here.offset, atol=1e-9)
     np.testing.assert_allclose(there.distance, here.distance, atol=1e-9)
-
-
-def test_planes_of_exact_planes():
-    random = np.random.default_rng(11)
-    normal = np.array([0.6, 0.0, 0.8])
-    flat = random.normal(size=(5, 20, 3))
-    flat -= np.einsum("nki,i->nk", flat, normal)[..., None] * normal - 2 * normal
-    centres, normals, variances = local_planes(flat)
-    np.testing.assert_allclose(np.abs(normals @ normal), 1)
-    np.testing.assert_allclose(centres @ normal, 2)
-    np.testing.assert_allclose(variances[:, 0], 0, atol=1e-12)
 
 
 def test_two_points_work():

@@ -3,51 +3,33 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.consensus import change_of
-from gmmjax.changes.moved import LEAST_SHARE, rigid_match, with_moved
+from gmmjax.changes.free_space import Survey
+from gmmjax.changes.moved import LEAST_SHARE_WITHOUT_VIEWS, best_match, with_moved
+from tests.changes.scanned_objects import box, motion, placed
 
 NOISE = 0.003
+EXTENT = (0.4, 0.28, 0.22)
 
 
-def box(seed, extent, count=2500, noise=0.005):
-    """The sides and the top of a box, as a depth camera sees them."""
-    random = np.random.default_rng(seed)
-    extent = np.array(extent)
-    points = random.uniform(-0.5, 0.5, (count, 3))
-    face = random.integers(0, 5, count)
-    points[np.arange(count), face % 3] = np.where(face < 3, 0.5, -0.5)
-    return points * extent + noise * random.standard_normal((count, 3))
+def share(gone, new):
+    return best_match(gone, new, Survey(gone), Survey(new), NOISE).share
 
 
-def motion(yaw, shift):
-    transform = np.eye(4)
-    transform[:3, :3] = Rotation.from_rotvec([0, 0, yaw]).as_matrix()
-    transform[:3, 3] = shift
-    return transform
-
-
-def placed(points, transform):
-    return points @ transform[:3, :3].T + transform[:3, 3]
-
-
-@pytest.mark.parametrize("yaw", [0.0, 0.7, 2.2])
-def test_the_same_object_elsewhere_is_laid_onto_itself(yaw):
-    extent = (0.4, 0.28, 0.22)
-    true = motion(yaw, [0.8, -0.3, 0.1])
-    match = rigid_match(box(0, extent), placed(box(1, extent), true), NOISE)
-    assert match.share > LEAST_SHARE
-    corners = box(2, extent, noise=0)
-    # A box is the same after half a turn: its points are compared, not the motions.
-    half_turn = true @ motion(np.pi, [0, 0, 0])
-    error = min(
-        np.linalg.norm(placed(corners, match.transform) - placed(corners, way), axis=1).max()
-        for way in (true, half_turn)
-    )
-    assert error < 0.02
+@pytest.mark.parametrize("faces", [(0, 1, 2, 3, 4), (0, 1, 2), (0, 2, 4)])
+def test_one_object_is_known_again_from_other_sides(faces):
+    new = placed(box(1, EXTENT, faces), motion(2.0, [0.8, -0.3, 0.1]))
+    assert share(box(0, EXTENT, (0, 1, 2)), new) > LEAST_SHARE_WITHOUT_VIEWS
 
 
 @pytest.mark.parametrize("other", [(0.4, 0.28, 0.32), (0.3, 0.28, 0.22), (0.33, 0.33, 0.33)])
 def test_another_object_is_not(other):
-    assert rigid_match(box(0, (0.4, 0.28, 0.22)), box(1, other) + 0.5, NOISE).share < LEAST_SHARE
+    assert share(box(0, EXTENT), box(1, other) + 0.5) < LEAST_SHARE_WITHOUT_VIEWS
+
+
+def test_of_the_motions_that_fit_the_least_turn_is_meant():
+    new = placed(box(1, EXTENT), motion(0.3, [0.8, -0.3, 0]))
+    transform = best_match(box(0, EXTENT), new, Survey(box(0, EXTENT)), Survey(new), NOISE).transform
+    assert Rotation.from_matrix(transform[:3, :3]).magnitude() == pytest.approx(0.3, abs=0.05)
 
 
 def changes(before, after):
@@ -56,7 +38,8 @@ def changes(before, after):
     items += [change_of(points, "appeared", 1.0, 10.0) for points in after]
     labels_before = np.repeat(np.arange(len(before)), [len(points) for points in before])
     labels_after = np.repeat(len(before) + np.arange(len(after)), [len(points) for points in after])
-    return tuple(items), np.concatenate(before), np.concatenate(after), labels_before, labels_after
+    surveys = Survey(np.concatenate(before)), Survey(np.concatenate(after))
+    return tuple(items), *surveys, labels_before, labels_after
 
 
 def test_each_object_finds_its_partner():
@@ -68,6 +51,15 @@ def test_each_object_finds_its_partner():
     assert [change.partner for change in moved] == [3, 2, 1, 0]
     np.testing.assert_array_equal(moved[0].transform, moved[3].transform)
     np.testing.assert_allclose(placed(before[0].mean(0), moved[0].transform), after[1].mean(0), atol=0.02)
+
+
+def test_a_partner_is_not_given_away_for_two_that_are_none():
+    """The sum of what fits badly must not outweigh what fits well."""
+    flat, tall = (0.45, 0.3, 0.2), (0.25, 0.25, 0.45)
+    moved = with_moved(
+        *changes([box(0, flat), box(1, tall) + 2], [box(2, flat) + 4, box(3, (0.4, 0.3, 0.3)) + 6]), NOISE
+    )
+    assert [change.kind for change in moved] == ["moved", "disappeared", "moved", "appeared"]
 
 
 def test_a_gone_and_a_new_object_of_other_size_stay_what_they_are():

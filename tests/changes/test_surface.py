@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -10,13 +12,13 @@ SETTINGS = {"voxel": 0.012, "noise": 0.004}
 STAYING = [box((0.2, 0.3, 0), (0.3, 0.3, 0.3))]
 
 
-def detected(extra, *, poses=True, seed_views=(8, 8)):
+def detected(extra, *, poses=True, seed_views=(8, 8), config=CONFIG):
     """A room before and after something was put on its floor."""
     views = around(seed_views[0]), around(seed_views[1])
     before = scanned(views[0], STAYING, **SETTINGS)
     after = scanned(views[1], [*STAYING, *extra], **SETTINGS)
     given = {"views_before": views[0], "views_after": views[1]} if poses else {}
-    return before, after, detect_changes(before, after, config=CONFIG, **given)
+    return before, after, detect_changes(before, after, config=config, **given)
 
 
 def inside(points, centre, size, margin=0.015):
@@ -54,3 +56,9 @@ def test_what_only_one_survey_saw_is_unobserved():
     changes = detected([], seed_views=(2, 8))[2]
     assert changes.items == ()
     assert changes.unobserved_after.mean() > changes.unobserved_before.mean()
+
+
+def test_without_evidence_it_is_reported_all_the_same():
+    changes = detected([], seed_views=(2, 8), config=dataclasses.replace(CONFIG, evidence=False))[2]
+    assert len(changes.items) > 0
+    assert not changes.unobserved_after.any()

@@ -90,13 +90,13 @@ def test_evidence_keeps_what_is_new():
 
 
 def test_unknown_names_are_refused_with_the_known_ones():
-    with pytest.raises(InputError, match=r"'ICP' is unknown; choose from joint, greedy"):
+    with pytest.raises(InputError, match=r"'ICP' is unknown; choose from joint, joint-no-evidence, greedy"):
         detector("ICP")
 
 
 def test_m3c2_is_offered_where_it_is_installed(monkeypatch):
     monkeypatch.setattr("gmmjax.evaluation.detectors.has_m3c2", lambda: True)
     assert available() == NAMES
-    assert [name for name in available(evidence=False) if "+" in name] == []
+    assert [name for name in available(evidence=False) if "evidence" in name] == []
     monkeypatch.setattr("gmmjax.evaluation.detectors.has_m3c2", lambda: False)
     assert set(NAMES) - set(available()) == {"m3c2", "m3c2+evidence"}

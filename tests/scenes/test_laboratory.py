@@ -131,7 +131,7 @@ def test_a_moved_object_is_carried_by_its_motion(scene_name, request):
     assert np.linalg.norm(old.mean(axis=0) - new.mean(axis=0)) > 0.22
     # It stays on the floor, upright, until the after survey is misregistered.
     true_motion = np.linalg.inv(scene.misregistration) @ scene.motions[2]
-    np.testing.assert_allclose(true_motion[2], [0, 0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(true_motion[2, :3], [0, 0, 1], atol=1e-12)
     np.testing.assert_allclose(true_motion[:3, :3] @ true_motion[:3, :3].T, np.eye(3), atol=1e-12)
 
 
@@ -182,11 +182,12 @@ def test_unseen_is_what_a_nearer_surface_hid_from_the_other_frame(frame, side):
 def test_the_hard_level_loses_a_quarter_of_the_frames_and_hides_more(room, hard_room):
     for side in ("before", "after"):
         assert len(getattr(room, f"views_{side}")) == 16 and len(getattr(hard_room, f"views_{side}")) == 12
-    # The frames that remain leave one gap on the way round the room.
+    # Of those that look inward from the walls a run is lost, which leaves one gap on the way round the room.
     places = hard_room.views_before.poses[:, :3, 3]
-    around = np.sort(np.arctan2(places[:, 1] / 0.75, places[:, 0] / 0.85))
+    inward = places[np.hypot(places[:, 0], places[:, 1]) > 0.5]
+    around = np.sort(np.arctan2(inward[:, 1], inward[:, 0]))
     gaps = np.diff(np.append(around, around[0] + 2 * np.pi))
-    assert np.sum(gaps > 1.5) == 1 and np.sort(gaps)[-2] < 0.7
+    assert np.sort(gaps)[-1] > 1.3 and np.sort(gaps)[-2] < 1.2
 
 
 def test_no_two_rooms_are_the_same(room, quiet_room):

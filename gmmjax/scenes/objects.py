@@ -1,0 +1,119 @@
+"""Objects of about 0.3 m, and free places for them in a room."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+from gmmjax.errors import InputError
+from gmmjax.scenes.ray_casting import UNCHANGED, Solid
+
+# Half the inner side of the room, and where objects may stand, metres.
+INNER, STANDING = 1.1, 0.78
+ROBOT = "robot"
+KINDS = (ROBOT, "bag", "drum", "box", "stack")
+# Share of the objects that are put on the shelf where they fit.
+ON_SHELF = 0.15
+
+# The solids of one object, the lowest first.
+StandingObject: TypeAlias = tuple[Solid, ...]
+
+
+def placed_objects(
+    random: np.random.Generator, room: Sequence[Solid], shelf: Solid, appeared: int, disappeared: int, moved: int
+) -> tuple[
+    list[StandingObject], list[StandingObject], list[tuple[StandingObject, StandingObject]], list[StandingObject]
+]:
+    """Objects that are gone, new, moved (from, to) and stay, none in the place of another or of the furniture."""
+    taken: list[tuple[np.ndarray, float]] = []
+    kinds = list(KINDS)
+
+    def drawn(change: int) -> StandingObject:
+        kind = str(random.choice(kinds))
+        if kind == ROBOT:
+            # Two alike that trade places could not be told from one that moved.
+            kinds.remove(ROBOT)
+        return _object(random, kind, change)
+
+    def placed(parts: StandingObject) -> StandingObject:
+        on_shelf = _on_shelf(random, parts, shelf, taken) if random.random() < ON_SHELF else None
+        return on_shelf or _on_floor(random, parts, room, taken)
+
+    gone = [placed(drawn(number)) for number in range(disappeared)]
+    new = [placed(drawn(disappeared + number)) for number in range(appeared)]
+    moves = []
+    for number in range(moved):
+        parts = drawn(disappeared + appeared + number)
+        moves.append((placed(parts), placed(parts)))
+    staying = int(random.integers(1, 4)) if appeared + disappeared + 2 * moved < 4 else 1
+    return gone, new, moves, [placed(drawn(UNCHANGED)) for _ in range(staying)]
+
+
+def _object(random: np.random.Generator, kind: str, change: int) -> StandingObject:
+    """A robot's cube, a cargo bag, a drum, a box, or a box on a box, standing at the origin."""
+    extent = {
+        ROBOT: np.full(3, 0.32),
+        "bag": np.array([0.45, 0.3, 0.25]) * random.uniform(0.85, 1.1, 3),
+        "stack": random.uniform([0.28, 0.24, 0.15], [0.4, 0.36, 0.22]),
+    }.get(kind, random.uniform(0.22, 0.42, 3))
+    if kind == "drum":
+        extent[1] = extent[0]
+    base = Solid(np.array([0.0, 0.0, extent[2] / 2]), extent, 0.0, kind == "drum", change)
+    if kind != "stack":
+        return (base,)
+    upper = extent * random.uniform(0.55, 0.8, 3)
+    aside = (extent - upper)[:2] / 2 * random.uniform(-1, 1, 2)
+    return base, Solid(np.array([*aside, extent[2] + upper[2] / 2]), upper, 0.0, False, change)
+
+
+def _turned(parts: StandingObject, place: np.ndarray, yaw: float) -> StandingObject:
+    """The object with its foot at the place, turned about its own middle."""
+    rotation = Solid(np.zeros(3), np.ones(3), yaw).rotation
+    return tuple(dataclasses.replace(part, centre=place + rotation @ part.centre, yaw=yaw) for part in parts)
+
+
+def _on_floor(
+    random: np.random.Generator, parts: StandingObject, room: Sequence[Solid], taken: list[tuple[np.ndarray, float]]
+) -> StandingObject:
+    """On a free place of the floor, turned at random."""
+    radius = (1.0 if parts[0].round else 2**0.5) * max(parts[0].extent[:2]) / 2
+    # The floor itself is no obstacle.
+    obstacles = [solid for solid in room if solid.centre[2] > 0]
+    gap = 0.05
+    for _ in range(10_000):
+        place = random.uniform(-STANDING, STANDING, 2)
+        yaw = float(random.uniform(0, 2 * np.pi))
+        standing = _turned(parts, np.array([*place, 0.0]), yaw)
+        free = all(np.linalg.norm(place - other) > radius + reach + gap for other, reach in taken)
+        if free and not any(_touches(part, solid) for part in standing for solid in obstacles):
+            taken.append((place, radius))
+            return standing
+        gap *= 0.999
+    raise InputError("there is no room left for so many objects; ask for fewer, or take another key")
+
+
+def _on_shelf(
+    random: np.random.Generator, parts: StandingObject, shelf: Solid, taken: list[tuple[np.ndarray, float]]
+) -> StandingObject | None:
+    """On the shelf, its longer side along the wall, where it fits and nothing stands there or below."""
+    if parts[0].round or min(parts[0].extent[:2]) > shelf.extent[0] + 0.05:
+        return None
+    yaw = float(np.pi / 2 if parts[0].extent[0] > parts[0].extent[1] else 0.0) + random.uniform(-0.1, 0.1)
+    deep, wide = sorted(parts[0].extent[:2])
+    free = max(0.0, (shelf.extent[1] - wide) / 2)
+    x = -INNER + deep / 2 + 0.1 * wide + random.uniform(0.0, 0.03)
+    place = np.array([x, shelf.centre[1] + random.uniform(-free, free)])
+    radius = float(np.hypot(deep, wide)) / 2
+    if not all(np.linalg.norm(place - other) > radius + reach for other, reach in taken):
+        return None
+    taken.append((place, radius))
+    return _turned(parts, np.array([*place, shelf.centre[2] + shelf.extent[2] / 2]), yaw)
+
+
+def _touches(part: Solid, solid: Solid) -> bool:
+    """Whether an upright object comes within 2 cm of a solid along the axes of the room: by their bounding boxes."""
+    reach = np.abs(part.rotation) @ part.extent / 2
+    if part.round:
+        reach = part.extent / 2
+    return bool((np.abs(part.centre - solid.centre) < reach + solid.extent / 2 + 0.02).all())
