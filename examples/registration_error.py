@@ -4,6 +4,7 @@ import jax
 import numpy as np
 
 from gmmjax import DetectionConfig
+from gmmjax.changes.local_surface import LocalSurface
 from gmmjax.changes.registration import register
 from gmmjax.changes.scales import working_pair
 from gmmjax.scenes import laboratory_scene
@@ -13,7 +14,8 @@ for survey, level in (("panorama", "normal"), ("panorama", "hard"), ("frame", "n
     errors = []
     for seed in range(8000, 8004):
         scene = laboratory_scene(jax.random.key(seed), survey=survey, level=level)
-        motion = register(working_pair(scene.before, scene.after, config), config).transform
+        surfaces = LocalSurface.of(scene.before), LocalSurface.of(scene.after)
+        motion = register(working_pair(scene.before, scene.after, config), *surfaces, config).transform
         left = motion @ scene.misregistration
         centre = scene.before.mean(axis=0)
         angle = np.degrees(np.arccos(np.clip((np.trace(left[:3, :3]) - 1) / 2, -1, 1)))

@@ -6,9 +6,9 @@ import functools
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int8
-from scipy.spatial import cKDTree
 
 from gmmjax.changes.depth_image import Camera, DepthImage, cameras
+from gmmjax.changes.local_surface import LocalSurface
 from gmmjax.clouds import SensorViews
 
 # The distance to this neighbour is the spacing of points on a surface: exact on a square grid, and right on average
@@ -45,14 +45,14 @@ class Survey:
     _images: dict[int, list[tuple[Camera, DepthImage]]] = dataclasses.field(default_factory=dict, repr=False)
 
     @functools.cached_property
-    def tree(self) -> cKDTree:
-        """Of the points."""
-        return cKDTree(self.points)
+    def surface(self) -> LocalSurface:
+        """The planes through the points' neighbourhoods."""
+        return LocalSurface.of(self.points)
 
     @functools.cached_property
     def spacing(self) -> Float64[np.ndarray, " n"]:
         """Of each point from those beside it."""
-        return point_spacing(self.tree)
+        return point_spacing(self.surface)
 
     def images(self, view: int) -> list[tuple[Camera, DepthImage]]:
         """What a view sees of the cloud."""
@@ -63,6 +63,20 @@ class Survey:
                 (camera, DepthImage.of(points, self.spacing, camera)) for camera in cameras(self.views)
             ]
         return self._images[view]
+
+    def without_views(self) -> "Survey":
+        """The same cloud, as if nothing were known of where it was seen from."""
+        survey = Survey(self.points)
+        survey.__dict__["surface"] = self.surface
+        return survey
+
+    def moved(self, transform: Float64[np.ndarray, "4 4"]) -> "Survey":
+        """The survey after a rigid motion; what its views see is the same."""
+        surface = self.surface.moved(transform)
+        views = None if self.views is None else self.views.moved(transform)
+        moved = Survey(surface.points, views, self._images)
+        moved.__dict__["surface"] = surface
+        return moved
 
 
 def observation(points: Float64[np.ndarray, "n 3"], survey: Survey, margin: float) -> Int8[np.ndarray, " n"]:
@@ -85,7 +99,7 @@ def observation(points: Float64[np.ndarray, "n 3"], survey: Survey, margin: floa
     result = np.full(len(points), Observed.unobserved, np.int8)
     if not len(points) or not len(survey.points):
         return result
-    near = np.isfinite(survey.tree.query(points, distance_upper_bound=margin, workers=-1)[0])
+    near = np.isfinite(survey.surface.tree.query(points, distance_upper_bound=margin, workers=-1)[0])
     result[near] = Observed.surface
     open_places = np.flatnonzero(~near)
     for view in range(0 if survey.views is None else len(survey.views)):
@@ -95,12 +109,10 @@ def observation(points: Float64[np.ndarray, "n 3"], survey: Survey, margin: floa
     return result
 
 
-def point_spacing(tree: cKDTree) -> Float64[np.ndarray, " n"]:
+def point_spacing(surface: LocalSurface) -> Float64[np.ndarray, " n"]:
     """Distance of each point of a cloud to those beside it on the surface; stray points get that of the others."""
-    neighbours = min(SPACING_NEIGHBOUR, tree.n - 1)
-    if neighbours < 1:
-        return np.zeros(tree.n)
-    distances = tree.query(tree.data, k=[neighbours + 1], workers=-1)[0][:, 0]
+    neighbour = min(SPACING_NEIGHBOUR, surface.neighbours.shape[1] - 1)
+    distances = np.linalg.norm(surface.points[surface.neighbours[:, neighbour]] - surface.points, axis=1)
     return np.asarray(np.minimum(distances, WIDEST_SPACING * np.median(distances)))
 
 

@@ -17,11 +17,11 @@ from gmmjax.changes.free_space import Survey
 from gmmjax.changes.joint_fit import JointFits, fit_joint_restarts, mixtures_distance, point_excess
 from gmmjax.changes.joint_mixture import JointPrior, SourcedPoints
 from gmmjax.changes.local_difference import difference_scale, local_difference
+from gmmjax.changes.local_surface import moved_points
 from gmmjax.changes.moved import with_moved
 from gmmjax.changes.registration import LEAST_OVERLAP, Registration, register
 from gmmjax.changes.scales import WorkingCloud, WorkingPair, working_pair
-from gmmjax.changes.settling import moved_points
-from gmmjax.changes.surface import SurfaceCloud, SurfaceScales, surface_segments
+from gmmjax.changes.surface import SurfaceCloud, SurfaceScales, surface_changes
 from gmmjax.changes.surface_consensus import surface_consensus
 from gmmjax.changes.view_checks import check_views
 from gmmjax.changes.volumetric import restart_weights, volumetric_changes
@@ -68,21 +68,24 @@ def joint_changes(
     clock = Clock()
     report("Reading the scales of the clouds", 0.0)
     checked = check_pair(before, after, config)
-    views = _usable("views_before", views_before, checked[0]), _usable("views_after", views_after, checked[1])
     pair = working_pair(checked[0].points, checked[1].points, config)
+    surveys = (
+        _with_usable_views("views_before", Survey(pair.before.points, views_before)),
+        _with_usable_views("views_after", Survey(pair.after.points, views_after)),
+    )
     clock.lap("preparation")
     report("Aligning the clouds", 0.1)
-    registration = register(pair, config)
+    registration = register(pair, surveys[0].surface, surveys[1].surface, config)
     _warn_about_overlap(registration)
-    pair = _aligned(pair, registration.transform)
-    views = views[0], None if views[1] is None else views[1].moved(registration.transform)
+    if registration.applied:
+        surveys = surveys[0], surveys[1].moved(registration.transform)
+        pair = _aligned(pair, surveys[1].points)
     clock.lap("registration")
     report("Fitting the mixtures", 0.25)
     tolerance = _tolerance(pair, registration, config)
     fits = _fit(pair, config, tolerance, report)
     clock.lap("fits")
     report("Looking for changes", 0.75)
-    surveys = Survey(pair.before.points, views[0]), Survey(pair.after.points, views[1])
     if pair.volumetric:
         detected = _volumetric(checked, pair, fits, registration, config)
     else:
@@ -105,19 +108,17 @@ def joint_changes(
         items=items,
         emd=mixtures_distance(fits),
         config=config,
-        diagnostics=_diagnostics((before, after), checked, pair, fits, registration, tolerance, views, clock),
+        diagnostics=_diagnostics((before, after), checked, pair, fits, registration, tolerance, surveys, clock),
     )
 
 
-def _usable(name: str, views: SensorViews | None, cloud: CheckedCloud) -> SensorViews | None:
-    """The views, where they do not contradict the cloud."""
-    if views is None:
-        return None
-    contradiction = check_views(name, views, cloud.points)
+def _with_usable_views(name: str, survey: Survey) -> Survey:
+    """The survey, without its views where they contradict the cloud."""
+    contradiction = None if survey.views is None else check_views(name, survey)
     if contradiction is None:
-        return views
+        return survey
     warnings.warn(contradiction, InputWarning, stacklevel=4)
-    return None
+    return survey.without_views()
 
 
 def _warn_about_overlap(registration: Registration) -> None:
@@ -131,9 +132,8 @@ def _warn_about_overlap(registration: Registration) -> None:
         )
 
 
-def _aligned(pair: WorkingPair, transform: Float[np.ndarray, "4 4"]) -> WorkingPair:
-    after = dataclasses.replace(pair.after, points=moved_points(pair.after.points, transform))
-    return dataclasses.replace(pair, after=after)
+def _aligned(pair: WorkingPair, after: Float[np.ndarray, "n1 3"]) -> WorkingPair:
+    return dataclasses.replace(pair, after=dataclasses.replace(pair.after, points=after))
 
 
 def _tolerance(pair: WorkingPair, registration: Registration, config: DetectionConfig) -> float:
@@ -149,7 +149,7 @@ def _fit(pair: WorkingPair, config: DetectionConfig, tolerance: float, report: P
     # The density of a scan is an accident of where the sensor stood: on surfaces every voxel counts the same.
     masses = [cloud.mass if pair.volumetric else np.ones(len(cloud.mass)) for cloud in clouds]
     after = np.repeat([0.0, 1.0], [len(cloud.points) for cloud in clouds])
-    restarts = config.number_of_restarts
+    restarts = config.number_of_restarts(on_surfaces=not pair.volumetric)
     done = iter(range(1, restarts + 1))
     return fit_joint_restarts(
         SourcedPoints(WeightedPoints(points, np.concatenate(masses)), after),
@@ -214,15 +214,18 @@ def _surface(
     config: DetectionConfig,
 ) -> _Detected:
     clouds = (pair.before, pair.after)
-    differences = [local_difference(surveys[i].points, surveys[i].tree, surveys[1 - i].tree) for i in (0, 1)]
+    differences = [local_difference(surveys[i].surface, surveys[1 - i].surface) for i in (0, 1)]
     usual = difference_scale(*differences)
     scales = SurfaceScales.of(pair.spacing, usual)
-    found, unobserved = [], []
-    for i, (cloud, kind) in enumerate(zip(clouds, KINDS, strict=True)):
-        known = SurfaceCloud(cloud.points, differences[i], point_excess(fits, cloud.points, kind == "appeared"))
-        segments = surface_segments(known, surveys[1 - i], scales, config)
-        found.append(surface_consensus(checked[i].points, cloud.member, known, segments, usual, kind))
-        unobserved.append(segments.unobserved[cloud.member])
+    known = [
+        SurfaceCloud(cloud.points, difference, point_excess(fits, cloud.points, kind == "appeared"))
+        for cloud, difference, kind in zip(clouds, differences, KINDS, strict=True)
+    ]
+    segments = surface_changes((known[0], known[1]), surveys, scales, config)
+    found = [
+        surface_consensus(checked[i].points, clouds[i].member, known[i], segments[i], usual, KINDS[i]) for i in (0, 1)
+    ]
+    unobserved = [segments[i].unobserved[clouds[i].member] for i in (0, 1)]
     return _Detected(found[0], found[1], unobserved[0], unobserved[1], noise=usual.offset)
 
 
@@ -239,7 +242,7 @@ def _moved(
     to_given = np.linalg.inv(registration.transform)
     return tuple(
         change if change.transform is None else dataclasses.replace(change, transform=to_given @ change.transform)
-        for change in with_moved(items, *surveys, of_working[0], of_working[1], noise)
+        for change in with_moved(items, surveys[0].surface, surveys[1].surface, *of_working, noise)
     )
 
 
@@ -267,13 +270,13 @@ def _diagnostics(
     fits: JointFits,
     registration: Registration,
     tolerance: float,
-    views: tuple[SensorViews | None, SensorViews | None],
+    surveys: tuple[Survey, Survey],
     clock: Clock,
 ) -> dict[str, Any]:
     """Plain values for the record and the report."""
     return {
-        "before": _cloud_diagnostics(given[0], checked[0], pair.before, views[0]),
-        "after": _cloud_diagnostics(given[1], checked[1], pair.after, views[1]),
+        "before": _cloud_diagnostics(given[0], checked[0], pair.before, surveys[0].views),
+        "after": _cloud_diagnostics(given[1], checked[1], pair.after, surveys[1].views),
         "voxel_size": pair.voxel_size,
         "spacing": pair.spacing,
         "volumetric": pair.volumetric,

@@ -8,18 +8,14 @@ nearest point sees what lies beside a surface, where normals say nothing.
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
-from scipy.spatial import cKDTree
+from jaxtyping import Float, Int
 
+from gmmjax.changes.local_surface import PLANE_NEIGHBOURS, LocalSurface
 from gmmjax.changes.neighbours import nearest_neighbours
-from gmmjax.changes.planes import local_planes
 
-# Neighbours in the own cloud whose mean is compared, and in the other cloud whose plane it is compared with.
-OWN_NEIGHBOURS = 8
-OTHER_NEIGHBOURS = 16
 MEDIAN_TO_DEVIATION = 1.4826
 # k points that fill a disc of radius r evenly are r sqrt(pi / k) apart, with a spread of r / sqrt 2 about its centre.
-SPACING_PER_SPREAD = np.sqrt(2 * np.pi / OTHER_NEIGHBOURS)
+SPACING_PER_SPREAD = np.sqrt(2 * np.pi / PLANE_NEIGHBOURS)
 
 
 class LocalDifference(NamedTuple):
@@ -52,23 +48,26 @@ class DifferenceScale(NamedTuple):
     offset: float
 
 
-def local_difference(points: Float[np.ndarray, "n 3"], own: cKDTree, other: cKDTree) -> LocalDifference:
-    """The distance and the offset of each point.
+def local_difference(
+    own: LocalSurface, other: LocalSurface, chosen: Int[np.ndarray, " n"] | None = None
+) -> LocalDifference:
+    """The distance and the offset of each point of one cloud to another one.
 
     Args:
-        points: of one cloud.
-        own: tree of that cloud.
-        other: tree of the other cloud.
+        own: the cloud.
+        other: the other cloud.
+        chosen: indices of the points that are asked for; all by default.
     """
-    own_groups = own.data[nearest_neighbours(own, points, OWN_NEIGHBOURS)[1]]
-    means = own_groups.mean(axis=1)
-    groups = other.data[nearest_neighbours(other, means, OTHER_NEIGHBOURS)[1]]
-    centres, normals, variances = local_planes(groups)
-    own_scatter = ((own_groups - means[:, None]) @ normals[:, :, None])[..., 0].var(axis=1)
+    chosen = np.arange(len(own)) if chosen is None else chosen
+    groups = own.groups(chosen)
+    means = groups.mean(axis=1)
+    there = other.nearest(means)
+    normals, variances = other.normals[there], other.variances[there]
+    own_scatter = ((groups - means[:, None]) @ normals[:, :, None])[..., 0].var(axis=1)
     return LocalDifference(
-        distance=nearest_neighbours(other, points, 1)[0][:, 0],
-        offset=np.abs(np.einsum("ni,ni->n", means - centres, normals)),
-        noise=np.sqrt(own_scatter / own_groups.shape[1] + variances[:, 0] / groups.shape[1]),
+        distance=nearest_neighbours(other.tree, own.points[chosen], 1)[0][:, 0],
+        offset=np.abs(((means - other.centres[there]) * normals).sum(axis=1)),
+        noise=np.sqrt(own_scatter / groups.shape[1] + variances[:, 0] / other.neighbours.shape[1]),
         thickness=np.sqrt(variances[:, 0]),
         spacing=SPACING_PER_SPREAD * np.sqrt(variances[:, 1] + variances[:, 2]),
     )

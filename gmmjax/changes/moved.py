@@ -4,32 +4,28 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.agreement import Agreement, agreement, evenly_chosen
+from gmmjax.changes.agreement import Agreement, agreement
 from gmmjax.changes.change import Change
-from gmmjax.changes.free_space import Survey
+from gmmjax.changes.local_surface import LocalSurface, evenly_chosen
 from gmmjax.changes.rigid_match import rigid_matches, settled_match
-from gmmjax.changes.settling import moved_points
 
 # Points of a change that are held against another change.
 MOST_POINTS = 4000
-# Motions that are judged, and how many of them with the views.
-MOTIONS, WITH_VIEWS = 6, 2
-# By so many points at first, and in the end.
-FEW_TESTED, TESTED = 200, 800
+# Motions that are judged by few points, and how many of them are settled and judged by more.
+MOTIONS, FEW_TESTED = 6, 200
+BEST, TESTED = 2, 800
 # Where the best motion leaves more of the points contradicted, nothing more is tried.
 HOPELESS = 0.3
-# A contradiction weighs so many points that are covered.
-CONTRADICTION = 2.0
-# And half a turn so many.
-HALF_TURN = 0.05
-# One object: at least so much of what says anything, and so much of all, of either lies on the other one. Without
-# views more is taken for seen than was, and contradicts.
-LEAST_SHARE = 0.965
-LEAST_SHARE_WITHOUT_VIEWS = 0.93
+# Of two motions a contradiction outweighs so many points that are covered, and half a turn so many of them.
+CONTRADICTION, HALF_TURN = 2.0, 0.05
+# Of two objects a point that is not covered counts this share of one that contradicts.
+UNCOVERED = 0.02
+# One object: both misfits together are at most this, and at least so much of either lies on the other one.
+MOST_MISFIT = 0.07
 LEAST_COVERED = 0.45
 # Objects whose longest extents or point counts differ by more than this factor are not tried.
 MOST_EXTENT_RATIO = 1.4
@@ -50,10 +46,11 @@ class Match(NamedTuple):
     back: Agreement
 
     @property
-    def share(self) -> float:
-        """The lesser of both shares; 0 where too little is covered to tell."""
-        enough = min(self.there.covered, self.back.covered) >= LEAST_COVERED
-        return min(self.there.share, self.back.share) if enough else 0.0
+    def misfit(self) -> float:
+        """What speaks against one object, of both; infinite where too little is covered to tell."""
+        if min(self.there.covered, self.back.covered) < LEAST_COVERED:
+            return float("inf")
+        return sum(side.contradicted + UNCOVERED * (1 - side.covered) for side in (self.there, self.back))
 
     @property
     def merit(self) -> float:
@@ -65,8 +62,8 @@ class Match(NamedTuple):
 
 def with_moved(
     items: tuple[Change, ...],
-    before: Survey,
-    after: Survey,
+    before: LocalSurface,
+    after: LocalSurface,
     labels_before: Int[np.ndarray, " n0"],
     labels_after: Int[np.ndarray, " n1"],
     noise: float,
@@ -85,27 +82,29 @@ def with_moved(
     new = [index for index, change in enumerate(items) if change.kind == "appeared"]
     if not gone or not new:
         return items
-    matches = {
-        (i, j): best_match(before.points[labels_before == i], after.points[labels_after == j], before, after, noise)
-        for i in gone
-        for j in new
-        if _alike(items[i], items[j])
-    }
-    least = LEAST_SHARE_WITHOUT_VIEWS if before.views is None or after.views is None else LEAST_SHARE
+    of_gone = {i: _part(before, labels_before == i) for i in gone}
+    of_new = {j: _part(after, labels_after == j) for j in new}
+    pairs = [(i, j) for i in gone for j in new if _alike(items[i], items[j])]
+    matches = {(i, j): best_match(of_gone[i], of_new[j], before, after, noise) for i, j in pairs}
     moved = list(items)
-    for i, j in _partners({pair: match.share for pair, match in matches.items() if match.share >= least}):
+    for i, j in _partners({pair: match.misfit for pair, match in matches.items() if match.misfit <= MOST_MISFIT}):
         transform = matches[i, j].transform
         moved[i] = dataclasses.replace(items[i], kind="moved", partner=j, transform=transform)
         moved[j] = dataclasses.replace(items[j], kind="moved", partner=i, transform=transform)
     return tuple(moved)
 
 
-def _partners(shares: dict[tuple[int, int], float]) -> list[tuple[int, int]]:
-    """Of the pairs that may be one object those that fit best together, each change in one pair at the most."""
-    gone, new = (sorted({pair[side] for pair in shares}) for side in (0, 1))
-    table = np.array([[shares.get((i, j), 0.0) for j in new] for i in gone]).reshape(len(gone), len(new))
-    assigned = [(gone[row], new[column]) for row, column in zip(*linear_sum_assignment(-table), strict=True)]
-    return [pair for pair in assigned if pair in shares]
+def _part(scene: LocalSurface, own: Bool[np.ndarray, " n"]) -> LocalSurface:
+    points = scene.points[own]
+    return LocalSurface.of(points[evenly_chosen(len(points), MOST_POINTS)])
+
+
+def _partners(misfits: dict[tuple[int, int], float]) -> list[tuple[int, int]]:
+    """Of the pairs that may be one object as many as can be, and of those the best; each change is in one at most."""
+    gone, new = (sorted({pair[side] for pair in misfits}) for side in (0, 1))
+    table = np.array([[misfits.get((i, j), 1.0) for j in new] for i in gone]).reshape(len(gone), len(new))
+    assigned = [(gone[row], new[column]) for row, column in zip(*linear_sum_assignment(table), strict=True)]
+    return [pair for pair in assigned if pair in misfits]
 
 
 def _alike(gone: Change, new: Change) -> bool:
@@ -114,34 +113,35 @@ def _alike(gone: Change, new: Change) -> bool:
     return bool(extents.max() <= MOST_EXTENT_RATIO * extents.min() and counts.max() <= MOST_COUNT_RATIO * counts.min())
 
 
-def best_match(
-    gone: Float[np.ndarray, "n 3"], new: Float[np.ndarray, "m 3"], before: Survey, after: Survey, noise: float
-) -> Match:
+def best_match(gone: LocalSurface, new: LocalSurface, before: LocalSurface, after: LocalSurface, noise: float) -> Match:
     """The motion that lays what is gone best onto what is new.
 
     Args:
-        gone: points of the before cloud.
-        new: points of the after cloud.
+        gone: a part of the before cloud.
+        new: a part of the after cloud.
         before: the before cloud.
         after: the after cloud, aligned to it.
         noise: of `with_moved`.
     """
-    gone, new = evenly_chosen(gone, MOST_POINTS), evenly_chosen(new, MOST_POINTS)
     motions = rigid_matches(gone, new, noise, MOTIONS)
-    surveys = before, after
-    without_views = dataclasses.replace(before, views=None), dataclasses.replace(after, views=None)
-    matches = [_match(gone, new, motion, without_views, noise, FEW_TESTED) for motion in motions]
+    matches = [_match(gone, new, motion, before, after, noise, FEW_TESTED) for motion in motions]
     matches.sort(key=lambda match: match.merit, reverse=True)
     if min(matches[0].there.contradicted, matches[0].back.contradicted) > HOPELESS:
         return matches[0]
-    settled = [settled_match(gone, new, match.transform, noise) for match in matches[:WITH_VIEWS]]
-    judged = [_match(gone, new, motion, surveys, noise, TESTED) for motion in settled]
+    settled = [settled_match(gone, new, match.transform, noise) for match in matches[:BEST]]
+    judged = [_match(gone, new, motion, before, after, noise, TESTED) for motion in settled]
     return max(judged, key=lambda match: match.merit)
 
 
 def _match(
-    gone: np.ndarray, new: np.ndarray, motion: np.ndarray, surveys: tuple[Survey, Survey], noise: float, tested: int
+    gone: LocalSurface,
+    new: LocalSurface,
+    motion: np.ndarray,
+    before: LocalSurface,
+    after: LocalSurface,
+    noise: float,
+    tested: int,
 ) -> Match:
-    there = agreement(moved_points(gone, motion), new, surveys[1], noise, tested)
-    back = agreement(moved_points(new, np.linalg.inv(motion)), gone, surveys[0], noise, tested)
+    there = agreement(gone.moved(motion), new, after, noise, tested)
+    back = agreement(new.moved(np.linalg.inv(motion)), gone, before, noise, tested)
     return Match(motion, there, back)

@@ -6,18 +6,18 @@ from typing import Any
 import jax
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.component_consensus import consensus_displacement
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.local_difference import MEDIAN_TO_DEVIATION, local_difference
+from gmmjax.changes.local_surface import LocalSurface
 from gmmjax.changes.scales import WorkingPair
-from gmmjax.changes.settling import moved_points, settled
+from gmmjax.changes.settling import settled
 from gmmjax.mixtures import FitSettings, GaussianMixture, best_fit, fit_restarts
 
 # Points of the after cloud that are laid onto the before cloud.
-SAMPLE = 4000
+SAMPLE = 3000
 STEPS = 16
 # The reach of the residuals: first of all in spacings, in the end in standard deviations of the usual offsets.
 FIRST_REACH, LAST_REACH = 6.0, 3.0
@@ -68,33 +68,33 @@ class Registration:
         }
 
 
-def register(pair: WorkingPair, config: DetectionConfig) -> Registration:
+def register(pair: WorkingPair, before: LocalSurface, after: LocalSurface, config: DetectionConfig) -> Registration:
     """The motion that the pair needs; the identity with "never", or where "auto" finds that none is needed.
 
     Args:
         pair: both clouds.
+        before: the surface of the before cloud.
+        after: that of the after cloud.
         config: whether to align.
     """
-    before, after = pair.before.points, pair.after.points
     if config.registration == "never":
         residual, overlap = _fit_of(before, after, pair)
         return Registration(np.eye(4), False, 0.0 if pair.volumetric else residual, residual, overlap)
     if pair.volumetric:
-        return _registered_volumes(pair, config)
+        return _registered_volumes(pair, before, after, config)
     return _registered_surfaces(before, after, pair, config)
 
 
 def _registered_surfaces(
-    before: np.ndarray, after: np.ndarray, pair: WorkingPair, config: DetectionConfig
+    before: LocalSurface, after: LocalSurface, pair: WorkingPair, config: DetectionConfig
 ) -> Registration:
     """Closest points along the normals; where that overlaps poorly, from the components' displacement as well."""
     residual_before, overlap_before = _fit_of(before, after, pair)
-    source = _sample(after)
-    best = _candidate(before, after, source, np.eye(4), pair, residual_before)
+    best = _candidate(before, after, np.eye(4), pair, residual_before)
     if best[2] < POOR_OVERLAP:
         start = np.eye(4)
         start[:3, 3] = consensus_displacement(*_mixtures(pair, config)).displacement
-        coarse = _candidate(before, after, source, start, pair, residual_before)
+        coarse = _candidate(before, after, start, pair, residual_before)
         # Overlap decides: a few counterparts fit well anywhere.
         best = max(best, coarse, key=lambda candidate: candidate[2])
     transform, residual, overlap = best
@@ -105,35 +105,36 @@ def _registered_surfaces(
 
 
 def _candidate(
-    before: np.ndarray, after: np.ndarray, source: np.ndarray, start: np.ndarray, pair: WorkingPair, residual: float
+    before: LocalSurface, after: LocalSurface, start: np.ndarray, pair: WorkingPair, residual: float
 ) -> tuple[np.ndarray, float, float]:
     first, last = FIRST_REACH * pair.spacing, LAST_REACH * min(residual, pair.spacing / 2)
-    transform = settled(source, before, start, first, last, STEPS)
-    return (transform, *_fit_of(before, moved_points(after, transform), pair))
+    transform = settled(after.means(_sample(len(after))), before, start, first, last, STEPS)
+    return (transform, *_fit_of(before, after.moved(transform), pair))
 
 
-def _registered_volumes(pair: WorkingPair, config: DetectionConfig) -> Registration:
+def _registered_volumes(
+    pair: WorkingPair, before: LocalSurface, after: LocalSurface, config: DetectionConfig
+) -> Registration:
     """The displacement on which most components agree, where it exceeds its standard error."""
     consensus = consensus_displacement(*_mixtures(pair, config))
     if consensus.share < LEAST_AGREEMENT:
-        return Registration(np.eye(4), False, 0.0, 0.0, _fit_of(pair.before.points, pair.after.points, pair)[1])
+        return Registration(np.eye(4), False, 0.0, 0.0, _fit_of(before, after, pair)[1])
     length = float(np.linalg.norm(consensus.displacement))
     errors = float(np.linalg.norm(consensus.displacement / consensus.standard_error))
     applied = config.registration == "always" or errors > SIGNIFICANT
     transform = np.eye(4)
     if applied:
         transform[:3, 3] = consensus.displacement
-    overlap = max(consensus.share, _fit_of(pair.before.points, moved_points(pair.after.points, transform), pair)[1])
+    overlap = max(consensus.share, _fit_of(before, after.moved(transform), pair)[1])
     error = float(np.sqrt((consensus.standard_error**2).mean()))
     return Registration(transform, applied, error if applied else 0.0, length, overlap)
 
 
-def _fit_of(before: np.ndarray, after: np.ndarray, pair: WorkingPair) -> tuple[float, float]:
+def _fit_of(before: LocalSurface, after: LocalSurface, pair: WorkingPair) -> tuple[float, float]:
     """The usual offset where the clouds overlap, and the lesser share that does."""
-    trees = cKDTree(before), cKDTree(after)
     offsets, shares = [], []
-    for own, other in (trees, trees[::-1]):
-        difference = local_difference(_sample(own.data), own, other)
+    for own, other in ((before, after), (after, before)):
+        difference = local_difference(own, other, _sample(len(own)))
         overlapping = difference.distance < OVERLAP_SPACINGS * np.maximum(pair.spacing, difference.spacing)
         shares.append(float(overlapping.mean()))
         offsets.append(difference.offset[overlapping])
@@ -145,7 +146,7 @@ def _mixtures(pair: WorkingPair, config: DetectionConfig) -> tuple[GaussianMixtu
     """A mixture of each cloud, with their numbers of points."""
     mixtures = []
     for cloud, key in zip((pair.before, pair.after), jax.random.split(jax.random.key(config.seed), 2), strict=True):
-        points = _sample(cloud.points, COMPONENT_POINTS)
+        points = cloud.points[_sample(len(cloud.points), COMPONENT_POINTS)]
         fits = fit_restarts(
             points,
             key=key,
@@ -157,8 +158,6 @@ def _mixtures(pair: WorkingPair, config: DetectionConfig) -> tuple[GaussianMixtu
     return mixtures[0], mixtures[1], float(len(pair.before.points)), float(len(pair.after.points))
 
 
-def _sample(points: np.ndarray, size: int = SAMPLE) -> np.ndarray:
-    """Regularly spaced rows, in an order that knows nothing of the cloud's."""
-    if len(points) <= size:
-        return points
-    return points[np.random.default_rng(0).choice(len(points), size, replace=False)]
+def _sample(count: int, size: int = SAMPLE) -> np.ndarray:
+    """The indices of so many points at random, the same each time; all where there are no more."""
+    return np.arange(count) if count <= size else np.random.default_rng(0).choice(count, size, replace=False)

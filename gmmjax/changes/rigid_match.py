@@ -7,8 +7,9 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.agreement import ON_IT, evenly_chosen, spacing_of
-from gmmjax.changes.settling import moved_points, settled
+from gmmjax.changes.local_surface import LocalSurface, evenly_chosen, moved_points
+from gmmjax.changes.neighbours import nearest_neighbours
+from gmmjax.changes.settling import settled
 
 # Points that are laid onto the other object: at first, and to settle.
 COARSE_SAMPLE, FINE_SAMPLE = 200, 500
@@ -17,7 +18,7 @@ FEWEST = 6
 # Starts: turns about each axis of the frame by so many steps of a full turn.
 TURNS = 8
 # In standard deviations of the offsets.
-FIRST_REACH = 16.0
+FIRST_REACH, LAST_REACH = 16.0, 3.0
 
 
 # The best are settled once more, on more points.
@@ -30,7 +31,7 @@ class _Start(NamedTuple):
 
 
 def rigid_matches(
-    source: Float[np.ndarray, "n 3"], target: Float[np.ndarray, "m 3"], noise: float, count: int
+    source: LocalSurface, target: LocalSurface, noise: float, count: int
 ) -> list[Float[np.ndarray, "4 4"]]:
     """The most promising motions from the source to the target, the best by closest points first.
 
@@ -38,32 +39,33 @@ def rigid_matches(
     noise of a point.
 
     Args:
-        source: points of the first object.
-        target: points of the second.
+        source: the first object.
+        target: the second.
         noise: standard deviation of the offset between local means of one surface, as in `DifferenceScale`.
         count: of motions.
     """
     to_origin, back = np.eye(4), np.eye(4)
-    to_origin[:3, 3], back[:3, 3] = -source.mean(axis=0), target.mean(axis=0)
-    source, target = moved_points(source, to_origin), target - back[:3, 3]
-    starts = _starts(evenly_chosen(source, COARSE_SAMPLE), evenly_chosen(target, COARSE_SAMPLE))
-    fine = evenly_chosen(source, FINE_SAMPLE), evenly_chosen(target, FINE_SAMPLE)
-    reaches = FIRST_REACH * noise, ON_IT * noise
-    return [back @ settled(*fine, start.transform, *reaches, FINE_STEPS) @ to_origin for start in starts[:count]]
+    to_origin[:3, 3], back[:3, 3] = -source.points.mean(axis=0), target.points.mean(axis=0)
+    few = [surface.points[evenly_chosen(len(surface), COARSE_SAMPLE)] for surface in (source, target)]
+    starts = _starts(moved_points(few[0], to_origin), few[1] - back[:3, 3])
+    means, reaches = source.means(evenly_chosen(len(source), FINE_SAMPLE)), (FIRST_REACH * noise, LAST_REACH * noise)
+    return [
+        settled(means, target, back @ start.transform @ to_origin, *reaches, FINE_STEPS) for start in starts[:count]
+    ]
 
 
 def settled_match(
-    source: Float[np.ndarray, "n 3"], target: Float[np.ndarray, "m 3"], motion: Float[np.ndarray, "4 4"], noise: float
+    source: LocalSurface, target: LocalSurface, motion: Float[np.ndarray, "4 4"], noise: float
 ) -> Float[np.ndarray, "4 4"]:
     """One of these motions, settled on more of the points."""
-    fine = evenly_chosen(source, LAST_SAMPLE), evenly_chosen(target, LAST_SAMPLE)
-    return settled(*fine, motion, LAST_FIRST_REACH * noise, ON_IT * noise, LAST_STEPS)
+    means = source.means(evenly_chosen(len(source), LAST_SAMPLE))
+    return settled(means, target, motion, LAST_FIRST_REACH * noise, LAST_REACH * noise, LAST_STEPS)
 
 
 def _starts(source: np.ndarray, target: np.ndarray) -> list[_Start]:
     """Closest points from all turns, those first that bring either set nearest to the other."""
     trees = cKDTree(source), cKDTree(target)
-    reach = 2 * max(spacing_of(tree) for tree in trees)
+    reach = 2 * max(float(np.median(nearest_neighbours(tree, tree.data, 2)[0][:, -1])) for tree in trees)
     size = float(np.sqrt((target**2).sum(axis=1).mean()))
     starts = [_closest_points(source, target, trees[1], turn, reach, size) for turn in _turns()]
     return sorted(starts, key=lambda start: start.distance)

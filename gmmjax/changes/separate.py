@@ -82,7 +82,7 @@ class _Votes(NamedTuple):
 
 def _fit_both(pair: PreparedPair, config: DetectionConfig, report: Progress) -> tuple[Fit, Fit]:
     """The fits of both clouds with a leading axis of restarts; those that failed are left out."""
-    done = iter(range(1, 2 * config.number_of_restarts + 1))
+    done = iter(range(1, 2 * config.number_of_restarts() + 1))
     keys = jax.random.split(jax.random.key(config.seed), 2)
 
     def fit(name: str, cloud: PreparedCloud, key: JaxArray) -> Fit:
@@ -93,9 +93,11 @@ def _fit_both(pair: PreparedPair, config: DetectionConfig, report: Progress) -> 
             key=key,
             max_components=pair.max_components,
             prior=Prior.figueiredo_jain(3, floor),
-            restarts=config.number_of_restarts,
+            restarts=config.number_of_restarts(),
             settings=FitSettings(patience=PATIENCE),
-            progress=lambda: report("Fitting the mixtures", 0.15 + 0.65 * next(done) / (2 * config.number_of_restarts)),
+            progress=lambda: report(
+                "Fitting the mixtures", 0.15 + 0.65 * next(done) / (2 * config.number_of_restarts())
+            ),
         )
         finite = np.asarray(fits.result != FitStatus.not_finite)
         if not finite.any():
@@ -222,7 +224,7 @@ def _cloud_diagnostics(
         "cropped": cloud.cropped,
         "outliers": cloud.outliers,
         "points_fitted": len(cloud.weighted.mass),
-        "restarts_failed": config.number_of_restarts - len(fits.steps),
+        "restarts_failed": config.number_of_restarts() - len(fits.steps),
         "components": fits.mixture.live.sum(axis=1).tolist(),
         "message_length": np.round(fits.message_length, 3).tolist(),
         "steps": fits.steps.tolist(),

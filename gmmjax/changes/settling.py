@@ -2,70 +2,56 @@
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.local_difference import OTHER_NEIGHBOURS, OWN_NEIGHBOURS
+from gmmjax.changes.local_surface import LocalSurface, moved_points
 from gmmjax.changes.neighbours import nearest_neighbours
-from gmmjax.changes.planes import local_planes
 
 # The reach of the residuals shrinks by this factor a step, from the first to the last.
 SHRINKING = 0.75
 # A motion that nothing determines, such as one along a wall, is not made.
 DAMPING = 1e-2
-# Settled: the last step moved no point by more than this share of the last reach.
+# Settled: the last step moved the points by no more than this share of the last reach, on average.
 STANDSTILL = 0.02
 # A point is kept apart from the surface sideways by this many reaches at most.
 SIDEWAYS = 4.0
 
 
 def settled(
-    source: Float[np.ndarray, "n 3"],
-    target: Float[np.ndarray, "m 3"],
+    means: Float[np.ndarray, "n 3"],
+    target: LocalSurface,
     start: Float[np.ndarray, "4 4"],
     first_reach: float,
     last_reach: float,
     steps: int,
 ) -> Float[np.ndarray, "4 4"]:
-    """The rigid motion that lays the source onto the target, from a start that is nearly right.
+    """The rigid motion that lays one surface onto another, from a start that is nearly right.
 
-    Means of neighbouring source points are held against the plane through the target's points round them (Chen and
-    Medioni 1992). The weights of Geman and McClure, whose scale shrinks from step to step, leave out what has no
-    counterpart.
+    Local means of the one are held against the planes of the nearest points of the other (Chen and Medioni 1992). The
+    weights of Geman and McClure, whose scale shrinks from step to step, leave out what has no counterpart.
 
     Args:
-        source: points that are moved.
-        target: points that stay.
+        means: local means of the surface that is moved.
+        target: the surface that stays.
         start: motion to start from.
         first_reach: offset at which a point has a quarter of its weight, in the first step.
         last_reach: the same in the last steps; some standard deviations of the offsets.
         steps: how many at the most; fewer where the source stands still.
     """
-    tree = cKDTree(target)
-    means = local_means(source)
     transform = start
     for step in range(steps):
         placed = moved_points(means, transform)
-        distances, neighbours = nearest_neighbours(tree, placed, OTHER_NEIGHBOURS)
-        centres, normals, _ = local_planes(target[neighbours])
-        offsets = np.einsum("ni,ni->n", placed - centres, normals)
+        distances, nearest = nearest_neighbours(target.tree, placed, 1)
+        there = nearest[:, 0]
+        normals = target.normals[there]
+        offsets = ((placed - target.centres[there]) * normals).sum(axis=1)
         reach = max(last_reach, first_reach * SHRINKING**step)
         weights = _weights(offsets / reach) * _weights(distances[:, 0] / (SIDEWAYS * reach))
         transform = _small_motion(placed, normals, offsets, weights) @ transform
-        moved_by = np.abs(moved_points(means, transform) - placed).max()
+        moved_by = np.sqrt(((moved_points(means, transform) - placed) ** 2).sum(axis=1).mean())
         if reach == last_reach and moved_by < STANDSTILL * last_reach:
             break
     return transform
-
-
-def local_means(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """The mean of each point and its neighbours."""
-    return points[nearest_neighbours(cKDTree(points), points, OWN_NEIGHBOURS)[1]].mean(axis=1)
-
-
-def moved_points(points: Float[np.ndarray, "n 3"], transform: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "n 3"]:
-    """The points after a rigid motion."""
-    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
 
 
 def _weights(residuals: np.ndarray) -> np.ndarray:

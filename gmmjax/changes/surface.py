@@ -10,6 +10,7 @@ from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.free_space import Observed, Survey, observation
 from gmmjax.changes.local_difference import DifferenceScale, LocalDifference
 from gmmjax.changes.segments import density_clusters
+from gmmjax.changes.support import supports
 from gmmjax.changes.surface_continuation import unobserved_points
 
 # A point is surely changed this far from the other cloud: in spacings of either cloud, in usual distances, in the
@@ -17,7 +18,7 @@ from gmmjax.changes.surface_continuation import unobserved_points
 SURE_SPACINGS = 3.0
 SURE_DISTANCES = 3.0
 SURE_THICKNESS = 4.0
-SURE_OFFSETS = 6.5
+SURE_OFFSETS = 7.0
 # Below this share of the sure distance nothing is said.
 FIRST_DISTANCE = 0.3
 # An offset of this share of the sure one is evidence of a change where the other survey saw the surface.
@@ -100,6 +101,37 @@ class SurfaceSegments(NamedTuple):
     labels: Int[np.ndarray, " n"]
     probability: Float[np.ndarray, "r n"]
     unobserved: Bool[np.ndarray, " n"]
+
+    def without(self, unobserved: Bool[np.ndarray, " n"]) -> "SurfaceSegments":
+        """Without segments that were found to be unobserved."""
+        labels = renumbered(np.where(unobserved, -1, self.labels))
+        return SurfaceSegments(labels, np.where(unobserved, 0.0, self.probability), self.unobserved | unobserved)
+
+
+def surface_changes(
+    clouds: tuple[SurfaceCloud, SurfaceCloud],
+    surveys: tuple[Survey, Survey],
+    scales: SurfaceScales,
+    config: DetectionConfig,
+) -> tuple[SurfaceSegments, SurfaceSegments]:
+    """The segments of both clouds that changed.
+
+    Args:
+        clouds: both clouds with what is known of their points.
+        surveys: the same clouds, with their views where they are known.
+        scales: of the pair.
+        config: the threshold, and whether there must be evidence.
+    """
+    before = surface_segments(clouds[0], surveys[1], scales, config)
+    after = surface_segments(clouds[1], surveys[0], scales, config)
+    if not config.evidence:
+        return before, after
+    under = supports(clouds[0].points, clouds[1].points, before.labels, after.labels, scales.spacing)
+    # With the views of the other survey it is known what was covered.
+    return (
+        before.without(under[0]) if surveys[1].views is None else before,
+        after.without(under[1]) if surveys[0].views is None else after,
+    )
 
 
 def surface_segments(
@@ -243,13 +275,22 @@ def continuing(
     # What is further off than this is another surface: the top of a thin object does not cover the floor's plane.
     arguments = (labels < 0, other, SAME_SURFACE * scales.offset, scales.spacing)
     unseen = unobserved_points(points, labels, *arguments)
-    whole = _shares(unseen, labels) > MOST_CONTINUED
+    whole = _shares(unseen, labels, int(labels.max(initial=-1)) + 1) > MOST_CONTINUED
     pieces, of_segment = _pieces(points, labels, unseen, scales.spacing)
     dropped = (labels >= 0) & whole[labels]
-    if len(of_segment):
-        of_piece = _shares(unobserved_points(points, pieces, *arguments), pieces) > MOST_CONTINUED
-        dropped = np.where(pieces >= 0, of_piece[pieces], dropped)
-    return dropped
+    if not len(of_segment):
+        return dropped
+
+    def continued(*, edges: bool) -> Bool[np.ndarray, " p"]:
+        unseen = unobserved_points(points, pieces, *arguments, edges=edges)
+        return np.asarray(_shares(unseen, pieces, len(of_segment))[:-1] > MOST_CONTINUED)
+
+    of_piece = continued(edges=True)
+    # The top of an object, by itself, can look like a wall at the edge of what the other survey saw.
+    with_others = of_piece & np.isin(of_segment, of_segment[~of_piece])
+    if with_others.any():
+        of_piece &= ~with_others | continued(edges=False)
+    return np.where(pieces >= 0, np.append(of_piece, False)[pieces], dropped)
 
 
 def _pieces(
@@ -269,11 +310,11 @@ def _pieces(
     return pieces, np.array(of_segment)
 
 
-def _shares(flags: np.ndarray, labels: np.ndarray) -> np.ndarray:
+def _shares(flags: np.ndarray, labels: np.ndarray, count: int) -> np.ndarray:
     """The share of each label's points that are flagged; one more entry, 0, for the label -1."""
     inside = labels >= 0
-    counts = np.bincount(labels[inside])
-    return np.append(np.bincount(labels[inside], flags[inside], len(counts)) / np.maximum(counts, 1), 0.0)
+    points = np.bincount(labels[inside], minlength=count)
+    return np.append(np.bincount(labels[inside], flags[inside], count) / np.maximum(points, 1), 0.0)
 
 
 def renumbered(labels: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:

@@ -40,6 +40,8 @@ def unobserved_points(
     other: Float64[np.ndarray, "k 3"],
     tolerance: float,
     spacing: float,
+    *,
+    edges: bool = True,
 ) -> Bool[np.ndarray, " n"]:
     """The points of segments that the other survey cannot have observed, as far as that shows without its views.
 
@@ -56,6 +58,7 @@ def unobserved_points(
         other: the other cloud.
         tolerance: how far apart, at the most, an unchanged surface may be in the two clouds.
         spacing: distance of neighbouring points on a surface.
+        edges: whether walls at the edge of what the other cloud has count.
 
     Returns:
         For each point whether it is of a segment and was not observed.
@@ -65,7 +68,7 @@ def unobserved_points(
         return unseen
     around = Surroundings(cKDTree(points[unchanged]), cKDTree(other), tolerance, spacing)
     for label in np.unique(labels[labels >= 0]):
-        unseen[labels == label] = _unseen(points[labels == label], around)
+        unseen[labels == label] = _unseen(points[labels == label], around, edges)
     return unseen
 
 
@@ -90,7 +93,7 @@ class Surroundings(NamedTuple):
         return min(self.tolerance, max(NOISE_DEVIATIONS * noise, LEAST_SPACINGS * self.spacing))
 
 
-def _unseen(segment: Float64[np.ndarray, "m 3"], around: Surroundings) -> Bool[np.ndarray, " m"]:
+def _unseen(segment: Float64[np.ndarray, "m 3"], around: Surroundings, edges: bool) -> Bool[np.ndarray, " m"]:
     """The points of one segment that the other survey cannot have observed."""
     of_segment = cKDTree(segment)
     beside = _within(of_segment, around.unchanged.data, REACHES[0] * around.spacing)
@@ -101,7 +104,7 @@ def _unseen(segment: Float64[np.ndarray, "m 3"], around: Surroundings) -> Bool[n
         far = _within(of_segment, around.unchanged.data, REACHES[1] * around.spacing)
         width = np.sqrt(max(np.linalg.eigvalsh(np.cov(segment.T, bias=True))[1], 0.0))
         unseen |= _continued(segment, far, REACHES[1], FAR_WIDTH * width, flatness, around)
-    if unseen.mean() <= CLEAR_SHARE:
+    if edges and unseen.mean() <= CLEAR_SHARE:
         wall = max(flatness, around.spacing)
         unseen |= at_observed_edge(segment, around.unchanged, around.other, wall, around.tolerance, around.spacing)
     return unseen

@@ -2,10 +2,8 @@
 
 import numpy as np
 from jaxtyping import Bool, Float64
-from scipy.spatial import cKDTree
 
-from gmmjax.changes.depth_image import DepthImage, cameras
-from gmmjax.changes.free_space import point_spacing
+from gmmjax.changes.free_space import Survey
 from gmmjax.clouds import SensorViews
 from gmmjax.errors import InputError
 
@@ -14,19 +12,16 @@ from gmmjax.errors import InputError
 # frames, at the edges of what hides them). Of a survey moved sideways by half its width 20 % are hidden.
 MOST_OUTSIDE = 0.08
 MOST_HIDDEN = 0.15
-# The shares are known well enough from so many points.
-CHECKED_POINTS = 25_000
 # A point is hidden when something lies this many spacings in front of it; nearer, it is the same slanted surface.
 HIDDEN_SPACINGS = 8.0
 
 
-def check_views(name: str, views: SensorViews, points: Float64[np.ndarray, "n 3"]) -> str | None:
-    """Whether a cloud can have been taken from these views.
+def check_views(name: str, survey: Survey) -> str | None:
+    """Whether a cloud can have been taken from its views.
 
     Args:
         name: the argument that the views came in, for the message.
-        views: the views.
-        points: the cloud that was taken from them, at least one point.
+        survey: a cloud of at least one point, with views.
 
     Returns:
         None when all is well, else why the views contradict the cloud and what to do: they must not be used then.
@@ -34,16 +29,16 @@ def check_views(name: str, views: SensorViews, points: Float64[np.ndarray, "n 3"
     Raises:
         InputError: the views see none of the points.
     """
-    surface = points[:: max(1, len(points) // CHECKED_POINTS)]
-    spacing = point_spacing(cKDTree(surface))
-    in_range, inside, visible = (np.zeros(len(surface), bool) for _ in range(3))
+    views, points = survey.views, survey.points
+    assert views is not None
+    in_range, inside, visible = (np.zeros(len(points), bool) for _ in range(3))
     for view in range(len(views)):
-        places = views.in_camera(surface, view)
+        places = views.in_camera(points, view)
         in_range |= (places**2).sum(axis=1) <= views.max_range**2
         in_view = views.in_field_of_view(places)
         inside |= in_view
         if not visible[in_view].all():
-            visible |= in_view & _visible(places, spacing, views)
+            visible |= in_view & _visible(places, survey, view)
     if not inside.any():
         raise InputError(
             f"{name}: none of the {len(views)} view(s) sees any of the {len(points)} points of its cloud; poses are "
@@ -66,13 +61,11 @@ def _contradiction(name: str, views: SensorViews, in_range: float, inside: float
     return None
 
 
-def _visible(
-    places: Float64[np.ndarray, "n 3"], spacing: Float64[np.ndarray, " n"], views: SensorViews
-) -> Bool[np.ndarray, " n"]:
-    """The points that nothing hides from one view, in whose coordinates they are given."""
+def _visible(places: Float64[np.ndarray, "n 3"], survey: Survey, view: int) -> Bool[np.ndarray, " n"]:
+    """The points of a survey that nothing hides from one view, in whose coordinates they are given."""
     visible = np.zeros(len(places), bool)
-    for camera in cameras(views):
+    for camera, image in survey.images(view):
         inside, directions, ranges = camera.seen(places)
-        in_front, _ = DepthImage.of(places, spacing, camera).nearest(directions)
-        visible[inside] = in_front > ranges - HIDDEN_SPACINGS * spacing[inside]
+        in_front, _ = image.nearest(directions)
+        visible[inside] = in_front > ranges - HIDDEN_SPACINGS * survey.spacing[inside]
     return visible

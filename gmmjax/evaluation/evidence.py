@@ -29,7 +29,7 @@ def without_unobserved(
         return labels_before, labels_after
     clouds = working.before, working.after
     surveys = Survey(clouds[0].points, pair.before.views), Survey(clouds[1].points, pair.after.views)
-    differences = [local_difference(surveys[own].points, surveys[own].tree, surveys[1 - own].tree) for own in (0, 1)]
+    differences = [local_difference(surveys[own].surface, surveys[1 - own].surface) for own in (0, 1)]
     scales = surface.SurfaceScales.of(working.spacing, difference_scale(*differences))
     kept = []
     for own, labels in enumerate((labels_before, labels_after)):

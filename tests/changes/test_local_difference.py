@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 from gmmjax.changes.local_difference import difference_scale, local_difference
+from gmmjax.changes.local_surface import LocalSurface
 from tests.mixtures.examples import random_rotation
 
 
@@ -12,7 +12,7 @@ def floor(seed, count=4000, noise=0.005, height=0.0):
 
 
 def difference(points, other):
-    return local_difference(points, cKDTree(points), cKDTree(other))
+    return local_difference(LocalSurface.of(points), LocalSurface.of(other))
 
 
 def test_averages_see_an_offset_below_the_noise():

@@ -3,32 +3,37 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.consensus import change_of
-from gmmjax.changes.free_space import Survey
-from gmmjax.changes.moved import LEAST_SHARE_WITHOUT_VIEWS, best_match, with_moved
+from gmmjax.changes.local_surface import LocalSurface
+from gmmjax.changes.moved import MOST_MISFIT, best_match, with_moved
 from tests.changes.scanned_objects import box, motion, placed
 
 NOISE = 0.003
 EXTENT = (0.4, 0.28, 0.22)
 
 
-def share(gone, new):
-    return best_match(gone, new, Survey(gone), Survey(new), NOISE).share
+def matched(gone, new):
+    gone, new = LocalSurface.of(gone), LocalSurface.of(new)
+    return best_match(gone, new, gone, new, NOISE)
+
+
+def misfit(gone, new):
+    return matched(gone, new).misfit
 
 
 @pytest.mark.parametrize("faces", [(0, 1, 2, 3, 4), (0, 1, 2), (0, 2, 4)])
 def test_one_object_is_known_again_from_other_sides(faces):
     new = placed(box(1, EXTENT, faces), motion(2.0, [0.8, -0.3, 0.1]))
-    assert share(box(0, EXTENT, (0, 1, 2)), new) > LEAST_SHARE_WITHOUT_VIEWS
+    assert misfit(box(0, EXTENT, (0, 1, 2)), new) < MOST_MISFIT
 
 
 @pytest.mark.parametrize("other", [(0.4, 0.28, 0.32), (0.3, 0.28, 0.22), (0.33, 0.33, 0.33)])
 def test_another_object_is_not(other):
-    assert share(box(0, EXTENT), box(1, other) + 0.5) < LEAST_SHARE_WITHOUT_VIEWS
+    assert misfit(box(0, EXTENT), box(1, other) + 0.5) > MOST_MISFIT
 
 
 def test_of_the_motions_that_fit_the_least_turn_is_meant():
     new = placed(box(1, EXTENT), motion(0.3, [0.8, -0.3, 0]))
-    transform = best_match(box(0, EXTENT), new, Survey(box(0, EXTENT)), Survey(new), NOISE).transform
+    transform = matched(box(0, EXTENT), new).transform
     assert Rotation.from_matrix(transform[:3, :3]).magnitude() == pytest.approx(0.3, abs=0.05)
 
 
@@ -38,7 +43,7 @@ def changes(before, after):
     items += [change_of(points, "appeared", 1.0, 10.0) for points in after]
     labels_before = np.repeat(np.arange(len(before)), [len(points) for points in before])
     labels_after = np.repeat(len(before) + np.arange(len(after)), [len(points) for points in after])
-    surveys = Survey(np.concatenate(before)), Survey(np.concatenate(after))
+    surveys = LocalSurface.of(np.concatenate(before)), LocalSurface.of(np.concatenate(after))
     return tuple(items), *surveys, labels_before, labels_after
 
 

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from gmmjax.changes.free_space import Survey
 from gmmjax.changes.view_checks import check_views
 from gmmjax.clouds import SensorViews, read_cloud
 from gmmjax.errors import InputError
@@ -19,25 +20,29 @@ def with_poses(poses, max_range=4.0):
     return SensorViews(poses, VIEWS.field_of_view, max_range)
 
 
+def contradiction(name, views, points):
+    return check_views(name, Survey(points, views))
+
+
 def test_right_views_pass(cloud):
-    assert check_views("views_before", VIEWS, cloud) is None
-    assert check_views("views_before", with_poses(VIEWS.poses[::2]), cloud) is None
+    assert contradiction("views_before", VIEWS, cloud) is None
+    assert contradiction("views_before", with_poses(VIEWS.poses[::2]), cloud) is None
     single = with_poses(VIEWS.poses[:1])
-    assert check_views("views_before", single, scanned(single, noise=0.005)) is None
+    assert contradiction("views_before", single, scanned(single, noise=0.005)) is None
 
 
 def test_right_views_of_real_frames_pass(scan_pairs):
     for folder in scan_pairs:
         points = read_cloud(folder / "before.ply").points
         if (points[:, 2] > 0).all():
-            assert check_views("views_before", SensorViews.at_origin(points), points) is None
+            assert contradiction("views_before", SensorViews.at_origin(points), points) is None
 
 
 def test_a_turning_scanner_passes(cloud):
     points = scanned(around(12, height=0.75, radius=0.01, target=(0, 0, 0.7)), noise=0.003, voxel=0.02)
     pose = np.eye(4)
     pose[:3, 3] = [0, 0, 0.75]
-    assert check_views("views_after", SensorViews(pose[None], (360.0, 179.0), 5.0), points) is None
+    assert contradiction("views_after", SensorViews(pose[None], (360.0, 179.0), 5.0), points) is None
 
 
 def shifted(x, y, z):
@@ -51,7 +56,7 @@ def shifted(x, y, z):
 )
 def test_views_that_see_nothing(cloud, poses):
     with pytest.raises(InputError, match="views_after: none of the 8 view"):
-        check_views("views_after", with_poses(poses, max_range=0.9), cloud)
+        contradiction("views_after", with_poses(poses, max_range=0.9), cloud)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +70,7 @@ def test_views_that_see_nothing(cloud, poses):
     ],
 )
 def test_contradictions(cloud, poses, max_range, reason):
-    message = check_views("views_before", with_poses(poses, max_range), cloud)
+    message = contradiction("views_before", with_poses(poses, max_range), cloud)
     assert message is not None
     assert message.startswith("views_before: ")
     assert "not used as evidence" in message
@@ -75,4 +80,4 @@ def test_contradictions(cloud, poses, max_range, reason):
 def test_points_that_the_views_cannot_have_seen(cloud):
     """From outside the room everything is in the field of view, and most of it behind a wall."""
     views = SensorViews(shifted(2.2, 0, -0.3), (140.0, 140.0), 6.0)
-    assert "hidden by others" in check_views("views_after", views, cloud)
+    assert "hidden by others" in contradiction("views_after", views, cloud)

@@ -1,0 +1,77 @@
+"""A scanned surface: the plane through the neighbourhood of each point of a cloud."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float64, Int
+from scipy.spatial import cKDTree
+
+from gmmjax.changes.neighbours import nearest_neighbours
+from gmmjax.changes.planes import local_planes
+
+# Neighbours that a plane goes through, and those whose mean stands for a point: averages see offsets below the noise.
+PLANE_NEIGHBOURS = 16
+MEAN_NEIGHBOURS = 8
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LocalSurface:
+    """A cloud with the plane through each point's nearest neighbours.
+
+    Attributes:
+        points: of the cloud.
+        tree: of the points.
+        neighbours: of each point, the point itself first.
+        centres: mean of these neighbours.
+        normals: unit normal of their plane, in no particular sense.
+        variances: principal variances of these neighbours, the least first.
+    """
+
+    points: Float64[np.ndarray, "n 3"]
+    tree: cKDTree
+    neighbours: Int[np.ndarray, "n k"]
+    centres: Float64[np.ndarray, "n 3"]
+    normals: Float64[np.ndarray, "n 3"]
+    variances: Float64[np.ndarray, "n 3"]
+
+    @classmethod
+    def of(cls, points: Float64[np.ndarray, "n 3"]) -> "LocalSurface":
+        """The surface of a cloud of at least one point."""
+        tree = cKDTree(points)
+        neighbours = nearest_neighbours(tree, points, PLANE_NEIGHBOURS)[1]
+        return cls(points, tree, neighbours, *local_planes(points[neighbours]))
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def groups(self, chosen: Int[np.ndarray, " c"]) -> Float64[np.ndarray, "c k 3"]:
+        """The nearest neighbours whose mean stands for a point, for some of the points."""
+        return self.points[self.neighbours[chosen, :MEAN_NEIGHBOURS]]
+
+    def means(self, chosen: Int[np.ndarray, " c"]) -> Float64[np.ndarray, "c 3"]:
+        """The local means of some of the points."""
+        return self.groups(chosen).mean(axis=1)
+
+    def nearest(self, places: Float64[np.ndarray, "m 3"]) -> Int[np.ndarray, " m"]:
+        """The point of the surface next to each place."""
+        return nearest_neighbours(self.tree, places, 1)[1][:, 0]
+
+    def moved(self, transform: Float64[np.ndarray, "4 4"]) -> "LocalSurface":
+        """The surface after a rigid motion."""
+        points = moved_points(self.points, transform)
+        normals = self.normals @ transform[:3, :3].T
+        return LocalSurface(
+            points, cKDTree(points), self.neighbours, moved_points(self.centres, transform), normals, self.variances
+        )
+
+
+def moved_points(
+    points: Float64[np.ndarray, "n 3"], transform: Float64[np.ndarray, "4 4"]
+) -> Float64[np.ndarray, "n 3"]:
+    """The points after a rigid motion."""
+    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
+
+
+def evenly_chosen(count: int, size: int) -> Int[np.ndarray, " m"]:
+    """The indices of at most so many of a number of points, evenly spaced in their order."""
+    return np.linspace(0, count - 1, min(size, count)).astype(int)
