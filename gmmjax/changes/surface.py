@@ -32,11 +32,11 @@ CLUSTER_RADIUS = 5.0
 CLUSTER_NEIGHBOURS = 8
 # A cluster takes in points that reach the threshold within so many of these radii.
 GROWTH = 2.0
-# With views: at least so many points of a change, and so much of what was observed of it, lie where the other survey
-# saw that there was nothing; and at least so much of it was observed.
+# With views: at least so many points of a change, so much of what was observed of it, and so much of all of it, lie
+# where the other survey saw that there was nothing.
 LEAST_FREE = 10
 LEAST_FREE_SHARE = 0.5
-LEAST_OBSERVED_SHARE = 0.2
+LEAST_FREE_OF_ALL = 0.35
 # Without views: a segment that continues unchanged surfaces with more than this share of its points is none.
 MOST_CONTINUED = 0.6
 # An unchanged surface is at most this share of the sure offset apart in the two clouds.
@@ -240,9 +240,9 @@ def not_seen_empty(
 
 
 def _mostly(empty: np.ndarray, seen: np.ndarray, own: np.ndarray) -> bool:
-    """Whether enough of a segment is empty, and enough of it was seen at all."""
-    least = max(LEAST_FREE, LEAST_FREE_SHARE * seen[own].sum())
-    return bool(empty[own].sum() >= least and seen[own].mean() >= LEAST_OBSERVED_SHARE)
+    """Whether enough of a segment is empty."""
+    least = max(LEAST_FREE, LEAST_FREE_SHARE * seen[own].sum(), LEAST_FREE_OF_ALL * own.sum())
+    return bool(empty[own].sum() >= least)
 
 
 def hidden_parts(
