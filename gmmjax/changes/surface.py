@@ -36,7 +36,9 @@ GROWTH = 2.0
 # where the other survey saw that there was nothing.
 LEAST_FREE = 10
 LEAST_FREE_SHARE = 0.5
-LEAST_FREE_OF_ALL = 0.35
+LEAST_FREE_OF_ALL = 0.1
+# Of a thin change, which is empty only by its offset, so much of all of it: the rims of half seen objects are off, too.
+LEAST_THIN_OF_ALL = 0.35
 # Without views: a segment that continues unchanged surfaces with more than this share of its points is none.
 MOST_CONTINUED = 0.6
 # An unchanged surface is at most this share of the sure offset apart in the two clouds.
@@ -231,17 +233,19 @@ def not_seen_empty(
     free = observed == Observed.free
     thin = free | ((observed == Observed.surface) & offset)
     seen = observed != Observed.unobserved
-    through = [label for label in np.unique(labels[labels >= 0]) if _mostly(free, seen, labels == label)]
+    through = [
+        label for label in np.unique(labels[labels >= 0]) if _mostly(free, seen, labels == label, LEAST_FREE_OF_ALL)
+    ]
     rest = np.where(np.isin(labels, through), -1, labels)
-    off = [label for label in np.unique(rest[rest >= 0]) if _mostly(thin, seen, labels == label)]
+    off = [label for label in np.unique(rest[rest >= 0]) if _mostly(thin, seen, labels == label, LEAST_THIN_OF_ALL)]
     candidates = np.where(np.isin(labels, off), labels, -1)
     thin_ones = (candidates >= 0) & ~continuing(cloud.points, candidates, other, scales)
     return (labels >= 0) & ~np.isin(labels, through) & ~thin_ones
 
 
-def _mostly(empty: np.ndarray, seen: np.ndarray, own: np.ndarray) -> bool:
-    """Whether enough of a segment is empty."""
-    least = max(LEAST_FREE, LEAST_FREE_SHARE * seen[own].sum(), LEAST_FREE_OF_ALL * own.sum())
+def _mostly(empty: np.ndarray, seen: np.ndarray, own: np.ndarray, least_of_all: float) -> bool:
+    """Whether enough of a segment is empty: of what was observed of it, and of all of it."""
+    least = max(LEAST_FREE, LEAST_FREE_SHARE * seen[own].sum(), least_of_all * own.sum())
     return bool(empty[own].sum() >= least)
 
 
