@@ -1,0 +1,80 @@
+"""That the benchmarks compare like with like, on sizes so small that their times mean nothing."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from tests.benchmarks import numpy_figueiredo_jain, peers, scenes, tasks
+from tests.mixtures import plain_figueiredo_jain
+
+
+@pytest.fixture(scope="module")
+def cloud():
+    return scenes.gaussian_cloud(400, gaussians=4)
+
+
+def test_the_lean_numpy_fit_is_the_oracle(cloud):
+    floor = scenes.noise_floor(cloud)
+    means, covariances = numpy_figueiredo_jain.start(cloud, 6, floor)
+    length, mixture = numpy_figueiredo_jain.annihilate(cloud, means, covariances, floor)
+    mass, weights = np.ones(len(cloud)), np.full(6, 1 / 6)
+    expected, oracle = plain_figueiredo_jain.fit(cloud, mass, weights, means, covariances, floor)
+    assert length == pytest.approx(expected)
+    live = oracle[0] > 0
+    for ours, theirs in zip(mixture, oracle, strict=True):
+        np.testing.assert_allclose(ours, theirs[live], rtol=1e-6, atol=1e-9)
+
+
+def test_our_fit_and_the_peer_find_the_same_mixture(cloud):
+    ours, theirs = tasks.fit(cloud, max_components=6), peers.figueiredo_jain(cloud, 6)
+    assert ours.mixture.count == len(theirs.weights)
+    lengths = [scenes.exact_length(mixture, cloud) for mixture in (ours.mixture, theirs)]
+    assert lengths[0] == pytest.approx(float(ours.message_length))
+    assert lengths[0] == pytest.approx(lengths[1], abs=0.5)
+
+
+def test_transport_and_its_peers_agree():
+    before = scenes.mixtures(6, 8)
+    after = scenes.changed_mixtures(before)
+    pairs = peers.live_pairs(before, after)
+    ours = tasks.batch_of_distances(before, after, "exact")
+    np.testing.assert_allclose(ours, [peers.pot_distance(*pair) for pair in pairs], atol=1e-12)
+    np.testing.assert_allclose(ours, [peers.linear_programme(*pair) for pair in pairs], atol=1e-9)
+    removed = tasks.removals(before, after)
+    for index, pair in enumerate(pairs):
+        gone, new = peers.pot_greedy(*pair)
+        assert set(np.flatnonzero(removed.disappeared[index])) == set(gone)
+        assert set(np.flatnonzero(removed.appeared[index])) == set(new)
+
+
+def test_the_fused_loop_sums_what_em_sums(cloud):
+    fused = pytest.importorskip("tests.benchmarks.fused_loop", exc_type=ImportError)
+    blocks, parameters = fused.problem(cloud, 5)
+    sums, likelihood = fused.sweep(blocks, parameters)
+    features = blocks.reshape(-1, fused.FEATURES, fused.BLOCK).transpose(1, 0, 2).reshape(fused.FEATURES, -1)
+    joint = np.exp(parameters.astype(float) @ features)
+    np.testing.assert_allclose(sums, joint / joint.sum(axis=0) @ features.T, rtol=1e-3, atol=1e-3)
+    assert likelihood == pytest.approx(np.log(joint.sum(axis=0)).sum(), rel=1e-4)
+
+
+def test_the_report_says_what_was_not_reached(tmp_path):
+    report = pytest.importorskip("tests.benchmarks.report")
+    pytest.importorskip("matplotlib")
+    row = {"what": "a fit", "unit": "x", "ours": "1 s", "peer": "9 s", "least": True}
+    rows = [{**row, "asked": 40.0, "measured": 9.0}, {**row, "asked": 8.0, "measured": 9.0, "what": "another"}]
+    extra = {"rows": rows, "curves": [{"figure": "cores", "line": "fits", "x": [1, 2], "y": [2.0, 1.0]}]}
+    extra |= {"contenders": {"ours": {"cpu_s": 1, "wall_s": 1, "compilation_s": 2}}, "load": [0.5, 0.7]}
+    extra |= {"quick": True, "cores": 2, "answers": {"components": {"ours": [8]}}}
+    machine = {"cpu": {}, "device": "cpu", "python_version": "3", "versions": {}}
+    run = {"machine_info": machine, "datetime": "2026-01-01", "benchmarks": [{"name": "one", "extra_info": extra}]}
+    page = tmp_path / "benchmarks.md"
+    page.write_text("\n".join(["How to read it.", *report.MARKS, "The end."]))
+    for _ in range(2):
+        report.write_report(json.loads(json.dumps(run)), page)
+        text = page.read_text()
+        assert "| a fit | ≥ 40 x | 9 x | **no** |" in text and "| another | ≥ 8 x | 9 x | yes |" in text
+        assert text.startswith("How to read it.") and text.endswith("The end.") and "--quick" in text
+        for image in re.findall(r"\((images/.*)\)", text):
+            assert (tmp_path / image).is_file()
