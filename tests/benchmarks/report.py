@@ -37,14 +37,17 @@ def write_report(run: dict, page: Path) -> None:
     parts = [
         conditions(run),
         table_of_targets(run),
-        "## What was found",
-        *answers(run),
+        *section("## What was found", answers(run)),
         "## Times",
         table_of_times(run),
-        "## Scaling",
-        *images,
+        *section("## Scaling", images),
     ]
     page.write_text(before + "\n\n".join([MARKS[0], *parts, MARKS[1]]) + after)
+
+
+def section(title: str, parts: list[str]) -> list[str]:
+    """The title and what follows it; nothing where a run chose other benchmarks."""
+    return [title, *parts] if parts else []
 
 
 def conditions(run: dict) -> str:
