@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64
-from scipy.spatial import ConvexHull
 
 from gmmjax.changes.local_surface import LocalSurface, evenly_chosen
 
@@ -51,7 +50,7 @@ def agreement(placed: LocalSurface, other: LocalSurface, scene: LocalSurface, no
     heights = _heights(means, other, (both.min(axis=0) + both.max(axis=0)) / 2)
     covered = _lies_on(points, heights, other, noise, spacing)
     elsewhere = _lies_on(points, _heights(means, scene, means.mean(axis=0)), scene, noise, spacing)
-    seen = (heights > -ON_IT * noise) & (_beyond_hull(means, other) > ON_IT * noise)
+    seen = (heights > -ON_IT * noise) & (other.beyond_hull(means) > ON_IT * noise)
     return Agreement(float(covered.mean()), float((seen & ~covered & ~elsewhere).mean()))
 
 
@@ -69,12 +68,6 @@ def _heights(
     centres, normals = surface.centres[there], surface.normals[there]
     outwards = np.sign(((centres - middle) * normals).sum(axis=1))
     return np.asarray(((means - centres) * normals).sum(axis=1) * outwards)
-
-
-def _beyond_hull(means: Float[np.ndarray, "n 3"], surface: LocalSurface) -> Float[np.ndarray, " n"]:
-    """How far each local mean is outside of the convex hull of a surface's local means; negative inside."""
-    hull = ConvexHull(surface.means(np.arange(len(surface))), qhull_options="QJ")
-    return np.asarray((means @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1))
 
 
 def _lies_on(

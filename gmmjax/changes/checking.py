@@ -2,6 +2,7 @@
 
 import dataclasses
 import warnings
+from typing import Any
 
 import numpy as np
 from jaxtyping import ArrayLike, Bool, Float
@@ -35,6 +36,16 @@ class CheckedCloud:
         rows = np.full(len(self.used), missing, values.dtype)
         rows[self.used] = values
         return rows
+
+    def diagnostics(self, given: ArrayLike | PointCloud) -> dict[str, Any]:
+        """Where the cloud came from and what of it is used, as plain values for the record."""
+        unplaced = len(self.used) - len(self.points) - self.cropped
+        return {
+            "source": given.source if isinstance(given, PointCloud) else None,
+            "points": len(self.points),
+            "rows_dropped": given.rows_dropped if isinstance(given, PointCloud) else unplaced,
+            "cropped": self.cropped,
+        }
 
 
 def check_pair(

@@ -64,17 +64,12 @@ class Survey:
             ]
         return self._images[view]
 
-    def without_views(self) -> "Survey":
-        """The same cloud, as if nothing were known of where it was seen from."""
-        survey = Survey(self.points)
-        survey.__dict__["surface"] = self.surface
-        return survey
-
     def moved(self, transform: Float64[np.ndarray, "4 4"]) -> "Survey":
         """The survey after a rigid motion; what its views see is the same."""
         surface = self.surface.moved(transform)
         views = None if self.views is None else self.views.moved(transform)
         moved = Survey(surface.points, views, self._images)
+        # Where `cached_property` keeps it: it need not be computed again.
         moved.__dict__["surface"] = surface
         return moved
 

@@ -118,7 +118,7 @@ def _with_usable_views(name: str, survey: Survey) -> Survey:
     if contradiction is None:
         return survey
     warnings.warn(contradiction, InputWarning, stacklevel=4)
-    return survey.without_views()
+    return Survey(survey.points)
 
 
 def _warn_about_overlap(registration: Registration) -> None:
@@ -296,12 +296,8 @@ def _diagnostics(
 def _cloud_diagnostics(
     given: ArrayLike | PointCloud, cloud: CheckedCloud, working: WorkingCloud, views: SensorViews | None
 ) -> dict[str, Any]:
-    unplaced = len(cloud.used) - len(cloud.points) - cloud.cropped
     return {
-        "source": given.source if isinstance(given, PointCloud) else None,
-        "points": len(cloud.points),
-        "rows_dropped": given.rows_dropped if isinstance(given, PointCloud) else unplaced,
-        "cropped": cloud.cropped,
+        **cloud.diagnostics(given),
         "points_compared": len(working.points),
         "views": 0 if views is None else len(views),
     }

@@ -1,10 +1,11 @@
 """A scanned surface: the plane through the neighbourhood of each point of a cloud."""
 
 import dataclasses
+import functools
 
 import numpy as np
 from jaxtyping import Float64, Int
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from gmmjax.changes.neighbours import nearest_neighbours
 from gmmjax.changes.planes import local_planes
@@ -55,6 +56,16 @@ class LocalSurface:
     def nearest(self, places: Float64[np.ndarray, "m 3"]) -> Int[np.ndarray, " m"]:
         """The point of the surface next to each place."""
         return nearest_neighbours(self.tree, places, 1)[1][:, 0]
+
+    @functools.cached_property
+    def hull(self) -> ConvexHull:
+        """The convex hull of the local means."""
+        # Joggled, so that a flat surface has one, too.
+        return ConvexHull(self.means(np.arange(len(self))), qhull_options="QJ")
+
+    def beyond_hull(self, places: Float64[np.ndarray, "m 3"]) -> Float64[np.ndarray, " m"]:
+        """How far each place is outside of the convex hull of the local means; negative inside."""
+        return np.asarray((places @ self.hull.equations[:, :3].T + self.hull.equations[:, 3]).max(axis=1))
 
     def moved(self, transform: Float64[np.ndarray, "4 4"]) -> "LocalSurface":
         """The surface after a rigid motion."""

@@ -216,12 +216,8 @@ def _diagnostics(
 def _cloud_diagnostics(
     given: ArrayLike | PointCloud, cloud: PreparedCloud, fits: Fit, config: DetectionConfig
 ) -> dict[str, Any]:
-    unplaced = len(cloud.used) - len(cloud.points) - cloud.cropped
     return {
-        "source": given.source if isinstance(given, PointCloud) else None,
-        "points": len(cloud.points),
-        "rows_dropped": given.rows_dropped if isinstance(given, PointCloud) else unplaced,
-        "cropped": cloud.cropped,
+        **cloud.diagnostics(given),
         "outliers": cloud.outliers,
         "points_fitted": len(cloud.weighted.mass),
         "restarts_failed": config.number_of_restarts() - len(fits.steps),
