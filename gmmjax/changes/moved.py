@@ -16,7 +16,7 @@ from gmmjax.changes.rigid_match import rigid_matches, settled_match
 # Points of a change that are held against another change.
 MOST_POINTS = 4000
 # Motions that are judged by few points, and how many of them are settled and judged by more.
-MOTIONS, FEW_TESTED = 6, 200
+MOTIONS, FEW_TESTED = 10, 200
 BEST, TESTED = 2, 800
 # Where the best motion leaves more of the points contradicted, nothing more is tried.
 HOPELESS = 0.3

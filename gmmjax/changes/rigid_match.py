@@ -16,7 +16,7 @@ COARSE_SAMPLE, FINE_SAMPLE = 200, 500
 COARSE_STEPS, FINE_STEPS = 12, 12
 FEWEST = 6
 # Starts: turns about each axis of the frame by so many steps of a full turn.
-TURNS = 8
+TURNS = 12
 # In standard deviations of the offsets.
 FIRST_REACH, LAST_REACH = 16.0, 3.0
 

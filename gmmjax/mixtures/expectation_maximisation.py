@@ -1,6 +1,6 @@
 """One step of expectation-maximisation for a masked Gaussian mixture (thesis 2.2.2), and its repetition."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,6 +14,7 @@ from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.prior import Prior
 from gmmjax.mixtures.quadratic import coefficients, quadratic_features, split_feature_sums
 from gmmjax.mixtures.weighted_points import WeightedPoints
+from gmmjax.native import native_or
 
 # Points a pass: the responsibilities of 1,024 points and 25 components stay in the first-level caches.
 CHUNK = 1024
@@ -73,6 +74,29 @@ def feature_sums(
     Returns:
         For each component the sums of all features, and the log likelihood (nats) of the observations.
     """
+    return _feature_sums(parameters, chunks.features, chunks.mass)
+
+
+@jax.custom_jvp
+def _feature_sums(parameters: JaxArray, features: JaxArray, mass: JaxArray) -> tuple[JaxArray, JaxArray]:
+    return native_or(_plain_feature_sums, _native_feature_sums, parameters, features, mass)
+
+
+@_feature_sums.defjvp
+def _differentiated(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+    """The kernel has no derivatives; those of plain JAX are those of the same sums."""
+    return jax.jvp(_plain_feature_sums, primals, tangents)
+
+
+def _native_feature_sums(parameters: JaxArray, features: JaxArray, mass: JaxArray) -> tuple[JaxArray, JaxArray]:
+    shapes = (jax.ShapeDtypeStruct(parameters.shape, parameters.dtype), jax.ShapeDtypeStruct((), parameters.dtype))
+    sums, log_likelihood = jax.ffi.ffi_call("gmmjax_feature_sums", shapes, vmap_method="expand_dims")(
+        parameters, features, mass
+    )
+    return sums, log_likelihood
+
+
+def _plain_feature_sums(parameters: JaxArray, features: JaxArray, mass: JaxArray) -> tuple[JaxArray, JaxArray]:
 
     def add_chunk(
         totals: tuple[JaxArray, JaxArray], chunk: tuple[JaxArray, JaxArray]
@@ -88,7 +112,7 @@ def feature_sums(
         return (totals[0] + sums, totals[1] + log_likelihood), None
 
     zeros = (jnp.zeros_like(parameters), jnp.zeros((), parameters.dtype))
-    (sums, log_likelihood), _ = jax.lax.scan(add_chunk, zeros, (chunks.features, chunks.mass))
+    (sums, log_likelihood), _ = jax.lax.scan(add_chunk, zeros, (features, mass))
     return sums, log_likelihood
 
 

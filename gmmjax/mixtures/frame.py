@@ -3,8 +3,10 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float
 
+from gmmjax._host import is_traced
 from gmmjax._typing import Array, Scalar
 from gmmjax.mixtures.annihilation import Fit
 from gmmjax.mixtures.mixture import GaussianMixture
@@ -45,11 +47,12 @@ class Frame(eqx.Module):
 
     def leave_fit(self, fit: Fit, observations: Scalar) -> Fit:
         """A fit of this frame in the unit of the points: densities there are smaller by the scale's volume."""
-        log_volume = observations * len(self.origin) * jnp.log(self.spread)
+        library = jnp if is_traced(self, fit) else np
+        log_volume = observations * len(self.origin) * library.log(self.spread)
         return Fit(
             mixture=self.leave(fit.mixture),
-            message_length=fit.message_length + log_volume,
-            log_likelihood=fit.log_likelihood - log_volume,
+            message_length=library.asarray(fit.message_length + log_volume),
+            log_likelihood=library.asarray(fit.log_likelihood - log_volume),
             steps=fit.steps,
             result=fit.result,
         )

@@ -75,8 +75,9 @@ def fit_restarts(
     prior_in_frame = _prior_in_frame(prior, frame, settings, precision)
     padded = frame.enter(checked).padded()
     fits = map_on_cores(fit_one, [(key, padded) for key in jax.random.split(key, restarts)], precision, progress)
-    with jax.enable_x64(True):
-        return to_numpy(jax.vmap(frame.leave_fit, in_axes=(0, None))(fits, checked.mass.sum()))
+    observations = checked.mass.sum()
+    # One by one in NumPy: to trace a `vmap` would take longer than a small fit.
+    return _stacked([frame.leave_fit(_restart(fits, index), observations) for index in range(restarts)])
 
 
 def fit_in_frame(
@@ -184,7 +185,16 @@ def map_on_cores(
 
     with ThreadPoolExecutor(min(len(arguments), available_cores())) as pool:
         results = list(pool.map(run, arguments))
-    return jax.tree.map(lambda *leaves: np.stack(leaves), *results)
+    return _stacked(results)
+
+
+def _restart(fits: Fit, index: int) -> Fit:
+    own: Fit = jax.tree.map(lambda leaf: np.asarray(leaf[index]), fits)
+    return own
+
+
+def _stacked(trees: Sequence[Any]) -> Any:
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *trees)
 
 
 def in_precision(tree: Any, precision: Precision) -> Any:

@@ -15,6 +15,9 @@ ROBOT = "robot"
 KINDS = (ROBOT, "bag", "drum", "box", "stack")
 # Share of the objects that are put on the shelf where they fit.
 ON_SHELF = 0.15
+# Two objects that change differ by so much in some extent, metres: of two more alike the scans could not tell that one
+# did not become the other by moving.
+LEAST_DIFFERENCE = 0.03
 
 # The solids of one object, the lowest first.
 StandingObject: TypeAlias = tuple[Solid, ...]
@@ -27,14 +30,14 @@ def placed_objects(
 ]:
     """Objects that are gone, new, moved (from, to) and stay, none in the place of another or of the furniture."""
     taken: list[tuple[np.ndarray, float]] = []
-    kinds = list(KINDS)
+    different: list[StandingObject] = []
 
     def drawn(change: int) -> StandingObject:
-        kind = str(random.choice(kinds))
-        if kind == ROBOT:
-            # Two alike that trade places could not be told from one that moved.
-            kinds.remove(ROBOT)
-        return _object(random, kind, change)
+        parts = _object(random, str(random.choice(KINDS)), change)
+        while change != UNCHANGED and any(_alike(parts, other) for other in different):
+            parts = _object(random, str(random.choice(KINDS)), change)
+        different.append(parts)
+        return parts
 
     def placed(parts: StandingObject) -> StandingObject:
         on_shelf = _on_shelf(random, parts, shelf, taken) if random.random() < ON_SHELF else None
@@ -65,6 +68,12 @@ def _object(random: np.random.Generator, kind: str, change: int) -> StandingObje
     upper = extent * random.uniform(0.55, 0.8, 3)
     aside = (extent - upper)[:2] / 2 * random.uniform(-1, 1, 2)
     return base, Solid(np.array([*aside, extent[2] + upper[2] / 2]), upper, 0.0, False, change)
+
+
+def _alike(parts: StandingObject, other: StandingObject) -> bool:
+    """Whether two objects that stand at the origin have nearly the same sides, on whichever of them they stand."""
+    sizes = [np.sort([*each[0].extent[:2], sum(part.extent[2] for part in each)]) for each in (parts, other)]
+    return bool(np.abs(sizes[0] - sizes[1]).max() < LEAST_DIFFERENCE)
 
 
 def _turned(parts: StandingObject, place: np.ndarray, yaw: float) -> StandingObject:

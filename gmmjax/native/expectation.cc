@@ -1,0 +1,100 @@
+// `gmmjax_feature_sums` for XLA: the widest instruction set of this machine, and the axes that `vmap` added.
+
+#include <cstdlib>
+#include <string>
+#include <vector>
+
+#include "handlers.h"
+
+#include "expectation.h"
+
+namespace gmmjax {
+namespace {
+
+namespace ffi = xla::ffi;
+
+constexpr size_t kCacheLine = 64;
+
+template <typename T>
+using Kernel = void (*)(const ExpectationProblem<T>&);
+
+// The widest vectors that this machine has, and that GMMJAX_INSTRUCTIONS (baseline, avx2, avx512) allows.
+template <typename T>
+Kernel<T> widest_kernel() {
+#if defined(__x86_64__)
+  const char* setting = std::getenv("GMMJAX_INSTRUCTIONS");
+  const std::string most = setting == nullptr ? "avx512" : setting;
+  __builtin_cpu_init();
+  const bool has_avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+  const bool has_avx512 = has_avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+                          __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl");
+  if (has_avx512 && most == "avx512") return avx512::add_up;
+  if (has_avx2 && most != "baseline") return avx2::add_up;
+#endif
+  return baseline::add_up;
+}
+
+// The next cache line: a vector that lies across two lines is loaded in twice the time.
+template <typename T>
+T* aligned(T* memory) {
+  return memory + (kCacheLine - reinterpret_cast<uintptr_t>(memory) % kCacheLine) % kCacheLine / sizeof(T);
+}
+
+template <typename T>
+ffi::Error add_all(ffi::AnyBuffer parameters, ffi::AnyBuffer points, ffi::AnyBuffer mass,
+                   ffi::Result<ffi::AnyBuffer> sums, ffi::Result<ffi::AnyBuffer> log_likelihood) {
+  static const Kernel<T> kernel = widest_kernel<T>();
+  const auto shape = parameters.dimensions(), cloud = points.dimensions();
+  const size_t axes = shape.size() - 2;
+  const int rows = int(shape[axes]), features = int(shape[axes + 1]);
+
+  std::vector<int> indices(2 * rows);
+  std::vector<double> totals(size_t(rows) * features);
+  std::vector<T> scratch(size_t(rows) * features * kMostLanes + size_t(rows + 1) * kMostBlock +
+                         size_t(features + 1) * kMostBlock + kCacheLine / sizeof(T));
+  ExpectationProblem<T> problem;
+  problem.rows = rows, problem.features = features;
+  problem.chunks = cloud[axes], problem.chunk_size = cloud[axes + 2];
+  problem.workspace.live = indices.data(), problem.workspace.present = indices.data() + rows;
+  problem.workspace.totals = totals.data();
+  problem.workspace.sums = aligned(scratch.data());
+  problem.workspace.joint = problem.workspace.sums + size_t(rows) * features * kMostLanes;
+  problem.workspace.padded = problem.workspace.joint + size_t(rows + 1) * kMostBlock;
+
+  const Axes of_parameters(shape, axes), of_points(cloud, axes), of_mass(mass.dimensions(), axes);
+  const auto stack = log_likelihood->dimensions();
+  const int64_t count = product(stack, 0, axes);
+  for (int64_t index = 0; index < count; ++index) {
+    problem.parameters = parameters.typed_data<T>() + of_parameters.offset(stack, index);
+    problem.points = points.typed_data<T>() + of_points.offset(stack, index);
+    problem.mass = mass.typed_data<T>() + of_mass.offset(stack, index);
+    problem.sums = sums->typed_data<T>() + index * rows * features;
+    problem.log_likelihood = log_likelihood->typed_data<T>() + index;
+    kernel(problem);
+  }
+  return ffi::Error::Success();
+}
+
+ffi::Error feature_sums(ffi::AnyBuffer parameters, ffi::AnyBuffer points, ffi::AnyBuffer mass,
+                        ffi::Result<ffi::AnyBuffer> sums, ffi::Result<ffi::AnyBuffer> log_likelihood) {
+  switch (parameters.element_type()) {
+    case ffi::F64:
+      return add_all<double>(parameters, points, mass, sums, log_likelihood);
+    case ffi::F32:
+      return add_all<float>(parameters, points, mass, sums, log_likelihood);
+    default:
+      return ffi::Error::InvalidArgument("gmmjax_feature_sums computes in float32 and float64");
+  }
+}
+
+}  // namespace
+
+XLA_FFI_DEFINE_HANDLER_SYMBOL(FeatureSums, feature_sums,
+                              ffi::Ffi::Bind()
+                                  .Arg<ffi::AnyBuffer>()
+                                  .Arg<ffi::AnyBuffer>()
+                                  .Arg<ffi::AnyBuffer>()
+                                  .Ret<ffi::AnyBuffer>()
+                                  .Ret<ffi::AnyBuffer>());
+
+}  // namespace gmmjax

@@ -1,0 +1,2 @@
+#define GMMJAX_INSTRUCTION_SET baseline
+#include "expectation_kernel.h"

@@ -1,0 +1,154 @@
+"""The kernel of the E-step against the same sums in plain JAX."""
+
+import importlib
+import os
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from gmmjax import native
+from gmmjax.mixtures import FeatureChunks, GaussianMixture, WeightedPoints
+from gmmjax.mixtures.quadratic import coefficients
+
+expectation_maximisation = importlib.import_module("gmmjax.mixtures.expectation_maximisation")
+needs_kernels = pytest.mark.skipif(not native.available(), reason="the kernels were not built")
+plain = jax.jit(expectation_maximisation._plain_feature_sums)
+# Of sums that are all of one sign or of order 1.
+TOLERANCE = {"float64": 1e-13, "float32": 2e-6}
+
+
+def problem(size, components, dimension=3, dtype="float64", seed=0, spread=1.0):
+    random = np.random.default_rng(seed)
+    live = random.uniform(size=components) < 0.7
+    live[0] = True
+    weights = live * random.uniform(0.1, 1, components)
+    roots = 0.4 * random.standard_normal((components, dimension, dimension))
+    mixture = GaussianMixture.masked(
+        jnp.asarray(weights / weights.sum(), dtype),
+        jnp.asarray(spread * random.standard_normal((components, dimension)), dtype),
+        jnp.asarray(roots @ roots.transpose(0, 2, 1) + 0.02 * np.eye(dimension), dtype),
+        jnp.asarray(live),
+    )
+    points = WeightedPoints(
+        random.standard_normal((size, dimension)).astype(dtype), random.uniform(0, 3, size).astype(dtype)
+    )
+    chunks = FeatureChunks.of(points)
+    return coefficients(mixture), chunks.features, chunks.mass
+
+
+def assert_close(actual, expected, dtype):
+    for ours, theirs in zip(actual, expected, strict=True):
+        scale = np.abs(theirs).max()
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=TOLERANCE[dtype] * scale)
+
+
+@needs_kernels
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize(
+    ("size", "components", "dimension"),
+    [(1, 1, 1), (200, 3, 2), (777, 25, 3), (5000, 25, 3), (2500, 81, 3), (500, 7, 6)],
+)
+def test_as_plain(size, components, dimension, dtype):
+    with jax.enable_x64(True):
+        arguments = problem(size, components, dimension, dtype)
+        assert_close(jax.jit(native_sums)(*arguments), plain(*arguments), dtype)
+
+
+def native_sums(*arguments):
+    return expectation_maximisation._native_feature_sums(*arguments)
+
+
+@needs_kernels
+def test_as_plain_where_most_components_are_far():
+    """Where a component is negligible at all points of a block, it is left out."""
+    with jax.enable_x64(True):
+        parameters, features, mass = problem(4000, 20, spread=30.0)
+        assert_close(jax.jit(native_sums)(parameters, features, mass), plain(parameters, features, mass), "float64")
+
+
+@needs_kernels
+def test_dead_components_get_nothing():
+    with jax.enable_x64(True):
+        parameters, features, mass = problem(300, 12)
+        sums, _ = native_sums(parameters, features, mass)
+        dead = np.asarray(parameters[:, 0]) < -1e29
+        assert dead.any()
+        assert not np.asarray(sums)[dead].any()
+
+
+@needs_kernels
+def test_stacks_share_what_is_not_stacked():
+    """Restarts on one cloud, clouds for one mixture, and both in turn."""
+    with jax.enable_x64(True):
+        first, features, mass = problem(700, 6)
+        second = problem(700, 6, seed=1)
+        parameters, clouds = jnp.stack([first, second[0]]), jnp.stack([features, second[1]])
+        of_restarts = jax.vmap(native_sums, (0, None, None))(parameters, features, mass)
+        assert_close(of_restarts, jax.vmap(plain, (0, None, None))(parameters, features, mass), "float64")
+
+        def each(function):
+            return jax.vmap(jax.vmap(function, (None, 0, None)), (0, None, None))(parameters, clouds, mass)
+
+        assert_close(each(native_sums), each(plain), "float64")
+
+
+@needs_kernels
+def test_what_is_not_a_number_stays_so():
+    with jax.enable_x64(True):
+        parameters, features, mass = problem(300, 5)
+        _, log_likelihood = native_sums(parameters.at[0, 2].set(jnp.nan), features, mass)
+        assert np.isnan(log_likelihood)
+
+
+def test_derivatives_are_those_of_the_sums():
+    """Against central differences, whichever code computes the sums."""
+    with jax.enable_x64(True):
+        parameters, features, mass = problem(300, 5, seed=3)
+        live = np.asarray(parameters[:, :1]) > -1e29
+
+        def likelihood(step):
+            own = parameters + jnp.where(live, step, 0) * 0.1
+            return expectation_maximisation._feature_sums(own, features, mass)[1]
+
+        slope = float(jax.grad(likelihood)(0.0))
+        difference = float(likelihood(1e-5) - likelihood(-1e-5)) / 2e-5
+    assert slope == pytest.approx(difference, rel=1e-7)
+
+
+SCRIPT = """
+import jax, numpy as np, gmmjax
+points = np.random.default_rng(0).normal(size=(900, 3)) + 6 * np.random.default_rng(1).integers(0, 2, (900, 1))
+for precision in ("float64", "float32"):
+    fit = gmmjax.fit_mixture(points, key=jax.random.key(0), max_components=8, precision=precision)
+    print(int(fit.mixture.count), float(fit.message_length))
+print(gmmjax.native.available())
+"""
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        {"GMMJAX_NATIVE": "0"},
+        pytest.param({"GMMJAX_INSTRUCTIONS": "baseline"}, marks=needs_kernels),
+        pytest.param({"GMMJAX_INSTRUCTIONS": "avx2"}, marks=needs_kernels),
+        pytest.param({}, marks=needs_kernels),
+    ],
+    ids=lambda setting: "-".join(setting.values()) or "widest",
+)
+def test_a_fit_is_the_same_with_every_instruction_set(setting):
+    environment = {**os.environ, **setting}
+    done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=True)
+    double, single, available = done.stdout.splitlines()
+    assert (available == "True") == ("GMMJAX_NATIVE" not in setting)
+    for line, tolerance in ((double, 1e-6), (single, 0.05)):
+        count, length = line.split()
+        assert count == "2"
+        assert float(length) == pytest.approx(EXPECTED, abs=tolerance)
+
+
+# In nats: of the two Gaussians of the script, by every path.
+EXPECTED = 4497.850099
