@@ -1,13 +1,16 @@
 """Algorithm 1: the Gaussians whose removal brings the mixtures closest together (thesis 2.2.4)."""
 
+import functools
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.custom_batching import sequential_vmap
 from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float
 
+from gmmjax import native
 from gmmjax._typing import Array
 from gmmjax.changes.config import Kinds
 from gmmjax.mixtures.mixture import GaussianMixture
@@ -40,6 +43,7 @@ class _State(NamedTuple):
     kept_before: JaxArray
     kept_after: JaxArray
     emd: JaxArray
+    potentials: JaxArray  # of the after mixture
     improved: JaxArray
     valid: JaxArray
 
@@ -60,25 +64,37 @@ def remove_changed(before: GaussianMixture, after: GaussianMixture, kinds: Kinds
         before: mixture of the before cloud, k0 slots.
         after: mixture of the after cloud, k1 slots. At least one Gaussian is left in either.
         kinds: "appeared", "disappeared" or "both".
+
+    Under `vmap` pair follows pair where a compiled kernel solves the transport: none waits for the one with the most
+    removals.
     """
+    remove = functools.partial(_removal, kinds=kinds)
+    if native.used():
+        remove = sequential_vmap(remove)
+    removals: Removals = remove(before, after)
+    return removals
+
+
+def _removal(before: GaussianMixture, after: GaussianMixture, kinds: Kinds) -> Removals:
     cost = euclidean(before.means, after.means)
     slots_before = len(before.weights)
 
-    def distance(kept_before: JaxArray, kept_after: JaxArray) -> tuple[JaxArray, JaxArray]:
-        result = exact_transport(_normalised(before, kept_before), _normalised(after, kept_after), cost)
-        return result.cost, result.result == TransportStatus.optimal
+    def distance(kept_before: JaxArray, kept_after: JaxArray, start: JaxArray | None) -> tuple[JaxArray, ...]:
+        masses = _normalised(before, kept_before), _normalised(after, kept_after)
+        result = exact_transport(*masses, cost, start=start)
+        return result.cost, result.potentials[1], result.result == TransportStatus.optimal
 
     smallest_gain = SMALLEST_GAIN * jnp.max(jnp.where(before.live[:, None] & after.live[None], cost, 0))
 
     def remove_best(state: _State) -> _State:
         removable_before = _removable(state.kept_before, kinds in ("both", "disappeared"))
         removable_after = _removable(state.kept_after, kinds in ("both", "appeared"))
-        removable = jnp.concatenate([removable_before, removable_after])
-        # One trial a slot of either mixture; one that cannot be removed is tried as it is, a problem like the others.
-        trial = jnp.diag(removable)
-        trials_before = state.kept_before[None] & ~trial[:, :slots_before]
-        trials_after = state.kept_after[None] & ~trial[:, slots_before:]
-        emds, valid = jax.vmap(distance)(trials_before, trials_after)
+        removable = jnp.concatenate([removable_before, removable_after]) & state.improved
+        # One trial a slot of either mixture; where there is nothing to remove, an empty problem, which costs nothing.
+        kept = removable[:, None] & ~jnp.diag(removable)
+        trials_before = state.kept_before[None] & kept[:, :slots_before]
+        trials_after = state.kept_after[None] & kept[:, slots_before:]
+        emds, potentials, valid = jax.vmap(distance, (0, 0, None))(trials_before, trials_after, state.potentials)
         emds = jnp.where(removable, emds, jnp.inf)
         best = jnp.argmin(emds)
         improved = emds[best] < state.emd - smallest_gain
@@ -86,20 +102,22 @@ def remove_changed(before: GaussianMixture, after: GaussianMixture, kinds: Kinds
             kept_before=jnp.where(improved, trials_before[best], state.kept_before),
             kept_after=jnp.where(improved, trials_after[best], state.kept_after),
             emd=jnp.where(improved, emds[best], state.emd),
+            potentials=jnp.where(improved, potentials[best], state.potentials),
             improved=improved,
-            valid=state.valid & jnp.all(valid),
+            valid=state.valid & jnp.all(valid | ~removable),
         )
 
     live_before, live_after = jnp.asarray(before.live), jnp.asarray(after.live)
-    emd, valid = distance(live_before, live_after)
-    start = _State(live_before, live_after, emd, jnp.asarray(True), valid)
+    emd, potentials, valid = distance(live_before, live_after, None)
+    start = _State(live_before, live_after, emd, potentials, jnp.asarray(True), valid)
     end = jax.lax.while_loop(lambda state: state.improved & state.valid, remove_best, start)
     return Removals(live_before & ~end.kept_before, live_after & ~end.kept_after, end.emd, emd, end.valid)
 
 
 def _normalised(mixture: GaussianMixture, kept: JaxArray) -> JaxArray:
     weights = jnp.where(kept, mixture.weights, 0)
-    return weights / jnp.sum(weights)
+    total = jnp.sum(weights)
+    return weights / jnp.where(total > 0, total, 1)
 
 
 def _removable(kept: JaxArray, wanted: bool) -> JaxArray:

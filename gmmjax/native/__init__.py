@@ -34,9 +34,17 @@ def available() -> bool:
     return True
 
 
+def used() -> bool:
+    """Whether the kernels do the work wherever there is one: they are available, and there is no device but the CPU."""
+    return available() and jax.default_backend() == "cpu"
+
+
 def native_or(plain: Callable[..., _Result], native: Callable[..., _Result], *arguments: Any) -> _Result:
     """What the kernel gives where there is one for the device, else what plain JAX gives; also under `jit`."""
     if not available():
         return plain(*arguments)
+    if used():
+        # The plain code need not be traced.
+        return native(*arguments)
     chosen: _Result = jax.lax.platform_dependent(*arguments, cpu=native, default=plain)
     return chosen

@@ -1,12 +1,11 @@
 // `gmmjax_feature_sums` for XLA: the widest instruction set of this machine, and the axes that `vmap` added.
 
-#include <cstdlib>
-#include <string>
 #include <vector>
 
 #include "handlers.h"
 
 #include "expectation.h"
+#include "instructions.h"
 
 namespace gmmjax {
 namespace {
@@ -18,22 +17,6 @@ constexpr size_t kCacheLine = 64;
 template <typename T>
 using Kernel = void (*)(const ExpectationProblem<T>&);
 
-// The widest vectors that this machine has, and that GMMJAX_INSTRUCTIONS (baseline, avx2, avx512) allows.
-template <typename T>
-Kernel<T> widest_kernel() {
-#if defined(__x86_64__)
-  const char* setting = std::getenv("GMMJAX_INSTRUCTIONS");
-  const std::string most = setting == nullptr ? "avx512" : setting;
-  __builtin_cpu_init();
-  const bool has_avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-  const bool has_avx512 = has_avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
-                          __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl");
-  if (has_avx512 && most == "avx512") return avx512::add_up;
-  if (has_avx2 && most != "baseline") return avx2::add_up;
-#endif
-  return baseline::add_up;
-}
-
 // The next cache line: a vector that lies across two lines is loaded in twice the time.
 template <typename T>
 T* aligned(T* memory) {
@@ -43,7 +26,7 @@ T* aligned(T* memory) {
 template <typename T>
 ffi::Error add_all(ffi::AnyBuffer parameters, ffi::AnyBuffer points, ffi::AnyBuffer mass,
                    ffi::Result<ffi::AnyBuffer> sums, ffi::Result<ffi::AnyBuffer> log_likelihood) {
-  static const Kernel<T> kernel = widest_kernel<T>();
+  static const Kernel<T> kernel = GMMJAX_VERSION(Kernel<T>, add_up);
   const auto shape = parameters.dimensions(), cloud = points.dimensions();
   const size_t axes = shape.size() - 2;
   const int rows = int(shape[axes]), features = int(shape[axes + 1]);

@@ -1,142 +1,26 @@
 // The E-step's sums over the points, for one instruction set: included by a translation unit for each.
 //
-// A block of points stays in the first-level cache, with the log joints of all components. Vectors are 64 bytes wide;
-// where the machine's are narrower, the compiler splits them.
+// A block of points stays in the first-level cache, with the log joints of all components.
 
 #include <cstdint>
 #include <cstring>
 
 #include "expectation.h"
 
-#if defined(__clang__)
-#define GMMJAX_UNROLL _Pragma("unroll")
-#else
-#define GMMJAX_UNROLL _Pragma("GCC unroll 16")
-#endif
-
 namespace gmmjax::GMMJAX_INSTRUCTION_SET {
 namespace {
-
-template <typename T>
-struct Lanes;
-
-template <>
-struct Lanes<double> {
-  typedef double Vector __attribute__((vector_size(64)));
-  typedef int64_t Bits __attribute__((vector_size(64)));
-  static constexpr int kCount = 8;
-  // Chunks of points after which the lanes' sums are added up.
-  static constexpr int kFlush = 1 << 30;
-  // Adding it rounds to an integer, which then stands in the lowest bits.
-  static constexpr double kRounding = 0x1.8p52;
-  static constexpr int kMantissa = 52;
-  static constexpr int64_t kBias = 1023;
-  static constexpr double kLeast = -708;
-  // A component with less than e^kNegligible of the likeliest one's density at every point of a block adds nothing.
-  static constexpr double kNegligible = -40;
-  static constexpr double kLog2High = 0x1.62e42fee00000p-1, kLog2Low = 0x1.a39ef35793c76p-33;
-  static constexpr int kExpTerms = 12, kLogTerms = 11;
-};
-
-template <>
-struct Lanes<float> {
-  typedef float Vector __attribute__((vector_size(64)));
-  typedef int32_t Bits __attribute__((vector_size(64)));
-  static constexpr int kCount = 16;
-  static constexpr int kFlush = 4;
-  static constexpr float kRounding = 0x1.8p23f;
-  static constexpr int kMantissa = 23;
-  static constexpr int32_t kBias = 127;
-  static constexpr float kLeast = -87;
-  static constexpr float kNegligible = -20;
-  static constexpr float kLog2High = 0x1.62e4p-1f, kLog2Low = 0x1.7f7d1cp-20f;
-  static constexpr int kExpTerms = 7, kLogTerms = 5;
-};
-
-template <typename T>
-using Vector = typename Lanes<T>::Vector;
 
 // Vectors of a block: their chains of dependent operations run side by side.
 constexpr int kVectors = 8;
 template <typename T>
 constexpr int kBlock = kVectors * Lanes<T>::kCount;
 
+// Chunks of points after which the lanes' sums are added up in double precision.
 template <typename T>
-inline Vector<T> load(const T* from) {
-  Vector<T> vector;
-  std::memcpy(&vector, from, sizeof(vector));
-  return vector;
-}
-
+constexpr int kFlush = sizeof(T) == 4 ? 4 : 1 << 30;
+// A component with less than e to this of the likeliest one's density at every point of a block adds nothing.
 template <typename T>
-inline void store(T* to, Vector<T> vector) {
-  std::memcpy(to, &vector, sizeof(vector));
-}
-
-template <typename T>
-inline Vector<T> all(T value) {
-  return Vector<T>{} + value;
-}
-
-template <typename To, typename From>
-inline To bits_as(From from) {
-  To to;
-  static_assert(sizeof(to) == sizeof(from));
-  std::memcpy(&to, &from, sizeof(to));
-  return to;
-}
-
-// e^x for x <= 0, to the last digits: 2^n by the exponent's bits, e^r by its series, |r| <= log(2) / 2.
-template <typename T>
-inline Vector<T> exponential(Vector<T> x) {
-  using L = Lanes<T>;
-  using Bits = typename L::Bits;
-  x = x < L::kLeast ? all<T>(L::kLeast) : x;
-  const Vector<T> rounded = x * T(1.44269504088896340736) + L::kRounding;
-  const Vector<T> whole = rounded - L::kRounding;
-  const Vector<T> rest = (x - whole * L::kLog2High) - whole * L::kLog2Low;
-  Vector<T> series;
-  const Vector<T> r2 = rest * rest, r4 = r2 * r2;
-  const Vector<T> low = (T(1) + rest) + (T(1.0 / 2) + T(1.0 / 6) * rest) * r2;
-  const Vector<T> middle = (T(1.0 / 24) + T(1.0 / 120) * rest) + (T(1.0 / 720) + T(1.0 / 5040) * rest) * r2;
-  if constexpr (sizeof(T) == 4) {
-    series = low + middle * r4;
-  } else {
-    const Vector<T> high = (T(1.0 / 40320) + T(1.0 / 362880) * rest) +
-                           (T(1.0 / 3628800) + T(1.0 / 39916800) * rest) * r2 + T(1.0 / 479001600) * r4;
-    series = low + (middle + high * r4) * r4;
-  }
-  const Bits exponent = bits_as<Bits>(rounded) - bits_as<Bits>(all<T>(L::kRounding)) + L::kBias;
-  return series * bits_as<Vector<T>>(exponent << L::kMantissa);
-}
-
-// log(x) for x >= 1: the exponent, and the series of log((1 + s) / (1 - s)) of the mantissa.
-template <typename T>
-inline Vector<T> logarithm(Vector<T> x) {
-  using L = Lanes<T>;
-  using Bits = typename L::Bits;
-  const Bits one = bits_as<Bits>(all<T>(1));
-  const Bits bits = bits_as<Bits>(x);
-  Bits exponent = (bits - one) >> L::kMantissa;
-  Vector<T> mantissa = bits_as<Vector<T>>(bits - (exponent << L::kMantissa));
-  const auto large = mantissa > T(1.41421356237309504880);
-  mantissa = large ? mantissa * T(0.5) : mantissa;
-  exponent = large ? exponent + 1 : exponent;
-  const Vector<T> s = (mantissa - T(1)) / (mantissa + T(1));
-  const Vector<T> squared = s * s;
-  Vector<T> series = all<T>(T(1.0 / (2 * L::kLogTerms + 1)));
-  GMMJAX_UNROLL
-  for (int term = L::kLogTerms - 1; term >= 0; --term) series = series * squared + T(1.0 / (2 * term + 1));
-  const Vector<T> power = __builtin_convertvector(exponent, Vector<T>);
-  return power * L::kLog2High + (power * L::kLog2Low + 2 * s * series);
-}
-
-template <typename T>
-inline double sum(Vector<T> vector) {
-  double total = 0;
-  for (int lane = 0; lane < Lanes<T>::kCount; ++lane) total += vector[lane];
-  return total;
-}
+constexpr T kNegligible = sizeof(T) == 4 ? -20 : -40;
 
 // The log joints of some components at the points of a block: linear functions of their features.
 template <typename T, int kRows>
@@ -154,8 +38,8 @@ inline void log_joints(const T* const* parameters, int features, const T* block,
 // Whether the values are negligible at every point of a block; false where they are not numbers.
 template <typename T>
 inline bool negligible(const Vector<T>* values) {
-  auto not_small = ~(values[0] < Lanes<T>::kNegligible);
-  for (int v = 1; v < kVectors; ++v) not_small |= ~(values[v] < Lanes<T>::kNegligible);
+  auto not_small = ~(values[0] < kNegligible<T>);
+  for (int v = 1; v < kVectors; ++v) not_small |= ~(values[v] < kNegligible<T>);
   int64_t parts[8], any = 0;
   std::memcpy(parts, &not_small, sizeof(parts));
   for (int64_t part : parts) any |= part;
@@ -179,7 +63,7 @@ class Expectation {
     double log_likelihood = 0;
     for (int64_t chunk = 0; chunk < p_.chunks; ++chunk) {
       log_likelihood += sum<T>(add_chunk(chunk));
-      if (chunk % Lanes<T>::kFlush == Lanes<T>::kFlush - 1) flush();
+      if (chunk % kFlush<T> == kFlush<T> - 1) flush();
     }
     flush();
     for (int i = 0; i < p_.rows * p_.features; ++i) p_.sums[i] = T(p_.workspace.totals[i]);

@@ -38,5 +38,6 @@ class Axes {
 };
 
 XLA_FFI_DECLARE_HANDLER_SYMBOL(FeatureSums);
+XLA_FFI_DECLARE_HANDLER_SYMBOL(BalancedTransport);
 
 }  // namespace gmmjax

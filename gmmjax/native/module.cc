@@ -19,7 +19,8 @@ int add(PyObject* targets, const char* name, void* handler) {
 PyObject* targets(PyObject*, PyObject*) {
   PyObject* targets = PyDict_New();
   if (targets == nullptr) return nullptr;
-  if (add(targets, "gmmjax_feature_sums", reinterpret_cast<void*>(gmmjax::FeatureSums)) < 0) {
+  if (add(targets, "gmmjax_feature_sums", reinterpret_cast<void*>(gmmjax::FeatureSums)) < 0 ||
+      add(targets, "gmmjax_transport", reinterpret_cast<void*>(gmmjax::BalancedTransport)) < 0) {
     Py_DECREF(targets);
     return nullptr;
   }

@@ -8,6 +8,7 @@ from jax.custom_batching import custom_vmap
 from jaxtyping import Bool, Float, Int
 
 from gmmjax._typing import Array
+from gmmjax.native import native_or
 from gmmjax.transport.dual_simplex import dual_simplex
 
 _CPU_LANES = 64
@@ -42,6 +43,7 @@ def balanced_transport(
     supply: Float[Array, " rows"],
     demand: Float[Array, " columns"],
     cost: Float[Array, "rows columns"],
+    start: Float[Array, " columns"],
     max_pivots: Int[Array, ""],
 ) -> BalancedSolution:
     """Move all of the supply to the demand, of the same total, at the least cost.
@@ -53,13 +55,31 @@ def balanced_transport(
         supply: nonnegative and finite, as is `demand`; 0 marks a dead component.
         demand: of the same total, up to rounding.
         cost: finite, in any unit; what it says about dead components only sets their potentials.
+        start: potentials of the columns to start from, such as those of a similar problem; infinity for none.
         max_pivots: where to give up.
 
     Returns:
         The solution. A dead component's potential is the price at which its first grain of mass would travel.
     """
-    arguments = jax.lax.stop_gradient((supply[None], demand[None], cost[None], max_pivots[None]))
-    return BalancedSolution(*(leaf[0] for leaf in _solve_stack(*arguments)))
+    arguments = jax.lax.stop_gradient((supply, demand, cost, start, max_pivots))
+    return native_or(_plain_transport, _native_transport, *arguments)
+
+
+def _native_transport(supply: Array, demand: Array, cost: Array, start: Array, max_pivots: Array) -> BalancedSolution:
+    """By successive shortest paths; see `native/transport_kernel.h`."""
+    shapes = (
+        *(jax.ShapeDtypeStruct(array.shape, cost.dtype) for array in (cost, supply, demand)),
+        jax.ShapeDtypeStruct((), jnp.bool_),
+        jax.ShapeDtypeStruct((), jnp.int32),
+    )
+    call = jax.ffi.ffi_call("gmmjax_transport", shapes, vmap_method="expand_dims")
+    return BalancedSolution(*call(supply, demand, cost, start, max_pivots))
+
+
+def _plain_transport(supply: Array, demand: Array, cost: Array, start: Array, max_pivots: Array) -> BalancedSolution:
+    """By the dual simplex, one stack for all axes that `vmap` adds."""
+    solved = _solve_stack(supply[None], demand[None], cost[None], start[None], max_pivots[None])
+    return BalancedSolution(*(leaf[0] for leaf in solved))
 
 
 @custom_vmap
@@ -67,9 +87,10 @@ def _solve_stack(
     supply: Float[Array, "stack rows"],
     demand: Float[Array, "stack columns"],
     cost: Float[Array, "stack rows columns"],
+    start: Float[Array, "stack columns"],
     max_pivots: Int[Array, " stack"],
 ) -> BalancedSolution:
-    arguments = (supply, demand, cost, max_pivots)
+    arguments = (supply, demand, cost, start, max_pivots)
     size = supply.shape[0]
     if jax.default_backend() != "cpu" or size <= _CPU_LANES:
         return _solve_block(arguments)
@@ -97,21 +118,24 @@ def _stack_of_stacks(axis_size: int, in_batched: list[bool], *arguments: Array) 
     return unfolded, jax.tree.map(lambda _: True, unfolded)
 
 
-def _solve_block(arguments: tuple[Array, Array, Array, Array]) -> BalancedSolution:
+def _solve_block(arguments: tuple[Array, Array, Array, Array, Array]) -> BalancedSolution:
     """Solve a stack side by side, in units where the total mass and the largest live cost are 1."""
-    supply, demand, cost = (jnp.moveaxis(leaf, 0, -1) for leaf in arguments[:3])
+    supply, demand, cost, given = (jnp.moveaxis(leaf, 0, -1) for leaf in arguments[:4])
     live_rows, live_columns = supply > 0, demand > 0
     live = live_rows[:, None] & live_columns[None]
     total = _nonzero(supply.sum(0, keepdims=True))
     unit = _nonzero(jnp.where(live, jnp.abs(cost), 0).max((0, 1)))
 
     scaled = jnp.where(live, cost, 0) / unit[None, None]
-    start = jnp.where(live_rows, _smooth_potentials(supply / total, demand / total, scaled, live), 0)
+    # The dual simplex starts from rows: from the highest that given columns' potentials allow.
+    allowed = _least(scaled - (jnp.where(live_columns, given, 0) / unit[None])[None], live_columns[None], axis=1)
+    smooth = _smooth_potentials(supply / total, demand / total, scaled, live)
+    start = jnp.where(live_rows, jnp.where(jnp.isfinite(given).all(0, keepdims=True), allowed, smooth), 0)
     # A dead column hangs on the last row, a dead row on the root; their other arcs are too dear to be short cuts.
     last_row = (jnp.arange(supply.shape[0]) == supply.shape[0] - 1)[:, None, None]
     pivoting = jnp.where(live, scaled, jnp.where(last_row & ~live_columns[None], 0, _DEAD_COST))
     plan, rows, columns, optimal, pivots = dual_simplex(
-        supply / total, demand / total, pivoting.astype(cost.dtype), start, arguments[3]
+        supply / total, demand / total, pivoting.astype(cost.dtype), start, arguments[4]
     )
     rows, columns = rows * unit[None], columns * unit[None]
     solution = BalancedSolution(

@@ -15,6 +15,7 @@ def exact_transport(
     mass_after: Float[Array, " k1"],
     cost: Float[Array, "k0 k1"],
     *,
+    start: Float[Array, " k1"] | None = None,
     max_pivots: int | None = None,
 ) -> TransportResult:
     r"""Solve (2.21): move $\min(\sum_i w_i, \sum_j w'_j)$ of mass at the least work, and report work over flow (2.22).
@@ -32,7 +33,10 @@ def exact_transport(
         mass_before: nonnegative masses, in any unit; 0 marks a dead component.
         mass_after: masses in the same unit; the totals may differ.
         cost: ground costs, finite, in any unit.
-        max_pivots: give up after so many pivots of the simplex; by default far more than were ever seen to be needed.
+        start: potentials of the after side to start from, such as those of the same problem before a component was
+            removed: they save half of the time and change nothing but the choice among equal optima.
+        max_pivots: give up after so many pivots of the simplex, or so many paths of the compiled kernel; by default far
+            more than were ever seen to be needed.
 
     Returns:
         The result, in double precision if any input is. It is `invalid_input` for masses that are negative and for
@@ -40,13 +44,17 @@ def exact_transport(
         suffice: then plan and cost are the last ones tried and must not be used.
     """
     limit = pivot_limit(*cost.shape) if max_pivots is None else max_pivots
-    return _solve(checked(mass_before, mass_after, cost), jnp.asarray(limit, dtype=jnp.int32))
+    problem = checked(mass_before, mass_after, cost)
+    prices = jnp.full_like(problem.mass_after, jnp.inf) if start is None else jnp.asarray(start, problem.cost.dtype)
+    return _solve(problem, prices, jnp.asarray(limit, dtype=jnp.int32))
 
 
 @eqx.filter_jit
-def _solve(problem: Problem, max_pivots: Int[Array, ""]) -> TransportResult:
+def _solve(problem: Problem, start: Float[Array, " k1"], max_pivots: Int[Array, ""]) -> TransportResult:
     balanced = problem.with_dummies()
-    solved = balanced_transport(balanced.supply, balanced.demand, balanced.cost, max_pivots)
+    # The dummy of a surplus has the potential 0, see `Balanced.centred`.
+    prices = jnp.append(start, jnp.where(jnp.isfinite(start).all(), jnp.zeros((), start.dtype), jnp.inf))
+    solved = balanced_transport(balanced.supply, balanced.demand, balanced.cost, prices, max_pivots)
     potentials = balanced.centred(solved.row_potentials, solved.column_potentials)
     plan = solved.plan[:-1, :-1]
     return TransportResult(

@@ -50,7 +50,8 @@ def partial_transport(
 def _solve(problem: Problem, penalty: Float[Array, ""], max_pivots: Int[Array, ""]) -> TransportResult:
     before, after = problem.mass_before, problem.mass_after
     extended = jnp.pad(problem.cost, ((0, 1), (0, 1)), constant_values=penalty).at[-1, -1].set(0)
-    solved = balanced_transport(jnp.append(before, after.sum()), jnp.append(after, before.sum()), extended, max_pivots)
+    supply, demand = jnp.append(before, after.sum()), jnp.append(after, before.sum())
+    solved = balanced_transport(supply, demand, extended, jnp.full_like(demand, jnp.inf), max_pivots)
     plan, unmatched = solved.plan[:-1, :-1], (solved.plan[:-1, -1], solved.plan[-1, :-1])
     # More mass before also means a larger component for it to stay with, hence the other side's last potential.
     potentials = (

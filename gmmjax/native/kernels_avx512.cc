@@ -1,13 +1,17 @@
 #if defined(__x86_64__)
 #include <cstdint>
 #include <cstring>
+#include <limits>
 #if defined(__clang__)
 #pragma clang attribute push(__attribute__((target("avx512f,avx512dq,avx512bw,avx512vl,avx2,fma"))), apply_to = function)
 #else
 #pragma GCC target("avx512f,avx512dq,avx512bw,avx512vl,avx2,fma")
 #endif
 #define GMMJAX_INSTRUCTION_SET avx512
+#include "vectors.h"
+
 #include "expectation_kernel.h"
+#include "transport_kernel.h"
 #if defined(__clang__)
 #pragma clang attribute pop
 #endif

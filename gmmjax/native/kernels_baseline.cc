@@ -1,2 +1,5 @@
 #define GMMJAX_INSTRUCTION_SET baseline
+#include "vectors.h"
+
 #include "expectation_kernel.h"
+#include "transport_kernel.h"
