@@ -96,6 +96,7 @@ class Fit(eqx.Module):
         log_likelihood: of the observations under it, in nats.
         steps: EM steps in all.
         result: a `FitStatus`; one per fit, so one per restart.
+        bits: 64 or 32, of the floating point numbers that it was computed in.
     """
 
     mixture: GaussianMixture
@@ -103,6 +104,7 @@ class Fit(eqx.Module):
     log_likelihood: Float[Array, ""]
     steps: Int[Array, ""]
     result: FitStatus
+    bits: Int[Array, ""]
 
 
 class Algorithm(NamedTuple):
@@ -172,7 +174,12 @@ def fit_by_annihilation(
         settings: frozen and hashable: a static argument under `jit`.
     """
     end = annihilate(jax.tree.map(jnp.asarray, start), _gaussian_mixture_algorithm(points, prior, settings), settings)
-    return Fit(end.model, end.message_length, end.log_likelihood, end.steps, end.result)
+    return Fit(end.model, end.message_length, end.log_likelihood, end.steps, end.result, bits_of(end.message_length))
+
+
+def bits_of(score: JaxArray) -> Int[JaxArray, ""]:
+    """Bits of the floating point numbers of a computation, for `Fit.bits`."""
+    return jnp.asarray(8 * score.dtype.itemsize, jnp.int32)
 
 
 def _gaussian_mixture_algorithm(points: WeightedPoints, prior: Prior, settings: FitSettings) -> Algorithm:

@@ -44,7 +44,9 @@ def fit_mixture(
         method: "annihilation", or "grid" for the grid search over 1 to `max_components` and all covariance types by MDL
             (`grid_search` has the choices).
         settings: how EM runs.
-        precision: "float64" or "float32", of the computation on the host path.
+        precision: "float64" or "float32", of the computation on the host path. In float32 every fit is scored again in
+            float64, and one that float32 got wrong, such as that of thin planes, is computed again in float64:
+            `Fit.bits` says which it was.
         throw: raise if no restart gave a finite result; else look at `Fit.result`.
 
     Returns:

@@ -55,4 +55,5 @@ class Frame(eqx.Module):
             log_likelihood=library.asarray(fit.log_likelihood - log_volume),
             steps=fit.steps,
             result=fit.result,
+            bits=fit.bits,
         )

@@ -14,7 +14,7 @@ from jaxtyping import ArrayLike, Float, Int, PRNGKeyArray
 from gmmjax._host import is_traced, to_numpy
 from gmmjax._typing import Array, Scalar
 from gmmjax.errors import ComputationError, InputError, check_choice
-from gmmjax.mixtures.annihilation import NOT_FINITE, Fit, FitSettings, FitStatus
+from gmmjax.mixtures.annihilation import NOT_FINITE, Fit, FitSettings, FitStatus, bits_of
 from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES, CovarianceType
 from gmmjax.mixtures.criteria import CRITERIA, Criterion, criterion_score, message_length
 from gmmjax.mixtures.expectation_maximisation import expectation_maximisation
@@ -222,4 +222,4 @@ def _fit_fixed(
     result = FitStatus.where(end.converged, FitStatus.converged, FitStatus.step_limit)
     result = FitStatus.where(jnp.isfinite(end.log_likelihood), result, FitStatus.not_finite)
     length = message_length(end.mixture, end.log_likelihood, jnp.sum(points.mass), covariance_type)
-    return Fit(end.mixture, length, end.log_likelihood, end.steps, result)
+    return Fit(end.mixture, length, end.log_likelihood, end.steps, result, bits_of(length))

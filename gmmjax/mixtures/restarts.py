@@ -18,6 +18,7 @@ from gmmjax.mixtures.covariance_type import CovarianceType, parameters_per_compo
 from gmmjax.mixtures.frame import Frame
 from gmmjax.mixtures.prior import Prior
 from gmmjax.mixtures.seeding import initial_mixture
+from gmmjax.mixtures.trust import scored_in_double
 from gmmjax.mixtures.weighted_points import WeightedPoints
 
 Precision = Literal["float64", "float32"]
@@ -51,7 +52,7 @@ def fit_restarts(
         prior: as in `fit_mixture`.
         restarts: how many.
         settings: how EM runs.
-        precision: "float64" or "float32".
+        precision: "float64" or "float32"; a fit that float32 gets wrong is computed again in float64, see `Fit.bits`.
         progress: called after each finished restart, from any thread.
 
     Raises:
@@ -74,7 +75,14 @@ def fit_restarts(
     frame = Frame.of(checked)
     prior_in_frame = _prior_in_frame(prior, frame, settings, precision)
     padded = frame.enter(checked).padded()
-    fits = map_on_cores(fit_one, [(key, padded) for key in jax.random.split(key, restarts)], precision, progress)
+    arguments = [(key, padded) for key in jax.random.split(key, restarts)]
+    fits: Fit = map_on_cores(fit_one, arguments, precision, progress)
+    if precision == "float32":
+        fits, right = scored_in_double(fits, padded, settings)
+        if not right.all():
+            doubtful = np.flatnonzero(~right)
+            again = map_on_cores(fit_one, [arguments[index] for index in doubtful], "float64")
+            fits = jax.tree.map(lambda old, new: _replaced(old, doubtful, new), fits, again)
     observations = checked.mass.sum()
     # One by one in NumPy: to trace a `vmap` would take longer than a small fit.
     return _stacked([frame.leave_fit(_restart(fits, index), observations) for index in range(restarts)])
@@ -186,6 +194,12 @@ def map_on_cores(
     with ThreadPoolExecutor(min(len(arguments), available_cores())) as pool:
         results = list(pool.map(run, arguments))
     return _stacked(results)
+
+
+def _replaced(rows: np.ndarray, indices: np.ndarray, by: np.ndarray) -> np.ndarray:
+    changed = rows.copy()
+    changed[indices] = by
+    return changed
 
 
 def _restart(fits: Fit, index: int) -> Fit:
