@@ -76,7 +76,7 @@ def _inliers(points: np.ndarray, config: DetectionConfig) -> np.ndarray:
 
 
 def reduced(points: Float[np.ndarray, "n 3"], size: float | None) -> WeightedPoints:
-    """The means of the voxels of this edge with their counts as mass; None: the points themselves, mass 1 each.
+    """The means of the voxels of this edge with counts as mass and the scatter within; None: the points, mass 1 each.
 
     Raises:
         InputError: a size that is not positive, or too small for the extent of the points.
@@ -84,7 +84,7 @@ def reduced(points: Float[np.ndarray, "n 3"], size: float | None) -> WeightedPoi
     if size is None:
         return WeightedPoints(points, np.ones(len(points)))
     grid = voxel_grid(points, size)
-    return WeightedPoints(grid.points, grid.mass)
+    return WeightedPoints(grid.points, grid.mass, grid.scatter(points))
 
 
 def default_components(points: int) -> int:

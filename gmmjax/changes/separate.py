@@ -86,10 +86,11 @@ def _fit_both(pair: PreparedPair, config: DetectionConfig, report: Progress) -> 
     keys = jax.random.split(jax.random.key(config.seed), 2)
 
     def fit(name: str, cloud: PreparedCloud, key: JaxArray) -> Fit:
-        floor = derived_noise_floor(cloud.weighted, noise_floor=config.noise_floor, voxel_size=pair.voxel_size)
+        floor = config.noise_floor or derived_noise_floor(cloud.weighted)
         fits = fit_restarts(
             cloud.weighted.points,
             mass=cloud.weighted.mass,
+            scatter=cloud.weighted.scatter,
             key=key,
             max_components=pair.max_components,
             prior=Prior.figueiredo_jain(3, floor),

@@ -69,7 +69,7 @@ def fit(
             weighted = reduced(read.points, voxel_size)
             if max_components is None:
                 max_components = default_components(len(weighted.mass))
-            found = _best_fit(weighted, voxel_size, method, max_components, restarts, seed, progress)
+            found = _best_fit(weighted, method, max_components, restarts, seed, progress)
         except InputError as error:
             raise InputError(f"{cloud}: {error}") from error
         settings = {
@@ -100,7 +100,6 @@ def _voxel_size(cloud: "PointCloud", voxel_size: float | None, max_points: int) 
 
 def _best_fit(
     weighted: "WeightedPoints",
-    voxel_size: float | None,
     method: Method,
     max_components: int,
     restarts: int,
@@ -109,7 +108,7 @@ def _best_fit(
 ) -> "Fit":
     import jax
 
-    from gmmjax.mixtures import Prior, best_fit, derived_noise_floor, fit_mixture, fit_restarts
+    from gmmjax.mixtures import best_fit, fit_mixture, fit_restarts
 
     settings = {"key": jax.random.key(seed), "mass": weighted.mass, "max_components": max_components}
     if method == "grid":
@@ -119,7 +118,7 @@ def _best_fit(
     done = itertools.count(1)
     fits = fit_restarts(
         weighted.points,
-        prior=Prior.figueiredo_jain(3, derived_noise_floor(weighted, voxel_size=voxel_size)),
+        scatter=weighted.scatter,
         restarts=restarts,
         progress=lambda: progress("Fitting", next(done) / restarts),
         **settings,

@@ -48,8 +48,8 @@ def as_finite_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.
         InputError: not real, not [N, 3] or not finite.
     """
     array = as_points(points, name)
-    broken = ~np.isfinite(array).all(axis=1)
-    if broken.any():
+    if not np.isfinite(array).all():
+        broken = ~np.isfinite(array).all(axis=1)
         raise InputError(
             f"{name}: {int(broken.sum())} of {len(array)} rows have NaN or inf (first: row {int(broken.argmax())}); "
             "drop them with PointCloud.from_rows(points).points"

@@ -1,6 +1,7 @@
 """Points gathered in cubes, each with its number of points as mass."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,8 @@ AXIS_BITS = 21
 """Bits of a voxel's index on an axis: three of them fit a 64-bit integer."""
 
 SIZE_TOLERANCE = 1.02
+# Of the number of voxels over their size, on logarithms: where the search begins, and the least that it believes.
+FIRST_SLOPE, LEAST_SLOPE = 2.5, 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +32,20 @@ class VoxelGrid:
     points: Float64[np.ndarray, "m 3"]
     mass: Float64[np.ndarray, " m"]
     voxel_of_point: Int64[np.ndarray, " n"]
+
+    def scatter(self, points: npt.ArrayLike) -> Float64[np.ndarray, "m 3 3"]:
+        """The covariance of each voxel's points about their mean, square metres.
+
+        Args:
+            points: the cloud of which this is the grid, [n, 3].
+        """
+        deviations = np.asarray(points, np.float64) - self.points[self.voxel_of_point]
+        covariances = np.empty((len(self.mass), 3, 3))
+        for row, column in zip(*np.triu_indices(3), strict=True):
+            products = deviations[:, row] * deviations[:, column]
+            sums = np.bincount(self.voxel_of_point, weights=products, minlength=len(self.mass))
+            covariances[:, row, column] = covariances[:, column, row] = sums / self.mass
+        return covariances
 
 
 def voxel_grid(points: npt.ArrayLike, size: float) -> VoxelGrid:
@@ -48,21 +65,19 @@ def voxel_grid(points: npt.ArrayLike, size: float) -> VoxelGrid:
     coordinates = as_finite_points(points)
     if not len(coordinates):
         return VoxelGrid(coordinates.copy(), np.zeros(0), np.zeros(0, np.int64))
-    corner = coordinates.min(axis=0)
-    offsets = _offsets(coordinates, corner)
+    corner, offsets = _offsets(coordinates)
     _check_size(size, float(offsets.max()))
     keys, voxel_of_point = np.unique(_keys(offsets, size), return_inverse=True)
     mass = np.bincount(voxel_of_point, minlength=len(keys)).astype(np.float64)
     # Sums of offsets, not of coordinates: at 1e6 m the latter would cost six digits.
-    sums = [np.bincount(voxel_of_point, weights=offsets[:, axis], minlength=len(keys)) for axis in range(3)]
+    sums = [np.bincount(voxel_of_point, weights=offsets[axis], minlength=len(keys)) for axis in range(3)]
     return VoxelGrid(corner + np.stack(sums, axis=1) / mass[:, None], mass, voxel_of_point.astype(np.int64, copy=False))
 
 
 def voxel_size_for(points: npt.ArrayLike, max_voxels: int) -> float:
     """The smallest voxel size, within 2 %, whose grid has at most `max_voxels` occupied voxels.
 
-    Bisection on the logarithm of the size: the number of voxels falls with the size but for small ripples, so that a
-    size below the answer may fit too.
+    The number of voxels falls with the size but for small ripples, so that a size below the answer may fit too.
 
     Args:
         points: coordinates [N, 3], metres, finite.
@@ -80,28 +95,50 @@ def voxel_size_for(points: npt.ArrayLike, max_voxels: int) -> float:
         raise InputError(f"max_voxels must be at least 1, not {max_voxels}; 10000 is usual")
     if not len(coordinates):
         raise InputError("points: there are none, so no voxel size follows from them; give at least two")
-    offsets = _offsets(coordinates, coordinates.min(axis=0))
+    _, offsets = _offsets(coordinates)
     extent = float(offsets.max())
     if _smallest_size(extent) < np.finfo(np.float64).tiny:
         raise InputError("points: all are at the same place, so no voxel size follows from them; give a size")
     smallest, largest = _smallest_size(extent), extent * SIZE_TOLERANCE
-    if len(offsets) <= max_voxels or _occupied(offsets, smallest) <= max_voxels:
+    if len(coordinates) <= max_voxels or _occupied(offsets, smallest) <= max_voxels:
         return smallest
-    while largest > smallest * SIZE_TOLERANCE:
-        middle = math.sqrt(smallest) * math.sqrt(largest)
-        if _occupied(offsets, middle) <= max_voxels:
-            largest = middle
-        else:
-            smallest = middle
-    return largest
+    return _bracketed(lambda size: _occupied(offsets, size), max_voxels, smallest, largest)
 
 
-def _offsets(coordinates: Float64[np.ndarray, "n 3"], corner: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, "n 3"]:
+def _bracketed(occupied: Callable[[float], int], max_voxels: int, smallest: float, largest: float) -> float:
+    """The right end of a bracket of 2 %, by secants on the logarithms of size and number, which are near linear there.
+
+    A secant aims a little beyond the answer, so that the next one closes the bracket from the other side. One that
+    leaves the bracket, and the tenth, give way to the middle.
+    """
+    low, high = math.log(smallest), math.log(largest)
+    margin = 0.4 * math.log(SIZE_TOLERANCE)
+    # A cloud that fills space has voxels as the cube of the size, one of surfaces as the square.
+    guess, slope, previous = high - math.log(max_voxels) / FIRST_SLOPE, -FIRST_SLOPE, None
+    step = 0
+    while high - low > math.log(SIZE_TOLERANCE):
+        step += 1
+        if not low < guess < high or step % 10 == 0:
+            guess = (low + high) / 2
+        excess = math.log(occupied(math.exp(guess)) / max_voxels)
+        low, high = (low, guess) if excess <= 0 else (guess, high)
+        if previous is not None and guess != previous[0]:
+            # Where nearly every point has a voxel of its own, the number hardly falls.
+            slope = min((excess - previous[1]) / (guess - previous[0]), -LEAST_SLOPE)
+        previous = guess, excess
+        guess = guess - excess / slope + (margin if excess > 0 else -margin)
+    return math.exp(high)
+
+
+def _offsets(coordinates: Float64[np.ndarray, "n 3"]) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 n"]]:
+    """The lowest corner, and the points relative to it, axis by axis: NumPy is many times as fast along rows."""
+    columns = np.ascontiguousarray(coordinates.T)
+    corner = columns.min(axis=1)
     with np.errstate(over="ignore"):
-        offsets: Float64[np.ndarray, "n 3"] = coordinates - corner
-    if not np.isfinite(offsets).all():
+        offsets = columns - corner[:, None]
+    if not np.isfinite(offsets.max()):
         raise InputError("points: the cloud is larger than a float64 can hold; check its unit, coordinates are metres")
-    return offsets
+    return corner, offsets
 
 
 def _smallest_size(extent: float) -> float:
@@ -121,16 +158,14 @@ def _check_size(size: float, extent: float) -> None:
         )
 
 
-def _keys(offsets: Float64[np.ndarray, "n 3"], size: float) -> Int64[np.ndarray, " n"]:
+def _keys(offsets: Float64[np.ndarray, "3 n"], size: float) -> Int64[np.ndarray, " n"]:
     """The three indices of each point's voxel in one integer."""
-    x, y, z = (offsets[:, axis] / size for axis in range(3))
-    keys: Int64[np.ndarray, " n"] = (
-        (x.astype(np.int64) << 2 * AXIS_BITS) | (y.astype(np.int64) << AXIS_BITS) | z.astype(np.int64)
-    )
+    x, y, z = (offsets / size).astype(np.int64)
+    keys: Int64[np.ndarray, " n"] = (x << 2 * AXIS_BITS) | (y << AXIS_BITS) | z
     return keys
 
 
-def _occupied(offsets: Float64[np.ndarray, "n 3"], size: float) -> int:
+def _occupied(offsets: Float64[np.ndarray, "3 n"], size: float) -> int:
     """How many voxels have points; sorting beats hashing here."""
     keys = np.sort(_keys(offsets, size))
     return 1 + int(np.count_nonzero(keys[1:] != keys[:-1]))

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float, Int
 
@@ -46,6 +47,12 @@ class FeatureChunks(eqx.Module):
         coordinates = jnp.pad(jnp.asarray(points.points), ((0, padding), (0, 0)))
         mass = jnp.pad(jnp.asarray(points.mass), (0, padding)).reshape(chunks, -1)
         features = jax.vmap(quadratic_features)(coordinates.reshape(chunks, -1, dimension))
+        if points.scatter is not None:
+            # The features of many observations are the mean of theirs: E[x x'] = mean mean' + scatter.
+            rows, columns = np.triu_indices(dimension)
+            scatter = jnp.pad(jnp.asarray(points.scatter)[:, rows, columns], ((0, padding), (0, 0)))
+            scatter = scatter.reshape(chunks, -1, len(rows)).swapaxes(1, 2)
+            features = features.at[:, 1 + dimension :].add(scatter)
         return cls(features, mass, dimension)
 
 
@@ -89,7 +96,9 @@ def _differentiated(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tupl
 
 
 def _native_feature_sums(parameters: JaxArray, features: JaxArray, mass: JaxArray) -> tuple[JaxArray, JaxArray]:
-    shapes = (jax.ShapeDtypeStruct(parameters.shape, parameters.dtype), jax.ShapeDtypeStruct((), parameters.dtype))
+    dtype = jnp.result_type(parameters, features, mass)
+    parameters, features, mass = (array.astype(dtype) for array in (parameters, features, mass))
+    shapes = (jax.ShapeDtypeStruct(parameters.shape, dtype), jax.ShapeDtypeStruct((), dtype))
     sums, log_likelihood = jax.ffi.ffi_call("gmmjax_feature_sums", shapes, vmap_method="expand_dims")(
         parameters, features, mass
     )

@@ -4,7 +4,7 @@ from typing import Literal, get_args
 
 from jaxtyping import ArrayLike, PRNGKeyArray
 
-from gmmjax.errors import check_choice
+from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures.annihilation import Fit, FitSettings
 from gmmjax.mixtures.grid_search import grid_search
 from gmmjax.mixtures.prior import Prior
@@ -18,6 +18,7 @@ def fit_mixture(
     *,
     key: PRNGKeyArray,
     mass: ArrayLike | None = None,
+    scatter: ArrayLike | None = None,
     max_components: int = 25,
     prior: Prior | None = None,
     restarts: int = 1,
@@ -36,6 +37,9 @@ def fit_mixture(
         points: coordinates [n, d], in any unit.
         key: random key of the starts, `jax.random.key(seed)`.
         mass: how many observations each point stands for [n]; default 1 each. Mass 0 is padding.
+        scatter: covariance of those observations about the point [n, d, d], such as `VoxelGrid.scatter`: with it the
+            moments of the mixture are those of the observations, and the log likelihood is a lower bound of theirs (a
+            point's observations share its responsibilities). Default none; not for the grid search.
         max_components: annihilation starts from this number of components (K_max).
         prior: belief about weights and noise; not used by the grid search. Default: `Prior.figueiredo_jain` with a
             noise floor of a thousandth of the points' spread: 1 mm for a scan of 2 m (5 mm in float32).
@@ -60,6 +64,8 @@ def fit_mixture(
     check_choice("method", method, get_args(FitMethod))
     check_choice("precision", precision, get_args(Precision))
     if method == "grid":
+        if scatter is not None:
+            raise InputError("scatter is not for method='grid'; leave it out, or choose method='annihilation'")
         return grid_search(
             points,
             key=key,
@@ -74,6 +80,7 @@ def fit_mixture(
         points,
         key=key,
         mass=mass,
+        scatter=scatter,
         max_components=max_components,
         prior=prior,
         restarts=restarts,

@@ -39,7 +39,8 @@ class Frame(eqx.Module):
 
     def enter(self, points: WeightedPoints) -> WeightedPoints:
         """The points in this frame."""
-        return WeightedPoints((points.points - self.origin[None]) / self.spread, points.mass)
+        scatter = None if points.scatter is None else points.scatter / self.spread**2
+        return WeightedPoints((points.points - self.origin[None]) / self.spread, points.mass, scatter)
 
     def leave(self, mixture: GaussianMixture) -> GaussianMixture:
         """A mixture of this frame in the unit of the points."""

@@ -1,7 +1,6 @@
 """Fits from many random starts: checks the points, chooses scale and precision, shares the work out over the cores."""
 
 import functools
-import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Literal, get_args
@@ -33,6 +32,7 @@ def fit_restarts(
     *,
     key: PRNGKeyArray,
     mass: ArrayLike | None = None,
+    scatter: ArrayLike | None = None,
     max_components: int = 25,
     prior: Prior | None = None,
     restarts: int = 8,
@@ -48,6 +48,7 @@ def fit_restarts(
         points: coordinates [n, d].
         key: random key; each restart gets its own part.
         mass: masses [n]; default 1 each.
+        scatter: covariances [n, d, d] of the observations about their points; default none.
         max_components: K_max.
         prior: as in `fit_mixture`.
         restarts: how many.
@@ -61,12 +62,12 @@ def fit_restarts(
     check_choice("precision", precision, get_args(Precision))
     if restarts < 1:
         raise InputError(f"restarts={restarts} must be at least 1")
-    if is_traced(points, mass, key, prior):
-        traced = traced_points(points, mass)
+    if is_traced(points, mass, scatter, key, prior):
+        traced = traced_points(points, mass, scatter)
         _check_components(max_components, len(traced.points))
         keys = jax.random.split(key, restarts)
         return jax.vmap(lambda key: fit_in_frame(traced, key, prior, max_components, settings))(keys)
-    checked = checked_points(points, mass, settings.covariance_type)
+    checked = checked_points(points, mass, settings.covariance_type, scatter)
     _check_components(max_components, int(np.count_nonzero(checked.mass)))
 
     def fit_one(key: PRNGKeyArray, points: WeightedPoints) -> Fit:
@@ -117,26 +118,20 @@ def best_fit(fits: Fit, *, throw: bool = True) -> Fit:
     return jax.tree.map(lambda leaf: np.asarray(leaf[int(best)]), fits)
 
 
-def derived_noise_floor(
-    points: WeightedPoints, *, noise_floor: float | None = None, voxel_size: float | None = None
-) -> float:
-    """The noise floor of points that may be the means of voxels, in their unit.
-
-    In a grid the floor includes the scatter that was averaged away in a voxel: without it a single voxel of many points
-    would look like a Gaussian of no extent, and become one.
+def derived_noise_floor(points: WeightedPoints) -> float:
+    """The noise floor where none is given, in the unit of the points: a thousandth of their spread.
 
     Args:
         points: the points that are fitted, NumPy arrays.
-        noise_floor: the sensor's; None: a thousandth of the points' spread.
-        voxel_size: edge of the voxels; None: no grid.
     """
-    floor = noise_floor or RELATIVE_NOISE_FLOOR["float64"] * float(Frame.of(points).spread)
-    within_voxel = 0.0 if voxel_size is None else voxel_size / math.sqrt(12)
-    return math.hypot(floor, within_voxel)
+    return RELATIVE_NOISE_FLOOR["float64"] * float(Frame.of(points).spread)
 
 
 def checked_points(
-    points: ArrayLike, mass: ArrayLike | None, covariance_type: CovarianceType = "full"
+    points: ArrayLike,
+    mass: ArrayLike | None,
+    covariance_type: CovarianceType = "full",
+    scatter: ArrayLike | None = None,
 ) -> WeightedPoints:
     """Points and masses in float64, checked on the host.
 
@@ -163,7 +158,19 @@ def checked_points(
     used = coordinates[masses > 0]
     if np.ptp(used, axis=0).max() <= 8 * np.finfo(np.float64).eps * np.abs(used).max():
         raise InputError("all points are equal: there is nothing to fit a mixture to")
-    return WeightedPoints(coordinates, masses)
+    return WeightedPoints(coordinates, masses, _checked_scatter(scatter, coordinates))
+
+
+def _checked_scatter(scatter: ArrayLike | None, points: np.ndarray) -> np.ndarray | None:
+    if scatter is None:
+        return None
+    covariances = np.asarray(scatter, dtype=np.float64)
+    expected = (*points.shape, points.shape[1])
+    if covariances.shape != expected:
+        raise InputError(f"scatter must have one covariance a point, {list(expected)}, not {list(covariances.shape)}")
+    if not np.isfinite(covariances).all() or (np.diagonal(covariances, axis1=1, axis2=2) < 0).any():
+        raise InputError("scatter must be covariances: finite, and none of its variances negative")
+    return covariances
 
 
 def map_on_cores(
@@ -234,11 +241,13 @@ def _prior_in_frame(prior: Prior | None, frame: Frame, settings: FitSettings, pr
     return Prior.figueiredo_jain(len(frame.origin), RELATIVE_NOISE_FLOOR[precision], settings.covariance_type)
 
 
-def traced_points(points: ArrayLike, mass: ArrayLike | None) -> WeightedPoints:
+def traced_points(points: ArrayLike, mass: ArrayLike | None, scatter: ArrayLike | None = None) -> WeightedPoints:
     """Points and masses as JAX arrays, for tracing; nothing of their values is checked."""
     coordinates = jnp.asarray(points)
     return WeightedPoints(
-        coordinates, jnp.ones(len(coordinates), coordinates.dtype) if mass is None else jnp.asarray(mass)
+        coordinates,
+        jnp.ones(len(coordinates), coordinates.dtype) if mass is None else jnp.asarray(mass),
+        None if scatter is None else jnp.asarray(scatter),
     )
 
 

@@ -15,17 +15,20 @@ class WeightedPoints(eqx.Module):
     Attributes:
         points: coordinates.
         mass: how many observations each point stands for, such as the count of its voxel; 0 is padding.
+        scatter: covariance of those observations about the point, such as that within a voxel; None: they are at it.
     """
 
     points: Float[Array, "n d"]
     mass: Float[Array, " n"]
+    scatter: Float[Array, "n d d"] | None = None
 
     def padded(self) -> "WeightedPoints":
         """The same points, padded on the host with mass 0 to the next of the `bucket` sizes: few shapes compile."""
         padding = bucket(len(self.mass)) - len(self.mass)
         # Padding repeats the first point, so that it lies within the data's range whatever the offset.
         rows = np.concatenate([np.arange(len(self.mass)), np.zeros(padding, int)])
-        return WeightedPoints(np.asarray(self.points)[rows], np.pad(np.asarray(self.mass), (0, padding)))
+        scatter = None if self.scatter is None else np.asarray(self.scatter)[rows]
+        return WeightedPoints(np.asarray(self.points)[rows], np.pad(np.asarray(self.mass), (0, padding)), scatter)
 
 
 def bucket(size: int) -> int:

@@ -67,8 +67,10 @@ def balanced_transport(
 
 def _native_transport(supply: Array, demand: Array, cost: Array, start: Array, max_pivots: Array) -> BalancedSolution:
     """By successive shortest paths; see `native/transport_kernel.h`."""
+    dtype = jnp.result_type(supply, demand, cost)
+    supply, demand, cost, start = (array.astype(dtype) for array in (supply, demand, cost, start))
     shapes = (
-        *(jax.ShapeDtypeStruct(array.shape, cost.dtype) for array in (cost, supply, demand)),
+        *(jax.ShapeDtypeStruct(array.shape, dtype) for array in (cost, supply, demand)),
         jax.ShapeDtypeStruct((), jnp.bool_),
         jax.ShapeDtypeStruct((), jnp.int32),
     )

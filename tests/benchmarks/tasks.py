@@ -6,12 +6,12 @@ import numpy as np
 from gmmjax import FitSettings, Prior, earth_movers_distance, fit_mixture
 from gmmjax.changes import remove_changed
 from gmmjax.clouds import voxel_grid, voxel_size_for
-from gmmjax.mixtures import WeightedPoints, derived_noise_floor, fit_restarts
+from gmmjax.mixtures import fit_restarts
 from tests.benchmarks.scenes import gaussian_cloud, noise_floor
 from tests.benchmarks.workers import forget_peak_memory, memory
 
 MAX_COMPONENTS = 25
-MAX_VOXELS = 16384
+MAX_VOXELS = 8192
 
 
 def fit(points, precision="float64", max_components=MAX_COMPONENTS, seed=0):
@@ -44,15 +44,13 @@ def fit_voxels(points):
     """The voxels, and the fit of their means with their numbers of points as masses."""
     size = voxel_size_for(points, MAX_VOXELS)
     grid = voxel_grid(points, size)
-    floor = derived_noise_floor(
-        WeightedPoints(grid.points, grid.mass), noise_floor=noise_floor(points), voxel_size=size
-    )
     return fit_mixture(
         grid.points,
         key=jax.random.key(0),
         mass=grid.mass,
+        scatter=grid.scatter(points),
         max_components=MAX_COMPONENTS,
-        prior=Prior.figueiredo_jain(3, floor),
+        prior=Prior.figueiredo_jain(3, noise_floor(points)),
     )
 
 

@@ -105,3 +105,12 @@ def test_size_for_any_cloud(points, max_voxels):
 def test_no_size_follows(points, max_voxels, message):
     with pytest.raises(InputError, match=message):
         voxel_size_for(points, max_voxels)
+
+
+def test_scatter_is_the_covariance_within_each_voxel():
+    points = np.random.default_rng(3).normal(size=(400, 3))
+    grid = voxel_grid(points, 1.0)
+    scatter = grid.scatter(points)
+    for voxel in range(len(grid.mass)):
+        own = points[grid.voxel_of_point == voxel]
+        np.testing.assert_allclose(scatter[voxel], np.cov(own.T, bias=True) if len(own) > 1 else 0, atol=1e-12)

@@ -104,6 +104,15 @@ def test_what_is_not_a_number_stays_so():
         assert np.isnan(log_likelihood)
 
 
+@needs_kernels
+def test_precisions_may_be_mixed():
+    with jax.enable_x64(True):
+        parameters, features, mass = problem(300, 5)
+        mixed = native_sums(parameters.astype("float32"), features, mass)
+        assert mixed[0].dtype == np.float64
+        assert_close(mixed, plain(parameters.astype("float32"), features, mass), "float64")
+
+
 def test_derivatives_are_those_of_the_sums():
     """Against central differences, whichever code computes the sums."""
     with jax.enable_x64(True):

@@ -1,0 +1,94 @@
+"""Points that stand for many: with the scatter about them the moments are those of the observations."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from gmmjax import InputError, fit_mixture
+from gmmjax.clouds import voxel_grid, voxel_size_for
+from gmmjax.mixtures import FeatureChunks, GaussianMixture, WeightedPoints, expectation, message_length
+
+
+@pytest.fixture(scope="module")
+def cloud():
+    """Two Gaussians and a thin board."""
+    random = np.random.default_rng(0)
+    blobs = random.normal(size=(6000, 3)) * [0.3, 0.2, 0.4] + random.integers(0, 2, (6000, 1)) * [[2.5, 0, 0]]
+    board = random.uniform(-1, 1, (3000, 3)) * [1, 1, 0.01] + [1, 0, -3]
+    return np.concatenate([blobs, board])
+
+
+def single(dimension=3):
+    return GaussianMixture(jnp.ones(1), jnp.zeros((1, dimension)), jnp.eye(dimension)[None], jnp.ones(1, bool))
+
+
+def test_moments_are_those_of_the_observations(cloud):
+    """One component takes all: its mass, mean and covariance must be exactly the cloud's."""
+    grid = voxel_grid(cloud, 0.5)
+    with jax.enable_x64(True):
+        chunks = FeatureChunks.of(WeightedPoints(grid.points, grid.mass, grid.scatter(cloud)))
+        moments, _ = expectation(single(), chunks)
+    assert len(grid.mass) < 300
+    np.testing.assert_allclose(moments.mass, [len(cloud)])
+    np.testing.assert_allclose(moments.means[0], cloud.mean(axis=0), atol=1e-12)
+    np.testing.assert_allclose(moments.covariances[0], np.cov(cloud.T, bias=True), atol=1e-12)
+
+
+def test_likelihood_is_a_lower_bound_that_is_sharp_for_one_component(cloud):
+    grid = voxel_grid(cloud, 0.5)
+    two = GaussianMixture(
+        jnp.full(2, 0.5), jnp.asarray([[0.0, 0, 0], [2, 0, -1]]), jnp.stack([jnp.eye(3)] * 2), jnp.ones(2, bool)
+    )
+    with jax.enable_x64(True):
+        reduced = FeatureChunks.of(WeightedPoints(grid.points, grid.mass, grid.scatter(cloud)))
+        whole = FeatureChunks.of(WeightedPoints(cloud, np.ones(len(cloud))))
+        assert float(expectation(single(), reduced)[1]) == pytest.approx(float(expectation(single(), whole)[1]))
+        assert float(expectation(two, reduced)[1]) < float(expectation(two, whole)[1])
+
+
+def test_a_fit_of_voxels_is_as_good_as_one_of_all_points(cloud):
+    size = voxel_size_for(cloud, 1000)
+    grid = voxel_grid(cloud, size)
+    settings = dict(key=jax.random.key(0), max_components=10, restarts=2)
+    reduced = fit_mixture(grid.points, mass=grid.mass, scatter=grid.scatter(cloud), **settings)
+    whole = fit_mixture(cloud, **settings)
+
+    def length(fit):
+        with jax.enable_x64(True):
+            likelihood = fit.mixture.log_density(cloud).sum()
+            return float(message_length(fit.mixture, likelihood, float(len(cloud))))
+
+    # How many Gaussians describe a board is luck, what they cost is not.
+    assert length(reduced) == pytest.approx(length(whole), rel=1e-3)
+    # The board is thinner than a voxel, and stays so.
+    thinnest = np.sqrt(np.linalg.eigvalsh(reduced.mixture.live_part().covariances).min())
+    assert thinnest < size / 5
+
+
+def test_another_unit_changes_only_the_scale(cloud):
+    grid = voxel_grid(cloud, 0.4)
+    scatter = grid.scatter(cloud)
+    metres, millimetres = (
+        fit_mixture(
+            unit * grid.points, mass=grid.mass, scatter=unit**2 * scatter, key=jax.random.key(1), max_components=6
+        )
+        for unit in (1.0, 1000.0)
+    )
+    np.testing.assert_allclose(millimetres.mixture.means, 1000 * metres.mixture.means, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("scatter", "message"),
+    [
+        (np.zeros((99, 3, 3)), r"scatter must have one covariance a point, \[100, 3, 3\], not \[99, 3, 3\]"),
+        (np.full((100, 3, 3), np.nan), "scatter must be covariances"),
+        (-np.ones((100, 3, 3)), "none of its variances negative"),
+    ],
+)
+def test_bad_scatter_is_named(scatter, message):
+    points = np.random.default_rng(0).normal(size=(100, 3))
+    with pytest.raises(InputError, match=message):
+        fit_mixture(points, scatter=scatter, key=jax.random.key(0))
+    with pytest.raises(InputError, match="scatter is not for method='grid'"):
+        fit_mixture(points, scatter=np.zeros((100, 3, 3)), method="grid", key=jax.random.key(0))
