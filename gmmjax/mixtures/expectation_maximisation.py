@@ -81,7 +81,8 @@ def feature_sums(
     Returns:
         For each component the sums of all features, and the log likelihood (nats) of the observations.
     """
-    return _feature_sums(parameters, chunks.features, chunks.mass)
+    dtype = jnp.result_type(parameters, chunks.features, chunks.mass)
+    return _feature_sums(*(array.astype(dtype) for array in (parameters, chunks.features, chunks.mass)))
 
 
 @jax.custom_jvp
@@ -96,9 +97,7 @@ def _differentiated(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tupl
 
 
 def _native_feature_sums(parameters: JaxArray, features: JaxArray, mass: JaxArray) -> tuple[JaxArray, JaxArray]:
-    dtype = jnp.result_type(parameters, features, mass)
-    parameters, features, mass = (array.astype(dtype) for array in (parameters, features, mass))
-    shapes = (jax.ShapeDtypeStruct(parameters.shape, dtype), jax.ShapeDtypeStruct((), dtype))
+    shapes = (jax.ShapeDtypeStruct(parameters.shape, parameters.dtype), jax.ShapeDtypeStruct((), parameters.dtype))
     sums, log_likelihood = jax.ffi.ffi_call("gmmjax_feature_sums", shapes, vmap_method="expand_dims")(
         parameters, features, mass
     )
