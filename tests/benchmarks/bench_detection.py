@@ -1,11 +1,17 @@
-"""The thesis's detection, end to end: sixteen restarts of ours against one run of its algorithm on NumPy and POT."""
+"""Detection end to end: the thesis's against its algorithm on NumPy and POT, the default's cost, the command line."""
+
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 from gmmjax import detect_changes
+from gmmjax.clouds import write_ply
 from tests.benchmarks import peers, tasks
-from tests.benchmarks.scenes import changed_pair
+from tests.benchmarks.scenes import changed_pair, hall_pair
+from tests.benchmarks.workers import worker
 
 
 @pytest.mark.benchmark(group="detection")
@@ -26,3 +32,46 @@ def test_greedy_detection(bench, quick):
     for peer in ("plain_thesis", "lean_thesis"):
         changed[peer] = [int(side.sum()) for side in timings[peer].answer]
     bench.answers(changed_points_before_and_after=changed)
+
+
+@pytest.mark.benchmark(group="default detection")
+@pytest.mark.parametrize(("size", "seconds", "gigabytes"), [(50_000, 2.0, 1.5), (1_000_000, 20.0, 4.0)])
+def test_default_detection(bench, quick, size, seconds, gigabytes):
+    """A hall of 30 m in which a box moved, default settings; memory in a new process, compilation included."""
+    if quick and size > 50_000:
+        pytest.skip("--quick")
+    before, after = hall_pair(size)
+    timings = bench.compare(ours=lambda: detect_changes(before, after))
+    own = timings["ours"].cpu
+    what = f"detect_changes, default settings, 2 x {size:,} points"
+    bench.row(f"{what}: CPU time", asked=seconds, measured=own, unit="s", least=False, ours=f"{own:.2f} s", peer="")
+    with worker(2) as fresh:
+        peak = fresh(tasks.detection_memory, size).answer / 1e9
+    bench.row(f"{what}: memory", asked=gigabytes, measured=peak, unit="GB", least=False, ours=f"{peak:.2f} GB", peer="")
+    kinds = sorted(change.kind for change in timings["ours"].answer.items)
+    bench.answers(changes=kinds)
+
+
+@pytest.mark.benchmark(group="command line")
+def test_command_line_cold_and_warm(bench, quick, tmp_path):
+    """`gmmjax detect` on two PLY files, wall time: the cache of compiled programs empty, and not."""
+    files = [tmp_path / f"{name}.ply" for name in ("before", "after")]
+    for file, points in zip(files, hall_pair(5_000 if quick else 50_000), strict=True):
+        write_ply(file, points)
+
+    def run(cache):
+        command = [sys.executable, "-m", "gmmjax", "detect", *map(str, files), "--out", str(tmp_path / "out")]
+        environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / cache)}
+        subprocess.run([*command, "--overwrite", "--quiet"], env=environment, check=True)
+
+    def cold():
+        cold.runs += 1
+        return run(f"cold{cold.runs}")
+
+    cold.runs = 0
+    run("warm")
+    timings = bench.compare(warm=lambda: run("warm"), cold=cold)
+    for name in ("warm", "cold"):
+        wall = timings[name].wall
+        bench.row(f"gmmjax detect, 2 x 50,000 points, {name} cache: wall time", asked=None, measured=wall, unit="s",
+                  least=False, ours=f"{wall:.1f} s", peer="")  # fmt: skip

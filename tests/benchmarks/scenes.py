@@ -25,6 +25,29 @@ def changed_pair(size, seed=0):
     return scene.before, scene.after
 
 
+def hall_pair(size, seed=0):
+    """Two scans of `size` points of a hall of 30 m with two boxes of 1 m, of which one stands elsewhere later."""
+    random = np.random.default_rng(seed)
+    return tuple(_hall(random, size, boxes) for boxes in ([[5, 5, 0], [20, 10, 0]], [[5, 5, 0], [12, 22, 0]]))
+
+
+def _hall(random, size, boxes):
+    """A floor and two walls with 1 cm of noise, and three faces of each box."""
+    floor, wall, face = size // 2, size // 4, size // 300
+    along, up, noise = (lambda n: random.uniform(0, 30, n)), (lambda n: random.uniform(0, 6, n)), random.standard_normal
+    parts = [
+        np.column_stack([along(floor), along(floor), 0.01 * noise(floor)]),
+        np.column_stack([along(wall), 0.01 * noise(wall), up(wall)]),
+        np.column_stack([0.01 * noise(wall), along(wall), up(wall)]),
+    ]
+    for corner in boxes:
+        for axis, side in ((2, 1.0), (1, 0.0), (0, 0.0)):
+            points = random.uniform(0, 1, (face, 3))
+            points[:, axis] = side
+            parts.append(points + corner)
+    return np.concatenate(parts)
+
+
 def planes(thickness, size=6000, seed=0):
     """A corner of three planes of 2 m, with Gaussian noise of the standard deviation thickness / 2, metres."""
     random = np.random.default_rng(seed)

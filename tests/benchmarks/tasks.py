@@ -3,11 +3,11 @@
 import jax
 import numpy as np
 
-from gmmjax import FitSettings, Prior, earth_movers_distance, fit_mixture
+from gmmjax import FitSettings, Prior, detect_changes, earth_movers_distance, fit_mixture
 from gmmjax.changes import remove_changed
 from gmmjax.clouds import voxel_grid, voxel_size_for
 from gmmjax.mixtures import fit_restarts
-from tests.benchmarks.scenes import gaussian_cloud, noise_floor
+from tests.benchmarks.scenes import gaussian_cloud, hall_pair, noise_floor
 from tests.benchmarks.workers import forget_peak_memory, memory
 
 MAX_COMPONENTS = 25
@@ -62,6 +62,14 @@ def peak_memory(size, precision, max_steps):
     settings = FitSettings(max_steps=max_steps)
     fit_mixture(points, key=jax.random.key(0), settings=settings, precision=precision)
     return memory("VmHWM") - before, points.nbytes
+
+
+def detection_memory(size):
+    """The peak of a detection's memory over what the process holds before it, data included; bytes."""
+    forget_peak_memory()
+    before = memory("VmRSS")
+    detect_changes(*hall_pair(size))
+    return memory("VmHWM") - before
 
 
 def batch_of_distances(before, after, solver):
