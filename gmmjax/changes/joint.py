@@ -28,7 +28,7 @@ from gmmjax.changes.volumetric import restart_weights, volumetric_changes
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.errors import InputError, InputWarning
 from gmmjax.mixtures import FitSettings, FitStatus, WeightedPoints
-from gmmjax.mixtures.restarts import RELATIVE_NOISE_FLOOR
+from gmmjax.mixtures.map_fits import RELATIVE_NOISE_FLOOR
 
 # Components that annihilation starts from, and points that a restart sees: on surfaces the mixture need not be fine,
 # because distances see what is small.

@@ -25,8 +25,8 @@ from gmmjax.changes.joint_mixture import (
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import FitSettings, FitStatus, GaussianMixture
 from gmmjax.mixtures.annihilation import Annihilated
+from gmmjax.mixtures.cores import map_on_cores
 from gmmjax.mixtures.frame import Frame
-from gmmjax.mixtures.restarts import map_on_cores
 from gmmjax.transport import earth_movers_distance
 
 # Points whose posterior is computed in one pass: one compiled shape for clouds of every size.

@@ -19,7 +19,7 @@ from gmmjax.changes.preparation import PreparedCloud, PreparedPair, prepare_pair
 from gmmjax.changes.unmatched import unmatched_shares
 from gmmjax.clouds import PointCloud
 from gmmjax.errors import ComputationError
-from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, derived_noise_floor, fit_restarts
+from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, map_fits
 from gmmjax.transport import TransportStatus, exact_transport
 from gmmjax.transport.ground_cost import euclidean
 
@@ -82,30 +82,27 @@ class _Votes(NamedTuple):
 
 def _fit_both(pair: PreparedPair, config: DetectionConfig, report: Progress) -> tuple[Fit, Fit]:
     """The fits of both clouds with a leading axis of restarts; those that failed are left out."""
-    done = iter(range(1, 2 * config.number_of_restarts() + 1))
-    keys = jax.random.split(jax.random.key(config.seed), 2)
+    total = 2 * config.number_of_restarts()
+    done = iter(range(1, total + 1))
+    both = map_fits(
+        [pair.before.weighted, pair.after.weighted],
+        key=jax.random.key(config.seed),
+        max_components=pair.max_components,
+        prior=None if config.noise_floor is None else Prior.figueiredo_jain(3, config.noise_floor),
+        restarts=config.number_of_restarts(),
+        settings=FitSettings(patience=PATIENCE),
+        progress=lambda: report("Fitting the mixtures", 0.15 + 0.65 * next(done) / total),
+    )
+    before, after = (_finite(name, fits) for name, fits in zip(("before", "after"), both, strict=True))
+    return before, after
 
-    def fit(name: str, cloud: PreparedCloud, key: JaxArray) -> Fit:
-        floor = config.noise_floor or derived_noise_floor(cloud.weighted)
-        fits = fit_restarts(
-            cloud.weighted.points,
-            mass=cloud.weighted.mass,
-            scatter=cloud.weighted.scatter,
-            key=key,
-            max_components=pair.max_components,
-            prior=Prior.figueiredo_jain(3, floor),
-            restarts=config.number_of_restarts(),
-            settings=FitSettings(patience=PATIENCE),
-            progress=lambda: report(
-                "Fitting the mixtures", 0.15 + 0.65 * next(done) / (2 * config.number_of_restarts())
-            ),
-        )
-        finite = np.asarray(fits.result != FitStatus.not_finite)
-        if not finite.any():
-            raise ComputationError(f"{name}: no restart gave a mixture; raise noise_floor")
-        return jax.tree.map(lambda leaf: leaf[finite], fits)
 
-    return fit("before", pair.before, keys[0]), fit("after", pair.after, keys[1])
+def _finite(name: str, fits: Fit) -> Fit:
+    finite = np.asarray(fits.result != FitStatus.not_finite)
+    if not finite.any():
+        raise ComputationError(f"{name}: no restart gave a mixture; raise noise_floor")
+    kept: Fit = jax.tree.map(lambda leaf: leaf[finite], fits)
+    return kept
 
 
 def _compacted(fits: tuple[Fit, Fit], max_components: int) -> tuple[GaussianMixture, GaussianMixture]:

@@ -22,10 +22,10 @@ from gmmjax.mixtures.expectation_maximisation import maximisation as maximisatio
 from gmmjax.mixtures.fitting import fit_mixture as fit_mixture
 from gmmjax.mixtures.grid_search import GridSearch as GridSearch
 from gmmjax.mixtures.grid_search import grid_search as grid_search
+from gmmjax.mixtures.map_fits import map_fits as map_fits
 from gmmjax.mixtures.mixture import GaussianMixture as GaussianMixture
 from gmmjax.mixtures.prior import Prior as Prior
 from gmmjax.mixtures.restarts import best_fit as best_fit
-from gmmjax.mixtures.restarts import derived_noise_floor as derived_noise_floor
 from gmmjax.mixtures.restarts import fit_restarts as fit_restarts
 from gmmjax.mixtures.seeding import initial_mixture as initial_mixture
 from gmmjax.mixtures.weighted_points import WeightedPoints as WeightedPoints

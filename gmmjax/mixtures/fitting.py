@@ -6,9 +6,11 @@ from jaxtyping import ArrayLike, PRNGKeyArray
 
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures.annihilation import Fit, FitSettings
+from gmmjax.mixtures.cores import Precision
 from gmmjax.mixtures.grid_search import grid_search
+from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.prior import Prior
-from gmmjax.mixtures.restarts import Precision, best_fit, fit_restarts
+from gmmjax.mixtures.restarts import best_fit, fit_restarts
 
 FitMethod = Literal["annihilation", "grid"]
 
@@ -22,6 +24,7 @@ def fit_mixture(
     max_components: int = 25,
     prior: Prior | None = None,
     restarts: int = 1,
+    start: GaussianMixture | None = None,
     method: FitMethod = "annihilation",
     settings: FitSettings = FitSettings(),
     precision: Precision = "float64",
@@ -45,6 +48,8 @@ def fit_mixture(
             noise floor of a thousandth of the points' spread: 1 mm for a scan of 2 m (5 mm in float32).
         restarts: fits from different random starts; the one with the shortest message length is returned
             (`fit_restarts` returns all).
+        start: a mixture to start from in place of random seeds, such as the fit of an earlier scan of the same place:
+            fewer steps, and components that keep their slots. Its slots are K_max; not for the grid search.
         method: "annihilation", or "grid" for the grid search over 1 to `max_components` and all covariance types by MDL
             (`grid_search` has the choices).
         settings: how EM runs.
@@ -64,8 +69,9 @@ def fit_mixture(
     check_choice("method", method, get_args(FitMethod))
     check_choice("precision", precision, get_args(Precision))
     if method == "grid":
-        if scatter is not None:
-            raise InputError("scatter is not for method='grid'; leave it out, or choose method='annihilation'")
+        for name, given in (("scatter", scatter), ("start", start)):
+            if given is not None:
+                raise InputError(f"{name} is not for method='grid'; leave it out, or choose method='annihilation'")
         return grid_search(
             points,
             key=key,
@@ -84,6 +90,7 @@ def fit_mixture(
         max_components=max_components,
         prior=prior,
         restarts=restarts,
+        start=start,
         settings=settings,
         precision=precision,
     )

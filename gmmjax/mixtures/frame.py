@@ -42,6 +42,10 @@ class Frame(eqx.Module):
         scatter = None if points.scatter is None else points.scatter / self.spread**2
         return WeightedPoints((points.points - self.origin[None]) / self.spread, points.mass, scatter)
 
+    def enter_mixture(self, mixture: GaussianMixture) -> GaussianMixture:
+        """A mixture in the unit of the points, in this frame."""
+        return mixture.rescaled(1 / self.spread, -self.origin / self.spread)
+
     def leave(self, mixture: GaussianMixture) -> GaussianMixture:
         """A mixture of this frame in the unit of the points."""
         return mixture.rescaled(self.spread, self.origin)

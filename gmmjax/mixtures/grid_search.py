@@ -15,13 +15,15 @@ from gmmjax._host import is_traced, to_numpy
 from gmmjax._typing import Array, Scalar
 from gmmjax.errors import ComputationError, InputError, check_choice
 from gmmjax.mixtures.annihilation import NOT_FINITE, Fit, FitSettings, FitStatus, bits_of
+from gmmjax.mixtures.checked_points import checked_points, traced_points
+from gmmjax.mixtures.cores import Precision, map_on_cores
 from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES, CovarianceType
 from gmmjax.mixtures.criteria import CRITERIA, Criterion, criterion_score, message_length
 from gmmjax.mixtures.expectation_maximisation import expectation_maximisation
 from gmmjax.mixtures.frame import Frame
+from gmmjax.mixtures.map_fits import RELATIVE_NOISE_FLOOR
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.prior import Prior
-from gmmjax.mixtures.restarts import RELATIVE_NOISE_FLOOR, Precision, checked_points, map_on_cores, traced_points
 from gmmjax.mixtures.seeding import initial_mixture
 from gmmjax.mixtures.weighted_points import WeightedPoints
 
