@@ -215,7 +215,8 @@ def _on_cores(
     """A common queue: a core that is done takes the next."""
 
     def fit_one(task: _Task, key: PRNGKeyArray) -> Fit:
-        return _compiled_fit(task, key, max_components, settings)
+        # Two programs: in one, XLA's threads wait beside the loop, for half as much CPU time again (measured).
+        return _compiled_fit(_compiled_start(task, key, max_components), key, max_components, settings)
 
     results = map_on_cores(fit_one, jobs, precision, progress)
     return [_nth(results, nth) for nth in range(len(jobs))]
@@ -264,13 +265,19 @@ def _sharded_fits(
     return fits
 
 
+def _started(task: _Task, key: PRNGKeyArray, max_components: int) -> _Task:
+    if task.start is not None:
+        return task
+    return task._replace(start=initial_mixture(task.points, max_components, task.prior, key))
+
+
 def _fit(task: _Task, key: PRNGKeyArray, max_components: int, settings: FitSettings) -> Fit:
-    points, prior, start = task
-    if start is None:
-        start = initial_mixture(points, max_components, prior, key)
+    points, prior, start = _started(task, key, max_components)
+    assert start is not None
     return fit_by_annihilation(points, start, prior, settings)
 
 
+_compiled_start = functools.partial(jax.jit, static_argnames="max_components")(_started)
 _compiled_fit = functools.partial(jax.jit, static_argnames=("max_components", "settings"))(_fit)
 
 

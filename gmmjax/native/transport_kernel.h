@@ -14,14 +14,15 @@ namespace gmmjax::GMMJAX_INSTRUCTION_SET {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
+// Added where something may be 0 that divides, or whose logarithm is taken.
 constexpr double kSmallest = 1e-300;
 // Of the total mass; what rounding leaves is no supply.
 constexpr double kRounding = 4 * std::numeric_limits<double>::epsilon();
 
-// Of the largest cost; an arc that is dearer by less is tight.
+// Of the range of the costs; an arc that is dearer by less is tight.
 constexpr double kTight = 64 * std::numeric_limits<double>::epsilon();
 
-// The entropy of the starting prices, in units of the largest cost, and their Sinkhorn sweeps.
+// The entropy of the starting prices, in units of the range of the costs, and their Sinkhorn sweeps.
 constexpr double kSmoothing = 0.05;
 constexpr int kSweeps = 5;
 // Of fewer arcs the cheapest are found sooner than good prices.
@@ -81,13 +82,14 @@ class Transport {
     for (int j = 0; j < p_.columns; ++j)
       if (p_.demand[j] > 0) w_.demand[columns_] = p_.demand[j], w_.columns[columns_++] = j;
     rounding_ = kRounding * total;
-    dearest_ = 0;
+    cheapest_ = kInfinity, dearest_ = -kInfinity;
     for (int i = 0; i < rows_; ++i) {
       const T* given = p_.cost + int64_t(w_.rows[i]) * p_.columns;
       double* own = &cost(i, 0);
       for (int j = 0; j < columns_; ++j) {
         own[j] = given[w_.columns[j]];
-        dearest_ = own[j] > dearest_ ? own[j] : dearest_;
+        cheapest_ = least(own[j], cheapest_);
+        dearest_ = -least(-own[j], -dearest_);
       }
       for (int j = columns_; j < p_.width; ++j) own[j] = kInfinity;
       for (int j = 0; j < p_.width; ++j) flow(i, j) = 0;
@@ -113,7 +115,7 @@ class Transport {
       const double lowest = lane_least<double>(cheapest);
       w_.row_price[i] = lowest;
       for (int j = 0; j < columns_ && w_.supply[i] > 0; ++j)
-        if (w_.demand[j] > 0 && cost(i, j) - w_.price[j] <= lowest + kTight * dearest_) {
+        if (w_.demand[j] > 0 && cost(i, j) - w_.price[j] <= lowest + kTight * (dearest_ - cheapest_)) {
           const double mass = least(w_.supply[i], w_.demand[j]);
           w_.supply[i] -= mass;
           w_.demand[j] -= mass;
@@ -125,7 +127,7 @@ class Transport {
   // The cheapest arc of each column is tight, seen from rows whose prices are those of a smoothed problem: with them half
   // of the augmentations are left.
   void choose_prices() {
-    if (rows_ * columns_ > kFewArcs && dearest_ > 0 && dearest_ < kInfinity) smooth_row_prices();
+    if (rows_ * columns_ > kFewArcs && dearest_ > cheapest_) smooth_row_prices();
     for (int j = 0; j < columns_; ++j) w_.price[j] = kInfinity;
     for (int i = 0; i < rows_; ++i)
       for (int j = 0; j < columns_; ++j) w_.price[j] = least(cost(i, j) - w_.row_price[i], w_.price[j]);
@@ -133,11 +135,11 @@ class Transport {
 
   // A few sweeps of Sinkhorn's algorithm. The flow's matrix, still empty, holds the kernel.
   void smooth_row_prices() {
-    const double unit = -1 / (kSmoothing * dearest_);
+    const double unit = -1 / (kSmoothing * (dearest_ - cheapest_));
     for (int j = 0; j < p_.width; ++j) w_.distance[j] = j < columns_ ? 1 : 0;
     for (int i = 0; i < rows_; ++i)
       for (int j = 0; j < p_.width; j += kLanes)
-        store<double>(&flow(i, j), exponential<double>(load<double>(&cost(i, j)) * unit));
+        store<double>(&flow(i, j), exponential<double>((load<double>(&cost(i, j)) - cheapest_) * unit));
     for (int sweep = 0; sweep < kSweeps; ++sweep) {
       for (int j = 0; j < p_.width; ++j) w_.open_price[j] = 0;
       for (int i = 0; i < rows_; ++i) {
@@ -281,7 +283,7 @@ class Transport {
   const TransportProblem<T>& p_;
   const TransportWorkspace& w_;
   int rows_ = 0, columns_ = 0;
-  double rounding_ = 0, dearest_ = 0;
+  double rounding_ = 0, cheapest_ = 0, dearest_ = 0;
 };
 
 }  // namespace

@@ -28,7 +28,7 @@ struct Lanes<double> {
   static constexpr int64_t kBias = 1023;
   static constexpr double kLeast = -708;
   static constexpr double kLog2High = 0x1.62e42fee00000p-1, kLog2Low = 0x1.a39ef35793c76p-33;
-  static constexpr int kExpTerms = 12, kLogTerms = 11;
+  static constexpr int kLogTerms = 11;
 };
 
 template <>
@@ -41,7 +41,7 @@ struct Lanes<float> {
   static constexpr int32_t kBias = 127;
   static constexpr float kLeast = -87;
   static constexpr float kLog2High = 0x1.62e4p-1f, kLog2Low = 0x1.7f7d1cp-20f;
-  static constexpr int kExpTerms = 7, kLogTerms = 5;
+  static constexpr int kLogTerms = 5;
 };
 
 template <typename T>
@@ -72,7 +72,8 @@ inline To bits_as(From from) {
   return to;
 }
 
-// e^x for x <= 0, to the last digits: 2^n by the exponent's bits, e^r by its series, |r| <= log(2) / 2.
+// e^x for x <= 0, to the last digits: 2^n by the exponent's bits, e^r by its series, |r| <= log(2) / 2. The terms are
+// added in pairs (Estrin's scheme), so that the chain of dependent operations is short.
 template <typename T>
 inline Vector<T> exponential(Vector<T> x) {
   using L = Lanes<T>;
@@ -81,13 +82,11 @@ inline Vector<T> exponential(Vector<T> x) {
   const Vector<T> rounded = x * T(1.44269504088896340736) + L::kRounding;
   const Vector<T> whole = rounded - L::kRounding;
   const Vector<T> rest = (x - whole * L::kLog2High) - whole * L::kLog2Low;
-  Vector<T> series;
   const Vector<T> r2 = rest * rest, r4 = r2 * r2;
   const Vector<T> low = (T(1) + rest) + (T(1.0 / 2) + T(1.0 / 6) * rest) * r2;
   const Vector<T> middle = (T(1.0 / 24) + T(1.0 / 120) * rest) + (T(1.0 / 720) + T(1.0 / 5040) * rest) * r2;
-  if constexpr (sizeof(T) == 4) {
-    series = low + middle * r4;
-  } else {
+  Vector<T> series = low + middle * r4;
+  if constexpr (sizeof(T) == 8) {
     const Vector<T> high = (T(1.0 / 40320) + T(1.0 / 362880) * rest) +
                            (T(1.0 / 3628800) + T(1.0 / 39916800) * rest) * r2 + T(1.0 / 479001600) * r4;
     series = low + (middle + high * r4) * r4;

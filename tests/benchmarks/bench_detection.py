@@ -48,8 +48,6 @@ def test_default_detection(bench, quick, size, seconds, gigabytes):
     with worker(2) as fresh:
         peak = fresh(tasks.detection_memory, size).answer / 1e9
     bench.row(f"{what}: memory", asked=gigabytes, measured=peak, unit="GB", least=False, ours=f"{peak:.2f} GB", peer="")
-    kinds = sorted(change.kind for change in timings["ours"].answer.items)
-    bench.answers(changes=kinds)
 
 
 @pytest.mark.benchmark(group="command line")

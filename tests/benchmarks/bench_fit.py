@@ -83,7 +83,7 @@ def a_step(timings, name):
 
 @pytest.mark.benchmark(group="voxels")
 def test_voxel_masses(bench, quick):
-    """100,000 points end to end: as they are, and by the means and masses of at most 16,384 voxels."""
+    """100,000 points end to end: as they are, and by at most 4,096 voxels with their masses and the scatter within."""
     points = gaussian_cloud(20_000 if quick else 100_000)
     timings = bench.compare(voxels=lambda: tasks.fit_voxels(points), all_points=lambda: tasks.fit(points))
     bench.ratio(f"{len(points):,} points with voxel masses, against all points", 8, timings, "voxels", "all_points")

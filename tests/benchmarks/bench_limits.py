@@ -29,7 +29,7 @@ def test_float32_on_planes(bench, quick, millimetres):
         measured=abs(float(fit.message_length) - exact),
         unit="nats",
         least=False,
-        ours=f"{float(fit.message_length):.2f}, computed in {getattr(fit, 'precision', 'float32')}",
+        ours=f"{float(fit.message_length):.2f}, computed in float{int(fit.bits)}",
         peer=f"{exact:.2f}",
     )
 

@@ -11,7 +11,7 @@ from tests.benchmarks.scenes import gaussian_cloud, hall_pair, noise_floor
 from tests.benchmarks.workers import forget_peak_memory, memory
 
 MAX_COMPONENTS = 25
-MAX_VOXELS = 8192
+MAX_VOXELS = 4096
 
 
 def fit(points, precision="float64", max_components=MAX_COMPONENTS, seed=0):

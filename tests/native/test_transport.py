@@ -125,6 +125,13 @@ def test_stacks_share_what_is_not_stacked():
             assert_optimal(own, supplies[index], demand, cost, 1e-12)
 
 
+def test_costs_may_be_negative_and_far_from_zero():
+    with jax.enable_x64(True):
+        supply, demand, cost, *rest = problem(25, 25)
+        for shifted in (cost - 1e3, -cost):
+            assert_optimal(solve(supply, demand, shifted, *rest), supply, demand, shifted, 1e-10)
+
+
 def test_gives_up_at_the_limit():
     with jax.enable_x64(True):
         supply, demand, cost, none, _ = problem(25, 25)
