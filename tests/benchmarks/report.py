@@ -124,6 +124,7 @@ def draw_figures(run: dict, folder: Path) -> dict[str, Path]:
     matplotlib.use("agg")
     matplotlib.rcParams["svg.hashsalt"] = "gmmjax"
     import matplotlib.pyplot as plt
+    from matplotlib import ticker
 
     folder.mkdir(parents=True, exist_ok=True)
     drawn = {}
@@ -132,6 +133,12 @@ def draw_figures(run: dict, folder: Path) -> dict[str, Path]:
         canvas, axes = plt.subplots(figsize=(6, 4), layout="constrained")
         for name, values in lines.items():
             axes.loglog(*zip(*sorted(values), strict=True), marker="o", label=name)
+        measured = sorted({x for values in lines.values() for x, _ in values})
+        axes.set_xticks(measured, [f"{x:,}" for x in measured])
+        axes.yaxis.set_major_locator(ticker.LogLocator(subs=(1, 1.5, 2, 3, 5, 7) if len(lines) < 3 else (1, 3)))
+        axes.yaxis.set_major_formatter(ticker.FuncFormatter(lambda y, _: f"{y:g}"))
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_minor_locator(ticker.NullLocator())
         axes.set(xlabel=x_label, ylabel=y_label)
         axes.grid(alpha=0.3)
         axes.legend()
