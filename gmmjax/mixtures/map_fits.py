@@ -96,6 +96,9 @@ def map_fits(
             checked.append(_checked(cloud, settings))
         except InputError as error:
             raise InputError(f"clouds[{index}]: {error}") from error
+    dimensions = sorted({cloud.points.shape[1] for cloud in checked})
+    if len(dimensions) > 1:
+        raise InputError(f"clouds have {dimensions[0]} to {dimensions[-1]} dimensions; map those of each apart")
     keys = [list(jax.random.split(own, restarts)) for own in jax.random.split(key, len(clouds))]
     return fits_of(checked, keys, max_components, prior, starts, settings, precision, devices, progress)
 
@@ -112,8 +115,8 @@ def fits_of(
     progress: Callable[[], None] | None,
 ) -> list[Fit]:
     """`map_fits` for checked clouds, with the keys of each cloud's restarts."""
-    if starts is not None and len(keys[0]) > 1:
-        raise InputError(f"restarts={len(keys[0])}: from a given start all fits are the same; leave restarts at 1")
+    if starts is not None:
+        _check_starts(starts, clouds, restarts=len(keys[0]))
     for index, cloud in enumerate(clouds):
         slots = max_components if starts is None else len(starts[index].weights)
         check_components(slots, int(np.count_nonzero(cloud.mass)))
@@ -174,6 +177,17 @@ def check_components(max_components: int, points: int) -> None:
         raise InputError(
             f"max_components={max_components} must be at least 1 and at most the number of points, {points}"
         )
+
+
+def _check_starts(starts: Sequence[GaussianMixture], clouds: Sequence[WeightedPoints], restarts: int) -> None:
+    if restarts > 1:
+        raise InputError(f"restarts={restarts}: from a given start all fits are the same; leave restarts at 1")
+    for start, cloud in zip(starts, clouds, strict=True):
+        if start.dimension != cloud.points.shape[1]:
+            raise InputError(f"a start in {start.dimension} dimensions is for no points in {cloud.points.shape[1]}")
+    slots = sorted({len(start.weights) for start in starts})
+    if len(slots) > 1:
+        raise InputError(f"starts have {slots[0]} to {slots[-1]} slots; give all as many, with `compacted`")
 
 
 def _checked(cloud: ArrayLike | WeightedPoints, settings: FitSettings) -> WeightedPoints:

@@ -7,6 +7,7 @@ environment variable `GMMJAX_NATIVE` is 0, everything runs in plain JAX.
 import functools
 import importlib
 import os
+import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -17,9 +18,18 @@ _Result = TypeVar("_Result")
 SWITCH = "GMMJAX_NATIVE"
 
 
-@functools.cache
+_registering = threading.Lock()
+
+
 def available() -> bool:
     """Whether the kernels were built, fit this jaxlib, and are not switched off."""
+    # Fits are traced by several threads at once, and handlers are registered once.
+    with _registering:
+        return _registered()
+
+
+@functools.cache
+def _registered() -> bool:
     if os.environ.get(SWITCH) == "0":
         return False
     try:

@@ -52,8 +52,8 @@ def exact_transport(
 @eqx.filter_jit
 def _solve(problem: Problem, start: Float[Array, " k1"], max_pivots: Int[Array, ""]) -> TransportResult:
     balanced = problem.with_dummies()
-    # The dummy of a surplus has the potential 0, see `Balanced.centred`.
-    prices = jnp.append(start, jnp.where(jnp.isfinite(start).all(), jnp.zeros((), start.dtype), jnp.inf))
+    # The dummy of a surplus has the potential 0, see `Balanced.centred`. Potentials that are not finite are no start.
+    prices = jnp.where(jnp.isfinite(start).all(), jnp.append(start, jnp.zeros((), start.dtype)), jnp.inf)
     solved = balanced_transport(balanced.supply, balanced.demand, balanced.cost, prices, max_pivots)
     potentials = balanced.centred(solved.row_potentials, solved.column_potentials)
     plan = solved.plan[:-1, :-1]

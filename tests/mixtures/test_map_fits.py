@@ -72,6 +72,16 @@ def test_bad_input_is_named(clouds, change, message):
         map_fits(**{"clouds": clouds[:1], "key": jax.random.key(0), **change})
 
 
+def test_starts_must_fit_together(clouds, fits):
+    mixture = best_fit(fits[0]).mixture
+    with pytest.raises(InputError, match="starts have 5 to 6 slots"):
+        map_fits(clouds[:2], starts=[mixture, mixture.compacted(5)], key=jax.random.key(0))
+    with pytest.raises(InputError, match="a start in 3 dimensions is for no points in 2"):
+        fit_mixture(clouds[0][:, :2], start=mixture, key=jax.random.key(0))
+    with pytest.raises(InputError, match="clouds have 2 to 3 dimensions"):
+        map_fits([clouds[0], clouds[1][:, :2]], key=jax.random.key(0))
+
+
 def test_a_start_has_no_restarts(clouds, fits):
     with pytest.raises(InputError, match="from a given start all fits are the same"):
         fit_mixture(clouds[0], key=jax.random.key(0), start=best_fit(fits[0]).mixture, restarts=2)

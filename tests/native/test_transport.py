@@ -112,6 +112,8 @@ def test_potentials_of_a_similar_problem_are_a_start(kernels, monkeypatch):
             exact_transport(fewer, demand, cost, start=before.potentials[1]),
         )
         assert float(warm.cost) == pytest.approx(float(cold.cost), abs=1e-12)
+        unusable = exact_transport(fewer, demand, cost, start=before.potentials[1].at[3].set(jnp.nan))
+        assert float(unusable.cost) == pytest.approx(float(cold.cost), abs=1e-12)
     jax.clear_caches()
 
 
