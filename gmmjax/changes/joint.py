@@ -15,7 +15,7 @@ from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.consensus import CloudConsensus, merged
 from gmmjax.changes.free_space import Survey
 from gmmjax.changes.joint_fit import JointFits, fit_joint_restarts, mixtures_distance, point_excess
-from gmmjax.changes.joint_mixture import JointPrior, SourcedPoints
+from gmmjax.changes.joint_mixture import SourcedPoints, joint_prior
 from gmmjax.changes.local_difference import difference_scale, local_difference
 from gmmjax.changes.local_surface import moved_points
 from gmmjax.changes.moved import with_moved
@@ -155,7 +155,7 @@ def _fit(pair: WorkingPair, config: DetectionConfig, tolerance: float, report: P
         SourcedPoints(WeightedPoints(points, np.concatenate(masses)), after),
         key=jax.random.key(config.seed),
         max_components=_components(pair, config),
-        prior=JointPrior(_noise_floor(pair, points, config), tolerance, 1.0),
+        prior=joint_prior(_noise_floor(pair, points, config), tolerance),
         restarts=restarts,
         max_points=_points_of_a_fit(pair, config),
         settings=SETTINGS,

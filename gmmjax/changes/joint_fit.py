@@ -13,7 +13,6 @@ from gmmjax._host import to_numpy
 from gmmjax._typing import Array
 from gmmjax.changes.joint_mixture import (
     JointMixture,
-    JointPrior,
     SourcedPoints,
     changed_share,
     density_ratio,
@@ -23,7 +22,7 @@ from gmmjax.changes.joint_mixture import (
     responsibilities,
 )
 from gmmjax.errors import ComputationError
-from gmmjax.mixtures import FitSettings, FitStatus, GaussianMixture
+from gmmjax.mixtures import FitSettings, FitStatus, GaussianMixture, Prior
 from gmmjax.mixtures.annihilation import Annihilated
 from gmmjax.mixtures.cores import map_on_cores
 from gmmjax.mixtures.frame import Frame
@@ -58,7 +57,7 @@ def fit_joint_restarts(
     *,
     key: PRNGKeyArray,
     max_components: int,
-    prior: JointPrior,
+    prior: Prior,
     restarts: int,
     max_points: int,
     settings: FitSettings,
@@ -81,7 +80,7 @@ def fit_joint_restarts(
     """
     frame = Frame.of(points.points)
     framed = SourcedPoints(frame.enter(points.points), points.after)
-    prior = JointPrior(prior.noise_floor / frame.spread, prior.tolerance / frame.spread, prior.noise)
+    prior = frame.enter_prior(prior)
     generator = np.random.default_rng(np.asarray(jax.random.key_data(key)).tolist())
     samples = [_subsample(framed, max_points, generator).padded() for _ in range(restarts)]
     keys = jax.random.split(key, restarts)
@@ -99,7 +98,7 @@ def fit_joint_restarts(
 
 @functools.partial(jax.jit, static_argnames=("max_components", "settings"))
 def _compiled_fit(
-    points: SourcedPoints, key: PRNGKeyArray, prior: JointPrior, max_components: int, settings: FitSettings
+    points: SourcedPoints, key: PRNGKeyArray, prior: Prior, max_components: int, settings: FitSettings
 ) -> tuple[Annihilated, Array]:
     start = initial_joint_mixture(points, max_components, prior, key)
     fit = fit_joint_mixture(points, start, prior, settings)

@@ -7,6 +7,9 @@ fits split the same wall in two ways; the one mixture splits it once, and what d
 shares.
 """
 
+import functools
+import math
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -15,17 +18,18 @@ from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float, PRNGKeyArray
 
 from gmmjax._typing import Array, Scalar
-from gmmjax.mixtures import FeatureChunks, FitSettings, GaussianMixture, WeightedPoints, parameters_per_component
-from gmmjax.mixtures.annihilation import Algorithm, Annihilated, annihilate, weakest
+from gmmjax.mixtures import FeatureChunks, FitSettings, GaussianMixture, Prior, WeightedPoints, parameters_per_component
+from gmmjax.mixtures.annihilation import Algorithm, Annihilated, annihilate, at_rest, weakest, without_derivatives
 from gmmjax.mixtures.expectation_maximisation import WAITING_WEIGHT, feature_sums
+from gmmjax.mixtures.noise import log_uniform_density
+from gmmjax.mixtures.polish import Kind, StandardisedMixture, polished
 from gmmjax.mixtures.quadratic import coefficients, quadratic_features, split_feature_sums
 from gmmjax.mixtures.seeding import distinct_seeds
 
 # Half an observation of either cloud in each component (Jeffreys' prior) keeps the logarithms of the shares finite.
 SHARE_PRIOR = 0.5
-FIRST_NOISE_WEIGHT = 0.02
-# Observations that the noise never falls below, so that it can come back.
-LEAST_NOISE = 0.01
+# The noise component is expected, but hardly believed in: it can shrink to nothing and come back.
+NOISE_SHARE, NOISE_STRENGTH = 0.02, 0.5
 
 
 class SourcedPoints(eqx.Module):
@@ -45,23 +49,21 @@ class SourcedPoints(eqx.Module):
         return SourcedPoints(padded, np.pad(self.after, (0, len(padded.mass) - len(self.after))))
 
 
-class JointPrior(eqx.Module):
-    r"""What is believed of a joint mixture before the points are seen.
+def joint_prior(noise_floor: Scalar, tolerance: Scalar, dimension: int = 3) -> Prior:
+    r"""Figueiredo and Jain's prior (2.19) for components that have the share as a parameter more.
 
-    Attributes:
-        noise_floor: standard deviation that every covariance is widened by: the sensor's noise.
-        tolerance: the registration tolerance $\tau$, standard deviation an axis, by which they are widened as well.
-        noise: whether there is a uniform component for stray points: 1, or 0 for none.
+    Args:
+        noise_floor: standard deviation of the sensor's noise.
+        tolerance: the registration tolerance $\tau$.
+        dimension: of the points.
     """
-
-    noise_floor: Scalar
-    tolerance: Scalar
-    noise: Scalar
-
-    def covariances(self, covariances: Float[Array, "k d d"]) -> Float[Array, "k d d"]:
-        """The estimated covariances, widened."""
-        widening = self.noise_floor**2 + self.tolerance**2
-        return covariances + widening * jnp.eye(covariances.shape[-1], dtype=covariances.dtype)[None]
+    return Prior(
+        concentration=1 - (parameters_per_component(dimension) + 1) / 2,
+        noise_floor=noise_floor,
+        tolerance=tolerance,
+        noise_share=NOISE_SHARE,
+        noise_strength=NOISE_STRENGTH,
+    )
 
 
 class JointMixture(eqx.Module):
@@ -97,7 +99,7 @@ def joint_chunks(points: SourcedPoints) -> FeatureChunks:
     return FeatureChunks(features, chunks.mass, chunks.dimension)
 
 
-def initial_joint_mixture(points: SourcedPoints, components: int, prior: JointPrior, key: PRNGKeyArray) -> JointMixture:
+def initial_joint_mixture(points: SourcedPoints, components: int, prior: Prior, key: PRNGKeyArray) -> JointMixture:
     """k-means++ seeds on both clouds, as wide as the points are from their seeds, with equal weights and shares."""
     coordinates, mass = jnp.asarray(points.points.points), jnp.asarray(points.points.mass)
     seeds, live = distinct_seeds(WeightedPoints(coordinates, mass), components, key)
@@ -105,16 +107,16 @@ def initial_joint_mixture(points: SourcedPoints, components: int, prior: JointPr
     squared = jnp.sum(coordinates**2, axis=1)[:, None] - 2 * coordinates @ seeds.T + jnp.sum(seeds**2, axis=1)[None]
     nearest = jnp.maximum(jnp.min(jnp.where(live[None], squared, jnp.inf), axis=1), 0)
     variance = mass @ nearest / jnp.sum(mass) / dimension
-    covariance = prior.covariances(variance * jnp.eye(dimension, dtype=dtype)[None])
-    noise_weight = jnp.asarray(FIRST_NOISE_WEIGHT * prior.noise, dtype)
+    covariance = prior.widened(variance * jnp.eye(dimension, dtype=dtype)[None])
+    noise_weight = jnp.asarray(0.0 if prior.noise_share is None else prior.noise_share, dtype)
     weights = (1 - noise_weight) * live.astype(dtype) / jnp.sum(live, dtype=dtype)
     covariances = jnp.broadcast_to(covariance, (components, dimension, dimension))
     mixture = GaussianMixture.masked(weights, seeds, covariances, live)
-    return JointMixture(mixture, jnp.full(components, 0.5, dtype), noise_weight, _log_noise(coordinates))
+    return JointMixture(mixture, jnp.full(components, 0.5, dtype), noise_weight, _log_noise(points.points))
 
 
 def fit_joint_mixture(
-    points: SourcedPoints, start: JointMixture, prior: JointPrior, settings: FitSettings = FitSettings()
+    points: SourcedPoints, start: JointMixture, prior: Prior, settings: FitSettings = FitSettings()
 ) -> Annihilated:
     """Fits one mixture to both clouds by EM with annihilation, from the components of `start` down.
 
@@ -126,7 +128,19 @@ def fit_joint_mixture(
         prior: tolerance and noise.
         settings: how EM runs; covariances are full.
     """
-    chunks = joint_chunks(points)
+    given = joint_chunks(points), prior, _log_noise(points.points)
+    # Which components win is discrete; what differs smoothly with the arguments is where they come to rest.
+    held, start = jax.lax.stop_gradient((given, start))
+    end = annihilate(start, _joint_algorithm(*held, settings), settings)
+    if not settings.polish:
+        return without_derivatives(end, given)
+    rest = polished(joint_mixtures(settings.min_components), end.model, given, max_steps=settings.max_polish_steps)
+    chunks = given[0]
+    _, log_likelihood = feature_sums(rest.model.coefficients(), chunks)
+    return at_rest(end, rest, joint_message_length(rest.model, log_likelihood, jnp.sum(chunks.mass)), log_likelihood)
+
+
+def _joint_algorithm(chunks: FeatureChunks, prior: Prior, log_noise: JaxArray, settings: FitSettings) -> Algorithm:
     observations = jnp.sum(chunks.mass)
 
     def expectation(joint: JointMixture) -> tuple[JaxArray, JaxArray]:
@@ -135,7 +149,7 @@ def fit_joint_mixture(
     def update(joint: JointMixture, sums: JaxArray, at_rest: JaxArray) -> JointMixture:
         return joint_maximisation(joint, sums, prior, settings.min_components)
 
-    algorithm = Algorithm(
+    return Algorithm(
         expectation=expectation,
         message_length=lambda joint, likelihood: joint_message_length(joint, likelihood, observations),
         update=update,
@@ -143,11 +157,10 @@ def fit_joint_mixture(
         live_count=lambda joint: joint.mixture.count,
         observations=observations,
     )
-    return annihilate(start, algorithm, settings)
 
 
 def joint_maximisation(
-    joint: JointMixture, sums: Float[Array, "rows features"], prior: JointPrior, min_components: int = 1
+    joint: JointMixture, sums: Float[Array, "rows features"], prior: Prior, min_components: int = 1
 ) -> JointMixture:
     """M-step for all components at once, in which at most the weakest dies (2.20, with the share as a parameter more).
 
@@ -157,17 +170,62 @@ def joint_maximisation(
         prior: tolerance and noise.
         min_components: of so many components none dies.
     """
-    live, dimension = joint.mixture.live, joint.mixture.dimension
-    mass, means, covariances = split_feature_sums(sums[:-1, :-1], dimension)
-    support = mass - _parameters(dimension) / 2
-    dies = weakest(mass, live) & (support <= 0) & (joint.mixture.count > min_components)
-    kept = live & ~dies
-    unnormalised = jnp.where(kept, jnp.maximum(support, WAITING_WEIGHT), 0)
-    noise = prior.noise * jnp.maximum(sums[-1, 0], LEAST_NOISE)
-    total = jnp.sum(unnormalised) + noise
+    live, mass = joint.mixture.live, sums[:-1, 0]
+    too_weak = prior.unnormalised_weights(mass) <= 0
+    dies = weakest(mass, live) & too_weak & (joint.mixture.count > min_components)
+    return _maximised(joint, sums, prior, live & ~dies)
+
+
+def _maximised(
+    joint: JointMixture, sums: Float[Array, "rows features"], prior: Prior, kept: Bool[Array, " k"]
+) -> JointMixture:
+    mass, means, covariances = split_feature_sums(sums[:-1, :-1], joint.mixture.dimension)
+    unnormalised = jnp.where(kept, jnp.maximum(prior.unnormalised_weights(mass), WAITING_WEIGHT), 0)
+    total = jnp.sum(unnormalised)
+    noise_weight = prior.noise_weight(sums[-1, 0], total) if prior.noise_share is not None else jnp.zeros_like(total)
     shares = (sums[:-1, -1] + SHARE_PRIOR) / (mass + 2 * SHARE_PRIOR)
-    mixture = GaussianMixture.masked(unnormalised / total, means, prior.covariances(covariances), kept)
-    return JointMixture(mixture, jnp.where(kept, shares, 0.5), noise / total, joint.log_noise)
+    mixture = GaussianMixture.masked(
+        unnormalised / total * (1 - noise_weight),
+        prior.means(mass, means),
+        prior.covariances(mass, means, covariances),
+        kept,
+    )
+    return JointMixture(mixture, jnp.where(kept, shares, 0.5), noise_weight, joint.log_noise)
+
+
+class StandardisedJointMixture(eqx.Module):
+    """A joint mixture relative to a reference, see `StandardisedMixture`; shares and noise weight as they are."""
+
+    mixture: StandardisedMixture
+    share_after: Float[Array, " k"]
+    noise_weight: Float[Array, ""]
+
+
+_Given = tuple[FeatureChunks, Prior, JaxArray]
+
+
+@functools.cache
+def joint_mixtures(min_components: int) -> Kind:
+    """EM on `JointMixture`, given the features of the points, the prior, and the noise component's log density."""
+
+    def step(joint: JointMixture, given: _Given) -> JointMixture:
+        chunks, prior, _ = given
+        return joint_maximisation(joint, feature_sums(joint.coefficients(), chunks)[0], prior, min_components)
+
+    def frozen_step(joint: JointMixture, given: _Given) -> JointMixture:
+        chunks, prior, _ = given
+        return _maximised(joint, feature_sums(joint.coefficients(), chunks)[0], prior, joint.mixture.live)
+
+    def standardised(joint: JointMixture, reference: JointMixture) -> StandardisedJointMixture:
+        own = StandardisedMixture.of(joint.mixture, reference.mixture)
+        return StandardisedJointMixture(own, joint.share_after, joint.noise_weight)
+
+    def model(parameters: StandardisedJointMixture, reference: JointMixture, given: _Given) -> JointMixture:
+        mixture = parameters.mixture.mixture(reference.mixture)
+        shares = jnp.where(mixture.live, parameters.share_after, 0.5)
+        return JointMixture(mixture, shares, parameters.noise_weight, given[2])
+
+    return Kind(step, frozen_step, standardised, model, lambda joint: joint.mixture.live)
 
 
 def joint_message_length(joint: JointMixture, log_likelihood: Scalar, observations: Scalar) -> Float[Array, ""]:
@@ -236,7 +294,6 @@ def with_live(joint: JointMixture, live: Bool[Array, " k"]) -> JointMixture:
     return JointMixture(mixture, jnp.where(live, joint.share_after, 0.5), joint.noise_weight / total, joint.log_noise)
 
 
-def _log_noise(coordinates: JaxArray) -> JaxArray:
-    """One over the volume of the bounding box; half of it for each source."""
-    extent = jnp.max(coordinates, axis=0) - jnp.min(coordinates, axis=0)
-    return -jnp.sum(jnp.log(jnp.maximum(extent, 1e-6))) - jnp.log(2.0).astype(coordinates.dtype)
+def _log_noise(points: WeightedPoints) -> JaxArray:
+    """The uniform density; half of it for each source."""
+    return log_uniform_density(points) - math.log(2)

@@ -22,6 +22,8 @@ from gmmjax.mixtures.expectation_maximisation import (
     expectation,
 )
 from gmmjax.mixtures.mixture import GaussianMixture
+from gmmjax.mixtures.noise import log_uniform_density
+from gmmjax.mixtures.polish import Polished, gaussian_mixtures, polished
 from gmmjax.mixtures.prior import Prior
 from gmmjax.mixtures.weighted_points import WeightedPoints
 
@@ -32,6 +34,10 @@ Step = Literal["joint", "component-wise"]
 STEP_LIMIT = (
     "the log likelihood had not converged after max_steps steps at the number of components that was chosen: "
     "raise max_steps or tolerance"
+)
+NOT_AT_REST = (
+    "the parameters had not come to rest after max_polish_steps steps, so they have no derivatives: raise "
+    "max_polish_steps, or fit in float64"
 )
 NOT_FINITE = (
     "the likelihood became NaN or infinite, because a covariance was singular: raise the prior's noise_floor, "
@@ -45,6 +51,7 @@ class FitStatus(eqx.Enumeration):
     converged: "FitStatus" = "the log likelihood converged"  # type: ignore[assignment]
     step_limit: "FitStatus" = STEP_LIMIT  # type: ignore[assignment]
     not_finite: "FitStatus" = NOT_FINITE  # type: ignore[assignment]
+    not_at_rest: "FitStatus" = NOT_AT_REST  # type: ignore[assignment]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,6 +67,10 @@ class FitSettings:
         max_steps: steps at the most for each number of components.
         patience: nats an observation by which the message length may rise above the best one before the fit is ended
             early; infinity goes on down to `min_components`, as FJ02 do.
+        polish: go on with the components that won until the parameters rest, not only the likelihood. What comes out
+            has derivatives with respect to the prior, the points and their masses, for `jax.grad` and the like; without
+            it there are none.
+        max_polish_steps: steps of the polish at the most.
     """
 
     min_components: int = 1
@@ -68,6 +79,8 @@ class FitSettings:
     tolerance: float = 1e-5
     max_steps: int = 100
     patience: float = float("inf")
+    polish: bool = False
+    max_polish_steps: int = 5000
 
     def __post_init__(self) -> None:
         """Checks every setting.
@@ -79,7 +92,7 @@ class FitSettings:
         check_choice("step", self.step, get_args(Step))
         if self.step == "component-wise" and self.covariance_type == "tied":
             raise InputError("covariance_type='tied' belongs to no single component; choose step='joint'")
-        for name in ("min_components", "max_steps"):
+        for name in ("min_components", "max_steps", "max_polish_steps"):
             if getattr(self, name) < 1:
                 raise InputError(f"{name}={getattr(self, name)} must be at least 1")
         for name in ("tolerance", "patience"):
@@ -97,6 +110,7 @@ class Fit(eqx.Module):
         steps: EM steps in all.
         result: a `FitStatus`; one per fit, so one per restart.
         bits: 64 or 32, of the floating point numbers that it was computed in.
+        noise_share: the share of the observations that are of no component; 0 without a noise component.
     """
 
     mixture: GaussianMixture
@@ -105,6 +119,7 @@ class Fit(eqx.Module):
     steps: Int[Array, ""]
     result: FitStatus
     bits: Int[Array, ""]
+    noise_share: Float[Array, ""]
 
 
 class Algorithm(NamedTuple):
@@ -165,16 +180,32 @@ def fit_by_annihilation(
     EM runs to convergence; the mixture is scored by its message length; the weakest component is annihilated and EM
     goes on, until `min_components` are left. Within EM the prior annihilates components too weak to pay for themselves.
 
-    A pure function of arrays: `jit`, and `vmap` over points, starts and priors. Failure is a status in the result.
+    A pure function of arrays: `jit`, and `vmap` over points, starts and priors. Failure is a status in the result. With
+    `settings.polish` it has derivatives, `jax.grad` and `jax.jacfwd`, with respect to points, masses and prior; they
+    hold while no component lives or dies, and are NaN where the parameters did not come to rest.
 
     Args:
         points: the points and their masses, n in d dimensions, in a scale of order 1 about an origin near the points.
         start: the mixture to start from, such as `initial_mixture`.
         prior: `Prior.figueiredo_jain` for the published algorithm.
         settings: frozen and hashable: a static argument under `jit`.
+
+    Raises:
+        InputError: a noise component for the component-wise step; differentiated without `settings.polish`.
     """
-    end = annihilate(jax.tree.map(jnp.asarray, start), _gaussian_mixture_algorithm(points, prior, settings), settings)
-    return Fit(end.model, end.message_length, end.log_likelihood, end.steps, end.result, bits_of(end.message_length))
+    if settings.step == "component-wise" and prior.noise_share is not None:
+        raise InputError("noise_share is for step='joint'; the published sweep has no noise component")
+    log_noise = None if prior.noise_share is None else log_uniform_density(points)
+    given = FeatureChunks.of(points), prior, log_noise
+    start = _with_noise(jax.tree.map(jnp.asarray, start), prior)
+    # Which components win is discrete; what differs smoothly with the arguments is where they come to rest.
+    held, start = jax.lax.stop_gradient((given, start))
+    end = annihilate(start, _gaussian_mixture_algorithm(*held, settings), settings)
+    fit = _polished(end, *given, settings) if settings.polish else without_derivatives(end, given)
+    noise_share = 1 - jnp.sum(fit.model.weights) if log_noise is not None else jnp.zeros_like(fit.message_length)
+    mixture = eqx.tree_at(lambda mixture: mixture.weights, fit.model, fit.model.weights / (1 - noise_share))
+    bits = bits_of(fit.message_length)
+    return Fit(mixture, fit.message_length, fit.log_likelihood, fit.steps, fit.result, bits, noise_share)
 
 
 def bits_of(score: JaxArray) -> Int[JaxArray, ""]:
@@ -182,8 +213,35 @@ def bits_of(score: JaxArray) -> Int[JaxArray, ""]:
     return jnp.asarray(8 * score.dtype.itemsize, jnp.int32)
 
 
-def _gaussian_mixture_algorithm(points: WeightedPoints, prior: Prior, settings: FitSettings) -> Algorithm:
-    chunks = FeatureChunks.of(points)
+def _with_noise(mixture: GaussianMixture, prior: Prior) -> GaussianMixture:
+    """The mixture whose weights leave to the noise component what the prior expects."""
+    if prior.noise_share is None:
+        return mixture
+    return eqx.tree_at(lambda own: own.weights, mixture, mixture.weights * (1 - prior.noise_share))
+
+
+def _polished(
+    end: "Annihilated", chunks: FeatureChunks, prior: Prior, log_noise: JaxArray | None, settings: FitSettings
+) -> "Annihilated":
+    """The components that won, polished, with the scores of where they rest."""
+    covariance_type = settings.covariance_type
+    kind = gaussian_mixtures(covariance_type, settings.min_components)
+    rest = polished(kind, end.model, (chunks, prior, log_noise), max_steps=settings.max_polish_steps)
+    _, log_likelihood = expectation(rest.model, chunks, log_noise)
+    length = message_length(rest.model, log_likelihood, jnp.sum(chunks.mass), covariance_type)
+    return at_rest(end, rest, length, log_likelihood)
+
+
+def at_rest(end: "Annihilated", rest: Polished, length: JaxArray, log_likelihood: JaxArray) -> "Annihilated":
+    """The result of annihilation with the model at rest in place of the one where it ended."""
+    result = FitStatus.where(rest.converged, FitStatus.converged, FitStatus.not_at_rest)
+    result = FitStatus.where(end.result == FitStatus.not_finite, FitStatus.not_finite, result)
+    return Annihilated(rest.model, length, log_likelihood, end.steps + rest.steps, result)
+
+
+def _gaussian_mixture_algorithm(
+    chunks: FeatureChunks, prior: Prior, log_noise: JaxArray | None, settings: FitSettings
+) -> Algorithm:
     observations = jnp.sum(chunks.mass)
     covariance_type, least = settings.covariance_type, settings.min_components
 
@@ -196,7 +254,7 @@ def _gaussian_mixture_algorithm(points: WeightedPoints, prior: Prior, settings: 
         )
 
     return Algorithm(
-        expectation=lambda mixture: expectation(mixture, chunks),
+        expectation=lambda mixture: expectation(mixture, chunks, log_noise),
         message_length=lambda mixture, likelihood: message_length(mixture, likelihood, observations, covariance_type),
         update=update,
         without_weakest=without_weakest,
@@ -258,16 +316,32 @@ def _step(state: _State, algorithm: Algorithm, settings: FitSettings) -> _State:
 
 
 def without_weakest(mixture: GaussianMixture) -> GaussianMixture:
-    """The mixture without its live component of the smallest weight; the others' weights are renormalised."""
+    """The mixture without its live component of the smallest weight, which goes to the others in proportion."""
     live = mixture.live & ~weakest(mixture.weights, mixture.live)
     weights = jnp.where(live, mixture.weights, 0)
     total = jnp.sum(weights)
-    return GaussianMixture.masked(weights / jnp.where(total > 0, total, 1), mixture.means, mixture.covariances, live)
+    weights = weights * jnp.sum(mixture.weights) / jnp.where(total > 0, total, 1)
+    return GaussianMixture.masked(weights, mixture.means, mixture.covariances, live)
 
 
 def weakest(weights: Float[Array, " k"], live: Bool[Array, " k"]) -> Bool[Array, " k"]:
     """True at the live component of the smallest weight."""
     return jnp.arange(len(weights)) == jnp.argmin(jnp.where(live, weights, jnp.inf))
+
+
+@eqx.filter_custom_jvp
+def without_derivatives(result: _Tree, arguments: Any) -> _Tree:
+    """The result, which was computed from arguments in a way that has no derivatives; to ask for them is an error."""
+    del arguments
+    return result
+
+
+@without_derivatives.def_jvp
+def _no_derivatives(primals: tuple[Any, Any], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
+    raise InputError(
+        "a fit has derivatives only with FitSettings(polish=True); where none are wanted, hide its points and prior "
+        "from the differentiation by jax.lax.stop_gradient"
+    )
 
 
 def _select(condition: JaxArray, chosen: _Tree, other: _Tree) -> _Tree:

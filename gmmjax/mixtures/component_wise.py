@@ -46,11 +46,12 @@ def component_wise_sweep(
         density = jnp.maximum(mixture.weights @ densities, jnp.finfo(mass.dtype).tiny)
         responsibilities = mass * mixture.weights[index] * densities[index] / density
         moments = split_feature_sums((features @ responsibilities)[None], chunks.dimension)
-        component_mass, means, covariances = moments
-        covariances = prior.covariances(constrained(covariances, component_mass, covariance_type))
+        component_mass, means, _ = moments
+        covariances = constrained(prior.covariances(*moments), component_mass, covariance_type)
         support = prior.unnormalised_weights(component_mass)[0]
         protected = mixture.count <= min_components
         weight = jnp.where(protected, jnp.maximum(support, WAITING_WEIGHT), support) / jnp.sum(mass)
+        means = prior.means(component_mass, means)
         mixture = _replaced(mixture, index, weight, means[0], covariances[0])
         updated = relative_density(density_coefficients(means, covariances) @ features)[0]
         return mixture, densities.at[index].set(jnp.where(weight > 0, updated, 0))

@@ -12,23 +12,28 @@ from jaxtyping import Bool, Float, Int
 from gmmjax._typing import Array
 from gmmjax.mixtures.covariance_type import CovarianceType, constrained
 from gmmjax.mixtures.mixture import GaussianMixture
+from gmmjax.mixtures.noise import noise_coefficients
 from gmmjax.mixtures.prior import Prior
 from gmmjax.mixtures.quadratic import coefficients, quadratic_features, split_feature_sums
 from gmmjax.mixtures.weighted_points import WeightedPoints
 from gmmjax.native import native_or
 
-# Points a pass: the responsibilities of 1,024 points and 25 components stay in the first-level caches.
-CHUNK = 1024
+# Points a pass: products so small are computed by one thread, without waiting for others.
+CHUNK = 512
 # The weight, in observations, of a component that is too weak but may not die yet.
 WAITING_WEIGHT = 0.5
 
 
 class Moments(eqx.Module):
-    """What the points give to each component: mass (2.7), mean (2.9) and covariance (2.10) about that mean."""
+    """What the points give to each component: mass (2.7), mean (2.9) and covariance (2.10) about that mean.
+
+    `noise_mass` is what they give to the uniform component for stray points; None where there is none.
+    """
 
     mass: Float[Array, " k"]
     means: Float[Array, "k d"]
     covariances: Float[Array, "k d d"]
+    noise_mass: Float[Array, ""] | None = None
 
 
 class FeatureChunks(eqx.Module):
@@ -56,7 +61,9 @@ class FeatureChunks(eqx.Module):
         return cls(features, mass, dimension)
 
 
-def expectation(mixture: GaussianMixture, chunks: FeatureChunks) -> tuple[Moments, Float[Array, ""]]:
+def expectation(
+    mixture: GaussianMixture, chunks: FeatureChunks, log_noise: Float[Array, ""] | None = None
+) -> tuple[Moments, Float[Array, ""]]:
     r"""E-step, equation (2.6): $r_{nk} = w_k N(x_n; \mu_k, \Sigma_k) / \sum_j w_j N(x_n; \mu_j, \Sigma_j)$.
 
     Dead components get no responsibility, padded points (mass 0) give none. The [n, k] responsibilities are never
@@ -65,12 +72,19 @@ def expectation(mixture: GaussianMixture, chunks: FeatureChunks) -> tuple[Moment
     Args:
         mixture: the current mixture, k slots in d dimensions.
         chunks: the points' features and masses.
+        log_noise: logarithm of the density of the noise component, see `log_uniform_density`; what the mixture's
+            weights lack to 1 is its weight. None: there is none.
 
     Returns:
         The components' moments, and the log likelihood (nats) of the observations, (2.11).
     """
-    sums, log_likelihood = feature_sums(coefficients(mixture), chunks)
-    return Moments(*split_feature_sums(sums, chunks.dimension)), log_likelihood
+    rows = coefficients(mixture)
+    if log_noise is None:
+        sums, log_likelihood = feature_sums(rows, chunks)
+        return Moments(*split_feature_sums(sums, chunks.dimension)), log_likelihood
+    noise = noise_coefficients(1 - jnp.sum(mixture.weights), log_noise, rows.shape[1])
+    sums, log_likelihood = feature_sums(jnp.concatenate([rows, noise]), chunks)
+    return Moments(*split_feature_sums(sums[:-1], chunks.dimension), sums[-1, 0]), log_likelihood
 
 
 def feature_sums(
@@ -85,15 +99,50 @@ def feature_sums(
     return _feature_sums(*(array.astype(dtype) for array in (parameters, chunks.features, chunks.mass)))
 
 
-@jax.custom_jvp
+@eqx.filter_custom_jvp
 def _feature_sums(parameters: JaxArray, features: JaxArray, mass: JaxArray) -> tuple[JaxArray, JaxArray]:
     return native_or(_plain_feature_sums, _native_feature_sums, parameters, features, mass)
 
 
-@_feature_sums.defjvp
+@_feature_sums.def_jvp
 def _differentiated(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
-    """The kernel has no derivatives; those of plain JAX are those of the same sums."""
-    return jax.jvp(_plain_feature_sums, primals, tangents)
+    """Values by the kernel, which has no derivatives of its own; tangents by `_feature_sums_tangents`."""
+    return _feature_sums(*primals), _feature_sums_tangents(primals, tangents)
+
+
+def _feature_sums_tangents(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[JaxArray, JaxArray]:
+    r"""Derivatives of $\sum_n m_n r_n \phi_n^T$, where $r_n$ is the softmax of $\theta \phi_n$, and of the likelihood.
+
+    $\sum_n (\dot m_n r_n + m_n \dot r_n) \phi_n^T + m_n r_n \dot\phi_n^T$ and $\sum_n \dot m_n l_n + m_n \dot l_n$.
+    Only what has a tangent is computed: the loops of an implicit derivative move the parameters alone.
+    """
+    parameters, all_features, all_mass = primals
+    moved_parameters, moved_features, moved_mass = tangents
+
+    def add_chunk(
+        totals: tuple[JaxArray, JaxArray], chunk: tuple[JaxArray, JaxArray, JaxArray | None, JaxArray | None]
+    ) -> tuple[tuple[JaxArray, JaxArray], None]:
+        features, mass, features_tangent, mass_tangent = chunk
+        log_joint = parameters @ features
+        shares = jax.nn.softmax(log_joint, axis=0)
+        sums, log_likelihood = totals
+        if moved_parameters is not None or features_tangent is not None:
+            moved = jnp.zeros_like(log_joint)
+            moved += 0 if moved_parameters is None else moved_parameters @ features
+            moved += 0 if features_tangent is None else parameters @ features_tangent
+            expected = jnp.sum(shares * moved, axis=0)
+            sums += (shares * (moved - expected[None])) @ (features * mass[None]).T
+            log_likelihood += mass @ expected
+        if features_tangent is not None:
+            sums += shares @ (features_tangent * mass[None]).T
+        if mass_tangent is not None:
+            sums += shares @ (features * mass_tangent[None]).T
+            log_likelihood += mass_tangent @ jax.nn.logsumexp(log_joint, axis=0)
+        return (sums, log_likelihood), None
+
+    zeros = (jnp.zeros_like(parameters), jnp.zeros((), parameters.dtype))
+    totals, _ = jax.lax.scan(add_chunk, zeros, (all_features, all_mass, moved_features, moved_mass))
+    return totals
 
 
 def _native_feature_sums(parameters: JaxArray, features: JaxArray, mass: JaxArray) -> tuple[JaxArray, JaxArray]:
@@ -154,17 +203,30 @@ def annihilating_maximisation(
     weights = prior.unnormalised_weights(moments.mass)
     weakest = jnp.argmin(jnp.where(live, moments.mass, jnp.inf))
     dies = (jnp.arange(len(weights)) == weakest) & (weights <= 0) & (jnp.sum(live) > min_components)
-    weights = jnp.where(live & ~dies, jnp.maximum(weights, WAITING_WEIGHT), 0)
+    return frozen_maximisation(moments, live & ~dies, prior, covariance_type)
+
+
+def frozen_maximisation(
+    moments: Moments, live: Bool[Array, " k"], prior: Prior, covariance_type: CovarianceType = "full"
+) -> GaussianMixture:
+    """M-step (2.20) of which no component dies: those that are too weak wait at a small weight.
+
+    Arguments as in `annihilating_maximisation`.
+    """
+    weights = jnp.where(live, jnp.maximum(prior.unnormalised_weights(moments.mass), WAITING_WEIGHT), 0)
     return _mixture(moments, weights, prior, covariance_type)
 
 
 def _mixture(
     moments: Moments, weights: Float[Array, " k"], prior: Prior, covariance_type: CovarianceType
 ) -> GaussianMixture:
-    covariances = prior.covariances(constrained(moments.covariances, moments.mass, covariance_type))
     total = jnp.sum(weights)
     weights = weights / jnp.where(total > 0, total, 1)
-    return GaussianMixture.masked(weights, moments.means, covariances, live=weights > 0)
+    if moments.noise_mass is not None:
+        weights = weights * (1 - prior.noise_weight(moments.noise_mass, total))
+    covariances = prior.covariances(moments.mass, moments.means, moments.covariances)
+    covariances = constrained(covariances, moments.mass, covariance_type)
+    return GaussianMixture.masked(weights, prior.means(moments.mass, moments.means), covariances, live=weights > 0)
 
 
 class Convergence(NamedTuple):

@@ -10,6 +10,7 @@ from gmmjax._host import is_traced
 from gmmjax._typing import Array, Scalar
 from gmmjax.mixtures.annihilation import Fit
 from gmmjax.mixtures.mixture import GaussianMixture
+from gmmjax.mixtures.prior import Prior
 from gmmjax.mixtures.weighted_points import WeightedPoints
 
 
@@ -46,6 +47,10 @@ class Frame(eqx.Module):
         """A mixture in the unit of the points, in this frame."""
         return mixture.rescaled(1 / self.spread, -self.origin / self.spread)
 
+    def enter_prior(self, prior: Prior) -> Prior:
+        """A belief in the unit of the points, in this frame."""
+        return prior.rescaled(1 / self.spread, -self.origin / self.spread)
+
     def leave(self, mixture: GaussianMixture) -> GaussianMixture:
         """A mixture of this frame in the unit of the points."""
         return mixture.rescaled(self.spread, self.origin)
@@ -61,4 +66,5 @@ class Frame(eqx.Module):
             steps=fit.steps,
             result=fit.result,
             bits=fit.bits,
+            noise_share=fit.noise_share,
         )

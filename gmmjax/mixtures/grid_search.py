@@ -224,4 +224,4 @@ def _fit_fixed(
     result = FitStatus.where(end.converged, FitStatus.converged, FitStatus.step_limit)
     result = FitStatus.where(jnp.isfinite(end.log_likelihood), result, FitStatus.not_finite)
     length = message_length(end.mixture, end.log_likelihood, jnp.sum(points.mass), covariance_type)
-    return Fit(end.mixture, length, end.log_likelihood, end.steps, result, bits_of(length))
+    return Fit(end.mixture, length, end.log_likelihood, end.steps, result, bits_of(length), jnp.zeros_like(length))

@@ -214,7 +214,7 @@ def _framed(
 
 def _prior_in_frame(prior: Prior | None, frame: Frame, settings: FitSettings, precision: str) -> Prior:
     if prior is not None:
-        return prior.rescaled(1 / frame.spread)
+        return frame.enter_prior(prior)
     return Prior.figueiredo_jain(len(frame.origin), RELATIVE_NOISE_FLOOR[precision], settings.covariance_type)
 
 

@@ -26,7 +26,7 @@ def initial_mixture(points: WeightedPoints, components: int, prior: Prior, key: 
     weights = live.astype(means.dtype) / jnp.sum(live, dtype=means.dtype)
     dimension = means.shape[1]
     covariance = spherical_variance(points) * jnp.eye(dimension, dtype=means.dtype)
-    covariances = prior.covariances(jnp.broadcast_to(covariance[None], (components, dimension, dimension)))
+    covariances = prior.widened(jnp.broadcast_to(covariance[None], (components, dimension, dimension)))
     return GaussianMixture.masked(weights, means, covariances, live)
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from gmmjax.mixtures.annihilation import Fit, FitSettings, FitStatus
 from gmmjax.mixtures.criteria import message_length
 from gmmjax.mixtures.expectation_maximisation import FeatureChunks, expectation
-from gmmjax.mixtures.mixture import GaussianMixture
+from gmmjax.mixtures.noise import log_uniform_density
 from gmmjax.mixtures.weighted_points import WeightedPoints
 
 # Nats by which the message length that a fit saw may be off, or so many an observation where that is more.
@@ -44,14 +44,17 @@ def scored_in_double(fits: Fit, points: WeightedPoints, settings: FitSettings) -
 
 @functools.partial(jax.jit, static_argnames="settings")
 def _scores(fits: Fit, points: WeightedPoints, settings: FitSettings) -> tuple[JaxArray, JaxArray]:
-    chunks = FeatureChunks.of(points)
+    chunks, log_noise = FeatureChunks.of(points), log_uniform_density(points)
     observations = jnp.sum(chunks.mass)
 
-    def scores(mixture: GaussianMixture) -> tuple[JaxArray, JaxArray]:
-        _, log_likelihood = expectation(mixture, chunks)
+    def scores(fit: Fit) -> tuple[JaxArray, JaxArray]:
+        # Without a noise component its weight is 0 and it adds nothing.
+        weights = fit.mixture.weights * (1 - fit.noise_share)
+        mixture = eqx.tree_at(lambda own: own.weights, fit.mixture, weights)
+        _, log_likelihood = expectation(mixture, chunks, log_noise)
         return log_likelihood, message_length(mixture, log_likelihood, observations, settings.covariance_type)
 
-    return jax.lax.map(scores, fits.mixture)
+    return jax.lax.map(scores, fits)
 
 
 def _thinnest(fits: Fit) -> Float[np.ndarray, " r"]:

@@ -5,7 +5,6 @@ import pytest
 
 from gmmjax.changes.joint_mixture import (
     JointMixture,
-    JointPrior,
     SourcedPoints,
     changed_share,
     density_ratio,
@@ -14,12 +13,13 @@ from gmmjax.changes.joint_mixture import (
     intensities,
     joint_chunks,
     joint_maximisation,
+    joint_prior,
     responsibilities,
 )
 from gmmjax.mixtures import FitSettings, GaussianMixture, WeightedPoints
 from gmmjax.mixtures.expectation_maximisation import feature_sums
 
-PRIOR = JointPrior(1e-3, 0.0, 1.0)
+PRIOR = joint_prior(1e-3, 0.0)
 SETTINGS = FitSettings(patience=0.05)
 
 
@@ -131,7 +131,7 @@ def test_expectation_against_plain_numpy():
 
 def test_tolerance_widens_every_component():
     points = two_gaussians(6, extra_after=100)
-    wide = JointPrior(0.0, 0.2, 1.0)
+    wide = joint_prior(0.0, 0.2)
     start = initial_joint_mixture(points, 4, wide, jax.random.key(0))
     joint = fit_joint_mixture(points, start, wide, SETTINGS).model
     live = np.asarray(joint.mixture.live)
