@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any, Literal, get_args
 
 from gmmjax.errors import InputError, check_choice
+from gmmjax.mixtures import Prior
 
 Method = Literal["joint", "greedy", "transport"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -13,6 +14,18 @@ Registration = Literal["auto", "always", "never"]
 
 # What more restarts gain ends here (docs/results.md): on surfaces distances see what one mixture misses.
 DEFAULT_RESTARTS, RESTARTS_ON_SURFACES = 8, 2
+# Settings that are positive numbers, where they are set.
+POSITIVE = (
+    "tolerance",
+    "voxel_size",
+    "noise_floor",
+    "penalty",
+    "outlier_ratio",
+    "covariance_scale",
+    "degrees_of_freedom",
+)
+# Observations that a share of stray points is worth which is not to be found from the points.
+FIXED = 1e9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +62,13 @@ class DetectionConfig:
             more than this many standard deviations above the cloud's mean.
         noise_floor: standard deviation of the sensor's noise, added to every Gaussian. None: a thousandth of the
             cloud's spread, 1 mm for a scan of 2 m. The scatter within a voxel is added to it.
+        concentration: Dirichlet concentration of the Gaussians' weights, below 1: the further below, the more points
+            a Gaussian needs to stay. None: Figueiredo and Jain's, one less half the parameters of a Gaussian.
+        covariance_scale: standard deviation that the Gaussians are drawn towards, by as many points as
+            `degrees_of_freedom` says. None: they are not.
+        degrees_of_freedom: how many points the belief in `covariance_scale` is worth. None: none.
+        noise_share: share of stray points, which are of no Gaussian. None: "joint" finds it from the points; separate
+            fits, after the outlier filter, have none.
         threshold: probability from which a point or a Gaussian counts as changed.
         penalty: of partial transport, for each unit of mass left unmatched: mass is matched over at most twice this
             distance (Bures-Wasserstein). None: 0.4 of the median standard deviation of the Gaussians.
@@ -68,6 +88,10 @@ class DetectionConfig:
     outlier_neighbours: int = 20
     outlier_ratio: float = 3.0
     noise_floor: float | None = None
+    concentration: float | None = None
+    covariance_scale: float | None = None
+    degrees_of_freedom: float | None = None
+    noise_share: float | None = None
     threshold: float = 0.5
     penalty: float | None = None
 
@@ -89,12 +113,35 @@ class DetectionConfig:
                 _check_least(name, getattr(self, name), 1, int)
         if self.crop is not None:
             object.__setattr__(self, "crop", _checked_crop(self.crop))
-        for name in ("tolerance", "voxel_size", "noise_floor", "penalty", "outlier_ratio"):
+        for name in POSITIVE:
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int | float) and 0 < value < float("inf")):
                 raise InputError(f"{name}={value!r} must be a positive number")
+        if self.concentration is not None and not -float("inf") < self.concentration < 1:
+            raise InputError(f"concentration={self.concentration!r} must be a number below 1")
+        if self.noise_share is not None and not 0 <= self.noise_share < 1:
+            raise InputError(f"noise_share={self.noise_share!r} must be at least 0 and below 1")
+        if (self.covariance_scale is None) != (self.degrees_of_freedom is None):
+            raise InputError("covariance_scale and degrees_of_freedom go together: set both or neither")
         if not (isinstance(self.threshold, int | float) and 0 < self.threshold < 1):
             raise InputError(f"threshold={self.threshold!r} must lie between 0 and 1")
+
+    def over(self, prior: Prior) -> Prior:
+        """The prior of a fit, with what these settings say of it in place of what was derived from the data.
+
+        Args:
+            prior: in the unit of the clouds.
+        """
+        fixed: dict[str, float | None] = {
+            "noise_floor": self.noise_floor,
+            "tolerance": self.tolerance,
+            "concentration": self.concentration,
+            "scale": self.covariance_scale,
+            "degrees_of_freedom": self.degrees_of_freedom,
+            "noise_share": self.noise_share,
+            "noise_strength": None if self.noise_share is None else FIXED,
+        }
+        return dataclasses.replace(prior, **{name: value for name, value in fixed.items() if value is not None})
 
     def number_of_restarts(self, *, on_surfaces: bool = False) -> int:
         """The restarts that were asked for, or the default.

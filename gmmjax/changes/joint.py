@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import ArrayLike, Bool, Float, Int
+from jaxtyping import ArrayLike, Bool, Int
 
 from gmmjax.changes.change import Change, Changes, Kind
 from gmmjax.changes.checking import CheckedCloud, check_pair
@@ -15,7 +15,7 @@ from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.consensus import CloudConsensus, merged
 from gmmjax.changes.free_space import Survey
 from gmmjax.changes.joint_fit import JointFits, fit_joint_restarts, mixtures_distance, point_excess
-from gmmjax.changes.joint_mixture import SourcedPoints, joint_prior
+from gmmjax.changes.joint_problem import SETTINGS, JointProblem, joint_problem
 from gmmjax.changes.local_difference import difference_scale, local_difference
 from gmmjax.changes.local_surface import moved_points
 from gmmjax.changes.moved import with_moved
@@ -26,21 +26,8 @@ from gmmjax.changes.surface_consensus import surface_consensus
 from gmmjax.changes.view_checks import check_views
 from gmmjax.changes.volumetric import restart_weights, volumetric_changes
 from gmmjax.clouds import PointCloud, SensorViews
-from gmmjax.errors import InputError, InputWarning
-from gmmjax.mixtures import FitSettings, FitStatus, WeightedPoints
-from gmmjax.mixtures.map_fits import RELATIVE_NOISE_FLOOR
-
-# Components that annihilation starts from, and points that a restart sees: on surfaces the mixture need not be fine,
-# because distances see what is small.
-SURFACE_COMPONENTS, VOLUME_COMPONENTS = 40, 25
-SURFACE_POINTS = 6_000
-POINTS_PER_COMPONENT = 20
-SETTINGS = FitSettings(patience=0.02, tolerance=3e-5)
-# The registration tolerance of scans, in spacings.
-TOLERANCE_SPACINGS = 2.0
-# The scatter of voxel means on a surface, in spacings: that of a uniform distribution.
-SCATTER = 12**-0.5
-
+from gmmjax.errors import InputWarning
+from gmmjax.mixtures import FitStatus
 
 # The kind of a change in the before and in the after cloud.
 KINDS: tuple[Kind, Kind] = ("disappeared", "appeared")
@@ -79,15 +66,15 @@ def joint_changes(
     _warn_about_overlap(registration)
     if registration.applied:
         surveys = surveys[0], surveys[1].moved(registration.transform)
-        pair = _aligned(pair, surveys[1].points)
+        pair = pair.with_after(surveys[1].points)
     clock.lap("registration")
     report("Fitting the mixtures", 0.25)
-    tolerance = _tolerance(pair, registration, config)
-    fits = _fit(pair, config, tolerance, report)
+    problem = joint_problem(pair, registration, config)
+    fits = _fit(problem, config, report)
     clock.lap("fits")
     report("Looking for changes", 0.75)
     if pair.volumetric:
-        detected = _volumetric(checked, pair, fits, registration, config)
+        detected = _volumetric(checked, problem, fits, registration, config)
     else:
         detected = _surface(checked, pair, fits, surveys, config)
     detected = _of_kinds(detected, config)
@@ -108,7 +95,7 @@ def joint_changes(
         items=items,
         emd=mixtures_distance(fits),
         config=config,
-        diagnostics=_diagnostics((before, after), checked, pair, fits, registration, tolerance, surveys, clock),
+        diagnostics=_diagnostics((before, after), checked, pair, fits, registration, problem, surveys, clock),
     )
 
 
@@ -132,71 +119,29 @@ def _warn_about_overlap(registration: Registration) -> None:
         )
 
 
-def _aligned(pair: WorkingPair, after: Float[np.ndarray, "n1 3"]) -> WorkingPair:
-    return dataclasses.replace(pair, after=dataclasses.replace(pair.after, points=after))
-
-
-def _tolerance(pair: WorkingPair, registration: Registration, config: DetectionConfig) -> float:
-    """The tolerance of registration grows with its residual; on surfaces it is never below the points' own scatter."""
-    if config.tolerance is not None:
-        return config.tolerance
-    return registration.residual if pair.volumetric else max(TOLERANCE_SPACINGS * pair.spacing, registration.residual)
-
-
-def _fit(pair: WorkingPair, config: DetectionConfig, tolerance: float, report: Progress) -> JointFits:
-    clouds = (pair.before, pair.after)
-    points = np.concatenate([cloud.points for cloud in clouds])
-    # The density of a scan is an accident of where the sensor stood: on surfaces every voxel counts the same.
-    masses = [cloud.mass if pair.volumetric else np.ones(len(cloud.mass)) for cloud in clouds]
-    after = np.repeat([0.0, 1.0], [len(cloud.points) for cloud in clouds])
-    restarts = config.number_of_restarts(on_surfaces=not pair.volumetric)
+def _fit(problem: JointProblem, config: DetectionConfig, report: Progress) -> JointFits:
+    restarts = config.number_of_restarts(on_surfaces=not problem.volumetric)
     done = iter(range(1, restarts + 1))
     return fit_joint_restarts(
-        SourcedPoints(WeightedPoints(points, np.concatenate(masses)), after),
+        problem.points,
         key=jax.random.key(config.seed),
-        max_components=_components(pair, config),
-        prior=joint_prior(_noise_floor(pair, points, config), tolerance),
+        max_components=problem.max_components,
+        prior=problem.prior,
         restarts=restarts,
-        max_points=_points_of_a_fit(pair, config),
+        max_points=problem.max_points,
         settings=SETTINGS,
         progress=lambda: report("Fitting the mixtures", 0.25 + 0.5 * next(done) / restarts),
     )
 
 
-def _components(pair: WorkingPair, config: DetectionConfig) -> int:
-    points = len(pair.before.points) + len(pair.after.points)
-    if config.max_components is not None:
-        if config.max_components > points:
-            raise InputError(
-                f"max_components={config.max_components} is more than the {points} points (or voxels) of both clouds; "
-                f"choose at most {max(1, points // POINTS_PER_COMPONENT)}"
-            )
-        return config.max_components
-    default = VOLUME_COMPONENTS if pair.volumetric else SURFACE_COMPONENTS
-    return max(1, min(default, points // POINTS_PER_COMPONENT))
-
-
-def _points_of_a_fit(pair: WorkingPair, config: DetectionConfig) -> int:
-    return config.max_points if pair.volumetric else min(config.max_points, SURFACE_POINTS)
-
-
-def _noise_floor(pair: WorkingPair, points: np.ndarray, config: DetectionConfig) -> float:
-    if config.noise_floor is not None:
-        return config.noise_floor
-    if not pair.volumetric:
-        return SCATTER * pair.spacing
-    return RELATIVE_NOISE_FLOOR["float64"] * float(np.sqrt(points.var(axis=0).mean()))
-
-
 def _volumetric(
     checked: tuple[CheckedCloud, CheckedCloud],
-    pair: WorkingPair,
+    problem: JointProblem,
     fits: JointFits,
     registration: Registration,
     config: DetectionConfig,
 ) -> _Detected:
-    fitted = len(pair.before.points) + len(pair.after.points)
-    weights = restart_weights(fits, comparable=fitted <= _points_of_a_fit(pair, config))
+    weights = restart_weights(fits, comparable=len(problem.points.after) <= problem.max_points)
     aligned = checked[0].points, moved_points(checked[1].points, registration.transform)
     found = [
         volumetric_changes(cloud.points, points, fits, weights, kind, config.threshold)
@@ -269,7 +214,7 @@ def _diagnostics(
     pair: WorkingPair,
     fits: JointFits,
     registration: Registration,
-    tolerance: float,
+    problem: JointProblem,
     surveys: tuple[Survey, Survey],
     clock: Clock,
 ) -> dict[str, Any]:
@@ -280,7 +225,7 @@ def _diagnostics(
         "voxel_size": pair.voxel_size,
         "spacing": pair.spacing,
         "volumetric": pair.volumetric,
-        "tolerance": tolerance,
+        "tolerance": float(problem.prior.tolerance),
         "registration": registration.to_dict(),
         "components": fits.joint.mixture.live.sum(axis=1).tolist(),
         "message_length": np.round(fits.message_length, 3).tolist(),

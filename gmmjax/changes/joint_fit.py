@@ -14,12 +14,11 @@ from gmmjax._typing import Array
 from gmmjax.changes.joint_mixture import (
     JointMixture,
     SourcedPoints,
-    changed_share,
+    component_posterior,
     density_ratio,
     fit_joint_mixture,
     initial_joint_mixture,
-    intensities,
-    responsibilities,
+    point_posterior,
 )
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import FitSettings, FitStatus, GaussianMixture, Prior
@@ -106,20 +105,15 @@ def _compiled_fit(
 
 
 def point_excess(fits: JointFits, points: Float[np.ndarray, "n 3"], after: bool) -> Float[np.ndarray, "r n"]:
-    r"""For each restart the posterior that a point is extra: $\max(0, 1 - \rho f_0 / f_1)$ in the after cloud.
-
-    The intensities $f_0$ and $f_1$ of the two clouds are compared in a place, whatever Gaussians make them up: two that
-    share a wall unevenly cancel out.
+    """`point_posterior` for each restart.
 
     Args:
-        fits: the joint mixtures with their density ratio $\rho$.
+        fits: the joint mixtures.
         points: points of one cloud, in its unit.
-        after: whether that is the after cloud; in the before cloud it is $\max(0, 1 - f_1 / (\rho f_0))$.
+        after: whether that is the after cloud.
     """
-    intensity_before, intensity_after = _in_chunks(_chunk_intensities, fits, points)
-    scaled = intensity_before * fits.density_ratio[:, None]
-    share = scaled / intensity_after if after else intensity_after / scaled
-    return np.clip(1 - share, 0, 1)
+    (excess,) = _in_chunks(functools.partial(_chunk_points, after=after), fits, points)
+    return excess
 
 
 def component_excess(
@@ -127,8 +121,7 @@ def component_excess(
 ) -> tuple[Float[np.ndarray, "r n"], Int[np.ndarray, "r n"]]:
     """For each restart the posterior that a point is of a component that changed, and that component's slot.
 
-    A Gaussian that is gone and one that came in the same place are told apart by their shapes, where `point_excess`
-    sees that the density is still the same. The slot is that of the component which explains most of the change.
+    See `component_posterior`; the slot is that of the component which explains most of the change.
 
     Args:
         fits: the joint mixtures.
@@ -166,11 +159,15 @@ def _in_chunks(function: Callable[..., tuple[Array, ...]], fits: JointFits, poin
     return tuple(np.concatenate(part, axis=1)[:, : len(points)] for part in zip(*parts, strict=True))
 
 
-@jax.jit
-def _chunk_intensities(
-    joint: JointMixture, ratio: Float[Array, " r"], chunk: Float[Array, "c 3"]
-) -> tuple[Float[Array, "r c"], Float[Array, "r c"]]:
-    return jax.lax.map(lambda one: intensities(one, chunk), joint)
+@functools.partial(jax.jit, static_argnames="after")
+def _chunk_points(
+    joint: JointMixture, ratio: Float[Array, " r"], chunk: Float[Array, "c 3"], after: bool
+) -> tuple[Float[Array, "r c"]]:
+    def one_restart(restart: tuple[JointMixture, Array]) -> Array:
+        one, ratio = restart
+        return point_posterior(one, ratio, chunk, after)
+
+    return (jax.lax.map(one_restart, (joint, ratio)),)
 
 
 @functools.partial(jax.jit, static_argnames="after")
@@ -179,7 +176,7 @@ def _chunk_components(
 ) -> tuple[Float[Array, "r c"], Int[Array, "r c"]]:
     def one_restart(restart: tuple[JointMixture, Array]) -> tuple[Array, Array]:
         one, ratio = restart
-        changed = changed_share(one, ratio, after)[:, None] * responsibilities(one, chunk, after)[:-1]
+        changed = component_posterior(one, ratio, chunk, after)
         return jnp.sum(changed, axis=0), jnp.argmax(changed, axis=0).astype(jnp.int32)
 
     return jax.lax.map(one_restart, (joint, ratio))

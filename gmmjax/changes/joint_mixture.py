@@ -277,6 +277,34 @@ def changed_share(joint: JointMixture, ratio: Scalar, after: bool) -> Float[Arra
     return jnp.where(joint.mixture.live, jnp.maximum(0, 1 - (1 / odds if after else odds)), 0)
 
 
+def point_posterior(joint: JointMixture, ratio: Scalar, points: Float[Array, "n d"], after: bool) -> Float[Array, " n"]:
+    r"""The posterior that a point is extra: $\max(0, 1 - \rho f_0 / f_1)$ in the after cloud.
+
+    The intensities $f_0$ and $f_1$ of the two clouds are compared in a place, whatever Gaussians make them up: two that
+    share a wall unevenly cancel out.
+
+    Args:
+        joint: the joint mixture.
+        ratio: its `density_ratio` $\rho$.
+        points: of one cloud, in the scale of the mixture.
+        after: whether that is the after cloud; in the before cloud it is $\max(0, 1 - f_1 / (\rho f_0))$.
+    """
+    intensity_before, intensity_after = intensities(joint, points)
+    scaled = intensity_before * ratio
+    return jnp.clip(1 - (scaled / intensity_after if after else intensity_after / scaled), 0, 1)
+
+
+def component_posterior(
+    joint: JointMixture, ratio: Scalar, points: Float[Array, "n d"], after: bool
+) -> Float[Array, "k n"]:
+    """The posterior that a point is of a component, and extra there; their sum is that it is of one which changed.
+
+    A Gaussian that is gone and one that came in the same place are told apart by their shapes, where `point_posterior`
+    sees that the density is still the same. Arguments as there.
+    """
+    return changed_share(joint, ratio, after)[:, None] * responsibilities(joint, points, after)[:-1]
+
+
 def _parameters(dimension: int) -> int:
     return parameters_per_component(dimension) + 1
 

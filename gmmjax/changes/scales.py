@@ -53,6 +53,10 @@ class WorkingPair:
     spacing: float
     volumetric: bool
 
+    def with_after(self, points: Float[np.ndarray, "m 3"]) -> "WorkingPair":
+        """The pair with the after cloud's points moved to these."""
+        return dataclasses.replace(self, after=dataclasses.replace(self.after, points=points))
+
 
 def working_pair(
     before: Float[np.ndarray, "n0 3"], after: Float[np.ndarray, "n1 3"], config: DetectionConfig

@@ -1,5 +1,6 @@
 """The thesis's way: a mixture for each cloud, compared by optimal transport."""
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -20,6 +21,7 @@ from gmmjax.changes.unmatched import unmatched_shares
 from gmmjax.clouds import PointCloud
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, map_fits
+from gmmjax.mixtures.map_fits import RELATIVE_NOISE_FLOOR
 from gmmjax.transport import TransportStatus, exact_transport
 from gmmjax.transport.ground_cost import euclidean
 
@@ -88,13 +90,23 @@ def _fit_both(pair: PreparedPair, config: DetectionConfig, report: Progress) -> 
         [pair.before.weighted, pair.after.weighted],
         key=jax.random.key(config.seed),
         max_components=pair.max_components,
-        prior=None if config.noise_floor is None else Prior.figueiredo_jain(3, config.noise_floor),
+        prior=_prior(pair, config),
         restarts=config.number_of_restarts(),
         settings=FitSettings(patience=PATIENCE),
         progress=lambda: report("Fitting the mixtures", 0.15 + 0.65 * next(done) / total),
     )
     before, after = (_finite(name, fits) for name, fits in zip(("before", "after"), both, strict=True))
     return before, after
+
+
+def _prior(pair: PreparedPair, config: DetectionConfig) -> Prior | None:
+    """What the config says of the Gaussians; None: nothing."""
+    settings = (config.noise_floor, config.concentration, config.covariance_scale, config.noise_share)
+    if all(setting is None for setting in settings):
+        return None
+    points = np.concatenate([pair.before.weighted.points, pair.after.weighted.points])
+    noise_floor = RELATIVE_NOISE_FLOOR["float64"] * float(np.sqrt(points.var(axis=0).mean()))
+    return dataclasses.replace(config.over(Prior.figueiredo_jain(3, noise_floor)), tolerance=0.0)
 
 
 def _finite(name: str, fits: Fit) -> Fit:

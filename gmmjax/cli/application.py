@@ -22,6 +22,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "evaluate gaussians": ("evaluate_gaussians", "Score detectors on artificial scenes of Gaussians."),
     "evaluate laboratory": ("evaluate_laboratory", "Score detectors on a simulated room."),
     "evaluate pairs": ("evaluate_pairs", "Score detectors on pairs of scans with truth."),
+    "tune": ("tune", "Tune settings by gradient on pairs of scans, with truth or without."),
     "demo": ("demo", "Simulate a pair of scans, detect the changes, and say where the results lie."),
 }
 

@@ -91,6 +91,20 @@ def find_pairs(folder: Path) -> list[PairSource]:
     Raises:
         InputError: no such folder, no pair in it, or a pair that lacks a file.
     """
+    pairs = pair_folders(folder)
+    for path in pairs:
+        for side in ("before", "after"):
+            cloud_file(path, side)
+            _required(path / f"truth_{side}.npy")
+    return [PairSource(path.name, folder.resolve().name, path.name, _reader(path)) for path in pairs]
+
+
+def pair_folders(folder: Path) -> list[Path]:
+    """The folders in a folder that hold a pair or a part of one, in the order of their names.
+
+    Raises:
+        InputError: no such folder, or no pair in it.
+    """
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder; give the folder that holds the pairs' folders")
     pairs = [path for path in sorted(folder.iterdir()) if path.is_dir() and _holds_part_of_a_pair(path)]
@@ -102,11 +116,7 @@ def find_pairs(folder: Path) -> list[PairSource]:
             f"{folder}: holds no pairs; {hint} with before.ply, after.ply (or another format), truth_before.npy and "
             "truth_after.npy"
         )
-    for path in pairs:
-        for side in ("before", "after"):
-            _cloud_file(path, side)
-            _required(path / f"truth_{side}.npy")
-    return [PairSource(path.name, folder.resolve().name, path.name, _reader(path)) for path in pairs]
+    return pairs
 
 
 def read_pair(folder: Path) -> LabelledPair:
@@ -143,7 +153,7 @@ def _reader(folder: Path) -> Callable[[], LabelledPair]:
 
 
 def _read_cloud(folder: Path, side: str) -> LabelledCloud:
-    file = _cloud_file(folder, side)
+    file = cloud_file(folder, side)
     cloud = read_cloud(file)
     truth = _read_rows(_required(folder / f"truth_{side}.npy"), cloud, file, "iu")
     unseen_file = folder / f"unseen_{side}.npy"
@@ -168,7 +178,12 @@ def _read_rows(path: Path, cloud: PointCloud, source: Path, kinds: str) -> np.nd
     return values[cloud.rows]
 
 
-def _cloud_file(folder: Path, side: str) -> Path:
+def cloud_file(folder: Path, side: str) -> Path:
+    """The cloud of one side in a pair's folder.
+
+    Raises:
+        InputError: none, or several.
+    """
     files = _cloud_files(folder, side)
     if not files:
         raise InputError(f"{folder}: has no {side}.ply (or {side}.* of another format); a pair needs two clouds")

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple, TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
 import optimistix as optx
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array as JaxArray
@@ -100,11 +99,8 @@ def _implicit_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[
     fixed, differentiated = eqx.partition(arguments, unmoved)
     _, pushed = jax.jvp(lambda own: function(parameters, eqx.combine(own, fixed)), (differentiated,), (moved,))
 
-    def residual(candidate: Any, arguments: Any) -> Any:
-        return jax.tree.map(jnp.subtract, candidate, function(candidate, arguments))
-
-    operator = lx.JacobianLinearOperator(residual, parameters, arguments)
-    solution = lx.linear_solve(operator, pushed, NanUnlessSolved(tolerance), throw=False).value
+    _, derivative = jax.linearize(lambda own: function(own, arguments), parameters)
+    solution = _solved(lambda own: jax.tree.map(jnp.subtract, own, derivative(own)), pushed, tolerance)
     # A factor, not a choice between two branches, so that the rule is linear in the tangent and can be transposed.
     factor = jnp.where(trusted, 1.0, jnp.nan)
     return parameters, jax.tree.map(lambda leaf: leaf * factor.astype(leaf.dtype), solution)
@@ -194,42 +190,28 @@ def _combined(past: _Past) -> Float[JaxArray, " p"]:
     return past.image + shares @ images
 
 
-class NanUnlessSolved(lx.AbstractLinearSolver[Any]):  # type: ignore[misc]
-    """GMRES (JAX's) with a solution of NaN where it did not converge: a derivative is right or is not a number.
+def _solved(product: Callable[[_Parameters], _Parameters], right: _Parameters, tolerance: float) -> _Parameters:
+    """The solution of a linear system by GMRES, or NaN: a derivative is right or is not a number.
 
-    Attributes:
+    Args:
+        product: of the system's matrix with parameters.
+        right: the right-hand side.
         tolerance: of the residual, relative to the right-hand side.
     """
+    flat, unravel = ravel_pytree(right)
 
-    tolerance: float
-
-    def init(self, operator: Any, options: Any) -> Any:
-        """The operator, linearised once for all products."""
-        return lx.linearise(operator)
-
-    def compute(self, state: Any, vector: Any, options: Any) -> tuple[Any, Any, dict[str, Any]]:
-        """Solves; see `lineax.AbstractLinearSolver`."""
-        flat, unravel = ravel_pytree(vector)
-
-        def product(candidate: JaxArray) -> JaxArray:
-            return ravel_pytree(state.mv(unravel(candidate)))[0]
-
+    def solve(product: Callable[[JaxArray], JaxArray], right: JaxArray) -> JaxArray:
         with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
             solution, _ = jax.scipy.sparse.linalg.gmres(
-                product, flat, tol=self.tolerance, restart=KRYLOV, maxiter=RESTARTS, solve_method="incremental"
+                product, right, tol=tolerance, restart=KRYLOV, maxiter=RESTARTS, solve_method="incremental"
             )
-        error = jnp.linalg.norm(product(solution) - flat)
-        solved = error <= LARGEST_SLACK * self.tolerance * jnp.linalg.norm(flat)
-        return unravel(jnp.where(solved, solution, jnp.nan)), lx.RESULTS.successful, {}
+        solved = jnp.linalg.norm(product(solution) - right) <= LARGEST_SLACK * tolerance * jnp.linalg.norm(right)
+        return jnp.where(solved, solution, jnp.nan)
 
-    def transpose(self, state: Any, options: Any) -> tuple[Any, Any]:
-        """The transposed problem."""
-        return state.transpose(), {}
-
-    def conj(self, state: Any, options: Any) -> tuple[Any, Any]:
-        """The conjugate problem."""
-        return lx.conj(state), {}
-
-    def assume_full_rank(self) -> bool:
-        """There is one solution."""
-        return True
+    # With the same solver for the transposed system, in reverse mode.
+    solution: _Parameters = unravel(
+        jax.lax.custom_linear_solve(
+            lambda own: ravel_pytree(product(unravel(own)))[0], flat, solve, transpose_solve=solve
+        )
+    )
+    return solution

@@ -23,6 +23,8 @@ from gmmjax.reporting.evaluation_table import evaluation_lines
 from gmmjax.reporting.palette import KIND_COLORS
 from gmmjax.reporting.summary import HEADINGS, answer, change_rows, dropped_rows, dropped_text, unobserved_text
 from gmmjax.scenes import GaussianScene
+from gmmjax.tuning import TuningResult
+from gmmjax.tuning.tune import STOPS
 
 
 @contextmanager
@@ -148,6 +150,74 @@ def print_evaluation(evaluation: Evaluation) -> None:
     console = Console()
     for text, style in evaluation_lines(evaluation, console.width):
         console.print(escape(text), style=style, highlight=False, soft_wrap=True)
+
+
+def print_note(text: str) -> None:
+    """A line on standard error, about the work and not about its result."""
+    print(f"gmmjax: {text}", file=sys.stderr)
+
+
+def print_tuning(result: TuningResult, settings: Path, page: Path) -> None:
+    """The tuned settings beside what they began with, the losses, and what to do with the file.
+
+    Args:
+        result: of the tuning.
+        settings: the TOML file.
+        page: the HTML file.
+    """
+    console = Console()
+    verdict = "Tuned" if result.improved else "The settings stay as they were: tuning did not find better ones"
+    console.print(f"{verdict} ({STOPS[result.stopped]}, {result.state.steps} steps)", style="bold", highlight=False)
+    table = _plain_table()
+    for heading in ("", "Start", "Best"):
+        table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
+    for number, name in enumerate(result.parameters):
+        table.add_row(name, f"{result.state.values[0, 0, number]:.4g}", f"{result.tuned[name]:.4g}")
+    for label, before, best in zip(("all pairs", "trained on", "held back"), result.baseline, result.best, strict=True):
+        table.add_row(f"loss ({result.loss}), {label}", f"{before:.4g}", f"{best:.4g}")
+    _print_whole(table)
+    console.print(
+        f"\nSettings in [bold]{escape(str(settings))}[/bold], the course in {escape(str(page))}", highlight=False
+    )
+    console.print(
+        f"  [dim]gmmjax detect BEFORE AFTER --out DIR --config {escape(str(settings))}[/dim]", highlight=False
+    )
+
+
+def print_tuning_json(result: TuningResult) -> None:
+    """The result of a tuning as JSON, on standard output."""
+    state = result.state
+    print(
+        json.dumps(
+            {
+                "improved": result.improved,
+                "config": result.config.to_dict(),
+                "loss": result.loss,
+                "tuned": result.tuned,
+                "losses_before": dict(zip(("all", "trained", "held_back"), result.baseline, strict=True)),
+                "losses_after": dict(zip(("all", "trained", "held_back"), result.best, strict=True)),
+                "best_step": result.best_step,
+                "best_start": result.best_start,
+                "stopped": result.stopped,
+                "trained_on": list(result.training),
+                "held_back": list(result.validation),
+                "course": {
+                    "parameters": list(result.parameters),
+                    "values": _plain(state.values),
+                    "losses": _plain(state.losses),
+                },
+            },
+            indent=2,
+            allow_nan=False,
+        )
+    )
+
+
+def _plain(values: np.ndarray) -> Any:
+    """Nested lists with None in place of what is not a number."""
+    if values.ndim == 0:
+        return float(values) if np.isfinite(values) else None
+    return [_plain(part) for part in values]
 
 
 def print_failures(failures: Sequence[Failure]) -> None:

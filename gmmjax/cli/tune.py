@@ -1,0 +1,120 @@
+"""`gmmjax tune FOLDER --out tuned.toml`."""
+
+import dataclasses
+import functools
+import hashlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from tyro.conf import OmitArgPrefixes, Positional
+
+from gmmjax.changes.config import DetectionConfig
+from gmmjax.cli.compilation_cache import use_compilation_cache
+from gmmjax.cli.detect import read_settings
+from gmmjax.errors import InputError
+from gmmjax.tuning import TuningSettings
+
+if TYPE_CHECKING:
+    from gmmjax.tuning import ScanPair
+
+
+# `TuningSettings` without its checks: what they raise would be taken for the parser's own.
+Flags = dataclasses.make_dataclass(
+    "Flags",
+    [(field.name, field.type, field.default) for field in dataclasses.fields(TuningSettings)],
+    namespace={"__doc__": TuningSettings.__doc__},
+)
+
+
+def command(arguments: Sequence[str]) -> Callable[..., int]:
+    """`tune`, whatever the arguments."""
+    del arguments
+    return tune
+
+
+def tune(
+    folder: Annotated[Positional[Path], tyro.conf.arg(metavar="FOLDER")],
+    *,
+    out: Annotated[Path, tyro.conf.arg(metavar="FILE.toml")],
+    config: Annotated[Path | None, tyro.conf.arg(metavar="FILE.toml")] = None,
+    overwrite: bool = False,
+    restart: bool = False,
+    quiet: bool = False,
+    print_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    settings: OmitArgPrefixes[Flags] = Flags(),  # type: ignore[valid-type]
+) -> int:
+    """Tune settings by gradient on pairs of scans; the result is a file for detect --config.
+
+    Each pair is a folder with before.* and after.* (any format that detect reads), and truth_before.npy and
+    truth_after.npy as for "gmmjax evaluate pairs"; without truth in any of them, the likelihood of held-out points is
+    the loss. A tuning that was interrupted goes on where it was when the same command is given again.
+
+    Args:
+        folder: that holds the pairs' folders.
+        out: the settings; the course of the tuning goes beside them, as HTML.
+        config: TOML file with settings to begin with; those that are not tuned are kept.
+        overwrite: replace the output files.
+        restart: begin anew where an interrupted tuning could go on.
+        quiet: print nothing but errors.
+        print_json: print the result as JSON and nothing else.
+        settings: of the tuning.
+    """
+    from gmmjax import tuning
+    from gmmjax.evaluation.tuning_pairs import find_tuning_pairs
+    from gmmjax.reporting import console, tuning_files
+
+    chosen = TuningSettings(**dataclasses.asdict(settings))
+    given = DetectionConfig() if config is None else read_settings(config)
+    _check_out(out, overwrite)
+    use_compilation_cache()
+    state_file = tuning_files.progress_file(out)
+    with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
+        progress("Reading the pairs", 0.0)
+        pairs = find_tuning_pairs(folder)
+        fingerprint = _fingerprint(pairs, given, chosen)
+        resume = tuning_files.read_state(state_file, fingerprint) if state_file.exists() and not restart else None
+        if resume is not None and not quiet:
+            console.print_note(f"Going on after step {resume.steps} of {state_file}.")
+        result = tuning.tune(
+            pairs,
+            config=given,
+            settings=chosen,
+            resume=resume,
+            checkpoint=functools.partial(_checkpoint, state_file, fingerprint),
+            progress=progress,
+        )
+    page = tuning_files.write_tuned(out, result)
+    state_file.unlink(missing_ok=True)
+    if print_json:
+        console.print_tuning_json(result)
+    elif not quiet:
+        console.print_tuning(result, out, page)
+    return 0
+
+
+def _checkpoint(file: Path, fingerprint: str, state: "tuning.TuningState") -> None:  # type: ignore[name-defined]
+    from gmmjax.reporting import tuning_files
+
+    tuning_files.write_state(file, state, fingerprint)
+
+
+def _check_out(out: Path, overwrite: bool) -> None:
+    if out.suffix != ".toml":
+        raise InputError(f"--out {out}: must end in .toml")
+    if not out.resolve().parent.is_dir():
+        raise InputError(f"--out {out}: there is no folder {out.parent}; make it first")
+    for file in (out, out.with_suffix(".html")):
+        if file.exists() and not overwrite:
+            raise InputError(f"--out {out}: {file} is there already; choose another name, or give --overwrite")
+
+
+def _fingerprint(pairs: "Sequence[ScanPair]", config: DetectionConfig, settings: TuningSettings) -> str:
+    """What a tuning depends on, all but how many steps it may take."""
+    about = [
+        sorted(config.to_dict().items()),
+        sorted((name, value) for name, value in dataclasses.asdict(settings).items() if name != "steps"),
+        [(pair.name, len(pair.before), len(pair.after), pair.labelled) for pair in pairs],  # type: ignore[arg-type]
+    ]
+    return hashlib.sha256(repr(about).encode()).hexdigest()

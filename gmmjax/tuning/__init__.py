@@ -1,0 +1,18 @@
+"""Gradients through the fit: scores, checks, and priors tuned by gradient."""
+
+from gmmjax.changes.joint_mixture import joint_prior as joint_prior
+from gmmjax.tuning.gradient_check import GradientCheck as GradientCheck
+from gmmjax.tuning.gradient_check import check_gradient as check_gradient
+from gmmjax.tuning.pair_loss import LOSSES as LOSSES
+from gmmjax.tuning.parameters import PARAMETERS as PARAMETERS
+from gmmjax.tuning.posterior import JointPosterior as JointPosterior
+from gmmjax.tuning.posterior import joint_posterior as joint_posterior
+from gmmjax.tuning.scan_pairs import ScanPair as ScanPair
+from gmmjax.tuning.scores import brier_score as brier_score
+from gmmjax.tuning.scores import expected_f1 as expected_f1
+from gmmjax.tuning.scores import held_out_log_likelihood as held_out_log_likelihood
+from gmmjax.tuning.scores import log_score as log_score
+from gmmjax.tuning.tune import TuningResult as TuningResult
+from gmmjax.tuning.tune import TuningSettings as TuningSettings
+from gmmjax.tuning.tune import TuningState as TuningState
+from gmmjax.tuning.tune import tune as tune

@@ -1,0 +1,122 @@
+"""The loss of one pair as a function of the tuned settings, with its gradient through the fit."""
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+from typing import Literal, NamedTuple, get_args
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, PRNGKeyArray
+
+from gmmjax._typing import Array
+from gmmjax.changes.joint_mixture import JointMixture, fit_joint_mixture, initial_joint_mixture
+from gmmjax.changes.joint_problem import SETTINGS
+from gmmjax.mixtures.quadratic import quadratic_features
+from gmmjax.tuning.parameters import with_settings
+from gmmjax.tuning.posterior import posteriors
+from gmmjax.tuning.scan_pairs import ReadyPair
+from gmmjax.tuning.scores import brier_score, expected_counts, log_score
+
+Loss = Literal["f1", "brier", "log", "likelihood"]
+LOSSES: tuple[Loss, ...] = get_args(Loss)
+# Of labelled pairs, and of pairs without labels.
+LABELLED, UNLABELLED = LOSSES[:3], LOSSES[3:]
+DESCRIPTIONS: Mapping[Loss, str] = {
+    "brier": "Brier score of the points' probabilities",
+    "log": "log score of the points' probabilities, nats",
+    "f1": "1 - expected F1 of the points",
+    "likelihood": "negative log likelihood of held-out points, nats a point",
+}
+# So many points have a say for each pair.
+WEIGHT_OF_A_PAIR = 1000.0
+_FIT = dataclasses.replace(SETTINGS, polish=True)
+
+
+class PairLoss(NamedTuple):
+    """The part of one pair in the loss; parts are added over pairs before they are divided (`total_loss`).
+
+    Attributes:
+        sums: numerator and denominator.
+        gradients: of both, with respect to the free numbers; NaN where the fit did not come to rest.
+    """
+
+    sums: Float[Array, " 2"]
+    gradients: Float[Array, "2 p"]
+
+
+@functools.partial(jax.jit, static_argnames=("names", "loss"))
+def pair_loss(
+    free: Float[Array, " p"], pair: ReadyPair, key: PRNGKeyArray, names: tuple[str, ...], loss: Loss
+) -> PairLoss:
+    """The part of a pair in the loss, and its gradients.
+
+    Args:
+        free: the settings, see `with_settings`.
+        pair: made ready.
+        key: of the fit's start.
+        names: of the settings.
+        loss: which.
+    """
+
+    def of(free: Array) -> tuple[Array, Array]:
+        sums = _sums(_fitted(free, pair, key, names), pair, loss)
+        return sums, sums
+
+    gradients, sums = jax.jacrev(of, has_aux=True)(free)
+    return PairLoss(sums, gradients)
+
+
+@functools.partial(jax.jit, static_argnames=("names", "loss"))
+def pair_loss_alone(
+    free: Float[Array, " p"], pair: ReadyPair, key: PRNGKeyArray, names: tuple[str, ...], loss: Loss
+) -> Float[Array, " 2"]:
+    """The sums of `pair_loss` without their gradients, for validation."""
+    return _sums(_fitted(free, pair, key, names), pair, loss)
+
+
+def total_loss(sums: Float[np.ndarray, "n 2"], loss: Loss) -> float:
+    """The loss of some pairs."""
+    numerator, denominator = sums.sum(axis=0)
+    return float(1 - numerator / denominator if loss == "f1" else numerator / denominator)
+
+
+def total_gradient(
+    sums: Float[np.ndarray, "n 2"], gradients: Float[np.ndarray, "n 2 p"], loss: Loss
+) -> Float[np.ndarray, " p"]:
+    """The gradient of `total_loss`."""
+    numerator, denominator = sums.sum(axis=0)
+    of_numerator, of_denominator = gradients.sum(axis=0)
+    quotient = (of_numerator - numerator / denominator * of_denominator) / denominator
+    return np.asarray(-quotient if loss == "f1" else quotient)
+
+
+def _fitted(free: Array, pair: ReadyPair, key: PRNGKeyArray, names: tuple[str, ...]) -> JointMixture:
+    prior = pair.frame.enter_prior(with_settings(pair.prior, names, free))
+    start = initial_joint_mixture(pair.fitted, pair.max_components, jax.lax.stop_gradient(prior), key)
+    joint: JointMixture = fit_joint_mixture(pair.fitted, start, prior, _FIT).model
+    return joint
+
+
+def _sums(joint: JointMixture, pair: ReadyPair, loss: Loss) -> Float[Array, " 2"]:
+    weight = jnp.concatenate([pair.before.weight, pair.after.weight])
+    # Every pair counts the same, however many points it has.
+    weight = WEIGHT_OF_A_PAIR * weight / jnp.sum(weight)
+    if loss == "likelihood":
+        of_before = _log_density(joint, pair.before.points, after=False)
+        of_after = _log_density(joint, pair.after.points, after=True)
+        return jnp.stack([-weight @ jnp.concatenate([of_before, of_after]), jnp.sum(weight)])
+    probability = jnp.concatenate(posteriors(joint, pair.before.points, pair.after.points, volumetric=pair.volumetric))
+    changed = jnp.concatenate([pair.before.changed, pair.after.changed])
+    if loss == "f1":
+        found, both = expected_counts(probability, changed, weight)
+        return jnp.stack([found, both])
+    score = brier_score if loss == "brier" else log_score
+    return jnp.stack([score(probability, changed, weight) * jnp.sum(weight), jnp.sum(weight)])
+
+
+def _log_density(joint: JointMixture, points: Float[Array, "n d"], after: bool) -> Float[Array, " n"]:
+    """Of points of one cloud, together with which cloud that is."""
+    source = jnp.full((1, len(points)), float(after), points.dtype)
+    return jax.nn.logsumexp(joint.coefficients() @ jnp.concatenate([quadratic_features(points), source]), axis=0)

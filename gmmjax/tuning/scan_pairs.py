@@ -1,0 +1,204 @@
+"""Pairs of scans, made ready to be fitted again and again with other priors."""
+
+import dataclasses
+from typing import NamedTuple
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import ArrayLike, Bool, Float, Int
+
+from gmmjax._typing import Array
+from gmmjax.changes.checking import CheckedCloud, check_pair
+from gmmjax.changes.config import DetectionConfig
+from gmmjax.changes.joint_mixture import SourcedPoints
+from gmmjax.changes.joint_problem import joint_problem
+from gmmjax.changes.local_surface import LocalSurface
+from gmmjax.changes.registration import register
+from gmmjax.changes.scales import WorkingCloud, working_pair
+from gmmjax.clouds import PointCloud
+from gmmjax.errors import InputError
+from gmmjax.mixtures import Prior, WeightedPoints
+from gmmjax.mixtures.frame import Frame
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ScanPair:
+    """Two scans to tune on.
+
+    Attributes:
+        name: of the pair.
+        before: coordinates [n0, 3] or a `PointCloud`.
+        after: coordinates [n1, 3] or a `PointCloud`, in the same unit.
+        truth_before: for each point of `before` -1 unchanged, else the id of its change; None: not known.
+        truth_after: the same for `after`.
+        ignored_before: for each point of `before` whether it is not to be judged, such as where the other survey could
+            not see; None: all are.
+        ignored_after: the same for `after`.
+    """
+
+    name: str
+    before: ArrayLike | PointCloud
+    after: ArrayLike | PointCloud
+    truth_before: Int[np.ndarray, " n0"] | None = None
+    truth_after: Int[np.ndarray, " n1"] | None = None
+    ignored_before: Bool[np.ndarray, " n0"] | None = None
+    ignored_after: Bool[np.ndarray, " n1"] | None = None
+
+    @property
+    def labelled(self) -> bool:
+        """Whether the truth is known, of both clouds."""
+        return self.truth_before is not None and self.truth_after is not None
+
+
+class JudgedPoints(NamedTuple):
+    """Points of one cloud whose probability is judged.
+
+    Attributes:
+        points: in the frame of the fit.
+        changed: the share of the observations at each that changed; 0 where that is not known.
+        weight: the observations that each stands for; 0 is padding.
+    """
+
+    points: Float[Array, "m 3"]
+    changed: Float[Array, " m"]
+    weight: Float[Array, " m"]
+
+
+class ReadyPair(eqx.Module):
+    """A pair that is aligned and reduced, in the frame of its fit; NumPy leaves.
+
+    Attributes:
+        fitted: the points of both clouds that the mixture is fitted to.
+        before: points of the before cloud that are judged; none of them is among `fitted` where there is no truth.
+        after: the same for the after cloud.
+        prior: derived from the data and the config, in the unit of the clouds.
+        frame: from that unit into the fit's.
+        max_components: that annihilation starts from.
+        volumetric: whether the clouds fill volumes.
+    """
+
+    fitted: SourcedPoints
+    before: JudgedPoints
+    after: JudgedPoints
+    prior: Prior
+    frame: Frame
+    max_components: int = eqx.field(static=True)
+    volumetric: bool = eqx.field(static=True)
+
+
+def ready_pair(pair: ScanPair, config: DetectionConfig, max_points: int, seed: int) -> ReadyPair:
+    """Checks, aligns and reduces a pair as `detect_changes` does, and draws what is fitted and what is judged.
+
+    Args:
+        pair: the scans, with or without truth.
+        config: everything that is not tuned.
+        max_points: that are fitted, and that are judged of each cloud.
+        seed: of the draw.
+
+    Raises:
+        InputError: clouds that cannot be compared, or truth that does not fit them; it names the pair.
+    """
+    try:
+        checked = check_pair(pair.before, pair.after, config)
+        truths = [
+            _rows("truth_before", pair.truth_before, checked[0], "iu"),
+            _rows("truth_after", pair.truth_after, checked[1], "iu"),
+        ]
+        ignored = [
+            _rows("ignored_before", pair.ignored_before, checked[0], "b"),
+            _rows("ignored_after", pair.ignored_after, checked[1], "b"),
+        ]
+    except InputError as error:
+        raise InputError(f"{pair.name}: {error}") from error
+    working = working_pair(checked[0].points, checked[1].points, config)
+    surfaces = LocalSurface.of(working.before.points), LocalSurface.of(working.after.points)
+    registration = register(working, *surfaces, config)
+    if registration.applied:
+        working = working.with_after(surfaces[1].moved(registration.transform).points)
+    problem = joint_problem(working, registration, config)
+    frame = Frame.of(problem.points.points)
+    framed = SourcedPoints(frame.enter(problem.points.points), problem.points.after)
+    generator = np.random.default_rng(seed)
+    order = generator.permutation(len(framed.after))
+    fitted, left = order[:max_points], order[max_points:]
+    if not pair.labelled and not len(left):
+        # Held-out points are needed: half are fitted, half are judged.
+        fitted, left = np.array_split(order, 2)
+    clouds = (working.before, working.after)
+    judged = []
+    for side, (cloud, truth, unjudged) in enumerate(zip(clouds, truths, ignored, strict=True)):
+        labels = _label(cloud, truth, unjudged)
+        first = 0 if side == 0 else len(clouds[0].points)
+        own = np.arange(len(cloud.points))
+        if not pair.labelled:
+            own = left[(left >= first) & (left < first + len(cloud.points))] - first
+        rows, factor = _drawn(own, labels, max_points, generator)
+        points = framed.points.points[first : first + len(cloud.points)][rows]
+        judged.append(_padded(JudgedPoints(points, labels.changed[rows], labels.weight[rows] * factor), max_points))
+    chosen = SourcedPoints(
+        WeightedPoints(framed.points.points[fitted], framed.points.mass[fitted]), framed.after[fitted]
+    )
+    return ReadyPair(
+        fitted=chosen.padded(),
+        before=judged[0],
+        after=judged[1],
+        prior=problem.prior,
+        frame=frame,
+        max_components=min(problem.max_components, max(1, len(fitted) // 20)),
+        volumetric=problem.volumetric,
+    )
+
+
+class _Labels(NamedTuple):
+    changed: Float[np.ndarray, " m"]
+    weight: Float[np.ndarray, " m"]
+
+
+def _rows(name: str, values: np.ndarray | None, cloud: CheckedCloud, kinds: str) -> np.ndarray | None:
+    """What is known of the points that are used."""
+    if values is None:
+        return None
+    values = np.asarray(values)
+    if values.shape != cloud.used.shape or values.dtype.kind not in kinds:
+        wanted = "whole numbers (-1, or the id of a change)" if "i" in kinds else "true or false"
+        raise InputError(
+            f"{name} must hold {wanted} for each of the {len(cloud.used)} points, not {values.dtype} "
+            f"{list(values.shape)}"
+        )
+    return values[cloud.used]
+
+
+def _label(cloud: WorkingCloud, truth: np.ndarray | None, ignored: np.ndarray | None) -> _Labels:
+    """For each voxel the share of its points that changed, and how many of its points are judged."""
+    judged = np.ones(len(cloud.member)) if ignored is None else (~ignored).astype(float)
+    weight = np.bincount(cloud.member, judged, len(cloud.points))
+    changed = np.zeros(len(cloud.points))
+    if truth is not None:
+        changed = np.bincount(cloud.member, judged * (truth >= 0), len(cloud.points)) / np.maximum(weight, 1)
+    return _Labels(changed, weight)
+
+
+def _drawn(
+    rows: np.ndarray, labels: _Labels, size: int, generator: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows to judge, up to half of them changed, and by what factor each stands for more of its kind."""
+    judged = rows[labels.weight[rows] > 0]
+    if len(judged) <= size:
+        return judged, np.ones(len(judged))
+    changed = labels.changed[judged] >= 0.5
+    kinds = [judged[changed], judged[~changed]]
+    most = [min(len(kinds[0]), size // 2)]
+    most.append(min(len(kinds[1]), size - most[0]))
+    drawn = [generator.choice(kind, count, replace=False) for kind, count in zip(kinds, most, strict=True)]
+    factors = [np.full(len(own), len(kind) / max(len(own), 1)) for own, kind in zip(drawn, kinds, strict=True)]
+    return np.concatenate(drawn), np.concatenate(factors)
+
+
+def _padded(judged: JudgedPoints, size: int) -> JudgedPoints:
+    """One size for all pairs, so that they share a compiled program."""
+    missing = size - len(judged.weight)
+    return JudgedPoints(
+        np.pad(judged.points, ((0, missing), (0, 0))),
+        np.pad(judged.changed, (0, missing)),
+        np.pad(judged.weight, (0, missing)),
+    )
