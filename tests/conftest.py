@@ -7,7 +7,8 @@ with install_import_hook("gmmjax", "beartype.beartype"):
     import gmmjax.cli
     import gmmjax.evaluation
     import gmmjax.reporting
-    import gmmjax.scenes  # noqa: F401
+    import gmmjax.scenes
+    import gmmjax.tuning  # noqa: F401
 
 import os
 from pathlib import Path

@@ -26,9 +26,7 @@ def find_tuning_pairs(folder: Path) -> list[ScanPair]:
     with_truth = [any((path / f"truth_{side}.npy").is_file() for side in ("before", "after")) for path in folders]
     if any(with_truth) and not all(with_truth):
         names = ", ".join(path.name for path, labelled in zip(folders, with_truth, strict=True) if not labelled)
-        raise InputError(
-            f"{folder}: {names} have no truth, the other pairs have; give truth for all, or move them away"
-        )
+        raise InputError(f"{folder}: {names} have no truth, other pairs have; give truth for all, or move them away")
     return [scan_pair(read_pair(path)) if with_truth[0] else _unlabelled(path) for path in folders]
 
 

@@ -201,11 +201,16 @@ def _solved(product: Callable[[_Parameters], _Parameters], right: _Parameters, t
     flat, unravel = ravel_pytree(right)
 
     def solve(product: Callable[[JaxArray], JaxArray], right: JaxArray) -> JaxArray:
+        # JAX's GMRES takes vectors shorter than the rounding of 1 for nothing.
+        size = jnp.max(jnp.abs(right))
+        scale = jnp.where(size > 0, size, 1)
         with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
             solution, _ = jax.scipy.sparse.linalg.gmres(
-                product, right, tol=tolerance, restart=KRYLOV, maxiter=RESTARTS, solve_method="incremental"
+                product, right / scale, tol=tolerance, restart=KRYLOV, maxiter=RESTARTS, solve_method="incremental"
             )
-        solved = jnp.linalg.norm(product(solution) - right) <= LARGEST_SLACK * tolerance * jnp.linalg.norm(right)
+        solution = jnp.where(size == 0, jnp.zeros_like(right), solution * scale)
+        error = jnp.linalg.norm((product(solution) - right) / scale)
+        solved = error <= LARGEST_SLACK * tolerance * jnp.linalg.norm(right / scale)
         return jnp.where(solved, solution, jnp.nan)
 
     # With the same solver for the transposed system, in reverse mode.

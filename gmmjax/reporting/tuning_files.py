@@ -73,7 +73,7 @@ def read_state(path: str | os.PathLike[str], fingerprint: str) -> TuningState:
     """
     remedy = "begin anew with --restart"
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
             if str(stored["fingerprint"]) != fingerprint:
                 raise InputError(f"{path}: is of a tuning with other pairs or settings; {remedy}, or give those")
             leaves = tuple(stored[name] for name in sorted(stored.files) if name.startswith(OPTIMISER))

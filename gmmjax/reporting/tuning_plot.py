@@ -15,6 +15,7 @@ TITLES = {
     "log": "log score (nats)",
     "likelihood": "held-out loss (nats a point)",
 }
+LOGARITHMIC = {"type": "log", "dtick": "D2", "exponentformat": "none"}
 # Heights in pixels.
 PANEL, MARGINS = 250, 190
 
@@ -37,19 +38,22 @@ def tuning_html(result: TuningResult) -> str:
     )
     for start in range(result.state.free.shape[0]):
         _add_start(figure, result, start)
-    figure.add_hline(
-        y=result.baseline[ALL],
+    figure.add_scatter(
+        x=[0, result.state.steps],
+        y=[result.baseline[ALL]] * 2,
+        mode="lines",
+        name="as it was, all pairs",
+        line={"color": GREY, "dash": "dash"},
         row=1,
         col=1,
-        line={"color": GREY, "dash": "dash"},
-        annotation_text="as it was",
-        annotation_font_color=GREY,
     )
     _mark(figure, result.best_step, result.best[ALL], 1)
     for row, name in enumerate(names, start=2):
         _mark(figure, result.best_step, result.tuned[name], row)
         if name not in ("concentration", "noise_share"):
-            figure.update_yaxes(type="log", row=row, col=1)
+            figure.update_yaxes(LOGARITHMIC, row=row, col=1)
+    if result.loss != "likelihood":
+        figure.update_yaxes(LOGARITHMIC, row=1, col=1)
     figure.update_xaxes(title="step", row=len(titles), col=1)
     figure.update_layout(
         title={"text": _headline(result), "x": 0.02},
@@ -77,7 +81,7 @@ def _add_start(figure: Any, result: TuningResult, start: int) -> None:
     steps = np.flatnonzero(raced)
     name = f"start {start + 1}"
     line = {"color": color}
-    common = {"mode": "lines", "col": 1, "legendgroup": name}
+    common = {"mode": "lines+markers", "marker": {"size": 4}, "col": 1, "legendgroup": name}
     kinds = {TRAINED: ("trained on", "dot"), HELD_BACK: ("held back", "dash"), ALL: ("all pairs", "solid")}
     for kind, (label, dash) in kinds.items():
         losses = state.losses[raced, start, kind]

@@ -89,6 +89,8 @@ def check_gradient(
     """
     with jax.enable_x64(True):
         exact = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float64), arguments)
+        if not jax.tree.leaves(exact):
+            raise InputError("there is nothing to differentiate: give the arguments of the function")
         compiled = jax.jit(function)
         value = compiled(*exact)
         if jnp.shape(value) != () or not bool(jnp.isfinite(value)):
@@ -96,8 +98,6 @@ def check_gradient(
         gradients = jax.jit(jax.grad(function, argnums=tuple(range(len(exact)))))(*exact)
         leaves, structure = jax.tree.flatten(exact)
         names = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(exact)]
-        if not leaves:
-            raise InputError("there is nothing to differentiate: give the arguments of the function")
         generator = np.random.default_rng(seed)
         entries = []
         for number, (name, leaf) in enumerate(zip(names, leaves, strict=True)):

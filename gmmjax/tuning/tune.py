@@ -399,7 +399,8 @@ class _Search:
         """One step of the optimiser for all starts at once; those that do not race stay."""
         all_gradients = np.zeros_like(state.free)
         all_gradients[racing] = gradients
-        with jax.enable_x64(True):
+        # Optimisers are other people's code.
+        with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
             free, slopes = jnp.asarray(state.free), jnp.asarray(all_gradients)
             structure = jax.tree.structure(self._initial(state.free))
             before = jax.tree.unflatten(structure, [jnp.asarray(leaf) for leaf in state.optimiser])

@@ -17,6 +17,7 @@ AXES = {
     "components": ("components", "CPU seconds of an EM iteration, 20,000 points"),
     "restarts": ("restarts in one call", "seconds a restart"),
     "cores": ("cores", "wall seconds"),
+    "steps": ("EM steps", "MB of a gradient, 20,000 points"),
 }
 
 

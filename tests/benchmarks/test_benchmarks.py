@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from tests.benchmarks import numpy_figueiredo_jain, peers, scenes, tasks
+from tests.benchmarks import gradients, numpy_figueiredo_jain, peers, scenes, tasks
 from tests.mixtures import plain_figueiredo_jain
 
 
@@ -57,6 +57,15 @@ def test_the_fused_loop_sums_what_em_sums(cloud):
     joint = np.exp(parameters.astype(float) @ features)
     np.testing.assert_allclose(sums, joint / joint.sum(axis=0) @ features.T, rtol=1e-3, atol=1e-3)
     assert likelihood == pytest.approx(np.log(joint.sum(axis=0)).sum(), rel=1e-4)
+
+
+def test_implicit_and_unrolled_gradients_agree(cloud):
+    ways = gradients.Contenders(cloud, 6)
+    implicit = ways.gradient("implicit", 5000)()
+    unrolled = ways.gradient("unrolled", 4 * ways.steps)()
+    for name in ("noise_floor", "scale", "degrees_of_freedom", "mean_strength"):
+        np.testing.assert_allclose(getattr(implicit, name), getattr(unrolled, name), rtol=1e-4, err_msg=name)
+    assert ways.memory("unrolled", 80) > 2 * ways.memory("unrolled", 20)
 
 
 def test_the_report_says_what_was_not_reached(tmp_path):

@@ -1,6 +1,9 @@
+import importlib
+import itertools
 import warnings
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
@@ -17,6 +20,8 @@ from gmmjax.mixtures import (
     expectation_maximisation,
     maximisation,
 )
+from gmmjax.mixtures.expectation_maximisation import feature_sums
+from gmmjax.mixtures.quadratic import coefficients
 from tests.mixtures.examples import (
     assert_mixtures_close,
     cloud,
@@ -28,6 +33,8 @@ from tests.mixtures.examples import (
     weighted,
 )
 
+# `gmmjax.mixtures.expectation_maximisation` is the function.
+em = importlib.import_module("gmmjax.mixtures.expectation_maximisation")
 MAXIMUM_LIKELIHOOD = Prior.maximum_likelihood(0.0)
 SCIKIT_TYPES = {"full": "full", "diagonal": "diag", "spherical": "spherical", "tied": "tied"}
 
@@ -181,3 +188,66 @@ def test_vmap_equals_a_loop(float64):
     for index, each in enumerate(clouds):
         single, _ = step(mixture, each)
         assert_mixtures_close(jax.tree.map(lambda leaf, i=index: leaf[i], batch), single, atol=1e-10)
+
+
+def sums_and_plain(moved):
+    """`feature_sums` and its plain definition as functions of the arrays that move, and these with tangents of theirs.
+
+    Two chunks, with a dead slot and masses.
+    """
+    random = np.random.default_rng(2)
+    points = cloud(2, points=150)
+    chunks = FeatureChunks.of(weighted(points, random.uniform(0.5, 2, len(points))))
+    arrays = {
+        "parameters": coefficients(jax.tree.map(jnp.asarray, random_mixture(dimension=2, slots=5))),
+        "features": chunks.features,
+        "mass": chunks.mass,
+    }
+    primals = [arrays[name] for name in moved]
+    tangents = [jnp.asarray(random.standard_normal(primal.shape)) for primal in primals]
+
+    def complete(own):
+        return {**arrays, **dict(zip(moved, own, strict=True))}
+
+    def ours(*own):
+        every = complete(own)
+        return feature_sums(every["parameters"], FeatureChunks(every["features"], every["mass"], 2))
+
+    return ours, lambda *own: em._plain_feature_sums(*complete(own).values()), primals, tangents
+
+
+COMBINATIONS = [
+    moved for size in (1, 2, 3) for moved in itertools.combinations(("parameters", "features", "mass"), size)
+]
+
+
+@pytest.mark.parametrize("moved", COMBINATIONS, ids="-".join)
+def test_derivatives_of_the_sums_are_those_of_plain_jax(float64, moved):
+    """Forward and in reverse, for every choice of what moves."""
+    ours, plain, primals, tangents = sums_and_plain(moved)
+
+    @jax.jit
+    def both(function_primals, function_tangents):
+        forward = [jax.jvp(function, function_primals, function_tangents) for function in (ours, plain)]
+        cotangent = forward[1][1]
+        return forward, [jax.vjp(function, *function_primals)[1](cotangent) for function in (ours, plain)]
+
+    (own, expected), (own_reverse, expected_reverse) = both(primals, tangents)
+    for actual, wanted in zip(
+        jax.tree.leaves((own, own_reverse)), jax.tree.leaves((expected, expected_reverse)), strict=True
+    ):
+        np.testing.assert_allclose(actual, wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
+
+
+def test_second_derivatives_of_the_sums_are_those_of_plain_jax(float64):
+    ours, plain, primals, tangents = sums_and_plain(("parameters", "mass"))
+
+    def curvature(function):
+        def size(*own):
+            sums, log_likelihood = function(*own)
+            return jnp.sum(jnp.sin(sums)) + log_likelihood
+
+        return jax.jvp(jax.grad(size, argnums=(0, 1)), primals, tangents)[1]
+
+    for actual, wanted in zip(*jax.jit(lambda: (curvature(ours), curvature(plain)))(), strict=True):
+        np.testing.assert_allclose(actual, wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())

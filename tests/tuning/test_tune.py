@@ -1,0 +1,167 @@
+import dataclasses
+
+import jax
+import numpy as np
+import optax
+import pytest
+
+from gmmjax import DetectionConfig, InputError, InputWarning
+from gmmjax.tuning import TuningSettings, tune
+from gmmjax.tuning.pair_loss import pair_loss, pair_loss_alone, total_gradient, total_loss
+from gmmjax.tuning.scan_pairs import ready_pair
+from gmmjax.tuning.tune import _split
+from tests.tuning.scenes import SETTINGS, gaussian_pair
+
+WRONG = DetectionConfig(noise_floor=0.003, tolerance=0.6)
+NAMES = ("noise_floor", "tolerance")
+
+
+@pytest.fixture(scope="module")
+def pairs():
+    return [gaussian_pair(seed, changed=seed != 2) for seed in range(4)]
+
+
+@pytest.fixture(scope="module")
+def course(pairs):
+    """A tuning from wrong settings: its result and the states on the way."""
+    states = []
+    result = tune(pairs, config=WRONG, settings=SETTINGS, checkpoint=states.append)
+    return result, states
+
+
+def test_wrong_settings_get_better(course):
+    result, _ = course
+    assert result.improved and result.loss == "f1"
+    assert result.best[0] < 0.8 * result.baseline[0]
+    assert result.tuned["tolerance"] < 0.4
+    assert result.config == dataclasses.replace(WRONG, **result.tuned)
+
+
+def test_the_config_is_that_of_the_least_loss(course):
+    result, _ = course
+    losses = result.state.losses[..., 0]
+    assert result.best[0] == np.nanmin(losses) == losses[result.best_step, result.best_start]
+    np.testing.assert_array_equal(result.state.values[result.best_step, result.best_start], list(result.tuned.values()))
+
+
+def test_an_interrupted_tuning_goes_on_where_it_was(course, pairs):
+    result, states = course
+    again = tune(pairs, config=WRONG, settings=SETTINGS, resume=states[1])
+    np.testing.assert_allclose(again.state.losses, result.state.losses, rtol=1e-9)
+    assert again.config == result.config
+
+
+def test_the_same_seed_gives_the_same_course(course, pairs):
+    result, states = course
+    assert [state.steps for state in states] == list(range(result.state.steps + 1))
+    again = tune(pairs, config=WRONG, settings=dataclasses.replace(SETTINGS, steps=1))
+    np.testing.assert_allclose(again.state.losses, result.state.losses[:2], rtol=1e-9)
+
+
+def test_pairs_are_held_back(course, pairs):
+    result, _ = course
+    assert sorted(result.training + result.validation) == [pair.name for pair in pairs]
+    assert len(result.validation) == 2
+
+
+def test_an_optimiser_of_ones_own(course, pairs):
+    still = tune(pairs, config=WRONG, settings=dataclasses.replace(SETTINGS, steps=1), optimiser=optax.sgd(0.0))
+    np.testing.assert_array_equal(still.state.values[0], still.state.values[1])
+    np.testing.assert_allclose(still.state.losses[0], course[0].state.losses[0], rtol=1e-9)
+
+
+def test_settings_that_gain_nothing_stay(pairs, course):
+    tuned = course[0].config
+    result = tune(pairs, config=tuned, settings=dataclasses.replace(SETTINGS, steps=1), optimiser=optax.sgd(0.0))
+    # The other starts are worse, and the first does not move.
+    assert not result.improved and result.config == tuned
+
+
+def test_the_gradient_is_that_of_the_loss(pairs):
+    ready = [ready_pair(pair, WRONG, SETTINGS.max_points, seed=0) for pair in pairs[:2]]
+    key = jax.random.key(0)
+
+    def loss(free):
+        return total_loss(np.array([pair_loss_alone(free, pair, key, NAMES, "f1") for pair in ready]), "f1")
+
+    with jax.enable_x64(True):
+        free = np.log([0.05, 0.2])
+        parts = [pair_loss(free, pair, key, NAMES, "f1") for pair in ready]
+        gradient = total_gradient(
+            np.array([part.sums for part in parts]), np.array([part.gradients for part in parts]), "f1"
+        )
+        for axis in range(2):
+            step = 1e-3 * np.eye(2)[axis]
+            slopes = [(loss(free + n * step) - loss(free - n * step)) / (2e-3 * n) for n in (1, 2)]
+            assert gradient[axis] == pytest.approx((4 * slopes[0] - slopes[1]) / 3, rel=1e-5)
+
+
+def test_without_truth_held_out_points_are_the_judge():
+    pairs = [gaussian_pair(seed, labelled=False) for seed in range(3)]
+    result = tune(pairs, config=WRONG, settings=dataclasses.replace(SETTINGS, steps=2, starts=1))
+    assert result.loss == "likelihood" and result.improved
+    assert result.tuned["tolerance"] < WRONG.tolerance
+
+
+def test_two_pairs_are_few(pairs):
+    with pytest.warns(InputWarning, match="too few"):
+        result = tune(pairs[:2], config=WRONG, settings=dataclasses.replace(SETTINGS, steps=1))
+    assert result.training == result.validation
+
+
+def test_pairs_with_and_without_changes_are_split_alike():
+    training, validation = _split([True] * 6 + [False] * 4, TuningSettings(validation_share=0.5))
+    assert len(training) == len(validation) == 5 and not set(training) & set(validation)
+    assert sum(number >= 6 for number in validation) == 2
+
+
+def test_truth_that_does_not_fit_is_named(pairs):
+    wrong = dataclasses.replace(pairs[1], truth_after=pairs[1].truth_after[:-1])
+    with pytest.raises(InputError, match=r"seed 1: truth_after .* for each of the 1000 points"):
+        tune([pairs[0], wrong], settings=SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"steps": 0}, "steps=0"),
+        ({"learning_rate": -1.0}, "learning_rate"),
+        ({"validation_share": 1.0}, "validation_share"),
+        ({"max_points": 99}, "max_points"),
+    ],
+)
+def test_settings_out_of_their_range_are_named(change, message):
+    with pytest.raises(InputError, match=message):
+        TuningSettings(**change)
+
+
+def test_pairs_must_all_have_truth_or_none(pairs):
+    with pytest.raises(InputError, match="pairs is empty"):
+        tune([])
+    mixed = [pairs[0], gaussian_pair(1, labelled=False)]
+    with pytest.raises(InputError, match=r"pairs seed 1: have no truth"):
+        tune(mixed)
+    with pytest.raises(InputError, match="loss='likelihood'"):
+        tune(mixed, settings=TuningSettings(loss="brier"))
+
+
+def test_a_loss_that_is_not_finite_at_the_start_is_an_error(pairs, monkeypatch):
+    from gmmjax.tuning.tune import _Search
+
+    monkeypatch.setattr(_Search, "_judged", lambda self, free, names: np.full((len(free), 3), np.nan))
+    with pytest.raises(InputError, match="the loss is nan at the start, on the pairs seed"):
+        tune(pairs, config=WRONG, settings=SETTINGS)
+
+
+def test_it_ends_with_the_last_good_settings_where_no_pair_has_a_gradient(pairs, course, monkeypatch):
+    from gmmjax.tuning.tune import _Search
+
+    gradients = _Search._gradients
+    monkeypatch.setattr(
+        _Search, "_gradients", lambda self, free, step: gradients(self, free, step) * (np.nan if step == 1 else 1.0)
+    )
+    states = []
+    result = tune(pairs, config=WRONG, settings=SETTINGS, checkpoint=states.append)
+    assert result.stopped == "not finite" and result.state.steps == 1
+    assert np.isfinite(list(result.tuned.values())).all()
+    np.testing.assert_array_equal(states[-1].losses, result.state.losses)
