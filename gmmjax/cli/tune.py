@@ -62,7 +62,6 @@ def tune(
         settings: of the tuning.
     """
     from gmmjax import tuning
-    from gmmjax.evaluation.tuning_pairs import find_tuning_pairs
     from gmmjax.reporting import console, tuning_files
 
     chosen = TuningSettings(**dataclasses.asdict(settings))
@@ -72,7 +71,7 @@ def tune(
     state_file = tuning_files.progress_file(out)
     with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
         progress("Reading the pairs", 0.0)
-        pairs = find_tuning_pairs(folder)
+        pairs = tuning.find_tuning_pairs(folder)
         fingerprint = _fingerprint(pairs, given, chosen)
         resume = tuning_files.read_state(state_file, fingerprint) if state_file.exists() and not restart else None
         if resume is not None and not quiet:

@@ -20,5 +20,3 @@ from gmmjax.evaluation.labelled_pair import read_pair as read_pair
 from gmmjax.evaluation.scores import Scores as Scores
 from gmmjax.evaluation.scores import score_labelled_pair as score_labelled_pair
 from gmmjax.evaluation.scores import score_pair as score_pair
-from gmmjax.evaluation.tuning_pairs import find_tuning_pairs as find_tuning_pairs
-from gmmjax.evaluation.tuning_pairs import scan_pair as scan_pair

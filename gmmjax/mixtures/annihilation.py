@@ -70,8 +70,8 @@ class FitSettings:
         polish: go on with the components that won until the parameters rest, not only the likelihood. What comes out
             has derivatives with respect to the prior, the points and their masses, for `jax.grad` and the like; without
             it there are none.
-        max_polish_steps: plain steps of the polish at the most, until the parameters hardly change; up to 500 accelerated
-            ones follow.
+        max_polish_steps: plain steps of the polish at the most, until the parameters hardly change; up to 500
+            accelerated ones follow.
     """
 
     min_components: int = 1

@@ -175,6 +175,9 @@ def print_tuning(result: TuningResult, settings: Path, page: Path) -> None:
         table.add_row(name, f"{result.state.values[0, 0, number]:.4g}", f"{result.tuned[name]:.4g}")
     for label, before, best in zip(("all pairs", "trained on", "held back"), result.baseline, result.best, strict=True):
         table.add_row(f"loss ({result.loss}), {label}", f"{before:.4g}", f"{best:.4g}")
+    if result.f1_before is not None and result.f1_after is not None:
+        for label, own, tuned in zip(("segment F1", "point F1"), result.f1_before, result.f1_after, strict=True):
+            table.add_row(f"{label} of detect, all pairs", f"{own:.3f}", f"{tuned:.3f}")
     _print_whole(table)
     console.print(
         f"\nSettings in [bold]{escape(str(settings))}[/bold], the course in {escape(str(page))}", highlight=False
@@ -196,11 +199,13 @@ def print_tuning_json(result: TuningResult) -> None:
                 "tuned": result.tuned,
                 "losses_before": dict(zip(("all", "trained", "held_back"), result.baseline, strict=True)),
                 "losses_after": dict(zip(("all", "trained", "held_back"), result.best, strict=True)),
+                "f1_before": result.f1_before,
+                "f1_after": result.f1_after,
                 "best_step": result.best_step,
                 "best_start": result.best_start,
                 "stopped": result.stopped,
                 "trained_on": list(result.training),
-                "held_back": list(result.validation),
+                "held_back": list(result.held_back),
                 "course": {
                     "parameters": list(result.parameters),
                     "values": _plain(state.values),

@@ -42,7 +42,7 @@ def _comments(result: TuningResult) -> list[str]:
     verdict = "tuned" if result.improved else "left as they were: tuning did not lower the loss"
     lines.append(f"Settings {verdict}. Loss ({result.loss}) {result.best[0]:.6g}; untuned {result.baseline[0]:.6g}.")
     lines.append(f"Trained on {', '.join(result.training)}.")
-    lines.append(f"Held back: {', '.join(result.validation)}.")
+    lines.append(f"Held back: {', '.join(result.held_back)}.")
     return lines
 
 

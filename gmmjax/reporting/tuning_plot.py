@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from gmmjax.tuning import TuningResult
-from gmmjax.tuning.tune import ALL, HELD_BACK, TRAINED
+from gmmjax.tuning.search import ALL, HELD_BACK, TRAINED
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 GREY = "#969cac"
@@ -71,7 +71,7 @@ def _headline(result: TuningResult) -> str:
     verdict = "Tuned" if result.improved else "Not better than before"
     return (
         f"<b>{verdict}: {values}</b><br><sub>loss {result.best[ALL]:.4g}, before {result.baseline[ALL]:.4g}; "
-        f"{len(result.training)} pairs trained on, {len(result.validation)} held back</sub>"
+        f"{len(result.training)} pairs trained on, {len(result.held_back)} held back</sub>"
     )
 
 

@@ -39,11 +39,14 @@ class PairLoss(NamedTuple):
 
     Attributes:
         sums: numerator and denominator.
-        gradients: of both, with respect to the free numbers; NaN where the fit did not come to rest.
+        message_length: of the fit, nats; it says which of several random starts found the best mixture.
+        gradients: of both sums, with respect to the free numbers; NaN where the fit did not come to rest. None where
+            they were not asked for.
     """
 
     sums: Float[Array, " 2"]
-    gradients: Float[Array, "2 p"]
+    message_length: Float[Array, ""]
+    gradients: Float[Array, "2 p"] | None = None
 
 
 @functools.partial(jax.jit, static_argnames=("names", "loss"))
@@ -60,20 +63,20 @@ def pair_loss(
         loss: which.
     """
 
-    def of(free: Array) -> tuple[Array, Array]:
-        sums = _sums(_fitted(free, pair, key, names), pair, loss)
-        return sums, sums
+    def of(free: Array) -> tuple[Array, PairLoss]:
+        part = _part(free, pair, key, names, loss)
+        return part.sums, part
 
-    gradients, sums = jax.jacrev(of, has_aux=True)(free)
-    return PairLoss(sums, gradients)
+    gradients, part = jax.jacrev(of, has_aux=True)(free)
+    return part._replace(gradients=gradients)
 
 
 @functools.partial(jax.jit, static_argnames=("names", "loss"))
 def pair_loss_alone(
     free: Float[Array, " p"], pair: ReadyPair, key: PRNGKeyArray, names: tuple[str, ...], loss: Loss
-) -> Float[Array, " 2"]:
-    """The sums of `pair_loss` without their gradients, for validation."""
-    return _sums(_fitted(free, pair, key, names), pair, loss)
+) -> PairLoss:
+    """`pair_loss` without the gradients."""
+    return _part(free, pair, key, names, loss)
 
 
 def total_loss(sums: Float[np.ndarray, "n 2"], loss: Loss) -> float:
@@ -92,11 +95,11 @@ def total_gradient(
     return np.asarray(-quotient if loss == "f1" else quotient)
 
 
-def _fitted(free: Array, pair: ReadyPair, key: PRNGKeyArray, names: tuple[str, ...]) -> JointMixture:
+def _part(free: Array, pair: ReadyPair, key: PRNGKeyArray, names: tuple[str, ...], loss: Loss) -> PairLoss:
     prior = pair.frame.enter_prior(with_settings(pair.prior, names, free))
     start = initial_joint_mixture(pair.fitted, pair.max_components, jax.lax.stop_gradient(prior), key)
-    joint: JointMixture = fit_joint_mixture(pair.fitted, start, prior, _FIT).model
-    return joint
+    end = fit_joint_mixture(pair.fitted, start, prior, _FIT)
+    return PairLoss(_sums(end.model, pair, loss), end.message_length)
 
 
 def _sums(joint: JointMixture, pair: ReadyPair, loss: Loss) -> Float[Array, " 2"]:

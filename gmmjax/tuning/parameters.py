@@ -73,6 +73,11 @@ def free_values(names: Sequence[str], prior: Prior) -> Float[np.ndarray, " p"]:
     return np.array(values)
 
 
+def free_of(names: Sequence[str], values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+    """The free numbers of settings: the inverse of `settings_of`."""
+    return np.array([_CONSTRAINTS[name].free(float(value)) for name, value in zip(names, values, strict=True)])
+
+
 def settings_of(names: Sequence[str], free: Float[np.ndarray, " p"]) -> dict[str, float]:
     """The settings by name, for a `DetectionConfig`, from their free numbers."""
     with jax.enable_x64(True):

@@ -39,7 +39,7 @@ def result(state):
         best_start=0,
         stopped="steps",
         training=("kitchen", "hall"),
-        validation=("attic",),
+        held_back=("attic",),
         state=state,
     )
 

@@ -7,7 +7,7 @@ import numpy as np
 from gmmjax.clouds import read_cloud
 from gmmjax.errors import InputError
 from gmmjax.evaluation.labelled_pair import LabelledCloud, LabelledPair, cloud_file, pair_folders, read_pair
-from gmmjax.tuning import ScanPair
+from gmmjax.tuning.scan_pairs import ScanPair
 
 
 def find_tuning_pairs(folder: Path) -> list[ScanPair]:

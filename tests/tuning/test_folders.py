@@ -3,7 +3,7 @@ import pytest
 
 from gmmjax import InputError
 from gmmjax.clouds import write_ply
-from gmmjax.evaluation import find_tuning_pairs
+from gmmjax.tuning import find_tuning_pairs
 
 
 def put(folder, *, truth=(), unseen=()):

@@ -1,0 +1,59 @@
+"""How settings are tuned: one frozen record with documented defaults."""
+
+import dataclasses
+from typing import Literal, get_args
+
+from gmmjax.errors import InputError, check_choice
+from gmmjax.tuning.parameters import ParameterName
+
+LossChoice = Literal["auto", "f1", "brier", "log", "likelihood"]
+
+
+@dataclasses.dataclass(frozen=True)
+class TuningSettings:
+    """How settings are tuned.
+
+    Attributes:
+        parameters: the settings that are tuned: noise_floor, tolerance, concentration, noise_share, covariance_scale,
+            degrees_of_freedom.
+        loss: "f1" (1 less the expected F1 of the points), "brier" or "log" score of their probabilities, all against
+            truth; "likelihood" of held-out points, without. "auto": "f1" where all pairs have truth, else "likelihood".
+        steps: of the optimiser at the most.
+        learning_rate: of Adam, where no other optimiser is given: about the factor, less 1, by which a setting changes
+            in a step.
+        pairs_per_step: drawn at random for each step; all, where there are no more.
+        starts: the first from the config's settings (or those derived from the data), the others up to a factor of 5
+            beside them; after a few steps the best alone goes on.
+        validation_share: of the pairs, which are held back: not trained on.
+        patience: steps without a lower loss of the pairs held back after which it ends.
+        max_points: that each fit sees, and that are judged of each cloud.
+        seed: of all that is random.
+    """
+
+    parameters: tuple[ParameterName, ...] = ("noise_floor", "tolerance")
+    loss: LossChoice = "auto"
+    steps: int = 40
+    learning_rate: float = 0.2
+    pairs_per_step: int = 4
+    starts: int = 3
+    validation_share: float = 0.4
+    patience: int = 12
+    max_points: int = 4096
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Checks every setting.
+
+        Raises:
+            InputError: a setting out of its range, by name.
+        """
+        check_choice("loss", self.loss, get_args(LossChoice))
+        least = {"steps": 1, "pairs_per_step": 1, "starts": 1, "patience": 1, "max_points": 100, "seed": 0}
+        for name, lowest in least.items():
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool) or value < lowest:
+                raise InputError(f"{name}={value!r} must be a whole number of at least {lowest}")
+        if not (isinstance(self.learning_rate, int | float) and 0 < self.learning_rate < float("inf")):
+            raise InputError(f"learning_rate={self.learning_rate!r} must be a positive number")
+        if not (isinstance(self.validation_share, int | float) and 0 < self.validation_share < 1):
+            raise InputError(f"validation_share={self.validation_share!r} must lie between 0 and 1")
