@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from gmmjax import FitSettings, Prior, fit_mixture
 from gmmjax.scenes import laboratory_scene
 
-SLOTS = 40
+SLOTS = 15
 # From coarse to fine, metres: a wide floor leaves few Gaussians, and smooths what keeps the clouds apart.
-NOISE_FLOORS = (0.1, 0.05, 0.03, 0.02, 0.02)
+NOISE_FLOORS = (0.1, 0.05, 0.02, 0.02)
 KEY = jax.random.key(0)
 # As many as there are slots: while the motion is sought no Gaussian dies, and the loss is smooth.
 HELD = FitSettings(polish=True, min_components=SLOTS)
@@ -59,8 +59,8 @@ def aligned(first: np.ndarray, second: np.ndarray) -> np.ndarray:
         key = jax.random.fold_in(KEY, round_)
         fit = fit_mixture(both, key=key, prior=prior, max_components=SLOTS, settings=FitSettings(patience=0.02))
         arguments = (jnp.asarray(first), jnp.asarray(second), jax.tree.map(jnp.asarray, fit.mixture), prior)
-        solver = optx.BFGS(rtol=1e-6, atol=1e-6)
-        motion = optx.minimise(loss, solver, motion, arguments, max_steps=25, throw=False).value
+        solver = optx.BFGS(rtol=1e-8, atol=1e-8)
+        motion = optx.minimise(loss, solver, motion, arguments, max_steps=60, throw=False).value
         length = float(loss(motion, arguments))
         print(f"noise floor {noise_floor:.2f} m, {int(fit.mixture.live.sum()):2} Gaussians: {length:.4f} nats a point")
     return np.asarray(motion)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-HEAVY = {"open3d", "ott", "plotly", "matplotlib", "laspy", "pandas", "sklearn", "tyro", "rich"}
+HEAVY = {"optimistix", "optax", "open3d", "ott", "plotly", "matplotlib", "laspy", "pandas", "sklearn", "tyro", "rich"}
 
 # JAX's settings before and after, the modules that are there, and whether JAX can still be told its devices.
 LOOK = """

@@ -10,6 +10,7 @@ import tyro
 
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.cli.compilation_cache import use_compilation_cache
+from gmmjax.cli.detect import read_settings
 from gmmjax.errors import ComputationError, InputError
 from gmmjax.evaluation.detectors import Detector, Name, available, detector
 
@@ -30,6 +31,7 @@ class Options:
         methods: detectors; default all that can run here. Those of m3c2 need the extra `peers`; "+evidence" puts a
             detector's segments to the evidence test of "joint".
         restarts: random starts of the fits; default each method's own.
+        config: TOML file with settings for our detectors, such as one that `gmmjax tune` wrote.
         out: also write the table there: .csv, .json or .md, by the ending.
         reliability: write the reliability curves of the reported probabilities there: .html, .json or .md.
         json: print JSON and nothing else.
@@ -39,6 +41,7 @@ class Options:
 
     methods: tuple[Name, ...] = ()
     restarts: int | None = None
+    config: Annotated[Path | None, tyro.conf.arg(metavar="FILE.toml")] = None
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     reliability: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     json: bool = False
@@ -109,7 +112,9 @@ def run_evaluation(sources: Sequence["PairSource"], options: Options, *, evidenc
     names = options.methods or available(evidence=evidence)
     if missing := [name for name in names if name not in available()]:
         raise InputError(f"--methods {' '.join(missing)}: needs py4dgeo; pip install 'gmmjax[peers]', or leave it out")
-    config = DetectionConfig(restarts=options.restarts)
+    config = DetectionConfig() if options.config is None else read_settings(options.config)
+    if options.restarts is not None:
+        config = dataclasses.replace(config, restarts=options.restarts)
     detectors: dict[str, Detector] = {name: detector(name, config) for name in names}
     record = ReliabilityRecord()
     use_compilation_cache()

@@ -23,7 +23,6 @@ from gmmjax.mixtures.expectation_maximisation import (
     expectation,
     frozen_maximisation,
 )
-from gmmjax.mixtures.fixed_point import fixed_point
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.prior import Prior
 
@@ -111,6 +110,9 @@ def polished(kind: Kind, model: Any, given: Any, *, max_steps: int) -> Polished:
         given: points and prior.
         max_steps: plain steps at the most.
     """
+    # Optimistix takes a while to import, and most fits do without.
+    from gmmjax.mixtures.fixed_point import fixed_point
+
     held = jax.lax.stop_gradient(given)
     precision = str(jax.tree.leaves(model)[0].dtype)
     reference, steps = _settled(kind, jax.lax.stop_gradient(model), held, NEAR[precision], max_steps)

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
@@ -23,8 +23,9 @@ from gmmjax.reporting.evaluation_table import evaluation_lines
 from gmmjax.reporting.palette import KIND_COLORS
 from gmmjax.reporting.summary import HEADINGS, answer, change_rows, dropped_rows, dropped_text, unobserved_text
 from gmmjax.scenes import GaussianScene
-from gmmjax.tuning import TuningResult
-from gmmjax.tuning.tune import STOPS
+
+if TYPE_CHECKING:
+    from gmmjax.tuning import TuningResult
 
 
 @contextmanager
@@ -157,7 +158,7 @@ def print_note(text: str) -> None:
     print(f"gmmjax: {text}", file=sys.stderr)
 
 
-def print_tuning(result: TuningResult, settings: Path, page: Path) -> None:
+def print_tuning(result: "TuningResult", settings: Path, page: Path) -> None:
     """The tuned settings beside what they began with, the losses, and what to do with the file.
 
     Args:
@@ -165,6 +166,8 @@ def print_tuning(result: TuningResult, settings: Path, page: Path) -> None:
         settings: the TOML file.
         page: the HTML file.
     """
+    from gmmjax.tuning.tune import STOPS
+
     console = Console()
     verdict = "Tuned" if result.improved else "The settings stay as they were: tuning did not find better ones"
     console.print(f"{verdict} ({STOPS[result.stopped]}, {result.state.steps} steps)", style="bold", highlight=False)
@@ -187,7 +190,7 @@ def print_tuning(result: TuningResult, settings: Path, page: Path) -> None:
     )
 
 
-def print_tuning_json(result: TuningResult) -> None:
+def print_tuning_json(result: "TuningResult") -> None:
     """The result of a tuning as JSON, on standard output."""
     state = result.state
     print(
