@@ -117,9 +117,9 @@ class DetectionConfig:
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int | float) and 0 < value < float("inf")):
                 raise InputError(f"{name}={value!r} must be a positive number")
-        if self.concentration is not None and not -float("inf") < self.concentration < 1:
+        if self.concentration is not None and not _between(-float("inf"), self.concentration):
             raise InputError(f"concentration={self.concentration!r} must be a number below 1")
-        if self.noise_share is not None and not 0 <= self.noise_share < 1:
+        if self.noise_share is not None and not (self.noise_share == 0 or _between(0.0, self.noise_share)):
             raise InputError(f"noise_share={self.noise_share!r} must be at least 0 and below 1")
         if (self.covariance_scale is None) != (self.degrees_of_freedom is None):
             raise InputError("covariance_scale and degrees_of_freedom go together: set both or neither")
@@ -171,6 +171,11 @@ class DetectionConfig:
         for name, value in settings.items():
             values[name] = tuple(value) if isinstance(value, list) else value
         return cls(**values)
+
+
+def _between(lowest: float, value: object) -> bool:
+    """Whether the value is a number above the lowest and below 1."""
+    return isinstance(value, int | float) and lowest < value < 1
 
 
 def _checked_crop(crop: Sequence[Any]) -> tuple[float, ...]:

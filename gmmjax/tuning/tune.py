@@ -22,8 +22,8 @@ STOPS: dict[Stop, str] = {
     "patience": "the loss of the pairs held back had not fallen any more",
     "not finite": "no pair gave a loss and a gradient that are numbers; the last good settings were kept",
 }
-# What the tuned settings may lose of segment or point F1 on the pairs, where they gain in the loss.
-LARGEST_LOSS = 0.002
+# A difference of segment or point F1 on the pairs that says nothing.
+NEGLIGIBLE = 0.002
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,7 +39,7 @@ class TuningResult:
         baseline: losses of the config as it was given: of all pairs, of those trained on, of those held back.
         best: the same of the tuned settings.
         f1_before: segment and point F1 of `detect_changes` on all pairs, with the config as it was given; None without
-            truth, or where no lower loss was found.
+            truth.
         f1_after: the same with the tuned settings.
         best_step: the step that they are of; 0 is before the first.
         best_start: the start that they are of.
@@ -83,7 +83,7 @@ def tune(
     settings with the least loss of all pairs are chosen (a handful of scenes differ by more than so few settings can be
     fitted to them), moved to the middle of those about them that are as good. They are kept only if they are clearly
     better than what was given, not at the cost of the pairs that were held back, and if `detect_changes` finds no less
-    by them.
+    by them; or if it finds more.
 
     Args:
         pairs: of scans like those that changes will be looked for in; a handful is enough for one or two settings.
@@ -128,19 +128,22 @@ def tune(
             break
     progress("Centring the settings", 0.9)
     result = _result(search, state, config, stopped)
-    if result.improved and loss in LABELLED:
-        result = _detected(result, pairs, config, progress)
+    if loss in LABELLED:
+        result = _judged_by_detection(result, pairs, config, progress)
     progress("Done", 1.0)
-    return result
+    return result if result.improved else dataclasses.replace(result, config=config)
 
 
-def _detected(
+def _judged_by_detection(
     result: TuningResult,
     pairs: Sequence[ScanPair],
     config: DetectionConfig,
     progress: Callable[[str, float], None],
 ) -> TuningResult:
-    """The result with what `detect_changes` makes of the settings, which are kept only if it finds no less by them."""
+    """The result with what `detect_changes` makes of the settings.
+
+    They are kept if it finds no less by them; where the loss is not clearly lower, only if it finds more.
+    """
     totals = []
     for number, settings in enumerate((config, result.config)):
         total = Scores()
@@ -151,14 +154,9 @@ def _detected(
             total += score_pair(changes.labels_before, changes.labels_after, pair.truth_before, pair.truth_after)
         totals.append((total.f1, total.point_f1))
     before, after = totals
-    worse = min(now - then for now, then in zip(after, before, strict=True)) < -LARGEST_LOSS
-    return dataclasses.replace(
-        result,
-        config=config if worse else result.config,
-        improved=not worse,
-        f1_before=before,
-        f1_after=after,
-    )
+    gains = [now - then for now, then in zip(after, before, strict=True)]
+    no_less, more = min(gains) >= -NEGLIGIBLE, max(gains) > NEGLIGIBLE
+    return dataclasses.replace(result, improved=no_less and (result.improved or more), f1_before=before, f1_after=after)
 
 
 def _loss_of(pairs: Sequence[ScanPair], choice: LossChoice) -> Loss:
@@ -175,6 +173,7 @@ def _loss_of(pairs: Sequence[ScanPair], choice: LossChoice) -> Loss:
 
 
 def _result(search: Search, state: TuningState, config: DetectionConfig, stopped: Stop) -> TuningResult:
+    """The best settings of the course, in a config, and whether their loss is clearly lower."""
     step, start = least(state.losses[..., ALL])
     values, best = search.centred(state.values[step, start])
     baseline, names = state.baseline, search.names
@@ -185,7 +184,7 @@ def _result(search: Search, state: TuningState, config: DetectionConfig, stopped
     improved = improved and bool(not best[HELD_BACK] - baseline[HELD_BACK] > baseline[ALL] - best[ALL])
     training, held_back = search.pairs.names
     return TuningResult(
-        config=DetectionConfig.from_dict({**config.to_dict(), **tuned}) if improved else config,
+        config=DetectionConfig.from_dict({**config.to_dict(), **tuned}),
         improved=improved,
         loss=search.loss,
         parameters=names,
