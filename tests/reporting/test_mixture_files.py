@@ -18,7 +18,8 @@ def fit():
         covariances=np.stack([np.eye(3) * scale for scale in (0.1, 1, 0.3, 1)]),
         live=np.array([True, False, True, False]),
     )
-    return Fit(mixture, np.array(12.5), np.array(-10.25), np.array(30), FitStatus.converged, np.array(64), np.array(0.0))
+    scores = np.array(12.5), np.array(-10.25), np.array(30)
+    return Fit(mixture, *scores, FitStatus.converged, np.array(64), np.array(0.0))
 
 
 @pytest.fixture
