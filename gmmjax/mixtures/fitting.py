@@ -63,7 +63,7 @@ def fit_mixture(
 
     Raises:
         InputError: points or masses that are not finite, too few, all equal, or of the wrong shape; more components
-            than points; an unknown method or precision.
+            than points; a prior outside of its domain; an unknown method or precision.
         ComputationError: no restart gave a finite result, and `throw`.
     """
     check_choice("method", method, get_args(FitMethod))

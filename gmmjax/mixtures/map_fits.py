@@ -17,7 +17,7 @@ from gmmjax.mixtures.checked_points import checked_points
 from gmmjax.mixtures.cores import Precision, in_precision, map_on_cores, stacked
 from gmmjax.mixtures.frame import Frame
 from gmmjax.mixtures.mixture import GaussianMixture
-from gmmjax.mixtures.prior import Prior
+from gmmjax.mixtures.prior import Prior, check_prior
 from gmmjax.mixtures.seeding import initial_mixture
 from gmmjax.mixtures.trust import scored_in_double
 from gmmjax.mixtures.weighted_points import WeightedPoints
@@ -204,6 +204,8 @@ def _framed(
     precision: Precision,
 ) -> _FramedCloud:
     frame = Frame.of(cloud)
+    if prior is not None:
+        check_prior(prior, cloud.points.shape[1])
     task = _Task(
         points=frame.enter(cloud).padded(),
         prior=_prior_in_frame(prior, frame, settings, precision),

@@ -2,9 +2,11 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float
 
 from gmmjax._typing import Array, Scalar
+from gmmjax.errors import InputError
 from gmmjax.mixtures.covariance_type import CovarianceType, parameters_per_component
 
 
@@ -104,6 +106,30 @@ class Prior(eqx.Module):
 
     def _mean(self, means: Float[Array, "k d"]) -> Float[Array, "1 d"]:
         return jnp.broadcast_to(jnp.asarray(self.mean, means.dtype), means.shape[1:])[None]
+
+
+def check_prior(prior: Prior, dimension: int) -> None:
+    """Checks a prior on the host.
+
+    Args:
+        prior: with concrete leaves.
+        dimension: of the points.
+
+    Raises:
+        InputError: a leaf outside of its domain, by name.
+    """
+    for name in ("noise_floor", "scale", "degrees_of_freedom", "mean_strength", "tolerance", "noise_strength"):
+        value = float(getattr(prior, name))
+        if not 0 <= value < float("inf"):
+            raise InputError(f"prior.{name}={value:g} must be finite and not negative")
+    if not np.isfinite(float(prior.concentration)):
+        raise InputError(f"prior.concentration={float(prior.concentration):g} must be finite")
+    if prior.noise_share is not None and not 0 <= float(prior.noise_share) < 1:
+        raise InputError(f"prior.noise_share={float(prior.noise_share):g} must be at least 0 and below 1")
+    if np.shape(prior.mean) not in ((), (dimension,)) or not np.isfinite(np.asarray(prior.mean)).all():
+        raise InputError(
+            f"prior.mean={np.asarray(prior.mean)} must be one finite number, or one for each of {dimension} axes"
+        )
 
 
 def _positive(mass: Float[Array, " k"]) -> Float[Array, " k"]:

@@ -1,3 +1,4 @@
+import dataclasses
 import inspect
 
 import jax
@@ -161,3 +162,20 @@ def test_covariance_types(points):
 
 def test_grid_method_is_the_grid_search(points):
     assert gmmjax.fit_mixture(cloud(points=60), key=KEY, method="grid", max_components=3).mixture.count <= 3
+
+
+@pytest.mark.parametrize(
+    ("leaf", "value"),
+    [
+        ("noise_floor", -0.1),
+        ("tolerance", np.nan),
+        ("degrees_of_freedom", -1.0),
+        ("concentration", np.inf),
+        ("noise_share", 1.0),
+        ("mean", np.zeros(2)),
+    ],
+)
+def test_a_prior_outside_of_its_domain_is_named(leaf, value):
+    prior = dataclasses.replace(Prior.figueiredo_jain(3, 0.1), **{leaf: value})
+    with pytest.raises(InputError, match=f"prior.{leaf}="):
+        fit_mixture(np.random.default_rng(0).normal(size=(100, 3)), key=jax.random.key(0), prior=prior)
