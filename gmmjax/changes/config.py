@@ -1,7 +1,7 @@
 """The settings of change detection: one frozen record with documented defaults."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, get_args
 
 from gmmjax.errors import InputError, check_choice
@@ -24,6 +24,15 @@ POSITIVE = (
     "covariance_scale",
     "degrees_of_freedom",
 )
+# Settings that are leaves of the mixtures' prior, by the leaf's name.
+PRIOR_LEAVES: Mapping[str, str] = {
+    "noise_floor": "noise_floor",
+    "tolerance": "tolerance",
+    "concentration": "concentration",
+    "noise_share": "noise_share",
+    "covariance_scale": "scale",
+    "degrees_of_freedom": "degrees_of_freedom",
+}
 # Observations that a share of stray points is worth which is not to be found from the points.
 FIXED = 1e9
 
@@ -132,16 +141,8 @@ class DetectionConfig:
         Args:
             prior: in the unit of the clouds.
         """
-        fixed: dict[str, float | None] = {
-            "noise_floor": self.noise_floor,
-            "tolerance": self.tolerance,
-            "concentration": self.concentration,
-            "scale": self.covariance_scale,
-            "degrees_of_freedom": self.degrees_of_freedom,
-            "noise_share": self.noise_share,
-            "noise_strength": None if self.noise_share is None else FIXED,
-        }
-        return dataclasses.replace(prior, **{name: value for name, value in fixed.items() if value is not None})
+        settings = {name: getattr(self, name) for name in PRIOR_LEAVES}
+        return with_settings(prior, {name: value for name, value in settings.items() if value is not None})
 
     def number_of_restarts(self, *, on_surfaces: bool = False) -> int:
         """The restarts that were asked for, or the default.
@@ -171,6 +172,19 @@ class DetectionConfig:
         for name, value in settings.items():
             values[name] = tuple(value) if isinstance(value, list) else value
         return cls(**values)
+
+
+def with_settings(prior: Prior, settings: Mapping[str, Any]) -> Prior:
+    """The prior with settings of `PRIOR_LEAVES` in place of its own; a share of stray points that is set is fixed.
+
+    Args:
+        prior: in the unit of the clouds.
+        settings: by their names in `DetectionConfig`, numbers or traced arrays.
+    """
+    leaves = {PRIOR_LEAVES[name]: value for name, value in settings.items()}
+    if "noise_share" in settings:
+        leaves["noise_strength"] = FIXED
+    return dataclasses.replace(prior, **leaves)
 
 
 def _between(lowest: float, value: object) -> bool:

@@ -16,8 +16,7 @@ from gmmjax.changes.joint_mixture import (
     SourcedPoints,
     component_posterior,
     density_ratio,
-    fit_joint_mixture,
-    initial_joint_mixture,
+    fit_joint_mixture_from_seeds,
     point_posterior,
 )
 from gmmjax.errors import ComputationError
@@ -99,8 +98,7 @@ def fit_joint_restarts(
 def _compiled_fit(
     points: SourcedPoints, key: PRNGKeyArray, prior: Prior, max_components: int, settings: FitSettings
 ) -> tuple[Annihilated, Array]:
-    start = initial_joint_mixture(points, max_components, prior, key)
-    fit = fit_joint_mixture(points, start, prior, settings)
+    fit = fit_joint_mixture_from_seeds(points, max_components, prior, key, settings)
     return fit, density_ratio(fit.model)
 
 

@@ -159,6 +159,15 @@ def _joint_algorithm(chunks: FeatureChunks, prior: Prior, log_noise: JaxArray, s
     )
 
 
+def fit_joint_mixture_from_seeds(
+    points: SourcedPoints, components: int, prior: Prior, key: PRNGKeyArray, settings: FitSettings
+) -> Annihilated:
+    """`fit_joint_mixture` from `initial_joint_mixture`, through which nothing is differentiated."""
+    held, prior_held = jax.lax.stop_gradient((points, prior))
+    start = initial_joint_mixture(held, components, prior_held, key)
+    return fit_joint_mixture(points, start, prior, settings)
+
+
 def joint_maximisation(
     joint: JointMixture, sums: Float[Array, "rows features"], prior: Prior, min_components: int = 1
 ) -> JointMixture:
@@ -263,8 +272,13 @@ def intensities(joint: JointMixture, points: Float[Array, "n d"]) -> tuple[Float
 
 def responsibilities(joint: JointMixture, points: Float[Array, "n d"], after: bool) -> Float[Array, "rows n"]:
     """Probability that each point of one cloud is of each component; the last row is the noise."""
-    ones = jnp.full((1, len(points)), float(after), points.dtype)
-    return jax.nn.softmax(joint.coefficients() @ jnp.concatenate([quadratic_features(points), ones]), axis=0)
+    return jax.nn.softmax(log_joint(joint, points, after), axis=0)
+
+
+def log_joint(joint: JointMixture, points: Float[Array, "n d"], after: bool) -> Float[Array, "rows n"]:
+    """Logarithm of each component's joint density of a point and its cloud; the last row is the noise's."""
+    source = jnp.full((1, len(points)), float(after), points.dtype)
+    return joint.coefficients() @ jnp.concatenate([quadratic_features(points), source])
 
 
 def changed_share(joint: JointMixture, ratio: Scalar, after: bool) -> Float[Array, " k"]:

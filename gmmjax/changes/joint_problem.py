@@ -10,7 +10,7 @@ from gmmjax.changes.registration import Registration
 from gmmjax.changes.scales import WorkingPair
 from gmmjax.errors import InputError
 from gmmjax.mixtures import FitSettings, Prior, WeightedPoints
-from gmmjax.mixtures.map_fits import RELATIVE_NOISE_FLOOR
+from gmmjax.mixtures.map_fits import default_noise_floor
 
 # Components that annihilation starts from, and points that a restart sees: on surfaces the mixture need not be fine,
 # because distances see what is small.
@@ -18,6 +18,8 @@ SURFACE_COMPONENTS, VOLUME_COMPONENTS = 40, 25
 SURFACE_POINTS = 6_000
 POINTS_PER_COMPONENT = 20
 SETTINGS = FitSettings(patience=0.02, tolerance=3e-5)
+# The same fit at rest, where derivatives go through it.
+AT_REST = dataclasses.replace(SETTINGS, polish=True)
 # The registration tolerance of scans, in spacings.
 TOLERANCE_SPACINGS = 2.0
 # The scatter of voxel means on a surface, in spacings: that of a uniform distribution.
@@ -71,7 +73,7 @@ def joint_problem(pair: WorkingPair, registration: Registration, config: Detecti
 def _noise_floor(pair: WorkingPair, points: np.ndarray) -> float:
     if not pair.volumetric:
         return SCATTER * pair.spacing
-    return RELATIVE_NOISE_FLOOR["float64"] * float(np.sqrt(points.var(axis=0).mean()))
+    return default_noise_floor(points)
 
 
 def _tolerance(pair: WorkingPair, registration: Registration) -> float:

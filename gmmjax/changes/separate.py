@@ -21,7 +21,7 @@ from gmmjax.changes.unmatched import unmatched_shares
 from gmmjax.clouds import PointCloud
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, map_fits
-from gmmjax.mixtures.map_fits import RELATIVE_NOISE_FLOOR
+from gmmjax.mixtures.map_fits import default_noise_floor
 from gmmjax.transport import TransportStatus, exact_transport
 from gmmjax.transport.ground_cost import euclidean
 
@@ -105,8 +105,7 @@ def _prior(pair: PreparedPair, config: DetectionConfig) -> Prior | None:
     if all(setting is None for setting in settings):
         return None
     points = np.concatenate([pair.before.weighted.points, pair.after.weighted.points])
-    noise_floor = RELATIVE_NOISE_FLOOR["float64"] * float(np.sqrt(points.var(axis=0).mean()))
-    return dataclasses.replace(config.over(Prior.figueiredo_jain(3, noise_floor)), tolerance=0.0)
+    return dataclasses.replace(config.over(Prior.figueiredo_jain(3, default_noise_floor(points))), tolerance=0.0)
 
 
 def _finite(name: str, fits: Fit) -> Fit:

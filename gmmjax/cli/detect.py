@@ -4,7 +4,6 @@ import dataclasses
 import functools
 import itertools
 import tomllib
-import typing
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -14,6 +13,7 @@ from tyro.conf import OmitArgPrefixes, Positional
 
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.cli.compilation_cache import use_compilation_cache
+from gmmjax.cli.flags import flags_of
 from gmmjax.errors import InputError
 
 RESULT_FILES = {
@@ -26,13 +26,7 @@ RESULT_FILES = {
 }
 
 
-_TYPES = typing.get_type_hints(DetectionConfig)
-# `DetectionConfig` without its checks: what they raise would be taken for the parser's own.
-Flags = dataclasses.make_dataclass(
-    "Flags",
-    [(field.name, _TYPES[field.name], field.default) for field in dataclasses.fields(DetectionConfig)],
-    namespace={"__doc__": DetectionConfig.__doc__},
-)
+Flags = flags_of(DetectionConfig)
 
 
 def command(arguments: Sequence[str]) -> Callable[..., int]:

@@ -13,6 +13,7 @@ from tyro.conf import OmitArgPrefixes, Positional
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.cli.compilation_cache import use_compilation_cache
 from gmmjax.cli.detect import read_settings
+from gmmjax.cli.flags import flags_of
 from gmmjax.errors import InputError
 from gmmjax.tuning import TuningSettings
 
@@ -20,12 +21,7 @@ if TYPE_CHECKING:
     from gmmjax.tuning import ScanPair
 
 
-# `TuningSettings` without its checks: what they raise would be taken for the parser's own.
-Flags = dataclasses.make_dataclass(
-    "Flags",
-    [(field.name, field.type, field.default) for field in dataclasses.fields(TuningSettings)],
-    namespace={"__doc__": TuningSettings.__doc__},
-)
+Flags = flags_of(TuningSettings)
 
 
 def command(arguments: Sequence[str]) -> Callable[..., int]:

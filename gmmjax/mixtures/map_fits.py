@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array as JaxArray
-from jaxtyping import ArrayLike, PRNGKeyArray
+from jaxtyping import ArrayLike, Float, PRNGKeyArray
 
 from gmmjax._host import to_numpy
 from gmmjax.errors import InputError, check_choice
@@ -25,6 +25,11 @@ from gmmjax.mixtures.weighted_points import WeightedPoints
 # The default noise floor, in units of the points' spread. In float32 the rounding of the second moments is about 7e-4
 # of the spread, and the floor must stand well above it.
 RELATIVE_NOISE_FLOOR = {"float64": 1e-3, "float32": 5e-3}
+
+
+def default_noise_floor(points: Float[np.ndarray, "n d"]) -> float:
+    """The noise floor of a fit in float64 where nothing else is known, in the unit of the points."""
+    return RELATIVE_NOISE_FLOOR["float64"] * float(np.sqrt(points.var(axis=0).mean()))
 
 
 class _Task(NamedTuple):
@@ -284,7 +289,8 @@ def _sharded_fits(
 def _started(task: _Task, key: PRNGKeyArray, max_components: int) -> _Task:
     if task.start is not None:
         return task
-    return task._replace(start=initial_mixture(task.points, max_components, task.prior, key))
+    points, prior = jax.lax.stop_gradient((task.points, task.prior))
+    return task._replace(start=initial_mixture(points, max_components, prior, key))
 
 
 def _fit(task: _Task, key: PRNGKeyArray, max_components: int, settings: FitSettings) -> Fit:

@@ -169,8 +169,9 @@ def print_tuning(result: "TuningResult", settings: Path, page: Path) -> None:
     from gmmjax.tuning.tune import STOPS
 
     console = Console()
-    verdict = "Tuned" if result.improved else "The settings stay as they were: tuning did not find better ones"
-    console.print(f"{verdict} ({STOPS[result.stopped]}, {result.state.steps} steps)", style="bold", highlight=False)
+    verdict = "Tuned" if result.improved else "The settings stay as they were: no better ones were found"
+    console.print(verdict, style="bold", highlight=False)
+    console.print(f"{result.state.steps} steps: {STOPS[result.stopped]}", style="dim", highlight=False, soft_wrap=True)
     table = _plain_table()
     for heading in ("", "Start", "Best"):
         table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
@@ -192,40 +193,7 @@ def print_tuning(result: "TuningResult", settings: Path, page: Path) -> None:
 
 def print_tuning_json(result: "TuningResult") -> None:
     """The result of a tuning as JSON, on standard output."""
-    state = result.state
-    print(
-        json.dumps(
-            {
-                "improved": result.improved,
-                "config": result.config.to_dict(),
-                "loss": result.loss,
-                "tuned": result.tuned,
-                "losses_before": dict(zip(("all", "trained", "held_back"), result.baseline, strict=True)),
-                "losses_after": dict(zip(("all", "trained", "held_back"), result.best, strict=True)),
-                "f1_before": result.f1_before,
-                "f1_after": result.f1_after,
-                "best_step": result.best_step,
-                "best_start": result.best_start,
-                "stopped": result.stopped,
-                "trained_on": list(result.training),
-                "held_back": list(result.held_back),
-                "course": {
-                    "parameters": list(result.parameters),
-                    "values": _plain(state.values),
-                    "losses": _plain(state.losses),
-                },
-            },
-            indent=2,
-            allow_nan=False,
-        )
-    )
-
-
-def _plain(values: np.ndarray) -> Any:
-    """Nested lists with None in place of what is not a number."""
-    if values.ndim == 0:
-        return float(values) if np.isfinite(values) else None
-    return [_plain(part) for part in values]
+    print(json.dumps(result.to_dict(), indent=2, allow_nan=False))
 
 
 def print_failures(failures: Sequence[Failure]) -> None:

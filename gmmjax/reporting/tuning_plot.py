@@ -5,16 +5,11 @@ from typing import Any
 import numpy as np
 
 from gmmjax.tuning import TuningResult
+from gmmjax.tuning.pair_loss import DESCRIPTIONS
 from gmmjax.tuning.search import ALL, HELD_BACK, TRAINED
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 GREY = "#969cac"
-TITLES = {
-    "f1": "1 - expected F1",
-    "brier": "Brier score",
-    "log": "log score (nats)",
-    "likelihood": "held-out loss (nats a point)",
-}
 LOGARITHMIC = {"type": "log", "dtick": "D2", "exponentformat": "none"}
 # Heights in pixels.
 PANEL, MARGINS = 250, 190
@@ -32,7 +27,7 @@ def tuning_html(result: TuningResult) -> str:
     from plotly import subplots
 
     names = result.parameters
-    titles = [f"Loss: {TITLES[result.loss]}", *names]
+    titles = [f"Loss: {DESCRIPTIONS[result.loss]}", *names]
     figure = subplots.make_subplots(
         rows=len(titles), cols=1, shared_xaxes=True, subplot_titles=titles, vertical_spacing=0.08
     )

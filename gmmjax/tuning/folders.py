@@ -40,6 +40,8 @@ def scan_pair(pair: LabelledPair) -> ScanPair:
         truth_after=pair.after.truth,
         ignored_before=_ignored(pair.before),
         ignored_after=_ignored(pair.after),
+        views_before=pair.before.views,
+        views_after=pair.after.views,
     )
 
 

@@ -43,15 +43,9 @@ class GradientCheck:
 
     Attributes:
         entries: the numbers that were compared.
-        scale: the largest derivative among them: what is below its rounding cannot be compared.
     """
 
     entries: tuple[EntryCheck, ...]
-
-    @property
-    def scale(self) -> float:
-        """The largest derivative."""
-        return max(abs(entry.difference) for entry in self.entries)
 
     @property
     def largest_error(self) -> float:

@@ -1,6 +1,5 @@
 """The loss of one pair as a function of the tuned settings, with its gradient through the fit."""
 
-import dataclasses
 import functools
 from collections.abc import Mapping
 from typing import Literal, NamedTuple, get_args
@@ -11,10 +10,9 @@ import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
 from gmmjax._typing import Array
-from gmmjax.changes.joint_mixture import JointMixture, fit_joint_mixture, initial_joint_mixture
-from gmmjax.changes.joint_problem import SETTINGS
-from gmmjax.mixtures.quadratic import quadratic_features
-from gmmjax.tuning.parameters import with_settings
+from gmmjax.changes.joint_mixture import JointMixture, fit_joint_mixture_from_seeds, log_joint
+from gmmjax.changes.joint_problem import AT_REST
+from gmmjax.tuning.parameters import with_free_values
 from gmmjax.tuning.posterior import posteriors
 from gmmjax.tuning.scan_pairs import ReadyPair
 from gmmjax.tuning.scores import brier_score, expected_counts, log_score
@@ -24,14 +22,13 @@ LOSSES: tuple[Loss, ...] = get_args(Loss)
 # Of labelled pairs, and of pairs without labels.
 LABELLED, UNLABELLED = LOSSES[:3], LOSSES[3:]
 DESCRIPTIONS: Mapping[Loss, str] = {
+    "f1": "1 - expected F1 of the points",
     "brier": "Brier score of the points' probabilities",
     "log": "log score of the points' probabilities, nats",
-    "f1": "1 - expected F1 of the points",
     "likelihood": "negative log likelihood of held-out points, nats a point",
 }
 # So many points have a say for each pair.
 WEIGHT_OF_A_PAIR = 1000.0
-_FIT = dataclasses.replace(SETTINGS, polish=True)
 
 
 class PairLoss(NamedTuple):
@@ -56,7 +53,7 @@ def pair_loss(
     """The part of a pair in the loss, and its gradients.
 
     Args:
-        free: the settings, see `with_settings`.
+        free: the settings, see `with_free_values`.
         pair: made ready.
         key: of the fit's start.
         names: of the settings.
@@ -96,9 +93,8 @@ def total_gradient(
 
 
 def _part(free: Array, pair: ReadyPair, key: PRNGKeyArray, names: tuple[str, ...], loss: Loss) -> PairLoss:
-    prior = pair.frame.enter_prior(with_settings(pair.prior, names, free))
-    start = initial_joint_mixture(pair.fitted, pair.max_components, jax.lax.stop_gradient(prior), key)
-    end = fit_joint_mixture(pair.fitted, start, prior, _FIT)
+    prior = pair.frame.enter_prior(with_free_values(pair.prior, names, free))
+    end = fit_joint_mixture_from_seeds(pair.fitted, pair.max_components, prior, key, AT_REST)
     return PairLoss(_sums(end.model, pair, loss), end.message_length)
 
 
@@ -107,9 +103,8 @@ def _sums(joint: JointMixture, pair: ReadyPair, loss: Loss) -> Float[Array, " 2"
     # Every pair counts the same, however many points it has.
     weight = WEIGHT_OF_A_PAIR * weight / jnp.sum(weight)
     if loss == "likelihood":
-        of_before = _log_density(joint, pair.before.points, after=False)
-        of_after = _log_density(joint, pair.after.points, after=True)
-        return jnp.stack([-weight @ jnp.concatenate([of_before, of_after]), jnp.sum(weight)])
+        rows = [log_joint(joint, pair.before.points, after=False), log_joint(joint, pair.after.points, after=True)]
+        return jnp.stack([-weight @ jax.nn.logsumexp(jnp.concatenate(rows, axis=1), axis=0), jnp.sum(weight)])
     probability = jnp.concatenate(posteriors(joint, pair.before.points, pair.after.points, volumetric=pair.volumetric))
     changed = jnp.concatenate([pair.before.changed, pair.after.changed])
     if loss == "f1":
@@ -117,9 +112,3 @@ def _sums(joint: JointMixture, pair: ReadyPair, loss: Loss) -> Float[Array, " 2"
         return jnp.stack([found, both])
     score = brier_score if loss == "brier" else log_score
     return jnp.stack([score(probability, changed, weight) * jnp.sum(weight), jnp.sum(weight)])
-
-
-def _log_density(joint: JointMixture, points: Float[Array, "n d"], after: bool) -> Float[Array, " n"]:
-    """Of points of one cloud, together with which cloud that is."""
-    source = jnp.full((1, len(points)), float(after), points.dtype)
-    return jax.nn.logsumexp(joint.coefficients() @ jnp.concatenate([quadratic_features(points), source]), axis=0)

@@ -1,6 +1,5 @@
 """The settings that can be tuned, each as a number without bounds."""
 
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, NamedTuple, get_args
 
@@ -10,7 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax._typing import Array
-from gmmjax.changes.config import FIXED, DetectionConfig
+from gmmjax.changes.config import PRIOR_LEAVES, DetectionConfig, with_settings
+from gmmjax.changes.joint_mixture import NOISE_SHARE
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures import Prior
 
@@ -21,28 +21,29 @@ PARAMETERS: tuple[ParameterName, ...] = get_args(ParameterName)
 
 
 class _Constraint(NamedTuple):
-    """A setting's name among the prior's leaves, and the map from all real numbers to its domain, with its inverse."""
+    """The map from all real numbers to a setting's domain, with its inverse.
 
-    leaf: str
+    `fallback` is where tuning starts if the prior says nothing: in units of the clouds' spread for lengths.
+    """
+
     constrained: Callable[[Array], Array]
     free: Callable[[float], float]
-    least: float
+    fallback: float
 
 
 # A change of the free number by 1 is a factor of e, so that all are tuned at the same rate.
 _POSITIVE = (jnp.exp, lambda value: float(np.log(value)))
 _CONSTRAINTS: Mapping[str, _Constraint] = {
-    "noise_floor": _Constraint("noise_floor", *_POSITIVE, least=1e-12),
-    "tolerance": _Constraint("tolerance", *_POSITIVE, least=1e-12),
-    "concentration": _Constraint(
-        "concentration", lambda free: 1 - jnp.exp(free), lambda value: float(np.log(1 - value)), least=-np.inf
-    ),
+    "noise_floor": _Constraint(*_POSITIVE, fallback=1e-3),
+    "tolerance": _Constraint(*_POSITIVE, fallback=1e-3),
+    "concentration": _Constraint(lambda free: 1 - jnp.exp(free), lambda value: float(np.log(1 - value)), fallback=0.0),
     "noise_share": _Constraint(
-        "noise_share", jax.nn.sigmoid, lambda value: float(np.log(value) - np.log1p(-value)), least=1e-6
+        jax.nn.sigmoid, lambda value: float(np.log(value) - np.log1p(-value)), fallback=NOISE_SHARE
     ),
-    "covariance_scale": _Constraint("scale", *_POSITIVE, least=1e-12),
-    "degrees_of_freedom": _Constraint("degrees_of_freedom", *_POSITIVE, least=1e-3),
+    "covariance_scale": _Constraint(*_POSITIVE, fallback=0.1),
+    "degrees_of_freedom": _Constraint(*_POSITIVE, fallback=1.0),
 }
+_LENGTHS = ("noise_floor", "tolerance", "covariance_scale")
 
 
 def check_parameters(names: Sequence[str], config: DetectionConfig) -> None:
@@ -63,14 +64,22 @@ def check_parameters(names: Sequence[str], config: DetectionConfig) -> None:
         raise InputError(f"parameters: {' and '.join(together)} go together; tune both, or set both in the config")
 
 
-def free_values(names: Sequence[str], prior: Prior) -> Float[np.ndarray, " p"]:
-    """The free numbers of a prior's settings; those on the border of their domain are moved inside."""
-    values = []
-    for name in names:
-        constraint = _CONSTRAINTS[name]
-        value = getattr(prior, constraint.leaf)
-        values.append(constraint.free(max(constraint.least, 0.02 if value is None else float(value))))
-    return np.array(values)
+def free_values(names: Sequence[str], prior: Prior, spread: float) -> Float[np.ndarray, " p"]:
+    """The free numbers that tuning starts from.
+
+    Args:
+        names: of the settings.
+        prior: that has them; what is 0 or None in it says nothing.
+        spread: of the clouds, in the unit of the prior.
+    """
+    return free_of(names, np.array([_first_value(name, prior, spread) for name in names]))
+
+
+def _first_value(name: str, prior: Prior, spread: float) -> float:
+    value = getattr(prior, PRIOR_LEAVES[name])
+    if value is None or (float(value) == 0 and name != "concentration"):
+        return _CONSTRAINTS[name].fallback * (spread if name in _LENGTHS else 1.0)
+    return float(value)
 
 
 def free_of(names: Sequence[str], values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
@@ -87,11 +96,7 @@ def settings_of(names: Sequence[str], free: Float[np.ndarray, " p"]) -> dict[str
         }
 
 
-def with_settings(prior: Prior, names: Sequence[str], free: Float[Array, " p"]) -> Prior:
+def with_free_values(prior: Prior, names: Sequence[str], free: Float[Array, " p"]) -> Prior:
     """The prior with these settings in place of its own; differentiable with respect to the free numbers."""
-    leaves = {
-        _CONSTRAINTS[name].leaf: _CONSTRAINTS[name].constrained(free[position]) for position, name in enumerate(names)
-    }
-    if "noise_share" in leaves:
-        leaves["noise_strength"] = jnp.asarray(FIXED, free.dtype)
-    return dataclasses.replace(prior, **leaves)
+    values = {name: _CONSTRAINTS[name].constrained(free[position]) for position, name in enumerate(names)}
+    return with_settings(prior, values)

@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Float, PRNGKeyArray
 
@@ -12,11 +11,10 @@ from gmmjax.changes.joint_mixture import (
     SourcedPoints,
     component_posterior,
     density_ratio,
-    fit_joint_mixture,
-    initial_joint_mixture,
+    fit_joint_mixture_from_seeds,
     point_posterior,
 )
-from gmmjax.changes.joint_problem import SETTINGS, SURFACE_COMPONENTS
+from gmmjax.changes.joint_problem import AT_REST, SURFACE_COMPONENTS
 from gmmjax.mixtures import FitSettings, FitStatus, Prior, WeightedPoints
 from gmmjax.mixtures.frame import Frame
 
@@ -49,7 +47,7 @@ def joint_posterior(
     key: PRNGKeyArray,
     volumetric: bool = False,
     max_components: int = SURFACE_COMPONENTS,
-    settings: FitSettings = FitSettings(polish=True, patience=SETTINGS.patience, tolerance=SETTINGS.tolerance),
+    settings: FitSettings = AT_REST,
 ) -> JointPosterior:
     """The posterior of each point that it changed, by one joint mixture: what `detect_changes` begins with.
 
@@ -70,9 +68,7 @@ def joint_posterior(
     frame = Frame.of(both)
     source = jnp.concatenate([jnp.zeros(len(before), points.dtype), jnp.ones(len(after), points.dtype)])
     sourced = SourcedPoints(frame.enter(both), source)
-    in_frame = frame.enter_prior(prior)
-    start = initial_joint_mixture(jax.lax.stop_gradient(sourced), max_components, jax.lax.stop_gradient(in_frame), key)
-    end = fit_joint_mixture(sourced, start, in_frame, settings)
+    end = fit_joint_mixture_from_seeds(sourced, max_components, frame.enter_prior(prior), key, settings)
     coordinates = sourced.points.points
     of_before, of_after = posteriors(
         end.model, coordinates[: len(before)], coordinates[len(before) :], volumetric=volumetric

@@ -15,7 +15,7 @@ from gmmjax.changes.joint_problem import joint_problem
 from gmmjax.changes.local_surface import LocalSurface
 from gmmjax.changes.registration import register
 from gmmjax.changes.scales import WorkingCloud, working_pair
-from gmmjax.clouds import PointCloud
+from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.errors import InputError
 from gmmjax.mixtures import Prior, WeightedPoints
 from gmmjax.mixtures.frame import Frame
@@ -34,6 +34,9 @@ class ScanPair:
         ignored_before: for each point of `before` whether it is not to be judged, such as where the other survey could
             not see; None: all are.
         ignored_after: the same for `after`.
+        views_before: where the sensor stood; None: not known. The fits do without; `detect_changes`, which has the last
+            word, uses them.
+        views_after: the same for `after`.
     """
 
     name: str
@@ -43,6 +46,8 @@ class ScanPair:
     truth_after: Int[np.ndarray, " n1"] | None = None
     ignored_before: Bool[np.ndarray, " n0"] | None = None
     ignored_after: Bool[np.ndarray, " n1"] | None = None
+    views_before: SensorViews | None = None
+    views_after: SensorViews | None = None
 
     @property
     def labelled(self) -> bool:

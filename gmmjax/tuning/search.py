@@ -72,13 +72,13 @@ class Search:
         self.key = jax.random.key(settings.seed)
 
     def first_state(self) -> TuningState:
-        """The starts with their validation losses.
+        """The starts with their losses.
 
         Raises:
             InputError: a loss that is not finite.
         """
         starts = self.settings.starts
-        own = np.array([free_values(self.names, pair.prior) for pair in self.pairs.training])
+        own = np.array([free_values(self.names, pair.prior, float(pair.frame.spread)) for pair in self.pairs.training])
         beside = np.random.default_rng(self.settings.seed).uniform(-np.log(5), np.log(5), (starts, len(self.names)))
         beside[0] = 0
         free = np.median(own, axis=0)[None] + beside

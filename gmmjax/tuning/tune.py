@@ -2,9 +2,11 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Literal
+from typing import Any, Literal
 
+import numpy as np
 import optax
+from jaxtyping import ArrayLike
 
 from gmmjax.changes import DetectionConfig, detect_changes
 from gmmjax.errors import InputError
@@ -64,6 +66,38 @@ class TuningResult:
     state: TuningState
     f1_before: tuple[float, float] | None = None
     f1_after: tuple[float, float] | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain values, with its course; None in place of what is not a number."""
+        groups = ("all", "trained", "held_back")
+        return {
+            "improved": self.improved,
+            "config": self.config.to_dict(),
+            "loss": self.loss,
+            "tuned": self.tuned,
+            "losses_before": dict(zip(groups, _plain(self.baseline), strict=True)),
+            "losses_after": dict(zip(groups, _plain(self.best), strict=True)),
+            "f1_before": self.f1_before,
+            "f1_after": self.f1_after,
+            "best_step": self.best_step,
+            "best_start": self.best_start,
+            "stopped": self.stopped,
+            "trained_on": list(self.training),
+            "held_back": list(self.held_back),
+            "course": {
+                "parameters": list(self.parameters),
+                "values": _plain(self.state.values),
+                "losses": _plain(self.state.losses),
+            },
+        }
+
+
+def _plain(values: ArrayLike) -> Any:
+    """Nested lists with None in place of what is not a number."""
+    numbers = np.asarray(values)
+    plain = numbers.astype(object)
+    plain[~np.isfinite(numbers)] = None
+    return plain.tolist()
 
 
 def tune(
@@ -149,7 +183,9 @@ def _judged_by_detection(
         total = Scores()
         for place, pair in enumerate(pairs):
             progress(f"Detecting: {pair.name}", 0.92 + 0.04 * (number + place / len(pairs)))
-            changes = detect_changes(pair.before, pair.after, config=settings)
+            changes = detect_changes(
+                pair.before, pair.after, config=settings, views_before=pair.views_before, views_after=pair.views_after
+            )
             assert pair.truth_before is not None and pair.truth_after is not None
             total += score_pair(changes.labels_before, changes.labels_after, pair.truth_before, pair.truth_after)
         totals.append((total.f1, total.point_f1))

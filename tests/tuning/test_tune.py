@@ -77,6 +77,15 @@ def test_the_same_seed_gives_the_same_course(course, pairs):
     np.testing.assert_allclose(again.state.losses, result.state.losses[:2], rtol=1e-9)
 
 
+def test_the_result_is_plain_values_too(course):
+    result, _ = course
+    stopped = dataclasses.replace(result, state=result.state._replace(losses=np.full((1, 2, 3), np.nan)))
+    told = json.loads(json.dumps(stopped.to_dict(), allow_nan=False))
+    assert told["tuned"] == result.tuned and told["losses_after"]["all"] == result.best[0]
+    assert told["course"]["losses"] == [[[None] * 3] * 2]
+    np.testing.assert_array_equal(told["course"]["values"], result.state.values)
+
+
 def test_pairs_are_held_back(course, pairs):
     result, _ = course
     assert sorted(result.training + result.held_back) == [pair.name for pair in pairs]
