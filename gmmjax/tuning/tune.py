@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 import optax
-from jaxtyping import ArrayLike
 
 from gmmjax.changes import DetectionConfig, detect_changes
 from gmmjax.errors import InputError
@@ -92,7 +92,7 @@ class TuningResult:
         }
 
 
-def _plain(values: ArrayLike) -> Any:
+def _plain(values: npt.ArrayLike) -> Any:
     """Nested lists with None in place of what is not a number."""
     numbers = np.asarray(values)
     plain = numbers.astype(object)
