@@ -94,22 +94,37 @@ def _checked_poses(poses: Any) -> Float64[np.ndarray, "v 4 4"]:
         array = np.array(poses, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"views: poses must be numbers [V, 4, 4], camera to world ({error})") from error
-    if array.ndim != 3 or array.shape[1:] != (4, 4) or not len(array):
-        hint = "; give one pose as poses[None]" if array.shape == (4, 4) else ""
-        raise InputError(f"views: poses must have the shape [V, 4, 4] with V at least 1, not {list(array.shape)}{hint}")
-    finite = np.isfinite(array).all(axis=(1, 2))
+    check_poses(array, "views")
+    return array
+
+
+def check_poses(poses: Float64[np.ndarray, "..."], owner: str) -> None:
+    """Whether these are rigid motions.
+
+    Args:
+        poses: what should be poses [V, 4, 4].
+        owner: what they belong to, at the start of the message.
+
+    Raises:
+        InputError: they are not; it names the first that is wrong.
+    """
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not len(poses):
+        hint = "; give one pose as poses[None]" if poses.shape == (4, 4) else ""
+        raise InputError(
+            f"{owner}: poses must have the shape [V, 4, 4] with V at least 1, not {list(poses.shape)}{hint}"
+        )
+    finite = np.isfinite(poses).all(axis=(1, 2))
     if not finite.all():
-        raise InputError(f"views: pose {int(np.argmin(finite))} of {len(array)} has NaN or inf; leave it out")
-    rotations = array[:, :3, :3]
+        raise InputError(f"{owner}: pose {int(np.argmin(finite))} of {len(poses)} has NaN or inf; leave it out")
+    rotations = poses[:, :3, :3]
     error_of_pose = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     rigid = (error_of_pose < RIGID_TOLERANCE) & (np.linalg.det(rotations) > 0)
-    rigid &= np.abs(array[:, 3] - np.array([0, 0, 0, 1])).max(axis=1) < RIGID_TOLERANCE
+    rigid &= np.abs(poses[:, 3] - np.array([0, 0, 0, 1])).max(axis=1) < RIGID_TOLERANCE
     if not rigid.all():
         raise InputError(
-            f"views: pose {int(np.argmin(rigid))} of {len(array)} is not rigid; a pose is a rotation and a shift, "
+            f"{owner}: pose {int(np.argmin(rigid))} of {len(poses)} is not rigid; a pose is a rotation and a shift, "
             "camera to world, with the last row 0 0 0 1 (no scale, no reflection, not transposed)"
         )
-    return array
 
 
 def _checked_angles(angles: Any) -> tuple[float, float]:

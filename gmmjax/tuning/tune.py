@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 import optax
 
 from gmmjax.changes import DetectionConfig, detect_changes
@@ -92,7 +91,7 @@ class TuningResult:
         }
 
 
-def _plain(values: npt.ArrayLike) -> Any:
+def _plain(values: np.ndarray | tuple[float, ...]) -> Any:
     """Nested lists with None in place of what is not a number."""
     numbers = np.asarray(values)
     plain = numbers.astype(object)
