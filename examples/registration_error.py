@@ -4,9 +4,9 @@ import jax
 import numpy as np
 
 from gmmjax import DetectionConfig
-from gmmjax.changes.local_surface import LocalSurface
 from gmmjax.changes.registration import register
 from gmmjax.changes.scales import working_pair
+from gmmjax.clouds.local_surface import LocalSurface
 from gmmjax.scenes import laboratory_scene
 
 config = DetectionConfig()

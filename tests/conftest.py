@@ -11,7 +11,9 @@ with install_import_hook("gmmjax", "beartype.beartype"):
     import gmmjax.tuning  # noqa: F401
 
 import os
+import warnings
 from pathlib import Path
+from types import ModuleType
 
 import hypothesis
 import jax
@@ -39,3 +41,14 @@ def scan_pairs() -> list[Path]:
     if "GMMJAX_DATA" not in os.environ or not folder.is_dir():
         pytest.skip("GMMJAX_DATA names no folder with scan pairs")
     return sorted(path for path in folder.iterdir() if (path / "before.ply").is_file())
+
+
+@pytest.fixture(scope="session")
+def open3d() -> ModuleType:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            import open3d
+        except (ImportError, OSError) as error:
+            pytest.skip(f"Open3D does not load: {error}")
+    return open3d

@@ -7,7 +7,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-HEAVY = {"optimistix", "optax", "open3d", "ott", "plotly", "matplotlib", "laspy", "pandas", "sklearn", "tyro", "rich"}
+HEAVY = {
+    *("optimistix", "optax", "open3d", "ott", "plotly", "matplotlib", "laspy", "pandas", "sklearn", "tyro", "rich"),
+    *("rosbags", "lz4", "PIL", "ruamel"),
+}
 
 # JAX's settings before and after, the modules that are there, and whether JAX can still be told its devices.
 LOOK = """

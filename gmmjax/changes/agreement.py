@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
-from gmmjax.changes.local_surface import LocalSurface, evenly_chosen
+from gmmjax.clouds.local_surface import LocalSurface, evenly_chosen
 
 # A point lies on a surface when it is off it by no more than so many standard deviations of local means.
 ON_IT = 5.0

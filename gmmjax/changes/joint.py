@@ -17,7 +17,6 @@ from gmmjax.changes.free_space import Survey
 from gmmjax.changes.joint_fit import JointFits, fit_joint_restarts, mixtures_distance, point_excess
 from gmmjax.changes.joint_problem import SETTINGS, JointProblem, joint_problem
 from gmmjax.changes.local_difference import difference_scale, local_difference
-from gmmjax.changes.local_surface import moved_points
 from gmmjax.changes.moved import with_moved
 from gmmjax.changes.registration import LEAST_OVERLAP, Registration, register
 from gmmjax.changes.scales import WorkingCloud, WorkingPair, working_pair
@@ -26,6 +25,7 @@ from gmmjax.changes.surface_consensus import surface_consensus
 from gmmjax.changes.view_checks import check_views
 from gmmjax.changes.volumetric import restart_weights, volumetric_changes
 from gmmjax.clouds import PointCloud, SensorViews
+from gmmjax.clouds.local_surface import moved_points
 from gmmjax.errors import InputWarning
 from gmmjax.mixtures import FitStatus
 

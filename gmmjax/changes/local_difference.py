@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from gmmjax.changes.local_surface import PLANE_NEIGHBOURS, LocalSurface
-from gmmjax.changes.neighbours import nearest_neighbours
+from gmmjax.clouds.local_surface import PLANE_NEIGHBOURS, LocalSurface
+from gmmjax.clouds.neighbours import nearest_neighbours
 
 MEDIAN_TO_DEVIATION = 1.4826
 # k points that fill a disc of radius r evenly are r sqrt(pi / k) apart, with a spread of r / sqrt 2 about its centre.

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.agreement import Agreement, agreement
 from gmmjax.changes.change import Change
-from gmmjax.changes.local_surface import LocalSurface, evenly_chosen
 from gmmjax.changes.rigid_match import rigid_matches, settled_match
+from gmmjax.clouds.local_surface import LocalSurface, evenly_chosen
 
 # Points of a change that are held against another change.
 MOST_POINTS = 4000

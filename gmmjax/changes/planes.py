@@ -6,21 +6,12 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.spatial import cKDTree
 
-from gmmjax.changes.neighbours import nearest_neighbours
+from gmmjax.clouds.local_surface import local_planes
+from gmmjax.clouds.neighbours import nearest_neighbours
 
 NEIGHBOURS = 12
 MOST_PLANES = 6
 LEAST_POINTS = 8
-
-
-def local_planes(
-    groups: Float64[np.ndarray, "n k 3"],
-) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n 3"]]:
-    """Centre, unit normal and principal variances, least first, of each group of points."""
-    centres = groups.mean(axis=1)
-    centred = groups - centres[:, None]
-    variances, axes = np.linalg.eigh(centred.swapaxes(1, 2) @ centred / groups.shape[1])
-    return centres, axes[:, :, 0], np.maximum(variances, 0)
 
 
 class Plane(NamedTuple):

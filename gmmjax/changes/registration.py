@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from gmmjax.changes.component_consensus import consensus_displacement
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.local_difference import MEDIAN_TO_DEVIATION, local_difference
-from gmmjax.changes.local_surface import LocalSurface
 from gmmjax.changes.scales import WorkingPair
 from gmmjax.changes.settling import settled
+from gmmjax.clouds.local_surface import LocalSurface
 from gmmjax.mixtures import FitSettings, GaussianMixture, best_fit, fit_restarts
 
 # Points of the after cloud that are laid onto the before cloud.

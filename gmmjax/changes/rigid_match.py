@@ -7,9 +7,9 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.local_surface import LocalSurface, evenly_chosen, moved_points
-from gmmjax.changes.neighbours import nearest_neighbours
 from gmmjax.changes.settling import settled
+from gmmjax.clouds.local_surface import LocalSurface, evenly_chosen, moved_points
+from gmmjax.clouds.neighbours import nearest_neighbours
 
 # Points that are laid onto the other object: at first, and to settle.
 COARSE_SAMPLE, FINE_SAMPLE = 200, 500

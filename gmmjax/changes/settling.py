@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.local_surface import LocalSurface, moved_points
-from gmmjax.changes.neighbours import nearest_neighbours
+from gmmjax.clouds.local_surface import LocalSurface, moved_points
+from gmmjax.clouds.neighbours import nearest_neighbours
 
 # The reach of the residuals shrinks by this factor a step, from the first to the last.
 SHRINKING = 0.75

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 from scipy.spatial import cKDTree
 
-from gmmjax.changes.neighbours import nearest_neighbours
 from gmmjax.changes.observed_edge import MOST_COVERED, NEAR, at_observed_edge
 from gmmjax.changes.planes import NEIGHBOURS, LocalPlanes, Plane, planes_of
 from gmmjax.clouds import voxel_grid
+from gmmjax.clouds.neighbours import nearest_neighbours
 
 # Unchanged points this near to a segment (in spacings) are beside it; where they have no plane that it continues, the
 # next distance is tried: a wall goes on behind what hides it.

@@ -3,6 +3,8 @@
 from gmmjax.clouds.atomic import atomic_write as atomic_write
 from gmmjax.clouds.filters import crop_box as crop_box
 from gmmjax.clouds.filters import statistical_outliers as statistical_outliers
+from gmmjax.clouds.pcd_writing import viewpoint_of as viewpoint_of
+from gmmjax.clouds.pcd_writing import write_pcd as write_pcd
 from gmmjax.clouds.ply import write_ply as write_ply
 from gmmjax.clouds.point_cloud import PointCloud as PointCloud
 from gmmjax.clouds.reading import read_cloud as read_cloud

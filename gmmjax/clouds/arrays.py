@@ -27,7 +27,7 @@ def read_npy(path: str | os.PathLike[str]) -> PointCloud:
         InputError: the file cannot be read, holds pickled objects, or has another shape.
     """
     file = require_file(path)
-    loaded = _load(file)
+    loaded = load_arrays(file)
     if isinstance(loaded, dict):
         raise InputError(f"{file}: is an .npz archive; rename it to .npz")
     return _cloud(loaded, file, {})
@@ -47,7 +47,7 @@ def read_npz(path: str | os.PathLike[str]) -> PointCloud:
         InputError: the file cannot be read, holds pickled objects, or has no array `points`.
     """
     file = require_file(path)
-    arrays = _load(file)
+    arrays = load_arrays(file)
     if not isinstance(arrays, dict):
         raise InputError(f"{file}: is no .npz archive; save it with numpy.savez, or rename it to .npy")
     if "points" not in arrays:
@@ -56,8 +56,12 @@ def read_npz(path: str | os.PathLike[str]) -> PointCloud:
     return _cloud(arrays.pop("points"), file, arrays)
 
 
-def _load(file: Path) -> np.ndarray | dict[str, np.ndarray]:
-    """The array of an .npy file or the arrays of an .npz file, whatever the file is called."""
+def load_arrays(file: Path) -> np.ndarray | dict[str, np.ndarray]:
+    """The array of an .npy file or the arrays of an .npz file, whatever the file is called.
+
+    Raises:
+        InputError: the file is damaged, or holds pickled objects.
+    """
     try:
         with file.open("rb") as stream:
             loaded = np.load(stream, allow_pickle=False)

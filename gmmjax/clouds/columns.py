@@ -10,6 +10,7 @@ from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.errors import InputError
 
 AXES = ("x", "y", "z")
+PACKED_COLORS = ("rgb", "rgba")
 
 
 def require_axes(names: Iterable[str], source: str) -> None:
@@ -50,6 +51,26 @@ def cloud_of_columns(columns: Mapping[str, np.ndarray], source: str) -> PointClo
     used = {*AXES, *CHANNELS} if colored else set(AXES)
     fields = {name: native(values) for name, values in columns.items() if name not in used}
     return PointCloud.from_rows(points, colors, fields, source)
+
+
+def field_columns(name: str, block: np.ndarray) -> dict[str, np.ndarray]:
+    """The columns of one field of the Point Cloud Library.
+
+    Args:
+        name: of the field. rgb and rgba, packed into four bytes, become red, green and blue.
+        block: its numbers [N, count], of either byte order; with a count above 1 they become `name_0`, `name_1`, ...
+
+    Returns:
+        Numbers [N] by name.
+    """
+    count = block.shape[1]
+    if count == 1 and name in PACKED_COLORS and block.dtype.itemsize == 4:
+        packed = native(block[:, 0]).view(np.uint32)
+        shifts = zip(CHANNELS, (16, 8, 0), strict=True)
+        return {channel: (packed >> shift & 255).astype(np.uint8) for channel, shift in shifts}
+    if count == 1:
+        return {name: block[:, 0]}
+    return {f"{name}_{index}": block[:, index] for index in range(count)}
 
 
 def native(values: np.ndarray) -> np.ndarray:

@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from gmmjax.clouds import lzf
-from gmmjax.clouds.colors import CHANNELS
-from gmmjax.clouds.columns import cast_column, cloud_of_columns, native, require_axes
+from gmmjax.clouds.columns import cast_column, cloud_of_columns, field_columns, require_axes
 from gmmjax.clouds.files import read_bytes
 from gmmjax.clouds.number_table import NumberedLines, parse_table
 from gmmjax.clouds.ordered_frame import frame_views
@@ -19,7 +18,6 @@ from gmmjax.errors import InputError
 ENCODINGS = ("ascii", "binary", "binary_compressed")
 TYPES = {("F", 4), ("F", 8), *((kind, size) for kind in "IU" for size in (1, 2, 4, 8))}
 PADDING = "_"
-PACKED_COLORS = ("rgb", "rgba")
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,7 @@ def read_pcd(path: str | os.PathLike[str]) -> PointCloud:
     columns: dict[str, np.ndarray] = {}
     for field, block in zip(header.fields, blocks, strict=True):
         if field.name != PADDING:
-            columns |= _columns(field, block, source)
+            columns |= field_columns(field.name, block)
     cloud = cloud_of_columns(columns, source)
     if header.width is None:
         return cloud
@@ -253,16 +251,6 @@ def _split_bytes(rows: UInt8[np.ndarray, "n size"], fields: tuple[Field, ...]) -
         rows[:, end - field.size : end].reshape(-1).view(field.dtype).reshape(len(rows), field.count)
         for field, end in zip(fields, ends, strict=True)
     ]
-
-
-def _columns(field: Field, block: np.ndarray, source: str) -> dict[str, np.ndarray]:
-    if field.count == 1 and field.name in PACKED_COLORS and field.dtype.itemsize == 4:
-        packed = native(block[:, 0]).view(np.uint32)
-        shifts = zip(CHANNELS, (16, 8, 0), strict=True)
-        return {channel: (packed >> shift & 255).astype(np.uint8) for channel, shift in shifts}
-    if field.count == 1:
-        return {field.name: block[:, 0]}
-    return {f"{field.name}_{index}": block[:, index] for index in range(field.count)}
 
 
 def _cut_off(declared: int, available: int, source: str) -> InputError:

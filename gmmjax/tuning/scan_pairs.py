@@ -12,10 +12,10 @@ from gmmjax.changes.checking import CheckedCloud, check_pair
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.joint_mixture import SourcedPoints
 from gmmjax.changes.joint_problem import joint_problem
-from gmmjax.changes.local_surface import LocalSurface
 from gmmjax.changes.registration import register
 from gmmjax.changes.scales import WorkingCloud, working_pair
 from gmmjax.clouds import PointCloud, SensorViews
+from gmmjax.clouds.local_surface import LocalSurface
 from gmmjax.errors import InputError
 from gmmjax.mixtures import Prior, WeightedPoints
 from gmmjax.mixtures.frame import Frame

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from gmmjax.changes.agreement import agreement
-from gmmjax.changes.local_surface import LocalSurface
+from gmmjax.clouds.local_surface import LocalSurface
 from tests.changes.scanned_objects import box, motion, placed
 
 NOISE = 0.003

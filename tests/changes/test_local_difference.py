@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from gmmjax.changes.local_difference import difference_scale, local_difference
-from gmmjax.changes.local_surface import LocalSurface
+from gmmjax.clouds.local_surface import LocalSurface
 from tests.mixtures.examples import random_rotation
 
 

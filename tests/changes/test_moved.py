@@ -3,8 +3,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.consensus import change_of
-from gmmjax.changes.local_surface import LocalSurface
 from gmmjax.changes.moved import MOST_MISFIT, best_match, with_moved
+from gmmjax.clouds.local_surface import LocalSurface
 from tests.changes.scanned_objects import box, motion, placed
 
 NOISE = 0.003

@@ -5,9 +5,9 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax import DetectionConfig
 from gmmjax.changes.component_consensus import consensus_displacement
-from gmmjax.changes.local_surface import LocalSurface
 from gmmjax.changes.registration import register
 from gmmjax.changes.scales import working_pair
+from gmmjax.clouds.local_surface import LocalSurface
 from gmmjax.mixtures import GaussianMixture
 from gmmjax.scenes import random_scene
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from gmmjax.changes.local_surface import LocalSurface
 from gmmjax.changes.rigid_match import rigid_matches
+from gmmjax.clouds.local_surface import LocalSurface
 from tests.changes.scanned_objects import box, motion, placed
 
 NOISE = 0.003

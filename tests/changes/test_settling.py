@@ -1,7 +1,7 @@
 import numpy as np
 
-from gmmjax.changes.local_surface import LocalSurface
 from gmmjax.changes.settling import settled
+from gmmjax.clouds.local_surface import LocalSurface
 from tests.changes.scanned_objects import box, motion, placed
 
 EXTENT = (0.4, 0.28, 0.22)

@@ -1,10 +1,8 @@
-"""Files made by hand, and Open3D where it loads."""
+"""Files made by hand."""
 
 import itertools
-import warnings
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -23,17 +21,6 @@ def write_file(tmp_path_factory: pytest.TempPathFactory) -> WriteFile:
         return path
 
     return write
-
-
-@pytest.fixture(scope="session")
-def open3d() -> ModuleType:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            import open3d
-        except (ImportError, OSError) as error:
-            pytest.skip(f"Open3D does not load: {error}")
-    return open3d
 
 
 @pytest.fixture(scope="session")

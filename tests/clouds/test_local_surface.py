@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from gmmjax.changes.local_surface import LocalSurface, evenly_chosen
+from gmmjax.clouds.local_surface import LocalSurface, evenly_chosen, local_planes
 from tests.changes.scanned_objects import motion, placed
 
 
@@ -42,3 +42,14 @@ def test_a_few_points_have_a_surface_too(count):
 def test_chosen_evenly():
     np.testing.assert_array_equal(evenly_chosen(5, 9), np.arange(5))
     np.testing.assert_array_equal(evenly_chosen(9, 3), [0, 4, 8])
+
+
+def test_planes_of_exact_planes():
+    random = np.random.default_rng(11)
+    normal = np.array([0.6, 0.0, 0.8])
+    flat = random.normal(size=(5, 20, 3))
+    flat -= np.einsum("nki,i->nk", flat, normal)[..., None] * normal - 2 * normal
+    centres, normals, variances = local_planes(flat)
+    np.testing.assert_allclose(np.abs(normals @ normal), 1)
+    np.testing.assert_allclose(centres @ normal, 2)
+    np.testing.assert_allclose(variances[:, 0], 0, atol=1e-12)

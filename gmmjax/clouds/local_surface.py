@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Float64, Int
 from scipy.spatial import ConvexHull, cKDTree
 
-from gmmjax.changes.neighbours import nearest_neighbours
-from gmmjax.changes.planes import local_planes
+from gmmjax.clouds.neighbours import nearest_neighbours
 
 # Neighbours that a plane goes through, and those whose mean stands for a point: averages see offsets below the noise.
 PLANE_NEIGHBOURS = 16
@@ -74,6 +73,16 @@ class LocalSurface:
         return LocalSurface(
             points, cKDTree(points), self.neighbours, moved_points(self.centres, transform), normals, self.variances
         )
+
+
+def local_planes(
+    groups: Float64[np.ndarray, "n k 3"],
+) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n 3"]]:
+    """Centre, unit normal and principal variances, least first, of each group of points."""
+    centres = groups.mean(axis=1)
+    centred = groups - centres[:, None]
+    variances, axes = np.linalg.eigh(centred.swapaxes(1, 2) @ centred / groups.shape[1])
+    return centres, axes[:, :, 0], np.maximum(variances, 0)
 
 
 def moved_points(
