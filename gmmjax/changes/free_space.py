@@ -8,14 +8,17 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int8
 
 from gmmjax.changes.depth_image import Camera, DepthImage, cameras
-from gmmjax.changes.local_surface import LocalSurface
 from gmmjax.clouds import SensorViews
+from gmmjax.clouds.local_surface import LocalSurface
 
 # The distance to this neighbour is the spacing of points on a surface: exact on a square grid, and right on average
 # for points strewn at random.
 SPACING_NEIGHBOUR = 4
-# Stray points are sparse: they must not hide more than this many times what a usual point hides.
+# Sparse points must not hide more than this many times what a usual point hides.
 WIDEST_SPACING = 3.0
+# A point that is so many times further from those around it than they are from each other floats in the air: it is an
+# outlier, such as the pixels that a depth camera puts between the two sides of an edge, and hides nothing.
+STRAY = 2.0
 
 
 class Observed(enum.IntEnum):
@@ -54,14 +57,22 @@ class Survey:
         """Of each point from those beside it."""
         return point_spacing(self.surface)
 
+    @functools.cached_property
+    def stray(self) -> Bool[np.ndarray, " n"]:
+        """Which points belong to no surface."""
+        distances = _neighbour_distances(self.surface)
+        if self.surface.neighbours.shape[1] < 2:
+            return np.zeros(len(distances), bool)
+        around = np.median(distances[self.surface.neighbours[:, 1:]], axis=1)
+        return np.asarray(distances > STRAY * around)
+
     def images(self, view: int) -> list[tuple[Camera, DepthImage]]:
         """What a view sees of the cloud."""
         assert self.views is not None
         if view not in self._images:
-            points = self.views.in_camera(self.points, view)
-            self._images[view] = [
-                (camera, DepthImage.of(points, self.spacing, camera)) for camera in cameras(self.views)
-            ]
+            points = self.views.in_camera(self.points[~self.stray], view)
+            spacing = self.spacing[~self.stray]
+            self._images[view] = [(camera, DepthImage.of(points, spacing, camera)) for camera in cameras(self.views)]
         return self._images[view]
 
     def moved(self, transform: Float64[np.ndarray, "4 4"]) -> "Survey":
@@ -106,9 +117,13 @@ def observation(points: Float64[np.ndarray, "n 3"], survey: Survey, margin: floa
 
 def point_spacing(surface: LocalSurface) -> Float64[np.ndarray, " n"]:
     """Distance of each point of a cloud to those beside it on the surface; stray points get that of the others."""
-    neighbour = min(SPACING_NEIGHBOUR, surface.neighbours.shape[1] - 1)
-    distances = np.linalg.norm(surface.points[surface.neighbours[:, neighbour]] - surface.points, axis=1)
+    distances = _neighbour_distances(surface)
     return np.asarray(np.minimum(distances, WIDEST_SPACING * np.median(distances)))
+
+
+def _neighbour_distances(surface: LocalSurface) -> Float64[np.ndarray, " n"]:
+    neighbour = min(SPACING_NEIGHBOUR, surface.neighbours.shape[1] - 1)
+    return np.asarray(np.linalg.norm(surface.points[surface.neighbours[:, neighbour]] - surface.points, axis=1))
 
 
 def _seen_through(

@@ -7,16 +7,18 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.planes import local_planes
 from gmmjax.clouds import voxel_grid, voxel_size_for
+from gmmjax.clouds.local_surface import local_planes
 
 # Voxels of either cloud that are compared at the most: two clouds of this size take about two seconds.
 MAX_VOXELS = 50_000
 # Points whose neighbourhoods tell a volume from a surface.
 PROBES = 512
 # Neighbourhoods of a volume are about as thick as wide: the least of the three principal variances is some 0.2 of their
-# sum. On surfaces it is below 0.06, with a sensor noise as large as the points' spacing included.
+# sum, as long as they hold a small share of the points. On surfaces it is below 0.06 in one of two sizes of
+# neighbourhoods: where the sensor's noise is larger than the spacing of a dense cloud, only the larger are flat.
 NEIGHBOURS = 32
+LARGE_SHARE = 1 / 128
 VOLUME_SHARE = 0.12
 
 
@@ -94,10 +96,17 @@ def _working_cloud(points: np.ndarray, size: float | None) -> WorkingCloud:
 
 
 def _probe(points: np.ndarray) -> tuple[float, float]:
-    """Median distance to the nearest neighbour, and median thickness of the neighbourhoods."""
+    """Median distance to the nearest neighbour, and median thickness of the neighbourhoods of the flatter size."""
     # Regularly spaced rows, so that the same cloud always gives the same scales.
     probes = points[np.linspace(0, len(points) - 1, min(PROBES, len(points))).astype(int)]
-    distances, neighbours = cKDTree(points).query(probes, k=min(NEIGHBOURS, max(2, len(points) // 4)))
-    variances = local_planes(points[neighbours])[2]
+    small = min(NEIGHBOURS, max(2, len(points) // 4))
+    large = max(small, int(LARGE_SHARE * len(points)))
+    distances, neighbours = cKDTree(points).query(probes, k=large)
+    thickness = min(_thickness(points[neighbours[:, :size]]) for size in {small, large})
+    return float(np.median(distances[:, 1])), thickness
+
+
+def _thickness(neighbourhoods: np.ndarray) -> float:
+    variances = local_planes(neighbourhoods)[2]
     total = np.maximum(variances.sum(axis=1), np.finfo(np.float64).tiny)
-    return float(np.median(distances[:, 1])), float(np.median(variances[:, 0] / total))
+    return float(np.median(variances[:, 0] / total))

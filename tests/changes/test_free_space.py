@@ -70,6 +70,16 @@ def test_what_stands_in_front_hides():
     assert observed(places, cloud, one_camera(), MARGIN).tolist() == [-1, -1, 1, 1]
 
 
+def test_a_stray_point_in_the_air_hides_nothing():
+    stray = np.array([[0.0, 0.0, 0.8], [0.2, 0.1, 1.0]])
+    places = np.array([[0, 0, 1.5], [0.02, 0.02, 1.2], [0.3, 0.15, 1.5]])
+    assert observed(places, np.concatenate([wall(2.0, spacing=0.02), stray]), one_camera(), MARGIN).tolist() == [
+        1,
+        1,
+        1,
+    ]
+
+
 @pytest.mark.parametrize("spacing", [0.01, 0.02, 0.04])
 def test_near_and_sparse_surfaces_do_not_leak(spacing):
     """Through the gaps between the points of a near screen the wall behind can be seen, but not by a sensor."""

@@ -33,6 +33,14 @@ def test_scans_lie_on_surfaces_in_any_unit(noise, unit):
     assert 0.005 * unit < pair.spacing < 0.03 * unit
 
 
+def test_a_wall_whose_noise_is_larger_than_its_spacing_is_a_surface():
+    """As a depth camera sees it that stands close by."""
+    walls = [planes(seed, 0.01, size=0.7, count=15_000) for seed in (4, 5)]
+    pair = working_pair(*walls, CONFIG)
+    assert pair.spacing < 0.01
+    assert not pair.volumetric
+
+
 def test_a_map_of_a_hall_is_a_surface_too():
     assert not working_pair(planes(2, 0.02, size=30.0), planes(3, 0.02, size=30.0), CONFIG).volumetric
 
