@@ -1,0 +1,299 @@
+"""`gmmjax extract BAG --out FILE`."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+import tyro
+from tyro.conf import OmitArgPrefixes, Positional
+
+from gmmjax.errors import InputError
+
+if TYPE_CHECKING:
+    from gmmjax.surveys import Bag, Frame, LocalisedMap, Trajectory, VolumetricMap
+    from gmmjax.surveys.placed_frames import PlacedFrames
+
+Six = tuple[float, float, float, float, float, float]
+Seven = tuple[float, float, float, float, float, float, float]
+Progress = Callable[[str, float], None]
+DEPTH_SUFFIXES = (".png", ".npy")
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """What is taken from the bag, and what becomes of it.
+
+    Attributes:
+        out: what is written: one frame as .pcd, .ply or .npz; many frames as one .npz, or as a folder; a map as .ply.
+            Without it the topics are listed.
+        topic: of the point clouds; may be left out where the bag has one only.
+        at: a single frame, the one nearest to this time: seconds as the stamps have it, or +SECONDS from the bag's
+            start.
+        tolerance: how far from that time the frame may be, seconds.
+        every: many frames: every so many.
+        rate: many frames: at the most so many a second.
+        start: no frame before this time.
+        end: no frame after this time.
+        format: of the frames in a folder; pcd keeps the order of the pixels and the pose.
+        poses: topic of the robot's poses (odometry, stamped poses or transforms such as /tf); points are then written
+            in the world, and frames without a pose at their time are left out and counted.
+        parent: of transforms, the coordinate frame of the world; default the root of the tree.
+        child: the coordinate frame whose poses these are; default what the messages say, or the sensor for transforms.
+        sensor_on_body: where the sensor is on the body, position and quaternion; default what the bag's transforms say.
+        max_gap: between two poses further apart than this nothing is known, seconds.
+        map: lay the frames together: localised concatenates them, volumetric fuses them to a surface. Beside the map,
+            NAME_views.json says where the sensor stood, for detect.
+        crop: box that a map is cropped to, by its lower and its upper corner.
+        refine: move the frames of a localised map a little so that they fit together.
+        voxel_size: of a volumetric map, metres.
+        max_range: points of a map further than this from the sensor are left out, metres.
+        intrinsics: of a depth image: JSON with fx, fy, cx, cy, width and height in pixels.
+        depth_unit: metres for one number of a depth image; default what the file says.
+        overwrite: replace an earlier output.
+        quiet: print nothing but errors.
+    """
+
+    out: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
+    topic: Annotated[str | None, tyro.conf.arg(metavar="TOPIC")] = None
+    at: Annotated[str | None, tyro.conf.arg(metavar="TIME")] = None
+    tolerance: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 0.5
+    every: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    rate: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = None
+    start: Annotated[str | None, tyro.conf.arg(metavar="TIME")] = None
+    end: Annotated[str | None, tyro.conf.arg(metavar="TIME")] = None
+    format: Literal["pcd", "ply"] = "pcd"
+    poses: Annotated[str | None, tyro.conf.arg(metavar="TOPIC")] = None
+    parent: Annotated[str | None, tyro.conf.arg(metavar="FRAME")] = None
+    child: Annotated[str | None, tyro.conf.arg(metavar="FRAME")] = None
+    sensor_on_body: Annotated[Seven | None, tyro.conf.arg(metavar="X Y Z QX QY QZ QW")] = None
+    max_gap: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 0.5
+    map: Literal["localised", "volumetric"] | None = None
+    crop: Annotated[Six | None, tyro.conf.arg(metavar="X Y Z X Y Z")] = None
+    refine: bool = False
+    voxel_size: Annotated[float, tyro.conf.arg(metavar="METRES")] = 0.01
+    max_range: Annotated[float | None, tyro.conf.arg(metavar="METRES")] = None
+    intrinsics: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    depth_unit: Annotated[float | None, tyro.conf.arg(metavar="METRES")] = None
+    overwrite: bool = False
+    quiet: bool = False
+
+    def check(self, source: Path) -> None:
+        """Finds out what cannot be done before the work begins.
+
+        Raises:
+            InputError: not exactly one thing to do, or an output that does not fit it or cannot be written.
+        """
+        many = self.every is not None or self.rate is not None
+        given = [
+            *(["--at"] if self.at is not None else []),
+            *(["--every or --rate"] if many and self.map is None else []),
+            *(["--map"] if self.map is not None else []),
+        ]
+        depth_image = source.suffix.lower() in DEPTH_SUFFIXES
+        if self.out is None:
+            if given or depth_image:
+                raise InputError("--out is missing: give the file or the folder to write")
+            return
+        if len(given) != (not depth_image):
+            what = "nothing of " if depth_image else "one of "
+            raise InputError(
+                f"{source}: give {what}--at, --every or --rate, --map; not {' and '.join(given) or 'none'}"
+            )
+        if depth_image and self.intrinsics is None:
+            raise InputError(f"{source}: a depth image needs the intrinsics of its camera: --intrinsics FILE")
+        if self.map is not None and self.poses is None:
+            raise InputError("--map needs the poses of the frames: give their topic with --poses")
+        self._check_out(self.out, many="--every or --rate" in given)
+
+    def _check_out(self, out: Path, *, many: bool) -> None:
+        from gmmjax.reporting.frame_files import FRAME_SUFFIXES, check_frame_folder
+
+        if many and not out.suffix:
+            check_frame_folder(out, overwrite=self.overwrite)
+            return
+        endings = (".ply",) if self.map else (".npz",) if many else FRAME_SUFFIXES
+        if out.suffix not in endings:
+            hint = ", or be a folder, without ending" if many else ""
+            raise InputError(f"--out {out}: must end with {', '.join(endings)}{hint}")
+        if not out.absolute().parent.is_dir():
+            raise InputError(f"--out {out}: there is no folder {out.parent}; make it first")
+        for path in (out, _views_of(out)) if self.map else (out,):
+            if path.exists() and not self.overwrite:
+                raise InputError(f"--out {out}: {path} is there already; --overwrite replaces it")
+
+
+def command(arguments: Sequence[str]) -> Callable[..., int]:
+    """`extract`, whatever the arguments."""
+    del arguments
+    return extract
+
+
+def extract(
+    source: Annotated[Positional[Path], tyro.conf.arg(metavar="BAG")],
+    *,
+    options: OmitArgPrefixes[Options] = Options(),
+) -> int:
+    """Frames and maps from a ROS bag, as files that detect reads; or the frame of a depth image.
+
+    Reads bags of ROS 1 (.bag) and ROS 2 (a folder, .mcap or .db3), and depth images (.png, .npy). Without --out it
+    lists the topics.
+
+    Args:
+        source: the bag, or the depth image.
+        options: what is taken, and what becomes of it.
+    """
+    from gmmjax.reporting import console
+    from gmmjax.surveys import open_bag
+
+    options.check(source)
+    with console.shown_warnings(quiet=options.quiet):
+        if source.suffix.lower() in DEPTH_SUFFIXES:
+            assert options.out is not None
+            files = _write_depth_image(source, options.out, options)
+        else:
+            with open_bag(source) as bag:
+                if options.out is None:
+                    console.print_topics(bag)
+                    return 0
+                with console.progress_bar(quiet=options.quiet) as progress:
+                    files = _write(bag, options.out, options, progress)
+    if not options.quiet:
+        console.print_files(options.out if options.out.is_dir() else options.out.parent, files)
+    return 0
+
+
+def _write_depth_image(source: Path, out: Path, options: Options) -> dict[str, str]:
+    from gmmjax.reporting.frame_files import write_frame
+    from gmmjax.surveys import read_depth_frame, read_intrinsics
+
+    assert options.intrinsics is not None
+    frame = read_depth_frame(source, read_intrinsics(options.intrinsics), unit=options.depth_unit)
+    write_frame(out, frame)
+    return {out.name: f"{len(frame.cloud):,} points of {frame.width} x {frame.height} pixels"}
+
+
+def _write(bag: "Bag", out: Path, options: Options, progress: Progress) -> dict[str, str]:
+    """Writes what is asked for; gives what the files are, by name."""
+    topic = bag.cloud_topic(options.topic)
+    start, end = (_time(flag, text, bag) for flag, text in (("--start", options.start), ("--end", options.end)))
+    trajectory = _trajectory(bag, topic, options, progress)
+    if options.at is not None:
+        time = _time("--at", options.at, bag)
+        assert time is not None
+        frame = bag.frame_at(topic, time, options.tolerance)
+        return _write_frame(frame, trajectory, out, options)
+    every = 1 if options.every is None else options.every
+    frames = bag.frames(topic, every=every, rate=options.rate, start=start, end=end)
+    shown = _with_progress(frames, bag.start if start is None else start, bag.end if end is None else end, progress)
+    if options.map is not None:
+        assert trajectory is not None
+        return _write_map(shown, trajectory, out, options)
+    return _write_frames(shown, trajectory, out, options)
+
+
+def _write_frame(frame: "Frame", trajectory: "Trajectory | None", out: Path, options: Options) -> dict[str, str]:
+    from gmmjax.reporting.frame_files import write_frame
+
+    pose = None
+    if trajectory is not None:
+        ((frame, pose),) = _placed([frame], trajectory, options)
+    write_frame(out, frame, pose)
+    return {out.name: f"{len(frame.cloud):,} points at {frame.time:.3f} s"}
+
+
+def _write_frames(
+    frames: Iterable["Frame"], trajectory: "Trajectory | None", out: Path, options: Options
+) -> dict[str, str]:
+    from gmmjax.reporting.frame_files import frame_archive, frame_folder
+
+    placed = None if trajectory is None else _placed(frames, trajectory, options)
+    folder = not out.suffix
+    written = 0
+    with frame_folder(out, options.format, overwrite=options.overwrite) if folder else frame_archive(out) as add:
+        for frame, pose in ((frame, None) for frame in frames) if placed is None else placed:
+            add(frame, pose)
+            written += 1
+    counted = _counted(written, 0 if placed is None else placed.skipped)
+    if folder:
+        return {f"frame_000000.{options.format}, ...": counted, "frames.json": "their times, and poses where known"}
+    return {out.name: counted}
+
+
+def _placed(frames: Iterable["Frame"], trajectory: "Trajectory", options: Options) -> "PlacedFrames":
+    from gmmjax.surveys.placed_frames import PlacedFrames
+
+    return PlacedFrames(frames, trajectory, max_gap=options.max_gap)
+
+
+def _write_map(frames: Iterable["Frame"], trajectory: "Trajectory", out: Path, options: Options) -> dict[str, str]:
+    from gmmjax.clouds import write_ply, write_views
+    from gmmjax.surveys import localised_map, volumetric_map
+
+    bounds = None if options.crop is None else np.array(options.crop).reshape(2, 3)
+    max_gap, max_range = options.max_gap, options.max_range
+    laid: LocalisedMap | VolumetricMap
+    if options.map == "localised":
+        laid = localised_map(
+            frames, trajectory, bounds=bounds, refine=options.refine, max_gap=max_gap, max_range=max_range
+        )
+    else:
+        laid = volumetric_map(
+            frames, trajectory, bounds=bounds, voxel_size=options.voxel_size, max_gap=max_gap, max_range=max_range
+        )
+    views = _views_of(out)
+    write_views(views, laid.views)
+    write_ply(out, laid.points)
+    counted = _counted(laid.frames_used, laid.frames_skipped)
+    return {out.name: f"{len(laid.points):,} points of {counted}", views.name: "where the sensor stood, for detect"}
+
+
+def _views_of(out: Path) -> Path:
+    """The file beside a map that says where the sensor stood."""
+    return out.with_name(f"{out.stem}_views.json")
+
+
+def _trajectory(bag: "Bag", topic: str, options: Options, progress: Progress) -> "Trajectory | None":
+    """Of the sensor, where poses are asked for."""
+    from gmmjax.surveys import pose_matrix, sensor_trajectory
+
+    if options.poses is None:
+        return None
+    progress("Reading the poses", 0.0)
+    first = next(bag.frames(topic), None)
+    extrinsics = None if options.sensor_on_body is None else np.array(options.sensor_on_body)
+    return sensor_trajectory(
+        bag,
+        options.poses,
+        "" if first is None else first.name,
+        parent=options.parent,
+        child=options.child,
+        sensor_on_body=None if extrinsics is None else pose_matrix(extrinsics[:3], extrinsics[3:]),
+        max_gap=options.max_gap,
+    )
+
+
+def _with_progress(frames: Iterable["Frame"], start: float, end: float, progress: Progress) -> Iterator["Frame"]:
+    for frame in frames:
+        progress("Reading the frames", (frame.time - start) / max(end - start, 1e-9))
+        yield frame
+
+
+def _counted(written: int, skipped: int) -> str:
+    left_out = f", {skipped} left out, because no pose is near" if skipped else ""
+    return f"{written} frame{'s' * (written != 1)}{left_out}"
+
+
+def _time(flag: str, text: str | None, bag: "Bag") -> float | None:
+    """Seconds since 1970; "+12.5" is from the bag's start."""
+    if text is None:
+        return None
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"{flag} {text}: must be seconds as the stamps have them, or +SECONDS from the bag's start")
+    return bag.start + number if text.startswith("+") else number

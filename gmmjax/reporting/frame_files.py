@@ -1,0 +1,188 @@
+"""Frames as files: one frame, a folder of frames, or one archive of many."""
+
+import json
+import re
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Literal
+
+import numpy as np
+from jaxtyping import Float64
+
+from gmmjax.clouds import atomic_write, write_ply
+from gmmjax.clouds.local_surface import moved_points
+from gmmjax.clouds.pcd_writing import viewpoint_of, write_pcd
+from gmmjax.errors import InputError
+from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder
+from gmmjax.surveys import Frame
+
+SCHEMA_VERSION = 1
+MARKER = "frames.json"
+FRAME_SUFFIXES = (".pcd", ".ply", ".npz")
+# Coordinates are written as float32 where that moves none by more than this, metres.
+FLOAT32_ERROR = 5e-5
+IN_PLACE = np.eye(4)
+
+Pose = Float64[np.ndarray, "4 4"]
+AddFrame = Callable[[Frame, Pose | None], None]
+
+
+def write_frame(path: Path, frame: Frame, pose: Pose | None = None) -> None:
+    """Writes one frame, whole or not at all.
+
+    Args:
+        path: `.pcd`, which keeps the order of the pixels and the pose, `.ply` or `.npz`.
+        frame: in its sensor's coordinates.
+        pose: sensor to world; the points are then written in the world.
+
+    Raises:
+        InputError: another ending, a name of a field that the format cannot hold, or a folder that cannot be written.
+    """
+    writers = {".pcd": _write_pcd, ".ply": _write_ply, ".npz": _write_npz}
+    if path.suffix not in writers:
+        raise InputError(f"{path}: a frame is written as {', '.join(FRAME_SUFFIXES)}; rename it")
+    writers[path.suffix](path, frame, pose)
+
+
+@contextmanager
+def frame_archive(path: Path) -> Iterator[AddFrame]:
+    """An NPZ file of many frames, written whole or not at all; the points wait on the disk, not in memory.
+
+    Its arrays: `points` float64 [N, 3] of all frames, `frame` int64 [N], the frame of each point, `times` float64 [V],
+    and `poses` float64 [V, 4, 4], sensor to world, where every frame has one; the points are then in the world.
+
+    Args:
+        path: the file.
+
+    Yields:
+        A function that adds a frame.
+
+    Raises:
+        InputError: no frame was added, or the folder cannot be written.
+    """
+    times: list[float] = []
+    counts: list[int] = []
+    poses: list[Pose] = []
+    with atomic_write(path) as file, tempfile.TemporaryFile(dir=path.absolute().parent) as waiting:
+
+        def add(frame: Frame, pose: Pose | None) -> None:
+            times.append(frame.time)
+            counts.append(len(frame.cloud))
+            if pose is not None:
+                poses.append(pose)
+            waiting.write(_in_world(frame.cloud.points, pose).tobytes())
+
+        yield add
+        if not times:
+            raise InputError(f"{path}: there are no frames to write; check the topic and the times")
+        waiting.seek(0)
+        small = {"times": np.array(times)} | ({"poses": np.stack(poses)} if len(poses) == len(times) else {})
+        with zipfile.ZipFile(file, "w") as archive:
+            with _member(archive, "points", np.dtype(np.float64), (sum(counts), 3)) as stream:
+                while block := waiting.read(2**20):
+                    stream.write(block)
+            with _member(archive, "frame", np.dtype(np.int64), (sum(counts),)) as stream:
+                for index, count in enumerate(counts):
+                    stream.write(np.full(count, index, np.int64).tobytes())
+            for name, values in small.items():
+                with _member(archive, name, values.dtype, values.shape) as stream:
+                    stream.write(values.tobytes())
+
+
+@contextmanager
+def frame_folder(folder: Path, suffix: Literal["pcd", "ply"], *, overwrite: bool = False) -> Iterator[AddFrame]:
+    """A folder with a file for each frame and `frames.json`, which has their times and poses; whole or not at all.
+
+    Args:
+        folder: is made where needed.
+        suffix: the format of the files.
+        overwrite: replace an earlier folder of frames.
+
+    Yields:
+        A function that adds a frame.
+
+    Raises:
+        InputError: as `output_folder`, or no frame was added.
+    """
+    entries: list[dict[str, object]] = []
+    with output_folder(folder, _kind(folder), overwrite=overwrite) as staging:
+
+        def add(frame: Frame, pose: Pose | None) -> None:
+            name = f"frame_{len(entries):06d}.{suffix}"
+            write_frame(staging / name, frame, pose)
+            placed = {} if pose is None else {"pose": pose.tolist()}
+            entries.append({"file": name, "time": frame.time, "points": len(frame.cloud), **placed})
+
+        yield add
+        if not entries:
+            raise InputError(f"{folder}: there are no frames to write; check the topic and the times")
+        content = {"schema_version": SCHEMA_VERSION, "frames": entries}
+        (staging / MARKER).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def check_frame_folder(folder: Path, *, overwrite: bool = False) -> None:
+    """Whether `frame_folder` could write there. Changes nothing.
+
+    Raises:
+        InputError: as `output_folder`.
+    """
+    check_output_folder(folder, _kind(folder), overwrite=overwrite)
+
+
+def _kind(folder: Path) -> FolderKind:
+    """What a folder of frames holds: of one that is there already, whatever frames it has."""
+    names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
+    frames = tuple(name for name in names if re.fullmatch(r"frame_\d{6,}\.(pcd|ply)", name))
+    return FolderKind("folder of frames", MARKER, "frames", frames)
+
+
+def _write_pcd(path: Path, frame: Frame, pose: Pose | None) -> None:
+    cloud = frame.cloud
+    points = _compact(_in_world(cloud.points, pose))
+    colors, fields = cloud.colors, dict(cloud.fields)
+    if frame.width is not None:
+        points = _by_pixel(frame, points, np.nan)
+        colors = None if colors is None else _by_pixel(frame, colors, 0)
+        fields = {name: _by_pixel(frame, values, 0) for name, values in fields.items()}
+    viewpoint = viewpoint_of(IN_PLACE if pose is None else pose)
+    write_pcd(path, points, viewpoint=viewpoint, colors=colors, fields=fields)
+
+
+def _write_ply(path: Path, frame: Frame, pose: Pose | None) -> None:
+    comments = [f"time {frame.time:.9f}", f"frame {frame.name or 'without a name'}"]
+    points = _in_world(frame.cloud.points, pose)
+    write_ply(path, points, colors=frame.cloud.colors, fields=frame.cloud.fields, comments=comments)
+
+
+def _write_npz(path: Path, frame: Frame, pose: Pose | None) -> None:
+    with frame_archive(path) as add:
+        add(frame, pose)
+
+
+def _in_world(points: Float64[np.ndarray, "n 3"], pose: Pose | None) -> Float64[np.ndarray, "n 3"]:
+    return points if pose is None else moved_points(points, pose)
+
+
+def _compact(points: Float64[np.ndarray, "n 3"]) -> np.ndarray:
+    single = points.astype(np.float32)
+    return single if np.abs(single - points).max(initial=0) <= FLOAT32_ERROR else points
+
+
+def _by_pixel(frame: Frame, values: np.ndarray, empty: float) -> np.ndarray:
+    """Values of the points in the order of an ordered frame's pixels."""
+    assert frame.width is not None and frame.height is not None
+    image = np.full((frame.height * frame.width, *values.shape[1:]), empty, values.dtype)
+    image[frame.cloud.rows] = values
+    return image.reshape(frame.height, frame.width, *values.shape[1:])
+
+
+@contextmanager
+def _member(archive: zipfile.ZipFile, name: str, dtype: np.dtype, shape: tuple[int, ...]) -> Iterator[IO[bytes]]:
+    """An array of an archive, to be written in blocks."""
+    with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as stream:
+        header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
+        np.lib.format.write_array_header_1_0(stream, header)
+        yield stream
