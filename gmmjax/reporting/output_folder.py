@@ -24,12 +24,14 @@ class FolderKind:
         marker: the JSON file by which the folder is known; it is the last to be put in place and the first to go.
         key: a key that the marker has, beside "schema_version".
         others: the other files that may be there.
+        tree: whether it holds folders and files of any name; whatever is there is then known by the marker alone.
     """
 
     name: str
     marker: str
     key: str
     others: tuple[str, ...]
+    tree: bool = False
 
     def is_held_by(self, folder: Path) -> bool:
         """Whether the folder's marker is one of this kind, of any schema version."""
@@ -108,7 +110,7 @@ def _check_contents(folder: Path, kind: FolderKind, overwrite: bool) -> None:
         raise InputError(f"{folder}: is a link to something that is not there; choose another output folder")
     entries = [entry for entry in folder.iterdir() if not entry.name.startswith(STAGING_PREFIX)]
     known = {kind.marker, *kind.others}
-    foreign = sorted(entry.name for entry in entries if entry.name not in known or not entry.is_file())
+    foreign = [] if kind.tree else sorted(e.name for e in entries if e.name not in known or not e.is_file())
     if entries and not foreign and not kind.is_held_by(folder):
         foreign = sorted(entry.name for entry in entries)
     if foreign:
@@ -156,7 +158,8 @@ def _move_files(staging: Path, target: Path, kind: FolderKind) -> None:
     retired = staging / "previous"
     new = sorted((path for path in staging.iterdir()), key=lambda path: path.name == kind.marker)
     retired.mkdir()
-    old = [target / name for name in (kind.marker, *kind.others) if (target / name).exists()]
+    names = (kind.marker, *(sorted(os.listdir(target)) if kind.tree else kind.others))
+    old = [target / name for name in dict.fromkeys(names) if _is_content(target / name)]
     moves = [(path, retired / path.name) for path in old] + [(path, target / path.name) for path in new]
     done: list[tuple[Path, Path]] = []
     try:
@@ -168,6 +171,10 @@ def _move_files(staging: Path, target: Path, kind: FolderKind) -> None:
         for source, destination in reversed(done):
             destination.replace(source)
         raise
+
+
+def _is_content(path: Path) -> bool:
+    return path.exists() and not path.name.startswith(STAGING_PREFIX)
 
 
 def _sync(folder: Path) -> None:

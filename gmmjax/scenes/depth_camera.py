@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
-from gmmjax.scenes.ray_casting import UNCHANGED, Solid, cast
+from gmmjax.scenes.ray_casting import UNLABELLED, Solid, cast
+from gmmjax.surveys import Intrinsics
 
 # A jump in range between neighbouring pixels from which there is a depth edge, metres.
 EDGE = 0.1
@@ -46,12 +47,15 @@ class DepthCamera:
         rays = np.stack([*np.meshgrid(x, y), np.ones((self.rows, self.columns))], axis=-1).reshape(-1, 3)
         return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
-    def frame(
+    def intrinsics(self) -> Intrinsics:
+        """Its pinhole model."""
+        return Intrinsics.of_field_of_view(self.field_of_view, self.columns, self.rows)
+
+    def measured(
         self, solids: Sequence[Solid], pose: Float[np.ndarray, "4 4"], random: np.random.Generator
-    ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
-        """The points that it returns from a pose, in the world, and the change that each belongs to."""
-        directions = self.directions() @ pose[:3, :3].T
-        ranges, change = cast(solids, pose[:3, 3], directions)
+    ) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+        """The range along the ray of every pixel, NaN where there is no return, and the label of what is seen there."""
+        ranges, labels = cast(solids, pose[:3, 3], self.directions() @ pose[:3, :3].T)
         ranges = np.minimum(ranges, 2 * self.max_range)
         measured = ranges + self.noise * (0.5 + ranges / 4) * random.standard_normal(len(ranges))
         behind = self._behind_edge(ranges)
@@ -60,8 +64,16 @@ class DepthCamera:
         returned = (ranges > self.least_range) & (measured < self.max_range)
         returned &= random.random(len(ranges)) > self.lost
         returned &= random.random(len(ranges)) < self._facing(ranges) / GRAZING
-        points = pose[:3, 3] + directions[returned] * measured[returned, None]
-        return points, np.where(flies, UNCHANGED, change)[returned]
+        return np.where(returned, measured, np.nan), np.where(flies, UNLABELLED, labels)
+
+    def frame(
+        self, solids: Sequence[Solid], pose: Float[np.ndarray, "4 4"], random: np.random.Generator
+    ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
+        """The points that it returns from a pose, in the world, and the label of what each belongs to."""
+        measured, labels = self.measured(solids, pose, random)
+        returned = np.isfinite(measured)
+        directions = self.directions() @ pose[:3, :3].T
+        return pose[:3, 3] + directions[returned] * measured[returned, None], labels[returned]
 
     def _behind_edge(self, ranges: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """The range of a pixel beside where that is at least 10 cm further; the own range elsewhere."""

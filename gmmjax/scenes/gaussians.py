@@ -27,6 +27,9 @@ class GaussianScene:
         after: the cloud at the second time [n1, 3], drawn anew also from the Gaussians that stayed.
         truth_before: per point -1 where its Gaussian stayed, else the number of the change that it belongs to.
         truth_after: the same for `after`; appeared Gaussians are numbered on from the disappeared ones.
+        gaussians_before: per point the number of the Gaussian that it was drawn from; one that stayed has the same
+            number in both clouds.
+        gaussians_after: the same for `after`.
         mixture_before: the Gaussians that `before` was drawn from.
         mixture_after: the Gaussians that `after` was drawn from.
     """
@@ -35,6 +38,8 @@ class GaussianScene:
     after: Float[np.ndarray, "n1 3"]
     truth_before: Int[np.ndarray, " n0"]
     truth_after: Int[np.ndarray, " n1"]
+    gaussians_before: Int[np.ndarray, " n0"]
+    gaussians_after: Int[np.ndarray, " n1"]
     mixture_before: GaussianMixture
     mixture_after: GaussianMixture
 
@@ -164,6 +169,8 @@ def _scene(
         after=_draw(random, means[after], covariances[after], counts[1]),
         truth_before=np.repeat(change[before], counts[0]),
         truth_after=np.repeat(change[after], counts[1]),
+        gaussians_before=np.repeat(before, counts[0]),
+        gaussians_after=np.repeat(after, counts[1]),
         mixture_before=_equal_mixture(means[before], covariances[before]),
         mixture_after=_equal_mixture(means[after], covariances[after]),
     )

@@ -10,14 +10,15 @@ from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, PRNGKeyArray
-from scipy.spatial.transform import Rotation
 
 from gmmjax.clouds import SensorViews, voxel_grid
 from gmmjax.errors import InputError, check_choice
 from gmmjax.scenes.depth_camera import DepthCamera
 from gmmjax.scenes.gaussians import numpy_generator
 from gmmjax.scenes.objects import INNER, StandingObject, placed_objects
-from gmmjax.scenes.ray_casting import UNCHANGED, Solid, cast
+from gmmjax.scenes.ray_casting import Solid
+from gmmjax.scenes.rigid_motions import looking_at, small_motion
+from gmmjax.scenes.visibility import seen, uncounted
 
 Level = Literal["normal", "hard"]
 Survey = Literal["panorama", "frame"]
@@ -28,10 +29,6 @@ LOST_FRAMES = 0.25
 VOXEL = 0.01
 # A survey uses every so many pixels.
 PIXEL_STEP = 3.5
-# A point is seen when the first hit on its ray is not nearer than it by more than this.
-HIDDEN_BY = 0.03
-# A change is counted in a cloud when so many of its points are there and less than half of them are unseen.
-LEAST_POINTS = 40
 MOST_OBJECTS = 5
 
 
@@ -128,9 +125,9 @@ def laboratory_scene(
     first = _survey(random, before, stands, camera, survey, lost[0])
     second = _survey(random, after, stands, camera, survey, lost[1])
     shift, turn = (0.02, 0.5) if hard else (random.uniform(0.01, 0.02), random.uniform(0, 0.5))
-    misregistration = _small_motion(random, shift, turn)
+    misregistration = small_motion(random, shift, turn)
     kinds = ("disappeared",) * disappeared + ("appeared",) * appeared + ("moved",) * moved
-    motions = {old[0].change: misregistration @ to[0].pose() @ np.linalg.inv(old[0].pose()) for old, to in moves}
+    motions = {old[0].label: misregistration @ to[0].pose() @ np.linalg.inv(old[0].pose()) for old, to in moves}
     return _scene(first, second, before, after, camera, misregistration, kinds, motions)
 
 
@@ -146,8 +143,8 @@ def _scene(
 ) -> LaboratoryScene:
     views_before = SensorViews(first.poses, camera.field_of_view, camera.max_range)
     views_after = SensorViews(second.poses, camera.field_of_view, camera.max_range)
-    unseen_before = ~_seen(first.points, after, views_after)
-    unseen_after = ~_seen(second.points, before, views_before)
+    unseen_before = ~seen(first.points, after, views_after)
+    unseen_after = ~seen(second.points, before, views_before)
     return LaboratoryScene(
         before=first.points,
         after=second.points @ misregistration[:3, :3].T + misregistration[:3, 3],
@@ -157,8 +154,8 @@ def _scene(
         unseen_after=unseen_after,
         views_before=views_before,
         views_after=views_after.moved(misregistration),
-        uncounted_before=_uncounted(before, first.change, unseen_before),
-        uncounted_after=_uncounted(after, second.change, unseen_after),
+        uncounted_before=uncounted(before, first.change, unseen_before),
+        uncounted_after=uncounted(after, second.change, unseen_after),
         kinds=kinds,
         misregistration=misregistration,
         motions=motions,
@@ -250,14 +247,14 @@ def _survey(
 ) -> _Surveyed:
     kept = [index for index in range(len(stands)) if index not in lost]
     near, aim = (0.03, 0.05) if survey == "panorama" else (0.003, 0.003)
-    poses = np.stack([_looking(_about(random, stands[i][0], near), _about(random, stands[i][1], aim)) for i in kept])
+    poses = np.stack([looking_at(_about(random, stands[i][0], near), _about(random, stands[i][1], aim)) for i in kept])
     frames = [camera.frame(solids, pose, random) for pose in poses]
     if survey == "frame":
         return _Surveyed(frames[0][0], frames[0][1], poses)
     # Each frame is a little off its believed pose.
     points = np.concatenate(
         [
-            _moved_about(frame, pose[:3, 3], _small_motion(random, 0.003, 0.1))
+            _moved_about(frame, pose[:3, 3], small_motion(random, 0.003, 0.1))
             for (frame, _), pose in zip(frames, poses, strict=True)
         ]
     )
@@ -276,48 +273,5 @@ def _voxels(points: np.ndarray, change: np.ndarray, poses: np.ndarray) -> _Surve
     return _Surveyed(grid.points, numbers[np.argmax(votes, axis=0)], poses)
 
 
-def _looking(position: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """A camera's pose, upright: x right, y down, z towards the target."""
-    forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3] = np.stack([right, np.cross(forward, right), forward, position], axis=1)
-    return pose
-
-
-def _small_motion(random: np.random.Generator, shift: float, degrees: float) -> np.ndarray:
-    """A rigid motion of this length and angle in random directions."""
-    axis, direction = (vector / np.linalg.norm(vector) for vector in random.standard_normal((2, 3)))
-    motion = np.eye(4)
-    motion[:3, :3] = Rotation.from_rotvec(np.radians(degrees) * axis).as_matrix()
-    motion[:3, 3] = shift * direction
-    return motion
-
-
 def _moved_about(points: np.ndarray, centre: np.ndarray, motion: np.ndarray) -> np.ndarray:
     return np.asarray((points - centre) @ motion[:3, :3].T + motion[:3, 3] + centre)
-
-
-def _seen(points: np.ndarray, solids: Sequence[Solid], views: SensorViews) -> np.ndarray:
-    """Which places a survey of these solids could see, through or onto."""
-    seen = np.zeros(len(points), bool)
-    for view in range(len(views)):
-        places = views.in_camera(points, view)
-        candidates = np.flatnonzero(views.in_field_of_view(places) & (places[:, 2] > 0) & ~seen)
-        position = views.poses[view, :3, 3]
-        rays = points[candidates] - position
-        ranges = np.linalg.norm(rays, axis=1)
-        first_hit, _ = cast(solids, position, rays / ranges[:, None])
-        seen[candidates[first_hit > ranges - HIDDEN_BY]] = True
-    return seen
-
-
-def _uncounted(solids: Sequence[Solid], change: np.ndarray, unseen: np.ndarray) -> frozenset[int]:
-    """Those of which the survey has no point included."""
-    few = set()
-    for number in {solid.change for solid in solids} - {UNCHANGED}:
-        own = change == number
-        if own.sum() < LEAST_POINTS or unseen[own].mean() >= 0.5:
-            few.add(number)
-    return frozenset(few)

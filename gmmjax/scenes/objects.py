@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
+from jaxtyping import Float
 
 from gmmjax.errors import InputError
-from gmmjax.scenes.ray_casting import UNCHANGED, Solid
+from gmmjax.scenes.ray_casting import UNLABELLED, Solid
 
 # Half the inner side of the room, and where objects may stand, metres.
 INNER, STANDING = 1.1, 0.78
@@ -32,16 +33,16 @@ def placed_objects(
     taken: list[tuple[np.ndarray, float]] = []
     different: list[StandingObject] = []
 
-    def drawn(change: int) -> StandingObject:
-        parts = _object(random, str(random.choice(KINDS)), change)
-        while change != UNCHANGED and any(_alike(parts, other) for other in different):
-            parts = _object(random, str(random.choice(KINDS)), change)
+    def drawn(label: int) -> StandingObject:
+        parts = _object(random, str(random.choice(KINDS)), label)
+        while label != UNLABELLED and any(_alike(parts, other) for other in different):
+            parts = _object(random, str(random.choice(KINDS)), label)
         different.append(parts)
         return parts
 
     def placed(parts: StandingObject) -> StandingObject:
         on_shelf = _on_shelf(random, parts, shelf, taken) if random.random() < ON_SHELF else None
-        return on_shelf or _on_floor(random, parts, room, taken)
+        return on_shelf or on_floor(random, parts, room, taken)
 
     gone = [placed(drawn(number)) for number in range(disappeared)]
     new = [placed(drawn(disappeared + number)) for number in range(appeared)]
@@ -50,10 +51,10 @@ def placed_objects(
         parts = drawn(disappeared + appeared + number)
         moves.append((placed(parts), placed(parts)))
     staying = int(random.integers(1, 4)) if appeared + disappeared + 2 * moved < 4 else 1
-    return gone, new, moves, [placed(drawn(UNCHANGED)) for _ in range(staying)]
+    return gone, new, moves, [placed(drawn(UNLABELLED)) for _ in range(staying)]
 
 
-def _object(random: np.random.Generator, kind: str, change: int) -> StandingObject:
+def _object(random: np.random.Generator, kind: str, label: int) -> StandingObject:
     """A robot's cube, a cargo bag, a drum, a box, or a box on a box, standing at the origin."""
     extent = {
         ROBOT: np.full(3, 0.32),
@@ -62,12 +63,12 @@ def _object(random: np.random.Generator, kind: str, change: int) -> StandingObje
     }.get(kind, random.uniform(0.22, 0.42, 3))
     if kind == "drum":
         extent[1] = extent[0]
-    base = Solid(np.array([0.0, 0.0, extent[2] / 2]), extent, 0.0, kind == "drum", change)
+    base = Solid(np.array([0.0, 0.0, extent[2] / 2]), extent, 0.0, kind == "drum", label)
     if kind != "stack":
         return (base,)
     upper = extent * random.uniform(0.55, 0.8, 3)
     aside = (extent - upper)[:2] / 2 * random.uniform(-1, 1, 2)
-    return base, Solid(np.array([*aside, extent[2] + upper[2] / 2]), upper, 0.0, False, change)
+    return base, Solid(np.array([*aside, extent[2] + upper[2] / 2]), upper, 0.0, False, label)
 
 
 def _alike(parts: StandingObject, other: StandingObject) -> bool:
@@ -76,13 +77,13 @@ def _alike(parts: StandingObject, other: StandingObject) -> bool:
     return bool(np.abs(sizes[0] - sizes[1]).max() < LEAST_DIFFERENCE)
 
 
-def _turned(parts: StandingObject, place: np.ndarray, yaw: float) -> StandingObject:
-    """The object with its foot at the place, turned about its own middle."""
+def standing_at(parts: StandingObject, place: Float[np.ndarray, "3"], yaw: float) -> StandingObject:
+    """An object at the origin, moved: its foot to the place, turned about its own middle."""
     rotation = Solid(np.zeros(3), np.ones(3), yaw).rotation
     return tuple(dataclasses.replace(part, centre=place + rotation @ part.centre, yaw=yaw) for part in parts)
 
 
-def _on_floor(
+def on_floor(
     random: np.random.Generator, parts: StandingObject, room: Sequence[Solid], taken: list[tuple[np.ndarray, float]]
 ) -> StandingObject:
     """On a free place of the floor, turned at random."""
@@ -93,7 +94,7 @@ def _on_floor(
     for _ in range(10_000):
         place = random.uniform(-STANDING, STANDING, 2)
         yaw = float(random.uniform(0, 2 * np.pi))
-        standing = _turned(parts, np.array([*place, 0.0]), yaw)
+        standing = standing_at(parts, np.array([*place, 0.0]), yaw)
         free = all(np.linalg.norm(place - other) > radius + reach + gap for other, reach in taken)
         if free and not any(_touches(part, solid) for part in standing for solid in obstacles):
             taken.append((place, radius))
@@ -117,7 +118,7 @@ def _on_shelf(
     if not all(np.linalg.norm(place - other) > radius + reach for other, reach in taken):
         return None
     taken.append((place, radius))
-    return _turned(parts, np.array([*place, shelf.centre[2] + shelf.extent[2] / 2]), yaw)
+    return standing_at(parts, np.array([*place, shelf.centre[2] + shelf.extent[2] / 2]), yaw)
 
 
 def _touches(part: Solid, solid: Solid) -> bool:

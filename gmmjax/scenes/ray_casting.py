@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-UNCHANGED = -1
+UNLABELLED = -1
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -18,14 +18,14 @@ class Solid:
         extent: full edge lengths along its own axes; of a cylinder twice the diameter and the height.
         yaw: turn about the vertical, radians.
         round: whether it is a cylinder.
-        change: number of the change that it belongs to, or `UNCHANGED`.
+        label: number of the change, or of the thing, that it belongs to; `UNLABELLED` for none.
     """
 
     centre: Float[np.ndarray, "3"]
     extent: Float[np.ndarray, "3"]
     yaw: float = 0.0
     round: bool = False
-    change: int = UNCHANGED
+    label: int = UNLABELLED
 
     @property
     def rotation(self) -> Float[np.ndarray, "3 3"]:
@@ -57,13 +57,24 @@ class Solid:
 def cast(
     solids: Sequence[Solid], origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """The range of the first hit of each ray, inf where there is none, and the change of what it hits."""
-    nearest, change = np.full(len(directions), np.inf), np.full(len(directions), UNCHANGED)
+    """The range of the first hit of each ray, inf where there is none, and the label of what it hits."""
+    nearest, labels = np.full(len(directions), np.inf), np.full(len(directions), UNLABELLED)
     for solid in solids:
-        ranges = solid.ranges(origin, directions)
-        nearer = ranges < nearest
-        nearest[nearer], change[nearer] = ranges[nearer], solid.change
-    return nearest, change
+        rays = _towards(solid, origin, directions)
+        ranges = solid.ranges(origin, directions[rays])
+        nearer = ranges < nearest[rays]
+        nearest[rays[nearer]], labels[rays[nearer]] = ranges[nearer], solid.label
+    return nearest, labels
+
+
+def _towards(solid: Solid, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """The rays that come as near to the solid's centre as its corners are: no other can hit it."""
+    centre, reach = solid.centre - origin, float(np.linalg.norm(solid.extent)) / 2
+    distance = float(np.linalg.norm(centre))
+    if distance <= reach:
+        return np.arange(len(directions))
+    least = np.sqrt(distance**2 - reach**2) * (1 - 1e-9)
+    return np.flatnonzero(directions @ centre >= least)
 
 
 def _box(start: np.ndarray, along: np.ndarray, half: np.ndarray) -> np.ndarray:

@@ -5,15 +5,15 @@ import pytest
 
 from gmmjax.clouds import SensorViews
 from gmmjax.scenes.depth_camera import DepthCamera
-from gmmjax.scenes.ray_casting import UNCHANGED, Solid
+from gmmjax.scenes.ray_casting import UNLABELLED, Solid
 
 CAMERA = DepthCamera(flying=0.0, lost=0.0)
 HERE = np.eye(4)
 
 
-def wall(distance, width=20.0, change=UNCHANGED, x=0.0):
+def wall(distance, width=20.0, label=UNLABELLED, x=0.0):
     """Across the view of a camera at the origin that looks along z."""
-    return Solid(np.array([x, 0.0, distance + 0.05]), np.array([width, 20.0, 0.1]), change=change)
+    return Solid(np.array([x, 0.0, distance + 0.05]), np.array([width, 20.0, 0.1]), label=label)
 
 
 def frame(solids, camera=CAMERA, pose=HERE, seed=0):
@@ -31,9 +31,9 @@ def test_every_pixel_looks_into_the_field_of_view_and_the_outermost_reach_its_ed
 
 
 def test_without_noise_the_points_lie_on_what_the_camera_sees():
-    points, change = frame([wall(2.0, change=3)], dataclasses.replace(CAMERA, noise=0.0))
+    points, labels = frame([wall(2.0, label=3)], dataclasses.replace(CAMERA, noise=0.0))
     np.testing.assert_allclose(points[:, 2], 2.0)
-    assert len(points) == 171 * 224 and (change == 3).all()
+    assert len(points) == 171 * 224 and (labels == 3).all()
 
 
 def test_a_pose_moves_the_points_with_the_camera():
@@ -72,12 +72,12 @@ def test_a_share_of_the_pixels_is_lost():
 
 def test_pixels_fly_only_at_edges_and_belong_to_no_change():
     """A board that stands before a wall: behind its edge a share of the pixels falls between the two."""
-    solids = [wall(1.0, width=0.4, change=2), wall(2.0)]
+    solids = [wall(1.0, width=0.4, label=2), wall(2.0)]
     camera = dataclasses.replace(CAMERA, noise=0.0, flying=0.5)
-    points, change = frame(solids, camera)
+    points, labels = frame(solids, camera)
     between = (points[:, 2] > 1.001) & (points[:, 2] < 1.999)
-    assert (change[between] == UNCHANGED).all()
-    assert (change[np.abs(points[:, 2] - 1) < 1e-9] == 2).all()
+    assert (labels[between] == UNLABELLED).all()
+    assert (labels[np.abs(points[:, 2] - 1) < 1e-9] == 2).all()
     # Two edges, each of one pixel in every row.
     assert between.sum() == pytest.approx(camera.rows, rel=0.25)
     on_edge = np.abs(np.abs(points[between, 0] / points[between, 2]) - 0.2)

@@ -58,6 +58,14 @@ def test_means_and_variances_lie_in_the_ranges_of_the_thesis(overlap, half_width
     assert variances.min() >= 0.01 - 1e-12 and variances.max() <= 0.1 + 1e-12
 
 
+def test_every_point_knows_its_gaussian():
+    scene = random_scene(KEY, appeared=2, disappeared=1, points=30, density=2.0)
+    assert np.bincount(scene.gaussians_before).tolist() == [30] * 5
+    assert np.bincount(scene.gaussians_after).tolist() == [0] + [60] * 6
+    np.testing.assert_array_equal(scene.gaussians_before == 0, scene.truth_before == 0)
+    np.testing.assert_array_equal(scene.gaussians_after >= 5, scene.truth_after >= 1)
+
+
 def test_a_scene_is_its_key():
     first, again = random_scene(KEY, points=5), random_scene(KEY, points=5)
     np.testing.assert_array_equal(first.after, again.after)

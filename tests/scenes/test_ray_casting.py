@@ -3,10 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gmmjax.scenes.ray_casting import UNCHANGED, Solid, cast
+from gmmjax.scenes.ray_casting import UNLABELLED, Solid, cast
 
-BOX = Solid(np.array([0.3, -0.2, 0.5]), np.array([0.4, 0.7, 0.3]), yaw=0.6, change=4)
-DRUM = Solid(np.array([-0.5, 0.4, 0.1]), np.array([0.5, 0.5, 0.8]), round=True, change=7)
+BOX = Solid(np.array([0.3, -0.2, 0.5]), np.array([0.4, 0.7, 0.3]), yaw=0.6, label=4)
+DRUM = Solid(np.array([-0.5, 0.4, 0.1]), np.array([0.5, 0.5, 0.8]), round=True, label=7)
 STEPS = np.linspace(0, 6, 3001)
 
 
@@ -67,13 +67,13 @@ def test_a_ray_along_the_axis_of_a_cylinder_hits_its_lid(height):
 
 def test_the_nearest_solid_is_hit():
     origin, directions = rays(4000)
-    ranges, change = cast([BOX, DRUM], origin, directions)
+    ranges, labels = cast([BOX, DRUM], origin, directions)
     of_box, of_drum = BOX.ranges(origin, directions), DRUM.ranges(origin, directions)
     np.testing.assert_array_equal(ranges, np.minimum(of_box, of_drum))
-    np.testing.assert_array_equal(change == 4, of_box < of_drum)
-    np.testing.assert_array_equal(change == 7, of_drum < of_box)
-    np.testing.assert_array_equal(change == UNCHANGED, np.isinf(ranges))
-    assert (change == 4).any() and (change == 7).any()
+    np.testing.assert_array_equal(labels == 4, of_box < of_drum)
+    np.testing.assert_array_equal(labels == 7, of_drum < of_box)
+    np.testing.assert_array_equal(labels == UNLABELLED, np.isinf(ranges))
+    assert (labels == 4).any() and (labels == 7).any()
 
 
 def test_the_order_of_the_solids_does_not_matter():

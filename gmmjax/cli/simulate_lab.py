@@ -1,0 +1,89 @@
+"""`gmmjax simulate lab --out DIR`."""
+
+from collections.abc import Callable, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from gmmjax.errors import InputError
+
+
+def command(arguments: Sequence[str]) -> Callable[..., int]:
+    """`simulate_lab`, whatever the arguments."""
+    del arguments
+    return simulate_lab
+
+
+def simulate_lab(
+    *,
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    runs: tuple[Literal["thesis", "thin", "stacked", "empty", "random"], ...] = ("thesis",),
+    kinds: tuple[Literal["frame", "volumetric", "localised"], ...] | None = None,
+    bag: Literal["ros1", "ros2", "none"] | None = None,
+    survey: Literal["geometric", "panoramic"] = "geometric",
+    frames: int = 16,
+    seed: int = 0,
+    overwrite: bool = False,
+    quiet: bool = False,
+) -> int:
+    """A laboratory that a robot surveys with its depth camera: bags, frames, maps, and pairs with the truth.
+
+    Args:
+        out: folder for the scenes; is made where needed. `gmmjax evaluate pairs DIR` scores detectors on its pairs.
+        runs: "thesis": the five runs of its figure 3.6, nothing against something, and back, and two pairs in which
+            objects come and move; "thin": boards of 2 and 3 cm; "stacked": a box on a bag; "empty": two surveys of
+            which nothing changed; "random": objects anywhere.
+        kinds: "frame": single frames of what changed; "volumetric": maps of surfaces, which need Open3D; "localised":
+            the points of all frames. Default all that can be made here.
+        bag: the kind of bag that each survey is recorded in; default ROS 1 where rosbags is installed.
+        survey: "geometric" flies along the walls, "panoramic" turns at two places.
+        frames: of the depth camera in each survey.
+        seed: of the objects' places, the paths and the noise; the same seed gives the same scenes.
+        overwrite: replace previous scenes in the output folder.
+        quiet: print nothing but errors.
+    """
+    from gmmjax.reporting import console
+    from gmmjax.reporting.lab_files import check_lab_folder, write_lab
+
+    if seed < 0:
+        raise InputError(f"--seed {seed} must be at least 0")
+    check_lab_folder(out, overwrite=overwrite)
+    missing = []
+    made = kinds or (("frame", "volumetric", "localised") if _has_open3d() else ("frame", "localised"))
+    if kinds is None and "volumetric" not in made:
+        missing.append("no volumetric maps: Open3D is not here (pip install 'gmmjax[open3d]')")
+    if bag is None:
+        bag = "ros1" if find_spec("rosbags") else "none"
+        if bag == "none":
+            missing.append("no bags: rosbags is not here (pip install 'gmmjax[ros]')")
+    with console.progress_bar(quiet=quiet) as progress:
+        description = write_lab(
+            out,
+            runs=runs,
+            seed=seed,
+            kinds=made,
+            bag=bag,
+            pattern=survey,
+            frames=frames,
+            overwrite=overwrite,
+            progress=progress,
+        )
+    if not quiet:
+        files = {"index.html": "open it in a browser", **description, "lab.json": "what stood where, and what changed"}
+        console.print_files(out, files)
+        console.print_next_command(f"gmmjax evaluate pairs {out}")
+        for line in missing:
+            console.print_note(line)
+    return 0
+
+
+def _has_open3d() -> bool:
+    from gmmjax.clouds.mesh import load_open3d
+
+    try:
+        load_open3d("volumetric maps")
+    except InputError:
+        return False
+    return True
