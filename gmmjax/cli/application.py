@@ -18,10 +18,13 @@ DESCRIPTION = "What changed between two 3D scans, and how sure are you?   (gmmja
 COMMANDS: Mapping[str, tuple[str, str]] = {
     "detect": ("detect", "What changed from one scan to another: a list, labels for all points, a report."),
     "fit": ("fit", "Fit a Gaussian mixture to a scan; the number of Gaussians is found."),
+    "extract": ("extract", "Frames and maps from a ROS bag or a depth image, as files that detect reads."),
     "simulate gaussians": ("simulate_gaussians", "A pair of clouds drawn from Gaussians, with the truth."),
+    "simulate lab": ("simulate_lab", "A laboratory that a robot surveys: bags, frames, maps, pairs with the truth."),
     "evaluate gaussians": ("evaluate_gaussians", "Score detectors on artificial scenes of Gaussians."),
     "evaluate laboratory": ("evaluate_laboratory", "Score detectors on a simulated room."),
     "evaluate pairs": ("evaluate_pairs", "Score detectors on pairs of scans with truth."),
+    "evaluate thesis": ("evaluate_thesis", "Run chapter 4 of the thesis again, beside its published numbers."),
     "tune": ("tune", "Tune settings by gradient on pairs of scans, with truth or without."),
     "demo": ("demo", "Simulate a pair of scans, detect the changes, and say where the results lie."),
 }

@@ -96,8 +96,11 @@ def gaussian_sources(
 def gaussian_pair(condition: Condition, seed: int) -> LabelledPair:
     """One scene, drawn from the seed."""
     scene = _scene(condition, jax.random.key(seed))
-    before = LabelledCloud(scene.before, scene.truth_before)
-    return LabelledPair(f"seed {seed}", before, LabelledCloud(scene.after, scene.truth_after))
+    return LabelledPair(
+        f"seed {seed}",
+        LabelledCloud(scene.before, scene.truth_before, things=scene.gaussians_before),
+        LabelledCloud(scene.after, scene.truth_after, things=scene.gaussians_after),
+    )
 
 
 def _scene(condition: Condition, key: PRNGKeyArray) -> GaussianScene:

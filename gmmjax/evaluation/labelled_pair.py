@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -25,6 +26,8 @@ class LabelledCloud:
         views: where the sensor stood; None: not known.
         not_counted: ids of changes that nobody can be asked to find, such as of objects that the other survey could not
             see.
+        things: per point the number of what it belongs to: a Gaussian, an object, a wall; negative for points that
+            belong to none. None: not known. Accuracy counts them.
     """
 
     points: Float[np.ndarray, "n 3"]
@@ -32,6 +35,7 @@ class LabelledCloud:
     unseen: Bool[np.ndarray, " n"] | None = None
     views: SensorViews | None = None
     not_counted: frozenset[int] = frozenset()
+    things: Int[np.ndarray, " n"] | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -125,7 +129,8 @@ def read_pair(folder: Path) -> LabelledPair:
     `before.*` and `after.*` are the clouds. `truth_before.npy` and `truth_after.npy` hold an integer for every row of
     them: -1 unchanged, else the id of the change. Where there are `unseen_before.npy` and `unseen_after.npy`, a bool
     for every row says whether the other survey could not see the place; where there are `views_before.json` and
-    `views_after.json` (or .npz), they say where the sensor stood.
+    `views_after.json` (or .npz), they say where the sensor stood. `not_counted_before.npy` and `not_counted_after.npy`
+    may hold the ids of changes that nobody can be asked to find there.
 
     Args:
         folder: of the pair.
@@ -160,22 +165,37 @@ def _read_cloud(folder: Path, side: str) -> LabelledCloud:
     unseen = _read_rows(unseen_file, cloud, file, "b") if unseen_file.is_file() else None
     views_files = [folder / f"views_{side}{ending}" for ending in VIEWS_ENDINGS]
     views = next((read_views(path) for path in views_files if path.is_file()), cloud.views)
-    return LabelledCloud(cloud.points, truth.astype(np.int64), unseen, views)
+    not_counted = _read_ids(folder / f"not_counted_{side}.npy")
+    return LabelledCloud(cloud.points, truth.astype(np.int64), unseen, views, not_counted)
+
+
+def _read_ids(path: Path) -> frozenset[int]:
+    """The ids of changes in a file; none where there is no file."""
+    if not path.is_file():
+        return frozenset()
+    ids = _load(path)
+    if not isinstance(ids, np.ndarray) or ids.ndim != 1 or ids.dtype.kind not in "iu":
+        raise InputError(f"{path}: must hold the ids of changes as whole numbers [C]; write it with numpy.save")
+    return frozenset(int(number) for number in ids)
 
 
 def _read_rows(path: Path, cloud: PointCloud, source: Path, kinds: str) -> np.ndarray:
     """One value for each point of the cloud; the file has one for each row of the cloud's file."""
-    try:
-        values = np.load(path, allow_pickle=False)
-    # NumPy raises many kinds of exception on damaged files.
-    except Exception as error:
-        raise InputError(f"{path}: is no array of numbers ({error}); write it with numpy.save") from error
+    values = _load(path)
     rows = len(cloud) + cloud.rows_dropped
     if not isinstance(values, np.ndarray) or values.shape != (rows,) or values.dtype.kind not in kinds:
         wanted = "whole numbers (-1 or the id of a change)" if "i" in kinds else "true or false"
         found = f"{values.dtype} {list(values.shape)}" if isinstance(values, np.ndarray) else "an archive"
         raise InputError(f"{path}: must hold {wanted} for each of the {rows} rows of {source.name}, not {found}")
     return values[cloud.rows]
+
+
+def _load(path: Path) -> Any:
+    try:
+        return np.load(path, allow_pickle=False)
+    # NumPy raises many kinds of exception on damaged files.
+    except Exception as error:
+        raise InputError(f"{path}: is no array of numbers ({error}); write it with numpy.save") from error
 
 
 def cloud_file(folder: Path, side: str) -> Path:

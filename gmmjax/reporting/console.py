@@ -5,6 +5,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,7 @@ from gmmjax.reporting.summary import HEADINGS, answer, change_rows, dropped_rows
 from gmmjax.scenes import GaussianScene
 
 if TYPE_CHECKING:
+    from gmmjax.surveys import Bag
     from gmmjax.tuning import TuningResult
 
 
@@ -81,7 +83,7 @@ def print_changes(changes: Changes, *, heading: str | None = None) -> None:
         console.print(escape(heading), style="dim", highlight=False, soft_wrap=True)
     console.print(answer(changes), style="bold", highlight=False)
     if changes.items:
-        _print_whole(_table(changes))
+        print_whole(_table(changes))
     unobserved = unobserved_text(changes)
     if unobserved is not None:
         console.print(unobserved, highlight=False)
@@ -114,21 +116,21 @@ def print_fit(fit: Fit, cloud: PointCloud) -> None:
     count = len(mixture.weights)
     console = Console()
     console.print(f"{count} Gaussian{'s' * (count != 1)}", style="bold", highlight=False)
-    table = _plain_table()
+    table = plain_table()
     for heading in ("Weight", "Mean (m)", "Standard deviations (m)"):
         table.add_column(heading, justify="right", no_wrap=True)
     for index in np.argsort(-mixture.weights):
         deviations = np.sqrt(np.linalg.eigvalsh(mixture.covariances[index])[::-1])
         means = ", ".join(f"{value:.3f}" for value in mixture.means[index])
         table.add_row(f"{mixture.weights[index]:.3f}", means, " × ".join(f"{value:.2g}" for value in deviations))
-    _print_whole(table)
+    print_whole(table)
     if cloud.rows_dropped:
         console.print(dropped_text("given", cloud.rows_dropped), highlight=False)
 
 
 def print_truth(scene: GaussianScene) -> None:
     """The true changes of a simulated scene in a table, on standard output."""
-    table = _plain_table()
+    table = plain_table()
     for heading, justify in (("Truth", "left"), ("Kind", "left"), ("Points", "right"), ("Centre (m)", "right")):
         table.add_column(heading, justify=justify, no_wrap=True)  # type: ignore[arg-type]
     sides = ((scene.before, scene.truth_before, "disappeared"), (scene.after, scene.truth_after, "appeared"))
@@ -139,7 +141,24 @@ def print_truth(scene: GaussianScene) -> None:
             table.add_row(str(number), f"● {kind}", f"{len(own):,}", centre)
     console = Console()
     console.print()
-    _print_whole(table)
+    print_whole(table)
+
+
+def print_topics(bag: "Bag") -> None:
+    """The topics of a bag in a table, on standard output: type, number of messages, rate and time."""
+    topics = bag.topics()
+    console = Console()
+    begun = f"{datetime.fromtimestamp(bag.start, UTC):%Y-%m-%d %H:%M:%S}" if topics else ""
+    length = f"{bag.end - bag.start:.1f} s from {bag.start:.3f} ({begun} UTC)" if topics else "no messages"
+    console.print(f"[bold]{escape(str(bag.path))}[/bold]  {length}", highlight=False, soft_wrap=True)
+    table = plain_table()
+    for heading in ("Topic", "Type", "Messages", "Hz", "From (s)", "To (s)"):
+        table.add_column(heading, justify="left" if heading in ("Topic", "Type") else "right", no_wrap=True)
+    for topic in topics:
+        times = ["" if time is None else f"+{time - bag.start:.3f}" for time in (topic.start, topic.end)]
+        rate = "" if topic.rate is None else f"{topic.rate:.4g}"
+        table.add_row(escape(topic.name), topic.type.replace("/msg/", "/"), f"{topic.count:,}", rate, *times)
+    print_whole(table)
 
 
 def print_evaluation(evaluation: Evaluation) -> None:
@@ -172,7 +191,7 @@ def print_tuning(result: "TuningResult", settings: Path, page: Path) -> None:
     verdict = "Tuned" if result.improved else "The settings stay as they were: no better ones were found"
     console.print(verdict, style="bold", highlight=False)
     console.print(f"{result.state.steps} steps: {STOPS[result.stopped]}", style="dim", highlight=False, soft_wrap=True)
-    table = _plain_table()
+    table = plain_table()
     for heading in ("", "Start", "Best"):
         table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
     for number, name in enumerate(result.parameters):
@@ -182,13 +201,16 @@ def print_tuning(result: "TuningResult", settings: Path, page: Path) -> None:
     if result.f1_before is not None and result.f1_after is not None:
         for label, own, tuned in zip(("segment F1", "point F1"), result.f1_before, result.f1_after, strict=True):
             table.add_row(f"{label} of detect, all pairs", f"{own:.3f}", f"{tuned:.3f}")
-    _print_whole(table)
+    print_whole(table)
     console.print(
         f"\nSettings in [bold]{escape(str(settings))}[/bold], the course in {escape(str(page))}", highlight=False
     )
-    console.print(
-        f"  [dim]gmmjax detect BEFORE AFTER --out DIR --config {escape(str(settings))}[/dim]", highlight=False
-    )
+    print_next_command(f"gmmjax detect BEFORE AFTER --out DIR --config {settings}")
+
+
+def print_next_command(command: str) -> None:
+    """What to type next."""
+    Console().print(f"  [dim]{escape(command)}[/dim]", highlight=False, soft_wrap=True)
 
 
 def print_tuning_json(result: "TuningResult") -> None:
@@ -214,7 +236,7 @@ def print_report_hint(report: Path) -> None:
 
 
 def _table(changes: Changes) -> Table:
-    table = _plain_table()
+    table = plain_table()
     for index, heading in enumerate(HEADINGS):
         # Ninety characters would not fit the usual terminal.
         table.add_column(
@@ -227,11 +249,12 @@ def _table(changes: Changes) -> Table:
     return table
 
 
-def _plain_table() -> Table:
+def plain_table() -> Table:
+    """A table without lines."""
     return Table(box=None, header_style="dim", padding=(0, 2, 0, 0), pad_edge=False)
 
 
-def _print_whole(table: Table) -> None:
+def print_whole(table: Table) -> None:
     """Prints a table as wide as it is: where the terminal is narrower its lines wrap, and no figure is cut off."""
     console = Console()
     natural = console.measure(table, options=console.options.update(max_width=10_000)).maximum

@@ -1,14 +1,13 @@
 """The report: one HTML file that needs nothing else, not even a network."""
 
-import json
 from collections.abc import Mapping, Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import PurePath
 from typing import Any
 
 from gmmjax.changes.change import Changes
 from gmmjax.clouds import PointCloud
+from gmmjax.reporting.page_parts import asset, script_json
 from gmmjax.reporting.palette import KIND_COLORS
 from gmmjax.reporting.scene_plot import drawn_points, scene_views
 from gmmjax.reporting.summary import HEADINGS, ChangeRow, answer, change_rows, dropped_rows, dropped_text, percent
@@ -41,7 +40,7 @@ def report_html(before: PointCloud, after: PointCloud, changes: Changes, title: 
 <meta http-equiv="Content-Security-Policy" content="{CONTENT_POLICY}">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{escape(title or f"{names[0]} → {names[1]}")} · gmmjax</title>
-<style>{_asset("report.css")}</style>
+<style>{asset("report.css")}</style>
 </head>
 <body>
 <main>
@@ -50,9 +49,9 @@ def report_html(before: PointCloud, after: PointCloud, changes: Changes, title: 
 {_table(changes)}
 {_details(changes)}
 </main>
-<script type="application/json" id="scene">{_json(scene_views(before, after, changes))}</script>
+<script type="application/json" id="scene">{script_json(scene_views(before, after, changes))}</script>
 <script>{get_plotlyjs()}</script>
-<script>{_asset("report.js")}</script>
+<script>{asset("report.js")}</script>
 </body>
 </html>
 """
@@ -163,12 +162,3 @@ def _readable(name: str) -> str:
 
 def _name(cloud: PointCloud, side: str) -> str:
     return PurePath(cloud.source).name if cloud.source else f"the {side} cloud"
-
-
-def _asset(name: str) -> str:
-    return files("gmmjax.reporting").joinpath("assets", name).read_text(encoding="utf-8")
-
-
-def _json(content: Any) -> str:
-    """JSON that cannot end the script element that it stands in."""
-    return json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")

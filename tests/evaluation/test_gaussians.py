@@ -32,6 +32,14 @@ def test_scenes_are_what_their_condition_says(family):
         assert pair.unchanged == (str(condition).startswith("(none)"))
 
 
+def test_the_things_of_a_cloud_are_its_gaussians():
+    pair = gaussian_sources([7])[-1].load()
+    for cloud in (pair.before, pair.after):
+        assert cloud.things is not None
+        for thing in np.unique(cloud.things):
+            assert len(np.unique(cloud.truth[cloud.things == thing])) == 1
+
+
 def test_a_scene_is_its_seed():
     first, again, other = (gaussian_sources([seed])[0].load() for seed in (3, 3, 4))
     np.testing.assert_array_equal(first.after.points, again.after.points)

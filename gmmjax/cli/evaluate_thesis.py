@@ -1,0 +1,67 @@
+"""`gmmjax evaluate thesis`."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from gmmjax.cli.compilation_cache import use_compilation_cache
+from gmmjax.cli.evaluation import DONE, FAILED
+from gmmjax.errors import InputError
+from gmmjax.evaluation.thesis import PARTS, PartName, Plan, run_chapter
+
+
+def command(arguments: Sequence[str]) -> Callable[..., int]:
+    """`evaluate_thesis`, whatever the arguments."""
+    del arguments
+    return evaluate_thesis
+
+
+def evaluate_thesis(
+    *,
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    parts: tuple[PartName, ...] = PARTS,
+    quick: bool = False,
+    first_seed: int = 0,
+    overwrite: bool = False,
+    quiet: bool = False,
+) -> int:
+    """Run chapter 4 of the thesis again: its figures and tables as a page, beside its published numbers, and as CSV.
+
+    What is done is kept in the folder: after an interruption the same command goes on where it was, and with other
+    parts it adds them.
+
+    Args:
+        out: folder for index.html and the tables; is made where needed.
+        parts: "grid": figure 3.9, scores of the grid search; "clustering": figures 4.1 and 4.2; "filtering": figure
+            4.6, localised maps without and with the outlier filter; "gaussians": figure 4.9; "surveys": figures 4.10
+            and 4.12, frames and maps. Volumetric maps need the extra `open3d`.
+        quick: a small run, of a minute or two.
+        first_seed: of everything; the others follow on.
+        overwrite: begin anew in a folder with an earlier run.
+        quiet: print nothing but errors.
+    """
+    from gmmjax.reporting import console
+    from gmmjax.reporting.thesis_console import print_thesis
+    from gmmjax.reporting.thesis_files import open_folder, write_results
+
+    if first_seed < 0:
+        raise InputError(f"--first-seed {first_seed} must be at least 0")
+    if not parts:
+        raise InputError("--parts is empty; leave it out for all parts")
+    plan = Plan.quick(first_seed) if quick else Plan(first_seed)
+    journal = open_folder(out, plan, overwrite=overwrite)
+    use_compilation_cache()
+    try:
+        with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
+            results = run_chapter(plan, parts, journal, progress=progress)
+            progress("Writing the page", 1.0)
+            write_results(out, results)
+    except KeyboardInterrupt:
+        console.print_note(f"{len(journal)} results are kept in {out}; the same command goes on where it was")
+        raise
+    if not quiet:
+        print_thesis(results, out)
+    console.print_failures(results.failures)
+    return FAILED if results.failures else DONE

@@ -1,0 +1,78 @@
+"""The results of finished units, one line each, kept while the work goes on."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from gmmjax.errors import InputError
+from gmmjax.evaluation.thesis.records import Unit
+
+
+class Journal:
+    """A file of JSON lines: each has the key of a unit and its result.
+
+    A unit is added as soon as it is done, and reaches the disk. When the work is interrupted while a line is written,
+    that line alone is lost.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Reads what is there.
+
+        Args:
+            path: of the file; it need not be there yet.
+
+        Raises:
+            InputError: a line before the last one is damaged, or the file cannot be read.
+        """
+        self._path = path
+        self._results: dict[str, dict[str, Any]] = {}
+        if not path.exists():
+            return
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror}); --overwrite begins anew") from error
+        *lines, unfinished = content.split(b"\n")
+        for number, line in enumerate(lines, start=1):
+            self._read(line, number)
+        if unfinished:
+            os.truncate(path, len(content) - len(unfinished))
+
+    def __len__(self) -> int:
+        return len(self._results)
+
+    def __contains__(self, unit: Unit) -> bool:
+        return unit.key in self._results
+
+    def result(self, unit: Unit) -> dict[str, Any]:
+        """The result of a unit that is done."""
+        return self._results[unit.key]
+
+    def add(self, unit: Unit, result: dict[str, Any]) -> None:
+        """Keeps the result of a unit.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        line = json.dumps({"key": unit.key, "result": result}, allow_nan=False) + "\n"
+        try:
+            with self._path.open("ab") as file:
+                file.write(line.encode())
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise InputError(
+                f"{self._path}: cannot be written ({error.strerror}); free some space, and the same command goes on"
+            ) from error
+        # As it will be read: tuples are lists.
+        self._results[unit.key] = json.loads(line)["result"]
+
+    def _read(self, line: bytes, number: int) -> None:
+        try:
+            entry = json.loads(line)
+            self._results[entry["key"]] = entry["result"]
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                f"{self._path}: line {number} is damaged; take it out, or begin anew with --overwrite"
+            ) from error
