@@ -47,7 +47,7 @@ class Options:
         map: lay the frames together: localised concatenates them, volumetric fuses them to a surface. Beside the map,
             NAME_views.json says where the sensor stood, for detect.
         crop: box that a map is cropped to, by its lower and its upper corner.
-        refine: move the frames of a localised map a little so that they fit together.
+        refine: move the frames of a map a little so that they fit together.
         voxel_size: of a volumetric map, metres.
         max_range: points of a map further than this from the sensor are left out, metres.
         intrinsics: of a depth image: JSON with fx, fy, cx, cy, width and height in pixels.
@@ -186,12 +186,15 @@ def _write(bag: "Bag", out: Path, options: Options, progress: Progress) -> dict[
         frame = bag.frame_at(topic, time, options.tolerance)
         return _write_frame(frame, trajectory, out, options)
     every = 1 if options.every is None else options.every
-    frames = bag.frames(topic, every=every, rate=options.rate, start=start, end=end)
-    shown = _with_progress(frames, bag.start if start is None else start, bag.end if end is None else end, progress)
+
+    def frames() -> Iterable["Frame"]:
+        wanted = bag.frames(topic, every=every, rate=options.rate, start=start, end=end)
+        return _with_progress(wanted, bag.start if start is None else start, bag.end if end is None else end, progress)
+
     if options.map is not None:
         assert trajectory is not None
-        return _write_map(shown, trajectory, out, options)
-    return _write_frames(shown, trajectory, out, options)
+        return _write_map(frames, trajectory, out, options)
+    return _write_frames(frames(), trajectory, out, options)
 
 
 def _write_frame(frame: "Frame", trajectory: "Trajectory | None", out: Path, options: Options) -> dict[str, str]:
@@ -228,26 +231,55 @@ def _placed(frames: Iterable["Frame"], trajectory: "Trajectory", options: Option
     return PlacedFrames(frames, trajectory, max_gap=options.max_gap)
 
 
-def _write_map(frames: Iterable["Frame"], trajectory: "Trajectory", out: Path, options: Options) -> dict[str, str]:
+def _write_map(
+    frames: Callable[[], Iterable["Frame"]], trajectory: "Trajectory", out: Path, options: Options
+) -> dict[str, str]:
     from gmmjax.clouds import write_ply, write_views
-    from gmmjax.surveys import localised_map, volumetric_map
 
-    bounds = None if options.crop is None else np.array(options.crop).reshape(2, 3)
-    max_gap, max_range = options.max_gap, options.max_range
-    laid: LocalisedMap | VolumetricMap
-    if options.map == "localised":
-        laid = localised_map(
-            frames, trajectory, bounds=bounds, refine=options.refine, max_gap=max_gap, max_range=max_range
-        )
-    else:
-        laid = volumetric_map(
-            frames, trajectory, bounds=bounds, voxel_size=options.voxel_size, max_gap=max_gap, max_range=max_range
-        )
+    laid = (_localised if options.map == "localised" else _volumetric)(frames, trajectory, options)
     views = _views_of(out)
     write_views(views, laid.views)
     write_ply(out, laid.points)
     counted = _counted(laid.frames_used, laid.frames_skipped)
     return {out.name: f"{len(laid.points):,} points of {counted}", views.name: "where the sensor stood, for detect"}
+
+
+def _localised(
+    frames: Callable[[], Iterable["Frame"]], trajectory: "Trajectory", options: Options
+) -> "LocalisedMap | VolumetricMap":
+    from gmmjax.surveys import localised_map
+
+    return localised_map(
+        frames(),
+        trajectory,
+        bounds=_bounds(options),
+        refine=options.refine,
+        max_gap=options.max_gap,
+        max_range=options.max_range,
+    )
+
+
+def _volumetric(
+    frames: Callable[[], Iterable["Frame"]], trajectory: "Trajectory", options: Options
+) -> "LocalisedMap | VolumetricMap":
+    from gmmjax.surveys import Trajectory, volumetric_map
+
+    if options.refine:
+        laid = _localised(frames, trajectory, options)
+        trajectory = Trajectory.of_samples(laid.times, laid.poses)
+    return volumetric_map(
+        frames(),
+        trajectory,
+        bounds=_bounds(options),
+        voxel_size=options.voxel_size,
+        # Refined poses are those of the frames themselves.
+        max_gap=0.0 if options.refine else options.max_gap,
+        max_range=options.max_range,
+    )
+
+
+def _bounds(options: Options) -> np.ndarray | None:
+    return None if options.crop is None else np.array(options.crop).reshape(2, 3)
 
 
 def _views_of(out: Path) -> Path:

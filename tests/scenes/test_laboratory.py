@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 from gmmjax import InputError
 from gmmjax.clouds import SensorViews
-from gmmjax.scenes import laboratory, laboratory_scene
+from gmmjax.scenes import laboratory_scene, visibility
 
 CHANGES = dict(appeared=1, disappeared=1, moved=1)
 
@@ -208,7 +208,7 @@ def test_changes_with_too_few_points_are_not_counted(room, monkeypatch):
              (("before", room.truth_before), ("after", room.truth_after)) for change in set(truth) - {-1}}  # fmt: skip
     assert not room.uncounted_before and not room.uncounted_after
     least = sorted(sizes.values())[2]
-    monkeypatch.setattr(laboratory, "LEAST_POINTS", int(least))
+    monkeypatch.setattr(visibility, "LEAST_POINTS", int(least))
     scene = laboratory_scene(jax.random.key(0), **CHANGES)
     few = {place for place, size in sizes.items() if size < least}
     assert few == {("before", n) for n in scene.uncounted_before} | {("after", n) for n in scene.uncounted_after}
@@ -216,7 +216,7 @@ def test_changes_with_too_few_points_are_not_counted(room, monkeypatch):
 
 def test_changes_that_the_other_survey_could_not_see_are_not_counted(monkeypatch):
     # Everything within 10 m in front of what a ray first meets counts as hidden.
-    monkeypatch.setattr(laboratory, "HIDDEN_BY", -10.0)
+    monkeypatch.setattr(visibility, "HIDDEN_BY", -10.0)
     scene = laboratory_scene(jax.random.key(2), **CHANGES, survey="frame")
     assert scene.unseen_before.all() and scene.unseen_after.all()
     assert scene.uncounted_before == {0, 2} and scene.uncounted_after == {1, 2}
