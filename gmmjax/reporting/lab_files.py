@@ -12,12 +12,14 @@ import numpy as np
 from jaxtyping import Int
 
 from gmmjax.clouds import atomic_write, write_pcd, write_ply, write_views
+from gmmjax.clouds.mesh import load_open3d
 from gmmjax.reporting.lab_page import lab_page
 from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder
 from gmmjax.scenes.granite_lab import PRESETS, THINGS, Preset, RunName, laboratory
 from gmmjax.scenes.lab_pair import CloudKind, LabCloud, LabPair, compared, lab_cloud, lab_frames
 from gmmjax.scenes.robot_survey import FRAMES, Pattern, Recording, recorded_run
 from gmmjax.surveys import Frame, write_bag, write_intrinsics
+from gmmjax.surveys.bags import load_rosbags
 
 SCHEMA_VERSION = 1
 LAB_FILE = "lab.json"
@@ -75,6 +77,10 @@ def write_lab(
     Raises:
         InputError: a folder that cannot be written, volumetric maps without Open3D, or bags without rosbags.
     """
+    if bag != "none":
+        load_rosbags("the surveys' bags")
+    if "volumetric" in kinds:
+        load_open3d("volumetric maps")
     pairs = [pair for name in dict.fromkeys(runs) for pair in PRESETS[name]]
     surveys = {_survey_name(*survey): survey for pair in pairs for survey in _surveys(pair)}
     steps = len(surveys) + len(pairs) * len(kinds)
@@ -159,7 +165,13 @@ def _write_recording(home: Path, recording: Recording, bag: BagFormat) -> None:
     _write_npz(home / "things.npz", frames=np.stack(labels))
     write_intrinsics(home / "intrinsics.json", recording.camera.intrinsics())
     if bag != "none":
-        write_bag(home / BAG_FILES[bag], recording.frames, recording.localised, sensor_on_body=recording.sensor_on_body)
+        write_bag(
+            home / BAG_FILES[bag],
+            recording.frames,
+            recording.localised,
+            sensor_on_body=recording.sensor_on_body,
+            other_poses={ADJUSTED_TOPIC: recording.adjusted},
+        )
 
 
 def _by_pixel(frame: Frame, labels: Int[np.ndarray, " n"]) -> Int[np.ndarray, "h w"]:

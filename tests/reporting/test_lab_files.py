@@ -66,6 +66,8 @@ def test_a_run_has_what_the_robot_recorded(lab):
         for frame, recorded in zip(bag.frames(), recording.frames, strict=True):
             np.testing.assert_array_equal(frame.cloud.points, recorded.cloud.points)
             assert frame.time == pytest.approx(recorded.time, abs=1e-6)
+        for topic, trajectory in (("/loc/ground_truth", recording.localised), ("/loc/adjusted", recording.adjusted)):
+            np.testing.assert_allclose(bag.trajectory(topic).poses, trajectory.poses, atol=1e-9)
     np.testing.assert_array_equal(
         read_cloud(home / "localised.ply").points,
         read_cloud(lab[0] / "localised-bag-stacked" / "after.ply").points,
