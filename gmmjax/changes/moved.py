@@ -10,13 +10,16 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.agreement import Agreement, agreement
 from gmmjax.changes.change import Change
-from gmmjax.changes.rigid_match import rigid_matches, settled_match
+from gmmjax.changes.rigid_match import matches_about, rigid_matches, settled_match
+from gmmjax.changes.standing import Ground, grounds, standing_motions, stays_standing
 from gmmjax.clouds.local_surface import LocalSurface, evenly_chosen
 
 # Points of a change that are held against another change.
 MOST_POINTS = 4000
 # Motions that are judged by few points, and how many of them are settled and judged by more.
 MOTIONS, FEW_TESTED = 10, 200
+# Of those that keep an object standing more, since partly seen sides fit each other in many turns.
+STANDING_MOTIONS = 30
 BEST, TESTED = 2, 800
 # Where the best motion leaves more of the points contradicted, nothing more is tried.
 HOPELESS = 0.3
@@ -27,6 +30,11 @@ UNCOVERED = 0.02
 # One object: both misfits together are at most this, and at least so much of either lies on the other one.
 MOST_MISFIT = 0.07
 LEAST_COVERED = 0.45
+# The same where it is known what both stand on: that the heights agree speaks for one object, too.
+MOST_MISFIT_STANDING = 0.12
+LEAST_COVERED_STANDING = 0.3
+# Heights agree up to so many of the noises.
+SAME_HEIGHT = 3.0
 # Objects whose longest extents or point counts differ by more than this factor are not tried.
 MOST_EXTENT_RATIO = 1.4
 MOST_COUNT_RATIO = 4.0
@@ -39,18 +47,26 @@ class Match(NamedTuple):
         transform: rigid motion [4, 4] from the first to the second.
         there: how the first one fits the second.
         back: how the second one fits the first.
+        standing: whether it brings what the first one stood on onto what the second one stands on.
     """
 
     transform: Float[np.ndarray, "4 4"]
     there: Agreement
     back: Agreement
+    standing: bool = False
 
     @property
     def misfit(self) -> float:
         """What speaks against one object, of both; infinite where too little is covered to tell."""
-        if min(self.there.covered, self.back.covered) < LEAST_COVERED:
+        least = LEAST_COVERED_STANDING if self.standing else LEAST_COVERED
+        if min(self.there.covered, self.back.covered) < least:
             return float("inf")
         return sum(side.contradicted + UNCOVERED * (1 - side.covered) for side in (self.there, self.back))
+
+    @property
+    def one_object(self) -> bool:
+        """Whether the two are one object."""
+        return self.misfit <= (MOST_MISFIT_STANDING if self.standing else MOST_MISFIT)
 
     @property
     def merit(self) -> float:
@@ -84,10 +100,15 @@ def with_moved(
         return items
     of_gone = {i: _part(before, labels_before == i) for i in gone}
     of_new = {j: _part(after, labels_after == j) for j in new}
-    pairs = [(i, j) for i in gone for j in new if _alike(items[i], items[j])]
-    matches = {(i, j): best_match(of_gone[i], of_new[j], before, after, noise) for i, j in pairs}
+    background = np.concatenate([before.points[labels_before < 0], after.points[labels_after < 0]])
+    ground = dict(zip([*gone, *new], grounds([*of_gone.values(), *of_new.values()], background, noise), strict=True))
+    matches: dict[tuple[int, int], Match] = {}
+    for i, j in ((i, j) for i in gone for j in new if _alike(items[i], items[j])):
+        match = best_match(of_gone[i], of_new[j], before, after, noise, (ground[i], ground[j]))
+        if match is not None and match.one_object:
+            matches[i, j] = match
     moved = list(items)
-    for i, j in _partners({pair: match.misfit for pair, match in matches.items() if match.misfit <= MOST_MISFIT}):
+    for i, j in _partners({pair: match.misfit for pair, match in matches.items()}):
         transform = matches[i, j].transform
         moved[i] = dataclasses.replace(items[i], kind="moved", partner=j, transform=transform)
         moved[j] = dataclasses.replace(items[j], kind="moved", partner=i, transform=transform)
@@ -113,8 +134,19 @@ def _alike(gone: Change, new: Change) -> bool:
     return bool(extents.max() <= MOST_EXTENT_RATIO * extents.min() and counts.max() <= MOST_COUNT_RATIO * counts.min())
 
 
-def best_match(gone: LocalSurface, new: LocalSurface, before: LocalSurface, after: LocalSurface, noise: float) -> Match:
+def best_match(
+    gone: LocalSurface,
+    new: LocalSurface,
+    before: LocalSurface,
+    after: LocalSurface,
+    noise: float,
+    stood_on: tuple[Ground | None, Ground | None] = (None, None),
+) -> Match | None:
     """The motion that lays what is gone best onto what is new.
+
+    Where it is known what both stand on, only motions that keep the object standing are tried: things are put down on
+    the side that they stood on, and two different boxes can often be laid onto each other when one may be tilted or
+    sunk into the floor.
 
     Args:
         gone: a part of the before cloud.
@@ -122,15 +154,27 @@ def best_match(gone: LocalSurface, new: LocalSurface, before: LocalSurface, afte
         before: the before cloud.
         after: the after cloud, aligned to it.
         noise: of `with_moved`.
+        stood_on: what either stands on, where that is known.
+
+    Returns:
+        The match; None where no motion keeps the object standing.
     """
-    motions = rigid_matches(gone, new, noise, MOTIONS)
+    first, second = stood_on
+    if first is None or second is None:
+        motions, standing = rigid_matches(gone, new, noise, MOTIONS), False
+    else:
+        middle, reach = new.points.mean(axis=0), SAME_HEIGHT * noise
+        found = matches_about(gone, new, standing_motions(gone, new, first, second), noise, STANDING_MOTIONS)
+        motions, standing = [m for m in found if stays_standing(m, first, second, middle, reach)], True
+    if not motions:
+        return None
     matches = [_match(gone, new, motion, before, after, noise, FEW_TESTED) for motion in motions]
     matches.sort(key=lambda match: match.merit, reverse=True)
     if min(matches[0].there.contradicted, matches[0].back.contradicted) > HOPELESS:
         return matches[0]
     settled = [settled_match(gone, new, match.transform, noise) for match in matches[:BEST]]
     judged = [_match(gone, new, motion, before, after, noise, TESTED) for motion in settled]
-    return max(judged, key=lambda match: match.merit)
+    return max(judged, key=lambda match: match.merit)._replace(standing=standing)
 
 
 def _match(

@@ -1,5 +1,6 @@
 """Rigid motions that may lay one scanned object onto another: closest points from many turns, then settled."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,10 +18,10 @@ COARSE_STEPS, FINE_STEPS = 12, 12
 FEWEST = 6
 # Starts: turns about each axis of the frame by so many steps of a full turn.
 TURNS = 12
+# How far the closest points may be at first, by the size of the object: anywhere, or where the motion is roughly known.
+ANYWHERE, ABOUT = 1.0, 0.3
 # In standard deviations of the offsets.
 FIRST_REACH, LAST_REACH = 16.0, 3.0
-
-
 # The best are settled once more, on more points.
 LAST_SAMPLE, LAST_FIRST_REACH, LAST_STEPS = 2000, 4.0, 10
 
@@ -46,12 +47,23 @@ def rigid_matches(
     """
     to_origin, back = np.eye(4), np.eye(4)
     to_origin[:3, 3], back[:3, 3] = -source.points.mean(axis=0), target.points.mean(axis=0)
-    few = [surface.points[evenly_chosen(len(surface), COARSE_SAMPLE)] for surface in (source, target)]
-    starts = _starts(moved_points(few[0], to_origin), few[1] - back[:3, 3])
-    means, reaches = source.means(evenly_chosen(len(source), FINE_SAMPLE)), (FIRST_REACH * noise, LAST_REACH * noise)
-    return [
-        settled(means, target, back @ start.transform @ to_origin, *reaches, FINE_STEPS) for start in starts[:count]
-    ]
+    turns = [np.block([[turn, np.zeros((3, 1))], [np.zeros((1, 3)), 1.0]]) for turn in _turns()]
+    return _promising(source, target, [back @ turn @ to_origin for turn in turns], ANYWHERE, noise, count)
+
+
+def matches_about(
+    source: LocalSurface, target: LocalSurface, motions: Sequence[Float[np.ndarray, "4 4"]], noise: float, count: int
+) -> list[Float[np.ndarray, "4 4"]]:
+    """As `rigid_matches`, but only motions about those given.
+
+    Args:
+        source: the first object.
+        target: the second.
+        motions: where to start.
+        noise: of `rigid_matches`.
+        count: of motions.
+    """
+    return _promising(source, target, motions, ABOUT, noise, count)
 
 
 def settled_match(
@@ -62,21 +74,30 @@ def settled_match(
     return settled(means, target, motion, LAST_FIRST_REACH * noise, LAST_REACH * noise, LAST_STEPS)
 
 
-def _starts(source: np.ndarray, target: np.ndarray) -> list[_Start]:
-    """Closest points from all turns, those first that bring either set nearest to the other."""
-    trees = cKDTree(source), cKDTree(target)
+def _promising(
+    source: LocalSurface,
+    target: LocalSurface,
+    motions: Sequence[np.ndarray],
+    first_reach: float,
+    noise: float,
+    count: int,
+) -> list[Float[np.ndarray, "4 4"]]:
+    """Closest points from all motions; those that bring either object nearest to the other, settled."""
+    few = [surface.points[evenly_chosen(len(surface), COARSE_SAMPLE)] for surface in (source, target)]
+    trees = cKDTree(few[0]), cKDTree(few[1])
     reach = 2 * max(float(np.median(nearest_neighbours(tree, tree.data, 2)[0][:, -1])) for tree in trees)
-    size = float(np.sqrt((target**2).sum(axis=1).mean()))
-    starts = [_closest_points(source, target, trees[1], turn, reach, size) for turn in _turns()]
-    return sorted(starts, key=lambda start: start.distance)
+    size = first_reach * float(np.sqrt(((few[1] - few[1].mean(axis=0)) ** 2).sum(axis=1).mean()))
+    starts = [_closest_points(few[0], few[1], trees[1], motion, reach, size) for motion in motions]
+    starts.sort(key=lambda start: start.distance)
+    means, reaches = source.means(evenly_chosen(len(source), FINE_SAMPLE)), (FIRST_REACH * noise, LAST_REACH * noise)
+    return [settled(means, target, start.transform, *reaches, FINE_STEPS) for start in starts[:count]]
 
 
 def _closest_points(
-    source: np.ndarray, target: np.ndarray, tree: cKDTree, turn: np.ndarray, reach: float, size: float
+    source: np.ndarray, target: np.ndarray, tree: cKDTree, motion: np.ndarray, reach: float, size: float
 ) -> _Start:
-    """Closest points, kept where they are within a reach that shrinks from the object's size to the points' spacing."""
-    transform = np.eye(4)
-    transform[:3, :3] = turn
+    """Closest points, kept where they are within a reach that shrinks from the given size to the points' spacing."""
+    transform = motion
     for step in range(COARSE_STEPS):
         placed = moved_points(source, transform)
         distances, nearest = tree.query(placed, distance_upper_bound=max(reach, size * 0.5 ** (step / 2)))

@@ -46,6 +46,16 @@ def test_what_else_is_known_is_read_too(folder):
     np.testing.assert_array_equal(read.after.views.poses, views.poses)
 
 
+def test_changes_that_nobody_can_be_asked_to_find(folder):
+    pair = folder / "table"
+    np.save(pair / "not_counted_before.npy", np.array([3]))
+    assert read_pair(pair).before.not_counted == {3}
+    assert read_pair(pair).after.not_counted == frozenset()
+    np.save(pair / "not_counted_before.npy", np.array([0.5]))
+    with pytest.raises(InputError, match=r"not_counted_before.npy: must hold the ids of changes as whole numbers"):
+        read_pair(pair)
+
+
 def test_the_sensor_can_be_put_at_the_origin(folder):
     pair = at_origin(read_pair(folder / "table"))
     np.testing.assert_array_equal(pair.before.views.poses, np.eye(4)[None])
