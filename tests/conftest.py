@@ -6,8 +6,14 @@ with install_import_hook("gmmjax", "beartype.beartype"):
     import gmmjax
     import gmmjax.cli
     import gmmjax.evaluation
+    import gmmjax.evaluation.surveys
+    import gmmjax.evaluation.thesis
     import gmmjax.reporting
+    import gmmjax.reporting.frame_files
+    import gmmjax.reporting.lab_files
+    import gmmjax.reporting.thesis_files
     import gmmjax.scenes
+    import gmmjax.surveys
     import gmmjax.tuning  # noqa: F401
 
 import os
@@ -17,6 +23,7 @@ from types import ModuleType
 
 import hypothesis
 import jax
+import jaxtyping
 import pytest
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -52,3 +59,11 @@ def open3d() -> ModuleType:
         except (ImportError, OSError) as error:
             pytest.skip(f"Open3D does not load: {error}")
     return open3d
+
+
+@pytest.fixture
+def as_users():
+    """Without the check of types, which would refuse a wrong word before gmmjax sees it."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)

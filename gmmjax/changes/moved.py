@@ -31,7 +31,7 @@ UNCOVERED = 0.02
 MOST_MISFIT = 0.07
 LEAST_COVERED = 0.45
 # The same where it is known what both stand on: that the heights agree speaks for one object, too.
-MOST_MISFIT_STANDING = 0.12
+MOST_MISFIT_STANDING = 0.105
 LEAST_COVERED_STANDING = 0.3
 # Heights agree up to so many of the noises.
 SAME_HEIGHT = 3.0

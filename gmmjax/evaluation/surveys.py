@@ -9,7 +9,7 @@ from gmmjax.clouds.mesh import load_open3d
 from gmmjax.errors import check_choice
 from gmmjax.evaluation.labelled_pair import LabelledCloud, LabelledPair, PairSource
 from gmmjax.scenes.granite_lab import PRESETS, RunName
-from gmmjax.scenes.lab_pair import KINDS, CloudKind, LabCloud, lab_pair
+from gmmjax.scenes.lab_clouds import KINDS, CloudKind, LabCloud, lab_pair
 
 # Objects come, or go; both at once is a matter of other tables.
 ONE_KIND = [runs for runs in PRESETS["thesis"] if "run5" in runs]

@@ -171,7 +171,7 @@ def _compact(points: Float64[np.ndarray, "n 3"]) -> np.ndarray:
     return single if np.abs(single - points).max(initial=0) <= FLOAT32_ERROR else points
 
 
-def _by_pixel(frame: Frame, values: np.ndarray, empty: float) -> np.ndarray:
+def _by_pixel(frame: Frame, values: np.ndarray, empty: float | int) -> np.ndarray:
     """Values of the points in the order of an ordered frame's pixels."""
     assert frame.width is not None and frame.height is not None
     image = np.full((frame.height * frame.width, *values.shape[1:]), empty, values.dtype)

@@ -16,7 +16,7 @@ from gmmjax.clouds.mesh import load_open3d
 from gmmjax.reporting.lab_page import lab_page
 from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder
 from gmmjax.scenes.granite_lab import PRESETS, THINGS, Preset, RunName, laboratory
-from gmmjax.scenes.lab_pair import CloudKind, LabCloud, LabPair, compared, lab_cloud, lab_frames
+from gmmjax.scenes.lab_clouds import CloudKind, LabCloud, LabPair, compared, lab_cloud, lab_frames
 from gmmjax.scenes.robot_survey import FRAMES, Pattern, Recording, recorded_run
 from gmmjax.surveys import Frame, write_bag, write_intrinsics
 from gmmjax.surveys.bags import load_rosbags

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.scenes.granite_lab import BAG, BOARD, GEAR_BOX, PANEL, ROBOT, Laboratory
-from gmmjax.scenes.lab_pair import CloudKind, LabCloud, LabPair
+from gmmjax.scenes.lab_clouds import CloudKind, LabCloud, LabPair
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -233,5 +233,5 @@ def _random_objects(seed: int, later: bool) -> dict[str, StandingObject]:
     return placed[later]
 
 
-def _box(centre: Sequence[float], extent: Sequence[float]) -> Solid:
+def _box(centre: Sequence[float | int], extent: Sequence[float | int]) -> Solid:
     return Solid(np.array(centre, float), np.array(extent, float), label=UNLABELLED)

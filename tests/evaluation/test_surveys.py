@@ -40,6 +40,6 @@ def test_volumetric_maps_need_open3d(monkeypatch):
         survey_sources([0], "volumetric")
 
 
-def test_an_unknown_kind_is_named():
+def test_an_unknown_kind_is_named(as_users):
     with pytest.raises(InputError, match="kind='mesh' is unknown"):
         survey_sources([0], "mesh")

@@ -22,7 +22,11 @@ from gmmjax.reporting.thesis_charts import condition_chart, found_chart, score_c
 from gmmjax.reporting.thesis_page import thesis_html
 from gmmjax.reporting.thesis_text import SAID
 
-COUNTS = {"all": dataclasses.asdict(Confusion(1, 1, 1, 0, 3)), "opposite": dataclasses.asdict(Confusion(0, 1, 0, 0, 3))}
+COUNTS = {
+    "all": dataclasses.asdict(Confusion(1, 1, 1, 0, 3)),
+    "overlap": dataclasses.asdict(Confusion(2, 0, 1, 0, 3)),
+    "opposite": dataclasses.asdict(Confusion(0, 1, 0, 0, 3)),
+}
 
 
 def mixture(count):

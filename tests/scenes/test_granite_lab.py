@@ -72,6 +72,6 @@ def test_something_changes_in_every_random_run():
     assert {kind for kind_of in kinds for kind in kind_of.values()} == {"appeared", "disappeared", "moved"}
 
 
-def test_an_unknown_run_is_named():
+def test_an_unknown_run_is_named(as_users):
     with pytest.raises(InputError, match=r"run='run6' is unknown; choose from run1, "):
         laboratory("run6", 0)

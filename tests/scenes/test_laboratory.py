@@ -1,5 +1,4 @@
 import jax
-import jaxtyping
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -239,11 +238,6 @@ def test_scenes_that_cannot_be_are_refused(arguments, message):
     ("arguments", "message"),
     [(dict(level="harder"), "level='harder' is unknown"), (dict(survey="walk"), "survey='walk' is unknown")],
 )
-def test_unknown_kinds_of_scenes_are_refused(arguments, message):
-    """As users meet it: without the tests' check of types, which would refuse the word first."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    try:
-        with pytest.raises(InputError, match=message):
-            laboratory_scene(jax.random.key(0), **arguments)
-    finally:
-        jaxtyping.config.update("jaxtyping_disable", False)
+def test_unknown_kinds_of_scenes_are_refused(arguments, message, as_users):
+    with pytest.raises(InputError, match=message):
+        laboratory_scene(jax.random.key(0), **arguments)

@@ -75,7 +75,7 @@ def test_a_panorama_looks_in_all_directions():
     assert np.abs(panorama.poses[:, :2, 3]).max() < 0.5
 
 
-def test_arguments_that_make_no_survey_are_named():
+def test_arguments_that_make_no_survey_are_named(as_users):
     with pytest.raises(InputError, match=r"frames=3 must be at least 4"):
         recorded_run("run5", 0, frames=3)
     with pytest.raises(InputError, match=r"pattern='zigzag' is unknown"):

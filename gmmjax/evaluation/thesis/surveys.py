@@ -23,7 +23,7 @@ from gmmjax.evaluation.thesis.measures import (
     published,
 )
 from gmmjax.evaluation.thesis.records import Cell, Headline, LastPair, Outcome, Plan, Table, Unit, Work
-from gmmjax.scenes.lab_pair import CloudKind
+from gmmjax.scenes.lab_clouds import CloudKind
 
 PART = "surveys"
 CLOUD_KINDS: Mapping[CloudKind, str] = {

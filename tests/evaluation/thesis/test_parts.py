@@ -141,15 +141,17 @@ def test_one_kind_and_both_kinds_of_change_are_summed_up():
 
 def test_surveys_stand_beside_the_numbers_of_the_thesis():
     opposite = dataclasses.asdict(Confusion(false_positives=1, true_negatives=3))
-    outcomes = [outcome("single frames", "published", opposite=opposite)]
+    overlap = dataclasses.asdict(Confusion(true_positives=1, found=1, missed=1))
+    outcomes = [outcome("single frames", "published", opposite=opposite, overlap=overlap)]
     measures, types = surveys.tables(outcomes)
     rows = {(row["data"], row["method"]): row for row in measures.rows}
     assert rows["single frames", "published"]["f1"] == 1 and rows["single frames", "thesis"]["f1"] == 0.7
+    assert rows["single frames", "published"]["f1_by_overlap"] == pytest.approx(2 / 3, abs=1e-4)
     assert ("volumetric maps", "published") not in rows and rows["volumetric maps", "thesis"]["precision"] == 0.81
     rows = {(row["data"], row["method"]): row["accuracy"] for row in types.rows}
     assert rows["single frames", "published"] == 0.75 and rows["localised maps", "thesis"] == 0.82
     lines = [(line.figure, line.here, line.thesis) for line in surveys.headlines(outcomes)]
-    assert lines == [("4.10", "1.00", "0.70"), ("4.12", "0.75", "0.94")]
+    assert lines == [("4.10", "1.00", "0.70"), ("4.10", "0.67", "0.70"), ("4.12", "0.75", "0.94")]
 
 
 @pytest.mark.parametrize("condition", ["appeared", "disappeared"])
@@ -165,6 +167,8 @@ def test_what_happened_and_what_did_not_are_counted_apart(condition, monkeypatch
     result = surveys._run(LastPair(), source, "joint")
     assert result["opposite"] == dataclasses.asdict(Confusion(false_positives=1, true_negatives=0))
     assert result["all"]["false_positives"] == 2
+    # The one that holds the change overlaps it.
+    assert result["overlap"]["found"] + result["overlap"]["missed"] == 1
 
 
 def test_the_filter_takes_stray_points_out_of_every_array():

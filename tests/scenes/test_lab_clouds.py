@@ -3,7 +3,7 @@ import pytest
 
 from gmmjax import InputError
 from gmmjax.scenes.granite_lab import THINGS, laboratory
-from gmmjax.scenes.lab_pair import compared, lab_cloud, lab_frames, lab_pair
+from gmmjax.scenes.lab_clouds import compared, lab_cloud, lab_frames, lab_pair
 from gmmjax.scenes.robot_survey import recorded_run
 from gmmjax.scenes.visibility import seen
 
@@ -85,7 +85,7 @@ def test_frames_back_are_the_frames_from_there():
     assert (pair.truth_after == -1).all() and (pair.truth_before >= 0).any()
 
 
-def test_an_unknown_kind_is_named():
+def test_an_unknown_kind_is_named(as_users):
     with pytest.raises(InputError, match=r"kind='mesh' is unknown; choose from frame, volumetric, localised"):
         lab_pair("mesh", ("run5", "run1"), 0)
 
