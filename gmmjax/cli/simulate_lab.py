@@ -73,7 +73,7 @@ def simulate_lab(
     if not quiet:
         files = {"index.html": "open it in a browser", **description, "lab.json": "what stood where, and what changed"}
         console.print_files(out, files)
-        console.print_next_command(f"gmmjax evaluate pairs {out}")
+        console.print_next_command(f"gmmjax evaluate pairs {out} --methods joint c2c")
         for line in missing:
             console.print_note(line)
     return 0
