@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from gmmjax.changes.agreement import Agreement, agreement
 from gmmjax.changes.change import Change
 from gmmjax.changes.rigid_match import matches_about, rigid_matches, settled_match
-from gmmjax.changes.standing import Ground, grounds, standing_motions, stays_standing
+from gmmjax.changes.standing import Ground, grounds, standing_motions, stays_standing, top_of
 from gmmjax.clouds.local_surface import LocalSurface, evenly_chosen
 
 # Points of a change that are held against another change.
@@ -19,20 +19,21 @@ MOST_POINTS = 4000
 # Motions that are judged by few points, and how many of them are settled and judged by more.
 MOTIONS, FEW_TESTED = 10, 200
 # Of those that keep an object standing more, since partly seen sides fit each other in many turns.
-STANDING_MOTIONS = 30
+STANDING_MOTIONS = 72
 BEST, TESTED = 2, 800
 # Where the best motion leaves more of the points contradicted, nothing more is tried.
 HOPELESS = 0.3
 # Of two motions a contradiction outweighs so many points that are covered, and half a turn so many of them.
-CONTRADICTION, HALF_TURN = 2.0, 0.05
+CONTRADICTION, HALF_TURN = 4.0, 0.05
 # Of two objects a point that is not covered counts this share of one that contradicts.
 UNCOVERED = 0.02
 # One object: both misfits together are at most this, and at least so much of either lies on the other one.
 MOST_MISFIT = 0.07
 LEAST_COVERED = 0.45
-# The same where it is known what both stand on: that the heights agree speaks for one object, too.
-MOST_MISFIT_STANDING = 0.105
-LEAST_COVERED_STANDING = 0.3
+# The same where it is known what both stand on, which is why less must be covered; and where their tops have the same
+# outline, too, which two objects hardly ever have.
+MOST_MISFIT_STANDING, LEAST_COVERED_STANDING = 0.06, 0.3
+MOST_MISFIT_SAME_TOP, LEAST_COVERED_SAME_TOP = 0.3, 0.2
 # Heights agree up to so many of the noises.
 SAME_HEIGHT = 3.0
 # Objects whose longest extents or point counts differ by more than this factor are not tried.
@@ -48,25 +49,35 @@ class Match(NamedTuple):
         there: how the first one fits the second.
         back: how the second one fits the first.
         standing: whether it brings what the first one stood on onto what the second one stands on.
+        same_top: whether both have a top of the same outline and height.
     """
 
     transform: Float[np.ndarray, "4 4"]
     there: Agreement
     back: Agreement
     standing: bool = False
+    same_top: bool = False
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Of one object: the largest misfit, and the least share that lies on the other one."""
+        if self.same_top:
+            return MOST_MISFIT_SAME_TOP, LEAST_COVERED_SAME_TOP
+        if self.standing:
+            return MOST_MISFIT_STANDING, LEAST_COVERED_STANDING
+        return MOST_MISFIT, LEAST_COVERED
 
     @property
     def misfit(self) -> float:
         """What speaks against one object, of both; infinite where too little is covered to tell."""
-        least = LEAST_COVERED_STANDING if self.standing else LEAST_COVERED
-        if min(self.there.covered, self.back.covered) < least:
+        if min(self.there.covered, self.back.covered) < self.limits[1]:
             return float("inf")
         return sum(side.contradicted + UNCOVERED * (1 - side.covered) for side in (self.there, self.back))
 
     @property
     def one_object(self) -> bool:
         """Whether the two are one object."""
-        return self.misfit <= (MOST_MISFIT_STANDING if self.standing else MOST_MISFIT)
+        return self.misfit <= self.limits[0]
 
     @property
     def merit(self) -> float:
@@ -174,7 +185,18 @@ def best_match(
         return matches[0]
     settled = [settled_match(gone, new, match.transform, noise) for match in matches[:BEST]]
     judged = [_match(gone, new, motion, before, after, noise, TESTED) for motion in settled]
-    return max(judged, key=lambda match: match.merit)._replace(standing=standing)
+    best = max(judged, key=lambda match: match.merit)
+    return best._replace(standing=standing, same_top=_same_top(gone, new, stood_on, noise))
+
+
+def _same_top(
+    gone: LocalSurface, new: LocalSurface, stood_on: tuple[Ground | None, Ground | None], noise: float
+) -> bool:
+    first, second = (
+        None if ground is None else top_of(part, ground, noise)
+        for part, ground in zip((gone, new), stood_on, strict=True)
+    )
+    return first is not None and second is not None and first.like(second, noise)
 
 
 def _match(

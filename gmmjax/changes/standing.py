@@ -23,6 +23,11 @@ FACING, HIGH, FEWEST_OF_TOP = 0.8, (0.6, 0.85), 20
 MOST_NORMALS = 2000
 # Turns about the upward direction that are tried.
 TURNS = 24
+# A top is as high as this share of the object's points, and so thick; outlines and heights of one object differ by no
+# more than this. Both in noises.
+TOP, LEVEL_OF_TOP, SAME_OUTLINE = 0.97, 10.0, 4.0
+# Directions in which an outline is measured, within a quarter turn, and the share of the points beyond either side.
+DIRECTIONS, BEYOND = 45, 0.015
 
 
 class Ground(NamedTuple):
@@ -46,6 +51,39 @@ class _Surroundings(NamedTuple):
 
     centres: Float64[np.ndarray, "k 3"]
     normals: Float64[np.ndarray, "k 3"]
+
+
+class Top(NamedTuple):
+    """The upper side of an object.
+
+    Attributes:
+        sides: of the least rectangle around it, the shorter first.
+        height: above the ground.
+    """
+
+    sides: Float64[np.ndarray, " 2"]
+    height: float
+
+    def like(self, other: "Top", noise: float) -> bool:
+        """Whether the other one has the same outline and height."""
+        reach = SAME_OUTLINE * noise
+        return bool(np.abs(self.sides - other.sides).max() < reach and abs(self.height - other.height) < reach)
+
+
+def top_of(part: LocalSurface, ground: Ground, noise: float) -> Top | None:
+    """The upper side of an object that stands on a ground; None where too little of it was seen."""
+    heights = ground.above(part.points)
+    height = float(np.quantile(heights, TOP))
+    own = (heights > height - LEVEL_OF_TOP * noise) & (np.abs(part.normals @ ground.up) > FACING)
+    if own.sum() < FEWEST_OF_TOP:
+        return None
+    # Two axes along the ground.
+    across = np.linalg.svd(ground.up[None])[2][1:]
+    places = part.points[own] @ across.T
+    angles = np.pi / 2 * np.arange(DIRECTIONS) / DIRECTIONS
+    axes = np.stack([np.cos(angles), np.sin(angles)]), np.stack([-np.sin(angles), np.cos(angles)])
+    sides = np.stack([np.ptp(np.quantile(places @ axis, [BEYOND, 1 - BEYOND], axis=0), axis=0) for axis in axes])
+    return Top(np.sort(sides[:, np.argmin(sides.prod(axis=0))]), height)
 
 
 def grounds(parts: Sequence[LocalSurface], background: Float64[np.ndarray, "n 3"], noise: float) -> list[Ground | None]:

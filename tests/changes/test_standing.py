@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.consensus import change_of
 from gmmjax.changes.moved import with_moved
-from gmmjax.changes.standing import grounds, standing_motions, stays_standing
+from gmmjax.changes.standing import Ground, grounds, standing_motions, stays_standing, top_of
 from gmmjax.clouds.local_surface import LocalSurface, moved_points
 from tests.changes.scanned_objects import box, motion, placed
 
@@ -93,6 +93,24 @@ def test_all_motions_that_are_tried_keep_it_standing(on_floor_and_shelf):
     for each in motions:
         assert stays_standing(each, first, second, objects[1].mean(axis=0), 1e-6)
         np.testing.assert_allclose(each[:3, :3] @ each[:3, :3].T, np.eye(3), atol=1e-12)
+
+
+def test_a_top_has_the_sides_and_the_height_of_the_object_however_it_is_turned():
+    tops = []
+    for seed, yaw in ((0, 0.0), (1, 0.6), (2, 2.5)):
+        part = LocalSurface.of(standing(seed, yaw=yaw))
+        tops.append(top_of(part, Ground(np.array([0.0, 0.0, 1.0]), 0.0), NOISE))
+    for top in tops:
+        np.testing.assert_allclose(top.sides, [0.28, 0.4], atol=0.02)
+        assert top.height == pytest.approx(0.22, abs=0.01)
+        assert top.like(tops[0], NOISE)
+    other = LocalSurface.of(standing(3, (0.4, 0.25, 0.22), yaw=1.0))
+    assert not top_of(other, Ground(np.array([0.0, 0.0, 1.0]), 0.0), NOISE).like(tops[0], NOISE)
+
+
+def test_what_shows_its_sides_alone_has_no_top():
+    part = LocalSurface.of(standing(0, faces=(0, 1, 3)))
+    assert top_of(part, Ground(np.array([0.0, 0.0, 1.0]), 0.0), NOISE) is None
 
 
 def kinds(gone, new, floors):
