@@ -19,7 +19,7 @@ MOST_POINTS = 4000
 # Motions that are judged by few points, and how many of them are settled and judged by more.
 MOTIONS, FEW_TESTED = 10, 200
 # Of those that keep an object standing more, since partly seen sides fit each other in many turns.
-STANDING_MOTIONS = 72
+STANDING_MOTIONS = 24
 BEST, TESTED = 2, 800
 # Where the best motion leaves more of the points contradicted, nothing more is tried.
 HOPELESS = 0.3
@@ -30,12 +30,12 @@ UNCOVERED = 0.02
 # One object: both misfits together are at most this, and at least so much of either lies on the other one.
 MOST_MISFIT = 0.07
 LEAST_COVERED = 0.45
-# The same where it is known what both stand on, which is why less must be covered; and where their tops have the same
-# outline, too, which two objects hardly ever have.
-MOST_MISFIT_STANDING, LEAST_COVERED_STANDING = 0.06, 0.3
+# Less need be covered where it is known what both stand on; and more may speak against them where their tops have the
+# same outline, too, which two objects hardly ever have.
+LEAST_COVERED_STANDING = 0.3
 MOST_MISFIT_SAME_TOP, LEAST_COVERED_SAME_TOP = 0.3, 0.2
-# Heights agree up to so many of the noises.
-SAME_HEIGHT = 3.0
+# Grounds agree up to so many of the noises; objects whose tops differ in height by more are not tried.
+SAME_HEIGHT, OTHER_HEIGHT = 3.0, 8.0
 # Objects whose longest extents or point counts differ by more than this factor are not tried.
 MOST_EXTENT_RATIO = 1.4
 MOST_COUNT_RATIO = 4.0
@@ -64,7 +64,7 @@ class Match(NamedTuple):
         if self.same_top:
             return MOST_MISFIT_SAME_TOP, LEAST_COVERED_SAME_TOP
         if self.standing:
-            return MOST_MISFIT_STANDING, LEAST_COVERED_STANDING
+            return MOST_MISFIT, LEAST_COVERED_STANDING
         return MOST_MISFIT, LEAST_COVERED
 
     @property
@@ -170,13 +170,7 @@ def best_match(
     Returns:
         The match; None where no motion keeps the object standing.
     """
-    first, second = stood_on
-    if first is None or second is None:
-        motions, standing = rigid_matches(gone, new, noise, MOTIONS), False
-    else:
-        middle, reach = new.points.mean(axis=0), SAME_HEIGHT * noise
-        found = matches_about(gone, new, standing_motions(gone, new, first, second), noise, STANDING_MOTIONS)
-        motions, standing = [m for m in found if stays_standing(m, first, second, middle, reach)], True
+    motions, standing, same_top = _motions(gone, new, noise, stood_on)
     if not motions:
         return None
     matches = [_match(gone, new, motion, before, after, noise, FEW_TESTED) for motion in motions]
@@ -186,17 +180,25 @@ def best_match(
     settled = [settled_match(gone, new, match.transform, noise) for match in matches[:BEST]]
     judged = [_match(gone, new, motion, before, after, noise, TESTED) for motion in settled]
     best = max(judged, key=lambda match: match.merit)
-    return best._replace(standing=standing, same_top=_same_top(gone, new, stood_on, noise))
+    return best._replace(standing=standing, same_top=same_top)
 
 
-def _same_top(
-    gone: LocalSurface, new: LocalSurface, stood_on: tuple[Ground | None, Ground | None], noise: float
-) -> bool:
-    first, second = (
-        None if ground is None else top_of(part, ground, noise)
-        for part, ground in zip((gone, new), stood_on, strict=True)
-    )
-    return first is not None and second is not None and first.like(second, noise)
+def _motions(
+    gone: LocalSurface, new: LocalSurface, noise: float, stood_on: tuple[Ground | None, Ground | None]
+) -> tuple[list[Float[np.ndarray, "4 4"]], bool, bool]:
+    """The motions that are tried, whether they keep the object standing, and whether both have the same top."""
+    first, second = stood_on
+    if first is None or second is None:
+        return rigid_matches(gone, new, noise, MOTIONS), False, False
+    tops = top_of(gone, first, noise), top_of(new, second, noise)
+    same_top = False
+    if tops[0] is not None and tops[1] is not None:
+        if abs(tops[0].height - tops[1].height) > OTHER_HEIGHT * noise:
+            return [], True, False
+        same_top = tops[0].like(tops[1], noise)
+    middle, reach = new.points.mean(axis=0), SAME_HEIGHT * noise
+    found = matches_about(gone, new, standing_motions(gone, new, first, second), noise, STANDING_MOTIONS)
+    return [motion for motion in found if stays_standing(motion, first, second, middle, reach)], True, same_top
 
 
 def _match(

@@ -20,6 +20,8 @@ FEWEST = 6
 TURNS = 12
 # How far the closest points may be at first, by the size of the object: anywhere, or where the motion is roughly known.
 ANYWHERE, ABOUT = 1.0, 0.3
+# Motions that bring no point further apart than this share of the closest points' last reach are one.
+SAME_MOTION = 0.5
 # In standard deviations of the offsets.
 FIRST_REACH, LAST_REACH = 16.0, 3.0
 # The best are settled once more, on more points.
@@ -88,9 +90,22 @@ def _promising(
     reach = 2 * max(float(np.median(nearest_neighbours(tree, tree.data, 2)[0][:, -1])) for tree in trees)
     size = first_reach * float(np.sqrt(((few[1] - few[1].mean(axis=0)) ** 2).sum(axis=1).mean()))
     starts = [_closest_points(few[0], few[1], trees[1], motion, reach, size) for motion in motions]
-    starts.sort(key=lambda start: start.distance)
+    starts = _distinct(sorted(starts, key=lambda start: start.distance), few[0], SAME_MOTION * reach)
     means, reaches = source.means(evenly_chosen(len(source), FINE_SAMPLE)), (FIRST_REACH * noise, LAST_REACH * noise)
     return [settled(means, target, start.transform, *reaches, FINE_STEPS) for start in starts[:count]]
+
+
+def _distinct(starts: Sequence[_Start], points: np.ndarray, apart: float) -> list[_Start]:
+    """The starts that bring some point further apart than this from where the ones before them bring it."""
+    few = points[evenly_chosen(len(points), 12)]
+    kept: list[_Start] = []
+    places: list[np.ndarray] = []
+    for start in starts:
+        placed = moved_points(few, start.transform)
+        if all(np.linalg.norm(placed - other, axis=1).max() > apart for other in places):
+            kept.append(start)
+            places.append(placed)
+    return kept
 
 
 def _closest_points(
