@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from gmmjax.changes.config import DetectionConfig
+from gmmjax.changes.registration_record import Registration
 from gmmjax.changes.storage import LABELS_FILE, POINT_ARRAYS, SCHEMA_VERSION, read_record, write_record
 from gmmjax.errors import InputError
 
@@ -73,7 +74,7 @@ class Change:
         covariance: covariance of its Gaussian.
         box: around its points.
         partner: for a moved object, the index of the change that it was or became; else None.
-        transform: for a moved object, the rigid motion [4, 4] that takes it from before to after; else None.
+        transform: for a moved object, the rigid motion [4, 4] of the object alone, from before to after; else None.
     """
 
     kind: Kind
@@ -120,7 +121,8 @@ class Change:
 class Changes:
     """What changed between two clouds.
 
-    Labels and probabilities are for all points as the caller gave them, in their order.
+    Labels and probabilities are for all points as the caller gave them, in their order. Means, boxes and motions are in
+    the frame of the before cloud; `registration` takes the after cloud into it.
 
     Attributes:
         labels_before: per point of the before cloud -1, or the index into `items` of the change that it belongs to.
@@ -135,6 +137,7 @@ class Changes:
         config: the settings that were used.
         diagnostics: what was derived and measured on the way: points dropped and filtered, voxel size, components and
             status of every fit, seconds. Plain numbers, strings, lists and dictionaries.
+        registration: of the after cloud to the before cloud, and how sure it is.
     """
 
     labels_before: Int[np.ndarray, " n0"]
@@ -147,6 +150,7 @@ class Changes:
     emd: float
     config: DetectionConfig
     diagnostics: Mapping[str, Any]
+    registration: Registration = dataclasses.field(default_factory=Registration.none)
 
     def to_dict(self) -> dict[str, Any]:
         """The changes without the per-point arrays, as plain numbers, strings, lists and dictionaries (for JSON)."""
@@ -154,6 +158,7 @@ class Changes:
             "schema_version": SCHEMA_VERSION,
             "changes": [change.to_dict() for change in self.items],
             "emd": self.emd,
+            "registration": self.registration.to_dict(),
             "points_before": len(self.labels_before),
             "points_after": len(self.labels_after),
             "config": self.config.to_dict(),
@@ -184,6 +189,7 @@ class Changes:
                 emd=float(content["emd"]),
                 config=DetectionConfig.from_dict(content["config"]),
                 diagnostics=content["diagnostics"],
+                registration=Registration.from_dict(content["registration"]),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(

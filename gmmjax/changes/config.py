@@ -10,7 +10,7 @@ from gmmjax.mixtures import Prior
 Method = Literal["joint", "greedy", "transport"]
 METHODS: tuple[Method, ...] = get_args(Method)
 Kinds = Literal["both", "appeared", "disappeared"]
-Registration = Literal["auto", "always", "never"]
+RegistrationMode = Literal["auto", "always", "never"]
 
 # What more restarts gain ends here (docs/results.md): on surfaces distances see what one mixture misses.
 DEFAULT_RESTARTS, RESTARTS_ON_SURFACES = 8, 2
@@ -89,7 +89,7 @@ class DetectionConfig:
     seed: int = 0
     max_components: int | None = None
     crop: tuple[float, float, float, float, float, float] | None = None
-    registration: Registration = "auto"
+    registration: RegistrationMode = "auto"
     tolerance: float | None = None
     evidence: bool = True
     max_points: int = 16384
@@ -112,7 +112,7 @@ class DetectionConfig:
         """
         check_choice("method", self.method, METHODS)
         check_choice("kinds", self.kinds, get_args(Kinds))
-        check_choice("registration", self.registration, get_args(Registration))
+        check_choice("registration", self.registration, get_args(RegistrationMode))
         if not isinstance(self.evidence, bool):
             raise InputError(f"evidence={self.evidence!r} must be True or False")
         for name, least in (("seed", 0), ("max_points", 100), ("outlier_neighbours", 0)):

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import ArrayLike, Bool, Int
+from jaxtyping import ArrayLike, Bool, Float, Int
 
-from gmmjax.changes.change import Change, Changes, Kind
+from gmmjax.changes.change import Changes, Kind
 from gmmjax.changes.checking import CheckedCloud, check_pair
 from gmmjax.changes.clock import Clock, Progress
 from gmmjax.changes.config import DetectionConfig
@@ -18,19 +18,23 @@ from gmmjax.changes.joint_fit import JointFits, fit_joint_restarts, mixtures_dis
 from gmmjax.changes.joint_problem import SETTINGS, JointProblem, joint_problem
 from gmmjax.changes.local_difference import difference_scale, local_difference
 from gmmjax.changes.moved import with_moved
-from gmmjax.changes.registration import LEAST_OVERLAP, Registration, register
+from gmmjax.changes.registration import register
+from gmmjax.changes.registration_record import Registration
 from gmmjax.changes.scales import WorkingCloud, WorkingPair, working_pair
 from gmmjax.changes.surface import SurfaceCloud, SurfaceScales, surface_changes
 from gmmjax.changes.surface_consensus import surface_consensus
 from gmmjax.changes.view_checks import check_views
 from gmmjax.changes.volumetric import restart_weights, volumetric_changes
 from gmmjax.clouds import PointCloud, SensorViews
-from gmmjax.clouds.local_surface import moved_points
 from gmmjax.errors import InputWarning
 from gmmjax.mixtures import FitStatus
 
 # The kind of a change in the before and in the after cloud.
 KINDS: tuple[Kind, Kind] = ("disappeared", "appeared")
+
+
+# Below this confidence in the registration the user is warned. 1: always, 0: never.
+DOUBTFUL = 0.9
 
 
 class _Detected(NamedTuple):
@@ -41,6 +45,14 @@ class _Detected(NamedTuple):
     unobserved_before: Bool[np.ndarray, " n0"]
     unobserved_after: Bool[np.ndarray, " n1"]
     noise: float
+
+    def believed(self, confidence: float) -> "_Detected":
+        """With all probabilities multiplied by the confidence in the registration."""
+        if confidence == 1:
+            return self
+        return self._replace(
+            before=_with_confidence(self.before, confidence), after=_with_confidence(self.after, confidence)
+        )
 
 
 def joint_changes(
@@ -63,7 +75,8 @@ def joint_changes(
     clock.lap("preparation")
     report("Aligning the clouds", 0.1)
     registration = register(pair, surveys[0].surface, surveys[1].surface, config)
-    _warn_about_overlap(registration)
+    _warn_about_registration(registration)
+    registered = checked[0].points, registration.apply(checked[1].points)
     if registration.applied:
         surveys = surveys[0], surveys[1].moved(registration.transform)
         pair = pair.with_after(surveys[1].points)
@@ -74,15 +87,16 @@ def joint_changes(
     clock.lap("fits")
     report("Looking for changes", 0.75)
     if pair.volumetric:
-        detected = _volumetric(checked, problem, fits, registration, config)
+        detected = _volumetric(registered, problem, fits, config)
     else:
-        detected = _surface(checked, pair, fits, surveys, config)
-    detected = _of_kinds(detected, config)
+        detected = _surface(registered, pair, fits, surveys, config)
+    detected = _of_kinds(detected, config).believed(registration.confidence)
     items, labels_before, labels_after = merged(detected.before, detected.after)
     clock.lap("changes")
     report("Looking for moved objects", 0.9)
     if not pair.volumetric:
-        items = _moved(items, (labels_before, labels_after), pair, surveys, registration, detected.noise)
+        of_working = _of_working_points(pair.before, labels_before), _of_working_points(pair.after, labels_after)
+        items = with_moved(items, surveys[0].surface, surveys[1].surface, *of_working, detected.noise)
     clock.lap("moved")
     report("Done", 1.0)
     return Changes(
@@ -95,7 +109,8 @@ def joint_changes(
         items=items,
         emd=mixtures_distance(fits),
         config=config,
-        diagnostics=_diagnostics((before, after), checked, pair, fits, registration, problem, surveys, clock),
+        diagnostics=_diagnostics((before, after), checked, pair, fits, problem, surveys, clock),
+        registration=registration,
     )
 
 
@@ -108,15 +123,19 @@ def _with_usable_views(name: str, survey: Survey) -> Survey:
     return Survey(survey.points)
 
 
-def _warn_about_overlap(registration: Registration) -> None:
-    if registration.overlap < LEAST_OVERLAP:
-        warnings.warn(
-            f"only {registration.overlap:.0%} of the points of one cloud have a counterpart in the other, so what is "
-            "found means little: are both of the same place, in the same frame and unit? registration='always' tries "
-            "harder to align them, crop leaves out what only one cloud has",
-            InputWarning,
-            stacklevel=4,
-        )
+def _warn_about_registration(registration: Registration) -> None:
+    """Warns where the registration is in doubt, with what speaks against it."""
+    if registration.confidence >= DOUBTFUL:
+        return
+    residual = "" if registration.residual is None else f", residual {registration.residual:.3g}"
+    warnings.warn(
+        f"the registration is in doubt (confidence {registration.confidence:.0%}, overlap {registration.overlap:.0%}"
+        f"{residual}), so the probabilities of all changes are lowered: are both clouds of the same place, in the same "
+        "unit, and rotated by no more than 30 degrees? Register them beforehand and set registration='never', or crop "
+        "what only one of them has",
+        InputWarning,
+        stacklevel=4,
+    )
 
 
 def _fit(problem: JointProblem, config: DetectionConfig, report: Progress) -> JointFits:
@@ -135,24 +154,22 @@ def _fit(problem: JointProblem, config: DetectionConfig, report: Progress) -> Jo
 
 
 def _volumetric(
-    checked: tuple[CheckedCloud, CheckedCloud],
+    registered: tuple[Float[np.ndarray, "n0 3"], Float[np.ndarray, "n1 3"]],
     problem: JointProblem,
     fits: JointFits,
-    registration: Registration,
     config: DetectionConfig,
 ) -> _Detected:
     weights = restart_weights(fits, comparable=len(problem.points.after) <= problem.max_points)
-    aligned = checked[0].points, moved_points(checked[1].points, registration.transform)
     found = [
-        volumetric_changes(cloud.points, points, fits, weights, kind, config.threshold)
-        for cloud, points, kind in zip(checked, aligned, KINDS, strict=True)
+        volumetric_changes(points, fits, weights, kind, config.threshold)
+        for points, kind in zip(registered, KINDS, strict=True)
     ]
-    nothing = [np.zeros(len(points), bool) for points in aligned]
+    nothing = [np.zeros(len(points), bool) for points in registered]
     return _Detected(found[0], found[1], nothing[0], nothing[1], noise=0.0)
 
 
 def _surface(
-    checked: tuple[CheckedCloud, CheckedCloud],
+    registered: tuple[Float[np.ndarray, "n0 3"], Float[np.ndarray, "n1 3"]],
     pair: WorkingPair,
     fits: JointFits,
     surveys: tuple[Survey, Survey],
@@ -167,28 +184,9 @@ def _surface(
         for cloud, difference, kind in zip(clouds, differences, KINDS, strict=True)
     ]
     segments = surface_changes((known[0], known[1]), surveys, scales, config)
-    found = [
-        surface_consensus(checked[i].points, clouds[i].member, known[i], segments[i], usual, KINDS[i]) for i in (0, 1)
-    ]
+    found = [surface_consensus(registered[i], clouds[i].member, known[i], segments[i], usual, KINDS[i]) for i in (0, 1)]
     unobserved = [segments[i].unobserved[clouds[i].member] for i in (0, 1)]
     return _Detected(found[0], found[1], unobserved[0], unobserved[1], noise=usual.offset)
-
-
-def _moved(
-    items: tuple[Change, ...],
-    labels: tuple[Int[np.ndarray, " n0"], Int[np.ndarray, " n1"]],
-    pair: WorkingPair,
-    surveys: tuple[Survey, Survey],
-    registration: Registration,
-    noise: float,
-) -> tuple[Change, ...]:
-    """With the moved objects; their motions are those of the clouds as they were given."""
-    of_working = _of_working_points(pair.before, labels[0]), _of_working_points(pair.after, labels[1])
-    to_given = np.linalg.inv(registration.transform)
-    return tuple(
-        change if change.transform is None else dataclasses.replace(change, transform=to_given @ change.transform)
-        for change in with_moved(items, surveys[0].surface, surveys[1].surface, *of_working, noise)
-    )
 
 
 def _of_working_points(cloud: WorkingCloud, labels: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
@@ -204,6 +202,11 @@ def _of_kinds(detected: _Detected, config: DetectionConfig) -> _Detected:
     return detected._replace(before=before, after=after)
 
 
+def _with_confidence(found: CloudConsensus, confidence: float) -> CloudConsensus:
+    items = [dataclasses.replace(change, probability=confidence * change.probability) for change in found.items]
+    return CloudConsensus(confidence * found.probability, found.labels, items)
+
+
 def _none(found: CloudConsensus) -> CloudConsensus:
     return CloudConsensus(np.zeros_like(found.probability), np.full_like(found.labels, -1), [])
 
@@ -213,7 +216,6 @@ def _diagnostics(
     checked: tuple[CheckedCloud, CheckedCloud],
     pair: WorkingPair,
     fits: JointFits,
-    registration: Registration,
     problem: JointProblem,
     surveys: tuple[Survey, Survey],
     clock: Clock,
@@ -226,7 +228,6 @@ def _diagnostics(
         "spacing": pair.spacing,
         "volumetric": pair.volumetric,
         "tolerance": float(problem.prior.tolerance),
-        "registration": registration.to_dict(),
         "components": fits.joint.mixture.live.sum(axis=1).tolist(),
         "message_length": np.round(fits.message_length, 3).tolist(),
         "density_ratio": np.round(fits.density_ratio, 4).tolist(),

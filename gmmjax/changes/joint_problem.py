@@ -6,7 +6,7 @@ import numpy as np
 
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.joint_mixture import SourcedPoints, joint_prior
-from gmmjax.changes.registration import Registration
+from gmmjax.changes.registration_record import Registration
 from gmmjax.changes.scales import WorkingPair
 from gmmjax.errors import InputError
 from gmmjax.mixtures import FitSettings, Prior, WeightedPoints
@@ -78,7 +78,8 @@ def _noise_floor(pair: WorkingPair, points: np.ndarray) -> float:
 
 def _tolerance(pair: WorkingPair, registration: Registration) -> float:
     """The tolerance of registration grows with its residual; on surfaces it is never below the points' own scatter."""
-    return registration.residual if pair.volumetric else max(TOLERANCE_SPACINGS * pair.spacing, registration.residual)
+    residual = registration.residual or 0.0
+    return residual if pair.volumetric else max(TOLERANCE_SPACINGS * pair.spacing, residual)
 
 
 def _components(pair: WorkingPair, config: DetectionConfig) -> int:

@@ -13,7 +13,7 @@ from gmmjax.clouds.atomic import atomic_write
 from gmmjax.clouds.files import read_json_record
 from gmmjax.errors import InputError
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 CHANGES_FILE = "changes.json"
 LABELS_FILE = "labels.npz"
 

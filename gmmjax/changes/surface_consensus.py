@@ -29,7 +29,7 @@ def surface_consensus(
     A change's probability is the mean over the restarts and its points.
 
     Args:
-        points: all points of the cloud, as given.
+        points: all points of the cloud, registered to the other one.
         member: the working point of each.
         cloud: the working points, with their differences to the other cloud.
         segments: of the working points.

@@ -26,7 +26,6 @@ def restart_weights(fits: JointFits, comparable: bool) -> Float[np.ndarray, " r"
 
 def volumetric_changes(
     points: Float[np.ndarray, "n 3"],
-    aligned: Float[np.ndarray, "n 3"],
     fits: JointFits,
     weights: Float[np.ndarray, " r"],
     kind: Kind,
@@ -39,14 +38,13 @@ def volumetric_changes(
     threshold.
 
     Args:
-        points: all points of the cloud, as given.
-        aligned: the same points, aligned to the other cloud.
+        points: all points of the cloud, registered to the other one.
         fits: joint mixtures.
         weights: of the restarts.
         kind: what a change of this cloud is.
         threshold: probability from which a point is changed.
     """
-    posterior, slots = component_excess(fits, aligned, kind == "appeared")
+    posterior, slots = component_excess(fits, points, kind == "appeared")
     probability = weights @ posterior
     best = int(np.argmin(fits.message_length))
     changed = probability >= threshold

@@ -64,7 +64,7 @@ def test_what_is_saved_is_loaded(tmp_path):
 
 def test_dictionary_is_json_with_a_schema_version():
     content = json.loads(json.dumps(example().to_dict(), allow_nan=False))
-    assert content["schema_version"] == 2
+    assert content["schema_version"] == 3
     assert content["changes"][0]["kind"] == "moved"
 
 
@@ -76,7 +76,7 @@ def test_dictionary_is_json_with_a_schema_version():
         ("changes.json", b'{"schema_version": 99}', "schema version 99"),
         ("changes.json", b'{"schema_version": 1}', "schema version 1"),
         ("changes.json", b"[1]", "schema version None"),
-        ("changes.json", b'{"schema_version": 2}', "not a complete record"),
+        ("changes.json", b'{"schema_version": 3}', "not a complete record"),
         ("labels.npz", b"PK garbage", "labels"),
         ("labels.npz", None, "labels"),
         ("changes.json", None, "changes.json"),
