@@ -14,7 +14,7 @@ from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.local_difference import MEDIAN_TO_DEVIATION, SPACING_PER_SPREAD
 from gmmjax.changes.registration_record import Registration
 from gmmjax.changes.scales import WorkingPair
-from gmmjax.changes.settling import settled
+from gmmjax.changes.settling import determined_part, settled
 from gmmjax.clouds.local_surface import MEAN_NEIGHBOURS, PLANE_NEIGHBOURS, LocalSurface, moved_points
 from gmmjax.mixtures import FitSettings, GaussianMixture, best_fit, fit_restarts
 
@@ -27,14 +27,19 @@ class RegistrationSettings:
         target_points: of the before cloud that the starts are refined against.
         start_points: of the after cloud that each start is refined with, evenly in the directions of their normals.
         start_steps: of robust point-to-plane ICP for each start.
-        finalists: distinct transforms that are refined on more points.
-        points: of the after cloud that they are refined with, and of both clouds that they are scored on.
-        steps: of ICP for each finalist, at most.
+        finalists: distinct transforms that are refined further.
+        finalist_points: of the after cloud that they are refined with, likewise.
+        finalist_steps: of ICP for each of them, at most.
+        points: of the after cloud that the best is refined with, and of both clouds that all are scored on.
+        steps: of ICP for the best, at most.
         first_reach: offset that has a quarter of the weight in the first step from the given frame, in spacings; from
             the coarse transforms it is their accuracy.
         last_reach: the same in the last steps, in standard deviations of the offsets.
-        determined: ICP moves in a direction when the normals say this many times more of it than their own noise would.
-            0: noise moves a plane along itself.
+        damping: of ICP: a direction of motion that only this fraction of the points determines is damped by half. 0: a
+            plane is moved along itself by noise, without end.
+        extrapolation: of ICP: factor by which steps that shrink slowly are lengthened, at most. 1: none is.
+        undetermined: a direction is not determined where the normals say at most this many times what their own noise
+            would; such a motion is left out where the clouds fit as well without. 0: it never is.
         same_transform: transforms that differ by fewer spacings, over the points, are one.
         overlap_spacings: a point overlaps the other cloud when it is within this many spacings of it.
         preference: for the given frame, in the score from 0 to 1: of transforms that fit equally well, such as along a
@@ -50,11 +55,15 @@ class RegistrationSettings:
     start_points: int = 300
     start_steps: int = 12
     finalists: int = 2
+    finalist_points: int = 600
+    finalist_steps: int = 50
     points: int = 3_000
-    steps: int = 30
+    steps: int = 20
     first_reach: float = 6.0
     last_reach: float = 3.0
-    determined: float = 4.0
+    damping: float = 1e-4
+    extrapolation: float = 8.0
+    undetermined: float = 2.0
     same_transform: float = 2.0
     overlap_spacings: float = 3.0
     preference: float = 0.01
@@ -215,6 +224,7 @@ def _registered_surfaces(
     given = surface_fit(before, after, np.eye(4), pair.spacing, settings)
     starts = _refined_starts(pair, before, after, settings)
     best, *others = _finalists(pair, before, after, starts, settings)
+    best = _refined(best, pair, before, after, settings)
     rival = max((other.fit.score for other in others), default=0.0) / max(best.fit.score, np.finfo(np.float64).tiny)
     confidence = ConfidenceModel().confidence(best.fit, min(rival, 1.0), best.from_given_frame)
     better = best.fit.residual < settings.needed * given.residual
@@ -239,13 +249,21 @@ def _refined_starts(
     coarse = coarse_transforms(before, after)
     few_before, few_after = (s.thinned(_sample(len(s), settings.target_points)) for s in (before, after))
     means = after.means(normal_space_sample(after, settings.start_points))
-    least = settings.determined * _normal_noise(before)
     near = settings.first_reach * pair.spacing
     starts = [(np.eye(4), near), *((transform, max(coarse.accuracy, near)) for transform in coarse.transforms)]
     few = dataclasses.replace(settings, points=2 * settings.start_points)
     candidates = []
     for number, (start, reach) in enumerate(starts):
-        transform = settled(means, few_before, start, reach, pair.spacing, settings.start_steps, least)
+        transform = settled(
+            means,
+            few_before,
+            start,
+            reach,
+            pair.spacing,
+            settings.start_steps,
+            settings.damping,
+            settings.extrapolation,
+        )
         fit = surface_fit(few_before, few_after, transform, pair.spacing, few)
         candidates.append(_Candidate(transform, fit, number == 0))
     return _best_first(candidates, settings)
@@ -258,17 +276,24 @@ def _finalists(
     starts: Iterable[_Candidate],
     settings: RegistrationSettings,
 ) -> list[_Candidate]:
-    """The best distinct transforms after ICP on more points, the best first; at least one."""
-    means = after.means(_sample(len(after), settings.points))
-    least = settings.determined * _normal_noise(before)
+    """The best distinct transforms after more steps of ICP, the best first; at least one."""
+    means = after.means(normal_space_sample(after, settings.finalist_points))
     apart = settings.same_transform * pair.spacing
     finalists: list[_Candidate] = []
     for start in starts:
         if any(_distance(means, start.transform, other.transform) < apart for other in finalists):
             continue
-        reach = settings.last_reach * min(start.fit.residual, pair.spacing / 2)
-        first = settings.overlap_spacings * pair.spacing
-        transform = settled(means, before, start.transform, first, reach, settings.steps, least)
+        first, last = settings.overlap_spacings * pair.spacing, _last_reach(start, pair, settings)
+        transform = settled(
+            means,
+            before,
+            start.transform,
+            first,
+            last,
+            settings.finalist_steps,
+            settings.damping,
+            settings.extrapolation,
+        )
         if any(_distance(means, transform, other.transform) < apart for other in finalists):
             continue
         fit = surface_fit(before, after, transform, pair.spacing, settings)
@@ -276,6 +301,29 @@ def _finalists(
         if len(finalists) == settings.finalists:
             break
     return _best_first(finalists, settings)
+
+
+def _refined(
+    candidate: _Candidate, pair: WorkingPair, before: LocalSurface, after: LocalSurface, settings: RegistrationSettings
+) -> _Candidate:
+    """The candidate after ICP on the most points; without motions that nothing determines where it fits as well."""
+    means = after.means(_sample(len(after), settings.points))
+    reach = _last_reach(candidate, pair, settings)
+    transform = settled(
+        means, before, candidate.transform, reach, reach, settings.steps, settings.damping, settings.extrapolation
+    )
+    fit = surface_fit(before, after, transform, pair.spacing, settings)
+    refined = _Candidate(transform, fit, candidate.from_given_frame)
+    if not candidate.from_given_frame:
+        return refined
+    transform = determined_part(transform, means, before, reach, settings.undetermined * _normal_noise(before))
+    without = surface_fit(before, after, transform, pair.spacing, settings)
+    return refined if without.score < fit.score - settings.preference / 2 else _Candidate(transform, without, True)
+
+
+def _last_reach(candidate: _Candidate, pair: WorkingPair, settings: RegistrationSettings) -> float:
+    """The offset that has a quarter of the weight in the last steps."""
+    return settings.last_reach * min(candidate.fit.residual, pair.spacing / 2)
 
 
 def _normal_noise(surface: LocalSurface) -> float:
