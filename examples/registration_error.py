@@ -4,9 +4,7 @@ import jax
 import numpy as np
 
 from gmmjax import DetectionConfig
-from gmmjax.changes.registration import register
-from gmmjax.changes.scales import working_pair
-from gmmjax.clouds.local_surface import LocalSurface
+from gmmjax.changes.registration import registered_pair
 from gmmjax.scenes import laboratory_scene
 
 config = DetectionConfig()
@@ -14,8 +12,7 @@ for survey, level in (("panorama", "normal"), ("panorama", "hard"), ("frame", "n
     errors = []
     for seed in range(8000, 8004):
         scene = laboratory_scene(jax.random.key(seed), survey=survey, level=level)
-        surfaces = LocalSurface.of(scene.before), LocalSurface.of(scene.after)
-        motion = register(working_pair(scene.before, scene.after, config), *surfaces, config).transform
+        motion = registered_pair(scene.before, scene.after, config).registration.transform
         left = motion @ scene.misregistration
         centre = scene.before.mean(axis=0)
         angle = np.degrees(np.arccos(np.clip((np.trace(left[:3, :3]) - 1) / 2, -1, 1)))

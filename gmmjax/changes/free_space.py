@@ -47,6 +47,14 @@ class Survey:
     views: SensorViews | None = None
     _images: dict[int, list[tuple[Camera, DepthImage]]] = dataclasses.field(default_factory=dict, repr=False)
 
+    @classmethod
+    def of(cls, surface: LocalSurface, views: SensorViews | None) -> "Survey":
+        """A survey whose planes are known already."""
+        survey = cls(surface.points, views)
+        # Where `cached_property` keeps it.
+        survey.__dict__["surface"] = surface
+        return survey
+
     @functools.cached_property
     def surface(self) -> LocalSurface:
         """The planes through the points' neighbourhoods."""

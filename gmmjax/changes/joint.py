@@ -18,9 +18,9 @@ from gmmjax.changes.joint_fit import JointFits, fit_joint_restarts, mixtures_dis
 from gmmjax.changes.joint_problem import SETTINGS, JointProblem, joint_problem
 from gmmjax.changes.local_difference import difference_scale, local_difference
 from gmmjax.changes.moved import with_moved
-from gmmjax.changes.registration import register
+from gmmjax.changes.registration import registered_pair
 from gmmjax.changes.registration_record import Registration
-from gmmjax.changes.scales import WorkingCloud, WorkingPair, working_pair
+from gmmjax.changes.scales import WorkingCloud, WorkingPair
 from gmmjax.changes.surface import SurfaceCloud, SurfaceScales, surface_changes
 from gmmjax.changes.surface_consensus import surface_consensus
 from gmmjax.changes.view_checks import check_views
@@ -67,19 +67,17 @@ def joint_changes(
     clock = Clock()
     report("Reading the scales of the clouds", 0.0)
     checked = check_pair(before, after, config)
-    pair = working_pair(checked[0].points, checked[1].points, config)
-    surveys = (
-        _with_usable_views("views_before", Survey(pair.before.points, views_before)),
-        _with_usable_views("views_after", Survey(pair.after.points, views_after)),
-    )
     clock.lap("preparation")
-    report("Aligning the clouds", 0.1)
-    registration = register(pair, surveys[0].surface, surveys[1].surface, config)
+    report("Registering the clouds", 0.1)
+    pair, *surfaces, registration = registered_pair(checked[0].points, checked[1].points, config)
     _warn_about_registration(registration)
     registered = checked[0].points, registration.apply(checked[1].points)
-    if registration.applied:
-        surveys = surveys[0], surveys[1].moved(registration.transform)
-        pair = pair.with_after(surveys[1].points)
+    if views_after is not None and registration.applied:
+        views_after = views_after.moved(registration.transform)
+    surveys = (
+        _with_usable_views("views_before", Survey.of(surfaces[0], views_before)),
+        _with_usable_views("views_after", Survey.of(surfaces[1], views_after)),
+    )
     clock.lap("registration")
     report("Fitting the mixtures", 0.25)
     problem = joint_problem(pair, registration, config)

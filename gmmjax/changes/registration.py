@@ -13,9 +13,15 @@ from gmmjax.changes.component_consensus import consensus_displacement
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.local_difference import MEDIAN_TO_DEVIATION, SPACING_PER_SPREAD
 from gmmjax.changes.registration_record import Registration
-from gmmjax.changes.scales import WorkingPair
+from gmmjax.changes.scales import WorkingPair, working_pair
 from gmmjax.changes.settling import determined_part, settled
-from gmmjax.clouds.local_surface import MEAN_NEIGHBOURS, PLANE_NEIGHBOURS, LocalSurface, moved_points
+from gmmjax.clouds.local_surface import (
+    MEAN_NEIGHBOURS,
+    PLANE_NEIGHBOURS,
+    LocalSurface,
+    evenly_chosen,
+    moved_points,
+)
 from gmmjax.mixtures import FitSettings, GaussianMixture, best_fit, fit_restarts
 
 
@@ -24,7 +30,8 @@ class RegistrationSettings:
     """How clouds are registered. Lengths in spacings are in multiples of the points' spacing.
 
     Attributes:
-        target_points: of the before cloud that the starts are refined against.
+        voxels: of either cloud that starts are searched and refined on.
+        sampled_points: of either cloud, at most, that these voxels are made of.
         start_points: of the after cloud that each start is refined with, evenly in the directions of their normals.
         start_steps: of robust point-to-plane ICP for each start.
         finalists: distinct transforms that are refined further.
@@ -32,8 +39,9 @@ class RegistrationSettings:
         finalist_steps: of ICP for each of them, at most.
         points: of the after cloud that the best is refined with, and of both clouds that all are scored on.
         steps: of ICP for the best, at most.
-        first_reach: offset that has a quarter of the weight in the first step from the given frame, in spacings; from
-            the coarse transforms it is their accuracy.
+        first_reach: offset that has a quarter of the weight in the first step from the given frame, in spacings of the
+            voxels; from the coarse transforms it is their accuracy.
+        fine_reach: the same in the first step on the clouds' own resolution, in its spacings.
         last_reach: the same in the last steps, in standard deviations of the offsets.
         damping: of ICP: a direction of motion that only this fraction of the points determines is damped by half. 0: a
             plane is moved along itself by noise, without end.
@@ -51,7 +59,8 @@ class RegistrationSettings:
         component_points: that these are fitted to.
     """
 
-    target_points: int = 6_000
+    voxels: int = 12_000
+    sampled_points: int = 60_000
     start_points: int = 300
     start_steps: int = 12
     finalists: int = 2
@@ -60,6 +69,7 @@ class RegistrationSettings:
     points: int = 3_000
     steps: int = 20
     first_reach: float = 6.0
+    fine_reach: float = 3.0
     last_reach: float = 3.0
     damping: float = 1e-4
     extrapolation: float = 8.0
@@ -133,29 +143,106 @@ class _Candidate(NamedTuple):
     from_given_frame: bool
 
 
-def register(
-    pair: WorkingPair,
-    before: LocalSurface,
-    after: LocalSurface,
+class RegisteredPair(NamedTuple):
+    """Two clouds in the frame of the before cloud.
+
+    Attributes:
+        pair: both clouds at the resolution that they are compared at.
+        before: the surface of the before cloud.
+        after: that of the after cloud, registered.
+        registration: by which it was.
+    """
+
+    pair: WorkingPair
+    before: LocalSurface
+    after: LocalSurface
+    registration: Registration
+
+
+def registered_pair(
+    before: Float[np.ndarray, "n0 3"],
+    after: Float[np.ndarray, "n1 3"],
     config: DetectionConfig,
     settings: RegistrationSettings = RegistrationSettings(),
-) -> Registration:
-    """The registration of a pair; with "never" the identity, with "auto" where none is needed as well.
+) -> RegisteredPair:
+    """Registers two clouds, and reduces them to the resolution that they are compared at.
+
+    The after cloud is roughly registered before it is reduced, so that its voxels are those of the frame that it is
+    compared in: what is found does not depend on the frame that it was given in.
 
     Args:
-        pair: both clouds.
-        before: the surface of the before cloud.
-        after: that of the after cloud.
-        config: whether to register.
-        settings: how.
+        before: all points of the before cloud that are compared, in any unit.
+        after: those of the after cloud.
+        config: whether to register, and the voxels' edge.
+        settings: how to register.
     """
-    if config.registration == "never":
-        fit = surface_fit(before, after, np.eye(4), pair.spacing, settings)
-        residual = 0.0 if pair.volumetric else fit.residual
-        return _record(np.eye(4), after, applied=False, residual=residual, before=fit.residual, overlap=fit.overlap)
+    rough = _given_frame() if config.registration == "never" else rough_registration(before, after, config, settings)
+    pair = working_pair(before, moved_points(after, rough.transform) if rough.moves else after, config)
+    surfaces = LocalSurface.of(pair.before.points), LocalSurface.of(pair.after.points)
     if pair.volumetric:
-        return _registered_volumes(pair, before, after, config, settings)
-    return _registered_surfaces(pair, before, after, config, settings)
+        registration = _registered_volumes(pair, *surfaces, config, settings)
+    else:
+        registration = _registered_surfaces(pair, *surfaces, rough, config, settings)
+    # What is left to be moved after the rough registration.
+    left = registration.transform @ np.linalg.inv(rough.transform)
+    if (left != np.eye(4)).any():
+        surfaces = surfaces[0], surfaces[1].moved(left)
+        pair = pair.with_after(surfaces[1].points)
+    return RegisteredPair(pair, *surfaces, registration)
+
+
+class RoughRegistration(NamedTuple):
+    """A transform of the after cloud that the fine registration starts from.
+
+    Attributes:
+        transform: rigid transform [4, 4]; the identity where the given frame is as good.
+        from_given_frame: whether it was found from the frame that the clouds were given in.
+        rival: ratio of the score of the next best, distinct transform to its own, 0 to 1.
+    """
+
+    transform: Float[np.ndarray, "4 4"]
+    from_given_frame: bool
+    rival: float
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is not the identity."""
+        return bool((self.transform != np.eye(4)).any())
+
+
+def _given_frame() -> RoughRegistration:
+    return RoughRegistration(np.eye(4), from_given_frame=True, rival=0.0)
+
+
+def rough_registration(
+    before: Float[np.ndarray, "n0 3"],
+    after: Float[np.ndarray, "n1 3"],
+    config: DetectionConfig = DetectionConfig(),
+    settings: RegistrationSettings = RegistrationSettings(),
+) -> RoughRegistration:
+    """The best of many starts: robust point-to-plane ICP on few voxels, from the given frame and coarse transforms.
+
+    Args:
+        before: the before cloud.
+        after: the after cloud. Clouds that fill volumes are left as they are.
+        config: all settings.
+        settings: how to register.
+    """
+    thinned = [points[evenly_chosen(len(points), settings.sampled_points)] for points in (before, after)]
+    pair = working_pair(thinned[0], thinned[1], dataclasses.replace(config, voxel_size=None), settings.voxels)
+    if pair.volumetric:
+        return _given_frame()
+    surfaces = LocalSurface.of(pair.before.points), LocalSurface.of(pair.after.points)
+    best, *others = _finalists(pair, *surfaces, _refined_starts(pair, *surfaces, settings), settings)
+    rival = max((other.fit.score for other in others), default=0.0) / max(best.fit.score, np.finfo(np.float64).tiny)
+    given = surface_fit(*surfaces, np.eye(4), pair.spacing, settings)
+    transform = best.transform if _better(best.fit, given, settings) else np.eye(4)
+    return RoughRegistration(transform, best.from_given_frame, min(rival, 1.0))
+
+
+def _better(fit: "SurfaceFit", given: "SurfaceFit", settings: RegistrationSettings) -> bool:
+    """Whether a transform is needed, compared with the clouds as they were given."""
+    return fit.residual < settings.needed * given.residual or fit.overlap > given.overlap + (1 - settings.needed)
 
 
 def surface_fit(
@@ -217,27 +304,32 @@ def _registered_surfaces(
     pair: WorkingPair,
     before: LocalSurface,
     after: LocalSurface,
+    rough: RoughRegistration,
     config: DetectionConfig,
     settings: RegistrationSettings,
 ) -> Registration:
-    """From the given frame and from coarse transforms, robust point-to-plane ICP; the best by its score."""
-    given = surface_fit(before, after, np.eye(4), pair.spacing, settings)
-    starts = _refined_starts(pair, before, after, settings)
-    best, *others = _finalists(pair, before, after, starts, settings)
-    best = _refined(best, pair, before, after, settings)
-    rival = max((other.fit.score for other in others), default=0.0) / max(best.fit.score, np.finfo(np.float64).tiny)
-    confidence = ConfidenceModel().confidence(best.fit, min(rival, 1.0), best.from_given_frame)
-    better = best.fit.residual < settings.needed * given.residual
-    applied = config.registration == "always" or better or best.fit.overlap > given.overlap + (1 - settings.needed)
-    if not applied:
-        best = _Candidate(np.eye(4), given, True)
+    """Robust point-to-plane ICP at the clouds' own resolution; `after` is roughly registered.
+
+    With "auto" only where it is needed, with "never" not at all.
+    """
+    to_given = np.linalg.inv(rough.transform)
+    given = surface_fit(before, after, to_given, pair.spacing, settings)
+    transform, fit, applied, confidence = np.eye(4), given, False, 1.0
+    if config.registration != "never":
+        refined = _refined(pair, before, after, rough, settings)
+        confidence = ConfidenceModel().confidence(refined.fit, rough.rival, rough.from_given_frame)
+        applied = config.registration == "always" or rough.moves or _better(refined.fit, given, settings)
+        if applied:
+            transform, fit = refined.transform, refined.fit
+    # The centre of the after cloud as it was given.
+    centre = moved_points(after.points.mean(axis=0, keepdims=True), to_given)
     return _record(
-        best.transform,
-        after,
+        transform,
+        centre,
         applied=applied,
-        residual=best.fit.residual,
+        residual=fit.residual,
         before=given.residual,
-        overlap=best.fit.overlap,
+        overlap=fit.overlap,
         confidence=confidence,
     )
 
@@ -247,7 +339,6 @@ def _refined_starts(
 ) -> list[_Candidate]:
     """All starts after some steps of ICP on few points, the best first."""
     coarse = coarse_transforms(before, after)
-    few_before, few_after = (s.thinned(_sample(len(s), settings.target_points)) for s in (before, after))
     means = after.means(normal_space_sample(after, settings.start_points))
     near = settings.first_reach * pair.spacing
     starts = [(np.eye(4), near), *((transform, max(coarse.accuracy, near)) for transform in coarse.transforms)]
@@ -256,7 +347,7 @@ def _refined_starts(
     for number, (start, reach) in enumerate(starts):
         transform = settled(
             means,
-            few_before,
+            before,
             start,
             reach,
             pair.spacing,
@@ -264,7 +355,7 @@ def _refined_starts(
             settings.damping,
             settings.extrapolation,
         )
-        fit = surface_fit(few_before, few_after, transform, pair.spacing, few)
+        fit = surface_fit(before, after, transform, pair.spacing, few)
         candidates.append(_Candidate(transform, fit, number == 0))
     return _best_first(candidates, settings)
 
@@ -283,7 +374,7 @@ def _finalists(
     for start in starts:
         if any(_distance(means, start.transform, other.transform) < apart for other in finalists):
             continue
-        first, last = settings.overlap_spacings * pair.spacing, _last_reach(start, pair, settings)
+        first, last = settings.overlap_spacings * pair.spacing, _last_reach(start.fit, pair, settings)
         transform = settled(
             means,
             before,
@@ -304,26 +395,34 @@ def _finalists(
 
 
 def _refined(
-    candidate: _Candidate, pair: WorkingPair, before: LocalSurface, after: LocalSurface, settings: RegistrationSettings
+    pair: WorkingPair,
+    before: LocalSurface,
+    after: LocalSurface,
+    rough: RoughRegistration,
+    settings: RegistrationSettings,
 ) -> _Candidate:
-    """The candidate after ICP on the most points; without motions that nothing determines where it fits as well."""
+    """The rough registration refined on the most points, as a transform of the after cloud as it was given.
+
+    From the given frame it has no part that nothing determines, where the clouds fit as well without.
+    """
+    to_given = np.linalg.inv(rough.transform)
     means = after.means(_sample(len(after), settings.points))
-    reach = _last_reach(candidate, pair, settings)
-    transform = settled(
-        means, before, candidate.transform, reach, reach, settings.steps, settings.damping, settings.extrapolation
-    )
-    fit = surface_fit(before, after, transform, pair.spacing, settings)
-    refined = _Candidate(transform, fit, candidate.from_given_frame)
-    if not candidate.from_given_frame:
+    start = surface_fit(before, after, np.eye(4), pair.spacing, settings)
+    reaches = settings.fine_reach * pair.spacing, _last_reach(start, pair, settings)
+    left = settled(means, before, np.eye(4), *reaches, settings.steps, settings.damping, settings.extrapolation)
+    fit = surface_fit(before, after, left, pair.spacing, settings)
+    refined = _Candidate(left @ rough.transform, fit, rough.from_given_frame)
+    if not rough.from_given_frame:
         return refined
-    transform = determined_part(transform, means, before, reach, settings.undetermined * _normal_noise(before))
-    without = surface_fit(before, after, transform, pair.spacing, settings)
+    least = settings.undetermined * _normal_noise(before)
+    transform = determined_part(refined.transform, moved_points(means, to_given), before, reaches[1], least)
+    without = surface_fit(before, after, transform @ to_given, pair.spacing, settings)
     return refined if without.score < fit.score - settings.preference / 2 else _Candidate(transform, without, True)
 
 
-def _last_reach(candidate: _Candidate, pair: WorkingPair, settings: RegistrationSettings) -> float:
+def _last_reach(fit: SurfaceFit, pair: WorkingPair, settings: RegistrationSettings) -> float:
     """The offset that has a quarter of the weight in the last steps."""
-    return settings.last_reach * min(candidate.fit.residual, pair.spacing / 2)
+    return settings.last_reach * min(fit.residual, pair.spacing / 2)
 
 
 def _normal_noise(surface: LocalSurface) -> float:
@@ -348,11 +447,15 @@ def _registered_volumes(
     config: DetectionConfig,
     settings: RegistrationSettings,
 ) -> Registration:
-    """The displacement on which most components agree, where it exceeds its standard error."""
+    """The displacement on which most components agree, where it exceeds its standard error; none with "never"."""
+    centre = after.points.mean(axis=0, keepdims=True)
+    if config.registration == "never":
+        fit = surface_fit(before, after, np.eye(4), pair.spacing, settings)
+        return _record(np.eye(4), centre, applied=False, residual=0.0, before=fit.residual, overlap=fit.overlap)
     consensus = consensus_displacement(*_mixtures(pair, config, settings))
     if consensus.share < settings.least_agreement:
         overlap = surface_fit(before, after, np.eye(4), pair.spacing, settings).overlap
-        return _record(np.eye(4), after, applied=False, residual=0.0, before=0.0, overlap=overlap)
+        return _record(np.eye(4), centre, applied=False, residual=0.0, before=0.0, overlap=overlap)
     length = float(np.linalg.norm(consensus.displacement))
     errors = float(np.linalg.norm(consensus.displacement / consensus.standard_error))
     applied = config.registration == "always" or errors > settings.significant
@@ -361,12 +464,12 @@ def _registered_volumes(
         transform[:3, 3] = consensus.displacement
     overlap = max(consensus.share, surface_fit(before, after, transform, pair.spacing, settings).overlap)
     error = float(np.sqrt((consensus.standard_error**2).mean())) if applied else 0.0
-    return _record(transform, after, applied=applied, residual=error, before=length, overlap=overlap)
+    return _record(transform, centre, applied=applied, residual=error, before=length, overlap=overlap)
 
 
 def _record(
     transform: np.ndarray,
-    after: LocalSurface,
+    centre: Float[np.ndarray, "1 3"],
     *,
     applied: bool,
     residual: float,
@@ -375,7 +478,6 @@ def _record(
     confidence: float = 1.0,
 ) -> Registration:
     """The record; a residual without any overlap is not known."""
-    centre = after.points.mean(axis=0, keepdims=True)
     displacement = float(np.linalg.norm(moved_points(centre, transform) - centre))
     return Registration(
         transform=transform,

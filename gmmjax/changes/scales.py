@@ -61,7 +61,10 @@ class WorkingPair:
 
 
 def working_pair(
-    before: Float[np.ndarray, "n0 3"], after: Float[np.ndarray, "n1 3"], config: DetectionConfig
+    before: Float[np.ndarray, "n0 3"],
+    after: Float[np.ndarray, "n1 3"],
+    config: DetectionConfig,
+    max_voxels: int = MAX_VOXELS,
 ) -> WorkingPair:
     """Reduces both clouds to voxels of one size where they have too many points, and looks at what is left.
 
@@ -69,8 +72,9 @@ def working_pair(
         before: all points of the before cloud that are compared, in any unit.
         after: those of the after cloud.
         config: may set the voxels' edge.
+        max_voxels: that either cloud may have where it does not.
     """
-    size = config.voxel_size or common_voxel_size(before, after, MAX_VOXELS)
+    size = config.voxel_size or common_voxel_size(before, after, max_voxels)
     clouds = [_working_cloud(points, size) for points in (before, after)]
     probes = [_probe(cloud.points) for cloud in clouds]
     return WorkingPair(

@@ -66,12 +66,6 @@ class LocalSurface:
         """How far each place is outside of the convex hull of the local means; negative inside."""
         return np.asarray((places @ self.hull.equations[:, :3].T + self.hull.equations[:, 3]).max(axis=1))
 
-    def thinned(self, chosen: Int[np.ndarray, " c"]) -> "LocalSurface":
-        """Some of the points with the planes that they have; the neighbourhood of each is the point itself."""
-        points = self.points[chosen]
-        planes = self.centres[chosen], self.normals[chosen], self.variances[chosen]
-        return LocalSurface(points, cKDTree(points), np.arange(len(points))[:, None], *planes)
-
     def moved(self, transform: Float64[np.ndarray, "4 4"]) -> "LocalSurface":
         """The surface after a rigid motion."""
         points = moved_points(self.points, transform)

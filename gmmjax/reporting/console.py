@@ -22,7 +22,15 @@ from gmmjax.evaluation.benchmark import Evaluation, Failure
 from gmmjax.mixtures import Fit
 from gmmjax.reporting.evaluation_table import evaluation_lines
 from gmmjax.reporting.palette import KIND_COLORS
-from gmmjax.reporting.summary import HEADINGS, answer, change_rows, dropped_rows, dropped_text, unobserved_text
+from gmmjax.reporting.summary import (
+    HEADINGS,
+    answer,
+    change_rows,
+    dropped_rows,
+    dropped_text,
+    registration_text,
+    unobserved_text,
+)
 from gmmjax.scenes import GaussianScene
 
 if TYPE_CHECKING:
@@ -84,9 +92,9 @@ def print_changes(changes: Changes, *, heading: str | None = None) -> None:
     console.print(answer(changes), style="bold", highlight=False)
     if changes.items:
         print_whole(_table(changes))
-    unobserved = unobserved_text(changes)
-    if unobserved is not None:
-        console.print(unobserved, highlight=False)
+    for text in (registration_text(changes), unobserved_text(changes)):
+        if text is not None:
+            console.print(text, highlight=False)
     for side, count in dropped_rows(changes).items():
         console.print(dropped_text(side, count), highlight=False)
 

@@ -1,5 +1,6 @@
 """The report: one HTML file that needs nothing else, not even a network."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import PurePath
@@ -10,7 +11,16 @@ from gmmjax.clouds import PointCloud
 from gmmjax.reporting.page_parts import asset, script_json
 from gmmjax.reporting.palette import KIND_COLORS
 from gmmjax.reporting.scene_plot import drawn_points, scene_views
-from gmmjax.reporting.summary import HEADINGS, ChangeRow, answer, change_rows, dropped_rows, dropped_text, percent
+from gmmjax.reporting.summary import (
+    HEADINGS,
+    ChangeRow,
+    answer,
+    change_rows,
+    dropped_rows,
+    dropped_text,
+    percent,
+    registration_text,
+)
 
 # The browser itself then refuses to load anything from anywhere.
 CONTENT_POLICY = (
@@ -23,7 +33,7 @@ def report_html(before: PointCloud, after: PointCloud, changes: Changes, title: 
 
     Args:
         before: the before cloud that the changes were found in.
-        after: the after cloud.
+        after: the after cloud, as given; it is shown registered.
         changes: what was found.
         title: of the page; default the names of the two files.
 
@@ -33,6 +43,7 @@ def report_html(before: PointCloud, after: PointCloud, changes: Changes, title: 
     from plotly.offline import get_plotlyjs
 
     names = _name(before, "before"), _name(after, "after")
+    after = dataclasses.replace(after, points=changes.registration.apply(after.points))
     return f"""<!doctype html>
 <html lang="en">
 <head>
@@ -61,6 +72,8 @@ def _header(names: tuple[str, str], changes: Changes, title: str | None) -> str:
     dropped = "".join(
         f'<p class="note">{dropped_text(side, count)}</p>' for side, count in dropped_rows(changes).items()
     )
+    text = registration_text(changes)
+    registration = "" if text is None else f'<p class="note">{escape(text)}</p>'
     heading = f'<p class="title">{escape(title)}</p>' if title else ""
     kinds = {change.kind for change in changes.items}
     legend = "".join(
@@ -69,7 +82,7 @@ def _header(names: tuple[str, str], changes: Changes, title: str | None) -> str:
     return f"""<header>
 {heading}<h1>{escape(answer(changes))}</h1>
 <p class="files">from <b>{escape(names[0])}</b> to <b>{escape(names[1])}</b></p>
-{dropped}<ul class="legend">{legend}<li><i class="unchanged"></i>unchanged</li></ul>
+{registration}{dropped}<ul class="legend">{legend}<li><i class="unchanged"></i>unchanged</li></ul>
 </header>"""
 
 
@@ -123,7 +136,9 @@ def _details(changes: Changes) -> str:
     from gmmjax import __version__
 
     settings = _values(changes.config.to_dict())
-    diagnostics = _values({"Earth mover's distance": changes.emd, **changes.diagnostics})
+    diagnostics = _values(
+        {"Earth mover's distance": changes.emd, "registration": changes.registration.to_dict(), **changes.diagnostics}
+    )
     return f"""<details><summary>Settings and diagnostics</summary>
 <div class="details"><section><h2>Settings</h2>{settings}</section>
 <section><h2>Diagnostics</h2>{diagnostics}</section></div></details>

@@ -1,5 +1,6 @@
 """The folder that `gmmjax detect` writes: the changes for programs, for viewers of clouds and for people."""
 
+import dataclasses
 import os
 from pathlib import Path
 
@@ -37,6 +38,8 @@ def write_result(
 ) -> Path:
     """Writes all outputs of a detection, or none.
 
+    All are in the frame of the before cloud: `after.ply` is registered, where a registration was applied.
+
     `changes.json` and `labels.npz` (read back by `Changes.load`), `before.ply` and `after.ply` (points of changes in
     the colour of their kind, fields `label`, `probability` and `unobserved`; `row`, the row in the source, where rows
     were dropped), `report.html` and `config.toml`.
@@ -44,7 +47,7 @@ def write_result(
     Args:
         folder: is made where needed; may be empty.
         before: the before cloud that the changes were found in.
-        after: the after cloud.
+        after: the after cloud, as given.
         changes: what was found.
         overwrite: replace a previous result.
 
@@ -60,7 +63,8 @@ def write_result(
         fields = changes.labels_before, changes.probability_before, changes.unobserved_before
         _write_labelled(staging / BEFORE_FILE, before, *fields, changes)
         fields = changes.labels_after, changes.probability_after, changes.unobserved_after
-        _write_labelled(staging / AFTER_FILE, after, *fields, changes)
+        registered = dataclasses.replace(after, points=changes.registration.apply(after.points))
+        _write_labelled(staging / AFTER_FILE, registered, *fields, changes)
         with atomic_write(staging / REPORT_FILE) as file:
             file.write(report_html(before, after, changes).encode())
         with atomic_write(staging / CONFIG_FILE) as file:

@@ -67,6 +67,29 @@ def unobserved_text(changes: Changes) -> str | None:
     return f"Not observed by the other survey: {' and '.join(parts)}." if parts else None
 
 
+def registration_text(changes: Changes) -> str | None:
+    """How far the after cloud was moved and how well it fits, in a sentence; None where nothing is known."""
+    registration = changes.registration
+    if registration.overlap is None:
+        return None
+    if registration.applied:
+        moved = f"{registration.displacement:.3g} and rotated by {registration.rotation_degrees:.2g}°"
+        parts = [f"the after cloud was moved by {moved} onto the before cloud"]
+    elif changes.config.registration == "never":
+        parts = ["the clouds were compared as they are"]
+    else:
+        parts = ["none was needed"]
+    # The residual of volumetric clouds is a standard error, and that of clouds left alone is the one before.
+    if registration.residual and not changes.diagnostics.get("volumetric"):
+        before = registration.residual_before
+        was = f"{before:.2g} → " if registration.applied and before is not None else ""
+        parts.append(f"residual {was}{registration.residual:.2g}")
+    parts.append(f"overlap {percent(registration.overlap)}")
+    if percent(registration.confidence) != "100 %" and registration.confidence < 0.99:
+        parts.append(f"confidence {percent(registration.confidence)}")
+    return f"Registration: {'; '.join(parts)}."
+
+
 def _cells(label: int, change: Change) -> tuple[str, ...]:
     digits = _decimals(change.box.extent)
     kind = change.kind if change.partner is None else f"{change.kind} (with {change.partner})"

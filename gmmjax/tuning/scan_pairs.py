@@ -12,10 +12,9 @@ from gmmjax.changes.checking import CheckedCloud, check_pair
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.joint_mixture import SourcedPoints
 from gmmjax.changes.joint_problem import joint_problem
-from gmmjax.changes.registration import register
-from gmmjax.changes.scales import WorkingCloud, working_pair
+from gmmjax.changes.registration import registered_pair
+from gmmjax.changes.scales import WorkingCloud
 from gmmjax.clouds import PointCloud, SensorViews
-from gmmjax.clouds.local_surface import LocalSurface
 from gmmjax.errors import InputError
 from gmmjax.mixtures import Prior, WeightedPoints
 from gmmjax.mixtures.frame import Frame
@@ -115,12 +114,9 @@ def ready_pair(pair: ScanPair, config: DetectionConfig, max_points: int, seed: i
         ]
     except InputError as error:
         raise InputError(f"{pair.name}: {error}") from error
-    working = working_pair(checked[0].points, checked[1].points, config)
-    surfaces = LocalSurface.of(working.before.points), LocalSurface.of(working.after.points)
-    registration = register(working, *surfaces, config)
-    if registration.applied:
-        working = working.with_after(surfaces[1].moved(registration.transform).points)
-    problem = joint_problem(working, registration, config)
+    registered = registered_pair(checked[0].points, checked[1].points, config)
+    working = registered.pair
+    problem = joint_problem(working, registered.registration, config)
     frame = Frame.of(problem.points.points)
     framed = SourcedPoints(frame.enter(problem.points.points), problem.points.after)
     generator = np.random.default_rng(seed)

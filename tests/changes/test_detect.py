@@ -79,7 +79,7 @@ def test_finds_objects_in_a_room(laboratory, of_laboratory):
     scores = scored(of_laboratory, laboratory)
     assert scores.f1 == 1 and scores.point_f1 > 0.95
     assert of_laboratory.diagnostics["volumetric"] is False
-    assert of_laboratory.diagnostics["registration"]["applied"]
+    assert of_laboratory.registration.applied
 
 
 def test_what_was_not_observed_is_no_change(laboratory, of_laboratory):

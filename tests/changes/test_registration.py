@@ -5,9 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax import DetectionConfig
 from gmmjax.changes.component_consensus import consensus_displacement
-from gmmjax.changes.registration import register
-from gmmjax.changes.scales import working_pair
-from gmmjax.clouds.local_surface import LocalSurface
+from gmmjax.changes.registration import registered_pair
 from gmmjax.mixtures import GaussianMixture
 from gmmjax.scenes import random_scene
 
@@ -43,8 +41,8 @@ def error_of(transform, true, points):
     return np.linalg.norm(points @ total[:3, :3].T + total[:3, 3] - points, axis=1).max()
 
 
-def registered(pair, config):
-    return register(pair, LocalSurface.of(pair.before.points), LocalSurface.of(pair.after.points), config)
+def registered(before, after, config=CONFIG):
+    return registered_pair(before, after, config).registration
 
 
 @pytest.mark.parametrize("scale", [1.0, 1000.0])
@@ -53,7 +51,7 @@ def test_recovers_a_motion_although_something_changed(scale):
     true = motion([0.015, -0.01, 0.012], 0.5)
     moved = after @ true[:3, :3].T + true[:3, 3]
     true[:3, 3] *= scale
-    result = registered(working_pair(scale * before, scale * moved, CONFIG), CONFIG)
+    result = registered(scale * before, scale * moved)
     assert result.applied
     assert error_of(result.transform, true, scale * after) < 0.004 * scale
     assert result.residual < 0.7 * result.residual_before
@@ -61,13 +59,13 @@ def test_recovers_a_motion_although_something_changed(scale):
 
 
 def test_leaves_aligned_clouds_alone():
-    result = registered(working_pair(room(2), room(3), CONFIG), CONFIG)
+    result = registered(room(2), room(3))
     assert not result.applied and (result.transform == np.eye(4)).all()
 
 
 def test_never_leaves_misaligned_clouds_alone():
     config = DetectionConfig(registration="never")
-    result = registered(working_pair(room(2), room(3) + 0.02, config), config)
+    result = registered(room(2), room(3) + 0.02, config)
     assert not result.applied and result.residual == result.residual_before > 0.008
 
 
@@ -79,7 +77,7 @@ def test_does_not_slide_along_a_wall():
         for _ in range(2)
     )
     after[:, 2] += 0.03
-    result = registered(working_pair(before, after, CONFIG), CONFIG)
+    result = registered(before, after)
     assert result.applied
     assert result.transform[2, 3] == pytest.approx(-0.03, abs=0.003)
     assert np.abs(result.transform[:2, 3]).max() < 0.01
@@ -87,12 +85,12 @@ def test_does_not_slide_along_a_wall():
 
 def test_says_how_little_the_clouds_overlap():
     never = DetectionConfig(registration="never")
-    result = registered(working_pair(room(5), room(6) + np.array([1.5, 0.3, 0]), never), never)
+    result = registered(room(5), room(6) + np.array([1.5, 0.3, 0]), never)
     assert result.overlap < 0.5
 
 
-def test_a_far_displacement_is_found_by_the_components():
-    result = registered(working_pair(room(5), room(6) + np.array([3.0, -1.0, 0.5]), CONFIG), CONFIG)
+def test_a_far_displacement_is_found():
+    result = registered(room(5), room(6) + np.array([3.0, -1.0, 0.5]))
     assert result.applied and result.overlap > 0.9
     assert error_of(result.transform, motion([3.0, -1.0, 0.5], 0), room(6)) < 0.01
 
@@ -101,10 +99,10 @@ def test_volumetric_clouds_are_aligned_by_their_components():
     """Nearest neighbours say little there; the Gaussians' means say it to millimetres."""
     scene = random_scene(jax.random.key(3), appeared=1, disappeared=1, points=400)
     shift = np.array([0.1, -0.15, 0.08])
-    moved = registered(working_pair(scene.before, scene.after + shift, CONFIG), CONFIG)
+    moved = registered(scene.before, scene.after + shift)
     assert moved.applied
     np.testing.assert_allclose(moved.transform[:3, 3], -shift, atol=0.04)
-    same = registered(working_pair(scene.before, scene.after, CONFIG), CONFIG)
+    same = registered(scene.before, scene.after)
     assert not same.applied and same.residual == 0
 
 
