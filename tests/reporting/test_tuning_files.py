@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gmmjax import DetectionConfig, InputError
-from gmmjax.reporting import tuning_plot
+from gmmjax.reporting import console, tuning_plot
 from gmmjax.reporting.tuning_files import progress_file, read_state, write_state, write_tuned
 from gmmjax.tuning import TuningResult, TuningState
 
@@ -70,6 +70,13 @@ def test_every_axis_has_numbers(result, monkeypatch, lowest, kind):
     layout = shown[0].layout
     assert layout.yaxis.type == kind
     assert layout.xaxis.dtick == layout.xaxis2.dtick == 1
+
+
+@pytest.mark.parametrize(("improved", "heading"), [(True, "Tuned"), (False, "Tried")])
+def test_the_table_does_not_call_best_what_may_be_worse(result, tmp_path, capsys, improved, heading):
+    console.print_tuning(dataclasses.replace(result, improved=improved), tmp_path / "a.toml", tmp_path / "a.html")
+    headings = next(line for line in capsys.readouterr().out.splitlines() if "Start" in line)
+    assert headings.split() == ["Start", heading]
 
 
 def test_a_course_that_gained_nothing_says_so(result, tmp_path):
