@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-# Programs kept by one process. Detections of scans and volumes of any size need 40 in all; a program holds 2 to 10 MB.
-# Without a bound, a process that meets ever new sizes or settings grows until it is killed.
+# Programs kept by one process: about as many as default detections of scans and volumes of 200 to 60,000 points need. A
+# program holds about 5 MB. Without a bound, a process that meets ever new sizes or settings grows until it is killed.
 MOST_PROGRAMS = 64
 
 _Parameters = ParamSpec("_Parameters")
