@@ -1,24 +1,53 @@
 """What changed between two 3D scans, and how sure are you?"""
 
-from gmmjax.changes import Change as Change
-from gmmjax.changes import Changes as Changes
-from gmmjax.changes import DetectionConfig as DetectionConfig
-from gmmjax.changes import detect_changes as detect_changes
-from gmmjax.clouds import PointCloud as PointCloud
-from gmmjax.clouds import SensorViews as SensorViews
-from gmmjax.clouds import read_cloud as read_cloud
-from gmmjax.clouds import read_views as read_views
-from gmmjax.errors import ComputationError as ComputationError
-from gmmjax.errors import InputError as InputError
-from gmmjax.errors import InputWarning as InputWarning
-from gmmjax.mixtures import Fit as Fit
-from gmmjax.mixtures import FitSettings as FitSettings
-from gmmjax.mixtures import FitStatus as FitStatus
-from gmmjax.mixtures import GaussianMixture as GaussianMixture
-from gmmjax.mixtures import Prior as Prior
-from gmmjax.mixtures import fit_mixture as fit_mixture
-from gmmjax.transport import TransportResult as TransportResult
-from gmmjax.transport import TransportStatus as TransportStatus
-from gmmjax.transport import earth_movers_distance as earth_movers_distance
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gmmjax.changes import Change as Change
+    from gmmjax.changes import Changes as Changes
+    from gmmjax.changes import DetectionConfig as DetectionConfig
+    from gmmjax.changes import detect_changes as detect_changes
+    from gmmjax.clouds import PointCloud as PointCloud
+    from gmmjax.clouds import SensorViews as SensorViews
+    from gmmjax.clouds import read_cloud as read_cloud
+    from gmmjax.clouds import read_views as read_views
+    from gmmjax.errors import ComputationError as ComputationError
+    from gmmjax.errors import InputError as InputError
+    from gmmjax.errors import InputWarning as InputWarning
+    from gmmjax.mixtures import Fit as Fit
+    from gmmjax.mixtures import FitSettings as FitSettings
+    from gmmjax.mixtures import FitStatus as FitStatus
+    from gmmjax.mixtures import GaussianMixture as GaussianMixture
+    from gmmjax.mixtures import Prior as Prior
+    from gmmjax.mixtures import fit_mixture as fit_mixture
+    from gmmjax.transport import TransportResult as TransportResult
+    from gmmjax.transport import TransportStatus as TransportStatus
+    from gmmjax.transport import earth_movers_distance as earth_movers_distance
 
 __version__ = "0.1.0"
+
+# The packages of the public names. They are imported when a name is first asked for, so that the command line is up,
+# and can be interrupted cleanly, before JAX is imported.
+_NAMES = {
+    "changes": ("Change", "Changes", "DetectionConfig", "detect_changes"),
+    "clouds": ("PointCloud", "SensorViews", "read_cloud", "read_views"),
+    "errors": ("ComputationError", "InputError", "InputWarning"),
+    "mixtures": ("Fit", "FitSettings", "FitStatus", "GaussianMixture", "Prior", "fit_mixture"),
+    "transport": ("TransportResult", "TransportStatus", "earth_movers_distance"),
+}
+_HOMES = {name: package for package, names in _NAMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _NAMES:
+        return import_module(f"gmmjax.{name}")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'gmmjax' has no attribute '{name}'")
+    value = getattr(import_module(f"gmmjax.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES, *_NAMES})

@@ -3,6 +3,7 @@ import errno
 import io
 import json
 import os
+import signal
 import subprocess
 import sys
 import tomllib
@@ -428,7 +429,7 @@ def test_pairs_at_the_origin_must_be_there(pairs, capsys):
 
 def test_m3c2_is_refused_where_it_cannot_run(capsys, monkeypatch):
     monkeypatch.setattr("gmmjax.evaluation.detectors.has_m3c2", lambda: False)
-    assert "gmmjax[peers]" in failed(["evaluate", "gaussians", "--methods", "m3c2"], capsys)
+    assert "'.[peers]'" in failed(["evaluate", "gaussians", "--methods", "m3c2"], capsys)
 
 
 def test_version(capsys):
@@ -442,6 +443,65 @@ def test_the_module_is_the_command(tmp_path):
     assert ended.returncode == 2
     assert ended.stderr.startswith("gmmjax: error: nowhere.ply: no such file")
     assert "Traceback" not in ended.stderr
+
+
+# Runs the program as the words after it say, and sends Ctrl-C when a module is first looked for.
+INTERRUPTED_AT = """
+import importlib.abc, os, runpy, signal, sys
+
+_, module, way, *words = sys.argv
+sys.argv = ["gmmjax", *words]
+
+class Finder(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name == module:
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Finder())
+if way == "-m":
+    runpy.run_module("gmmjax", run_name="__main__", alter_sys=True)
+else:
+    from gmmjax.cli import main
+    sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize(("module", "way"), [("tyro", "-m"), ("jax", "script"), ("rich.table", "-m")])
+def test_an_interruption_of_the_imports_is_clean(tmp_path, module, way):
+    arguments = [module, way, "detect", "nowhere.ply", "nowhere.ply", "--out", str(tmp_path / "a")]
+    ended = subprocess.run([sys.executable, "-c", INTERRUPTED_AT, *arguments], capture_output=True, text=True)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "gmmjax: interrupted\n")
+
+
+def test_ctrl_c_is_as_before_after_the_command(tmp_path):
+    before = signal.getsignal(signal.SIGINT)
+    assert main(["detect", "nowhere.ply", "nowhere.ply", "--out", str(tmp_path / "a")]) == 2
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+@pytest.fixture
+def closed_pipe():
+    """The writing end of a pipe whose reader has gone, as in `gmmjax ... | head -1`."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    yield writer
+    os.close(writer)
+
+
+@pytest.mark.parametrize("words", [["--version"], ["--help"]])
+def test_a_reader_that_goes_ends_the_program_as_it_ends_others(closed_pipe, words):
+    """With the status that a shell gives for SIGPIPE, and no word."""
+    command = [sys.executable, "-m", "gmmjax", *words]
+    ended = subprocess.run(command, stdout=closed_pipe, stderr=subprocess.PIPE, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (141, "")
+
+
+@pytest.mark.parametrize("more", [[], ["--json"]])
+def test_what_was_written_before_the_reader_went_is_whole(scans, tmp_path, closed_pipe, monkeypatch, more):
+    with monkeypatch.context() as patch, os.fdopen(os.dup(closed_pipe), "w") as output:
+        patch.setattr(sys, "stdout", output)
+        assert main(["detect", *scans, "--out", str(tmp_path / "a"), *DETECT, *more]) == 141
+    assert Changes.load(tmp_path / "a").items
 
 
 @pytest.fixture

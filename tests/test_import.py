@@ -1,10 +1,14 @@
+import importlib
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+import gmmjax
 
 ROOT = Path(__file__).parents[1]
 HEAVY = {
@@ -18,6 +22,8 @@ import json, sys
 import jax
 before = dict(jax.config.values)
 import gmmjax
+for name in dir(gmmjax):
+    getattr(gmmjax, name)
 after = dict(jax.config.values)
 jax.config.update("jax_num_cpu_devices", 2)
 print(json.dumps({
@@ -47,6 +53,18 @@ def test_nothing_is_said(imported):
 
 def test_no_heavy_module_is_imported(imported):
     assert HEAVY.isdisjoint(imported[0]["modules"])
+
+
+def test_the_public_names_are_those_that_type_checkers_see():
+    source = (ROOT / "gmmjax" / "__init__.py").read_text()
+    declared = dict(re.findall(r"^    from gmmjax\.\w+ import (\w+) as (\w+)$", source, re.MULTILINE))
+    assert set(declared) == set(gmmjax._HOMES)
+    for name, package in gmmjax._HOMES.items():
+        assert f"from gmmjax.{package} import {name} as {name}\n" in source
+        assert name in dir(gmmjax)
+        assert getattr(gmmjax, name) is getattr(importlib.import_module(f"gmmjax.{package}"), name)
+    with pytest.raises(AttributeError, match="no attribute 'detect_change'"):
+        gmmjax.detect_change  # noqa: B018
 
 
 def test_no_setting_of_jax_is_changed(imported):

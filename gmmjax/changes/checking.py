@@ -114,7 +114,7 @@ def _warn_about_extents(before: np.ndarray, after: np.ndarray) -> None:
     if (before.max(axis=0) < after.min(axis=0)).any() or (after.max(axis=0) < before.min(axis=0)).any():
         warnings.warn(
             "the extents of the clouds do not overlap at all, so what is found means little: are both in the same "
-            "frame, and both in metres?",
+            "frame, and in the same unit?",
             InputWarning,
             stacklevel=2,
         )

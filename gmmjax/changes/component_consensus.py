@@ -7,6 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from gmmjax._programs import kept_jit
+from gmmjax._typing import Array
 from gmmjax.mixtures import GaussianMixture
 from gmmjax.transport.ground_cost import bures_wasserstein
 
@@ -45,10 +47,11 @@ def consensus_displacement(
         points_before: observations in the before cloud.
         points_after: observations in the after cloud.
     """
+    shape_distance = _shape_distance(before, after)
     before, after = before.live_part(), after.live_part()
     observations = np.minimum(before.weights[:, None] * points_before, after.weights[None] * points_after)
     alike = (SAME_SHAPE + SAMPLING / np.sqrt(observations)) * _size(before)[:, None]
-    same_shape = _shape_distance(before, after) < alike
+    same_shape = shape_distance < alike
     displacements = before.means[:, None] - after.means[None]
     errors = _mean_errors(before, points_before)[:, None] + _mean_errors(after, points_after)[None]
     weights = np.minimum(before.weights[:, None], after.weights[None]) * same_shape
@@ -82,9 +85,13 @@ def _size(mixture: GaussianMixture) -> Float[np.ndarray, " k"]:
     return np.sqrt(np.trace(mixture.covariances, axis1=1, axis2=2) / 3)
 
 
-def _shape_distance(before: GaussianMixture, after: GaussianMixture) -> np.ndarray:
+def _shape_distance(before: GaussianMixture, after: GaussianMixture) -> Float[np.ndarray, "k0 k1"]:
+    """Distances between the shapes of live components; computed for all slots: one program serves all mixtures."""
     with jax.enable_x64(True):
-        distance = bures_wasserstein(
-            jnp.zeros_like(before.means), before.covariances, jnp.zeros_like(after.means), after.covariances
-        )
-        return np.asarray(distance)
+        distances = np.asarray(_distances_of_slots(before.covariances, after.covariances))
+    return distances[np.ix_(before.live, after.live)]
+
+
+@kept_jit
+def _distances_of_slots(before: Float[Array, "k0 3 3"], after: Float[Array, "k1 3 3"]) -> Float[Array, "k0 k1"]:
+    return bures_wasserstein(jnp.zeros_like(before[:, 0]), before, jnp.zeros_like(after[:, 0]), after)

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from gmmjax._programs import kept_jit
 from gmmjax._typing import Array
 from gmmjax.changes.change import Box, Change, Kind
 from gmmjax.mixtures import GaussianMixture, parameters_per_component
@@ -110,7 +111,7 @@ def component_labels(points: Float[np.ndarray, "n 3"], mixtures: GaussianMixture
     return np.concatenate(chunks, axis=1)[:, : len(points)]
 
 
-@jax.jit
+@kept_jit
 def _chunk_labels(mixtures: GaussianMixture, chunk: Float[Array, "c 3"]) -> Int[Array, "r c"]:
     # One restart after the other: all at once would leave the caches.
     return jax.lax.map(lambda mixture: mixture.labels(chunk).astype(jnp.int32), mixtures)

@@ -143,6 +143,7 @@ def _fit(problem: JointProblem, config: DetectionConfig, report: Progress) -> Jo
         problem.points,
         key=jax.random.key(config.seed),
         max_components=problem.max_components,
+        slots=problem.slots,
         prior=problem.prior,
         restarts=restarts,
         max_points=problem.max_points,

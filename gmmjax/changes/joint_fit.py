@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int, PRNGKeyArray
 
 from gmmjax._host import to_numpy
+from gmmjax._programs import kept_jit
 from gmmjax._typing import Array
 from gmmjax.changes.joint_mixture import (
     JointMixture,
@@ -55,6 +56,7 @@ def fit_joint_restarts(
     *,
     key: PRNGKeyArray,
     max_components: int,
+    slots: int,
     prior: Prior,
     restarts: int,
     max_points: int,
@@ -67,6 +69,8 @@ def fit_joint_restarts(
         points: both clouds, NumPy arrays in any unit.
         key: random key of the subsamples and the starts.
         max_components: components that annihilation starts from.
+        slots: of the mixtures, at least as many: clouds with few points, which start from fewer components, share a
+            program with larger ones.
         prior: tolerance and noise in the unit of the points.
         restarts: how many.
         max_points: of each subsample; where there are no more points, all are used.
@@ -84,7 +88,7 @@ def fit_joint_restarts(
     keys = jax.random.split(key, restarts)
 
     def fit_one(key: PRNGKeyArray, points: SourcedPoints) -> tuple[Annihilated, Array]:
-        return _compiled_fit(points, key, prior, max_components, settings)
+        return _compiled_fit(points, key, prior, np.int32(max_components), slots=slots, settings=settings)
 
     fits, ratios = map_on_cores(fit_one, list(zip(keys, samples, strict=True)), "float64", progress)
     finite = np.asarray(fits.result != FitStatus.not_finite)
@@ -94,11 +98,17 @@ def fit_joint_restarts(
     return JointFits(fits.model, fits.message_length, ratios, fits.steps, fits.result, frame)
 
 
-@functools.partial(jax.jit, static_argnames=("max_components", "settings"))
+@kept_jit
 def _compiled_fit(
-    points: SourcedPoints, key: PRNGKeyArray, prior: Prior, max_components: int, settings: FitSettings
+    points: SourcedPoints,
+    key: PRNGKeyArray,
+    prior: Prior,
+    max_components: Int[Array, ""],
+    *,
+    slots: int,
+    settings: FitSettings,
 ) -> tuple[Annihilated, Array]:
-    fit = fit_joint_mixture_from_seeds(points, max_components, prior, key, settings)
+    fit = fit_joint_mixture_from_seeds(points, slots, prior, key, settings, max_components)
     return fit, density_ratio(fit.model)
 
 
@@ -134,18 +144,24 @@ def mixtures_distance(fits: JointFits) -> float:
 
     The components are shared; each cloud has its own weights, normalised.
     """
-    distances = []
-    for restart in range(len(fits.message_length)):
-        # All slots, dead ones too: one compiled program for fits of any size.
-        joint = jax.tree.map(lambda leaf, index=restart: leaf[index], fits.joint)
+    with jax.enable_x64(True):
+        distances = np.asarray(_distances(jax.tree.map(jnp.asarray, fits.joint)))
+    return float(distances.mean()) * float(fits.frame.spread)
+
+
+@kept_jit
+def _distances(joint: JointMixture) -> Float[Array, " r"]:
+    def one_restart(joint: JointMixture) -> Array:
+        # All slots, dead ones too: one program for fits of any size.
         before, after = (_reweighted(joint.mixture, share) for share in (1 - joint.share_after, joint.share_after))
-        distances.append(float(earth_movers_distance(before, after).cost))
-    return float(np.mean(distances)) * float(fits.frame.spread)
+        return earth_movers_distance(before, after).cost
+
+    return jax.lax.map(one_restart, joint)
 
 
-def _reweighted(mixture: GaussianMixture, share: np.ndarray) -> GaussianMixture:
+def _reweighted(mixture: GaussianMixture, share: Float[Array, " k"]) -> GaussianMixture:
     weights = mixture.weights * share
-    return GaussianMixture(weights / weights.sum(), mixture.means, mixture.covariances, mixture.live)
+    return GaussianMixture(weights / jnp.sum(weights), mixture.means, mixture.covariances, mixture.live)
 
 
 def _in_chunks(function: Callable[..., tuple[Array, ...]], fits: JointFits, points: np.ndarray) -> Any:
@@ -157,9 +173,9 @@ def _in_chunks(function: Callable[..., tuple[Array, ...]], fits: JointFits, poin
     return tuple(np.concatenate(part, axis=1)[:, : len(points)] for part in zip(*parts, strict=True))
 
 
-@functools.partial(jax.jit, static_argnames="after")
+@kept_jit
 def _chunk_points(
-    joint: JointMixture, ratio: Float[Array, " r"], chunk: Float[Array, "c 3"], after: bool
+    joint: JointMixture, ratio: Float[Array, " r"], chunk: Float[Array, "c 3"], *, after: bool
 ) -> tuple[Float[Array, "r c"]]:
     def one_restart(restart: tuple[JointMixture, Array]) -> Array:
         one, ratio = restart
@@ -168,9 +184,9 @@ def _chunk_points(
     return (jax.lax.map(one_restart, (joint, ratio)),)
 
 
-@functools.partial(jax.jit, static_argnames="after")
+@kept_jit
 def _chunk_components(
-    joint: JointMixture, ratio: Float[Array, " r"], chunk: Float[Array, "c 3"], after: bool
+    joint: JointMixture, ratio: Float[Array, " r"], chunk: Float[Array, "c 3"], *, after: bool
 ) -> tuple[Float[Array, "r c"], Int[Array, "r c"]]:
     def one_restart(restart: tuple[JointMixture, Array]) -> tuple[Array, Array]:
         one, ratio = restart

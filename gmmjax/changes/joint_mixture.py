@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array as JaxArray
-from jaxtyping import Bool, Float, PRNGKeyArray
+from jaxtyping import Bool, Float, Int, PRNGKeyArray
 
 from gmmjax._typing import Array, Scalar
 from gmmjax.mixtures import FeatureChunks, FitSettings, GaussianMixture, Prior, WeightedPoints, parameters_per_component
@@ -99,10 +99,21 @@ def joint_chunks(points: SourcedPoints) -> FeatureChunks:
     return FeatureChunks(features, chunks.mass, chunks.dimension)
 
 
-def initial_joint_mixture(points: SourcedPoints, components: int, prior: Prior, key: PRNGKeyArray) -> JointMixture:
-    """k-means++ seeds on both clouds, as wide as the points are from their seeds, with equal weights and shares."""
+def initial_joint_mixture(
+    points: SourcedPoints, slots: int, prior: Prior, key: PRNGKeyArray, components: int | Int[Array, ""] | None = None
+) -> JointMixture:
+    """k-means++ seeds on both clouds, as wide as the points are from their seeds, with equal weights and shares.
+
+    Args:
+        points: both clouds.
+        slots: of the mixture.
+        prior: its noise floor and tolerance are added to the covariances.
+        key: random key of the seeds.
+        components: how many slots are live, the first; None: all.
+    """
     coordinates, mass = jnp.asarray(points.points.points), jnp.asarray(points.points.mass)
-    seeds, live = distinct_seeds(WeightedPoints(coordinates, mass), components, key)
+    seeds, live = distinct_seeds(WeightedPoints(coordinates, mass), slots, key)
+    live = live if components is None else live & (jnp.arange(slots, dtype=jnp.int32) < components)
     dimension, dtype = coordinates.shape[1], coordinates.dtype
     squared = jnp.sum(coordinates**2, axis=1)[:, None] - 2 * coordinates @ seeds.T + jnp.sum(seeds**2, axis=1)[None]
     nearest = jnp.maximum(jnp.min(jnp.where(live[None], squared, jnp.inf), axis=1), 0)
@@ -110,9 +121,9 @@ def initial_joint_mixture(points: SourcedPoints, components: int, prior: Prior, 
     covariance = prior.widened(variance * jnp.eye(dimension, dtype=dtype)[None])
     noise_weight = jnp.asarray(0.0 if prior.noise_share is None else prior.noise_share, dtype)
     weights = (1 - noise_weight) * live.astype(dtype) / jnp.sum(live, dtype=dtype)
-    covariances = jnp.broadcast_to(covariance, (components, dimension, dimension))
+    covariances = jnp.broadcast_to(covariance, (slots, dimension, dimension))
     mixture = GaussianMixture.masked(weights, seeds, covariances, live)
-    return JointMixture(mixture, jnp.full(components, 0.5, dtype), noise_weight, _log_noise(points.points))
+    return JointMixture(mixture, jnp.full(slots, 0.5, dtype), noise_weight, _log_noise(points.points))
 
 
 def fit_joint_mixture(
@@ -160,11 +171,16 @@ def _joint_algorithm(chunks: FeatureChunks, prior: Prior, log_noise: JaxArray, s
 
 
 def fit_joint_mixture_from_seeds(
-    points: SourcedPoints, components: int, prior: Prior, key: PRNGKeyArray, settings: FitSettings
+    points: SourcedPoints,
+    slots: int,
+    prior: Prior,
+    key: PRNGKeyArray,
+    settings: FitSettings,
+    components: int | Int[Array, ""] | None = None,
 ) -> Annihilated:
     """`fit_joint_mixture` from `initial_joint_mixture`, through which nothing is differentiated."""
     held, prior_held = jax.lax.stop_gradient((points, prior))
-    start = initial_joint_mixture(held, components, prior_held, key)
+    start = initial_joint_mixture(held, slots, prior_held, key, components)
     return fit_joint_mixture(points, start, prior, settings)
 
 

@@ -34,6 +34,7 @@ class JointProblem:
         points: of both clouds, in their unit, NumPy arrays.
         prior: in that unit.
         max_components: that annihilation starts from.
+        slots: of the mixture: as many for small clouds, which start from fewer components, as for large ones.
         max_points: that one fit sees.
         volumetric: whether the clouds fill volumes.
     """
@@ -41,6 +42,7 @@ class JointProblem:
     points: SourcedPoints
     prior: Prior
     max_components: int
+    slots: int
     max_points: int
     volumetric: bool
 
@@ -60,11 +62,13 @@ def joint_problem(pair: WorkingPair, registration: Registration, config: Detecti
     points = np.concatenate([cloud.points for cloud in clouds])
     # The density of a scan is an accident of where the sensor stood: on surfaces every voxel counts the same.
     masses = [cloud.mass if pair.volumetric else np.ones(len(cloud.mass)) for cloud in clouds]
+    components = _components(pair, config)
     after = np.repeat([0.0, 1.0], [len(cloud.points) for cloud in clouds])
     return JointProblem(
         points=SourcedPoints(WeightedPoints(points, np.concatenate(masses)), after),
         prior=config.over(joint_prior(_noise_floor(pair, points), _tolerance(pair, registration))),
-        max_components=_components(pair, config),
+        max_components=components,
+        slots=max(components, _default_components(pair)),
         max_points=config.max_points if pair.volumetric else min(config.max_points, SURFACE_POINTS),
         volumetric=pair.volumetric,
     )
@@ -91,5 +95,8 @@ def _components(pair: WorkingPair, config: DetectionConfig) -> int:
                 f"choose at most {max(1, points // POINTS_PER_COMPONENT)}"
             )
         return config.max_components
-    default = VOLUME_COMPONENTS if pair.volumetric else SURFACE_COMPONENTS
-    return max(1, min(default, points // POINTS_PER_COMPONENT))
+    return max(1, min(_default_components(pair), points // POINTS_PER_COMPONENT))
+
+
+def _default_components(pair: WorkingPair) -> int:
+    return VOLUME_COMPONENTS if pair.volumetric else SURFACE_COMPONENTS

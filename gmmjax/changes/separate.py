@@ -1,7 +1,6 @@
 """The thesis's way: a mixture for each cloud, compared by optimal transport."""
 
 import dataclasses
-import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -10,6 +9,7 @@ import numpy as np
 from jaxtyping import Array as JaxArray
 from jaxtyping import ArrayLike, Bool, Float
 
+from gmmjax._programs import kept_jit
 from gmmjax._typing import Array, Scalar
 from gmmjax.changes.change import Changes, Kind
 from gmmjax.changes.clock import Clock, Progress
@@ -131,9 +131,11 @@ def _compare(mixtures: tuple[GaussianMixture, GaussianMixture], pair: PreparedPa
     masses = float(pair.before.weighted.mass.sum()), float(pair.after.weighted.mass.sum())
     with jax.enable_x64(True):
         if config.method == "greedy":
-            compared = _greedy_pairs(*mixtures, config.kinds)
+            compared = _greedy_pairs(*mixtures, kinds=config.kinds)
         else:
-            compared = _transport_pairs(*mixtures, *masses, config.penalty, config.threshold, config.kinds)
+            compared = _transport_pairs(
+                *mixtures, *masses, config.penalty, threshold=config.threshold, kinds=config.kinds
+            )
         changed_before, changed_after, emd, valid = (np.asarray(part) for part in compared)
     if not valid.any():
         raise ComputationError("no pair of restarts could be compared: the transport problems were not solved")
@@ -149,8 +151,8 @@ def _compare(mixtures: tuple[GaussianMixture, GaussianMixture], pair: PreparedPa
 _Compared = tuple[Bool[Array, "r0 r1 k0"], Bool[Array, "r0 r1 k1"], Float[Array, "r0 r1"], Bool[Array, "r0 r1"]]
 
 
-@functools.partial(jax.jit, static_argnames="kinds")
-def _greedy_pairs(before: GaussianMixture, after: GaussianMixture, kinds: Kinds) -> _Compared:
+@kept_jit
+def _greedy_pairs(before: GaussianMixture, after: GaussianMixture, *, kinds: Kinds) -> _Compared:
     """Algorithm 1 for all pairs of restarts."""
 
     def compare(before: GaussianMixture, after: GaussianMixture) -> tuple[JaxArray, JaxArray, JaxArray, JaxArray]:
@@ -160,13 +162,14 @@ def _greedy_pairs(before: GaussianMixture, after: GaussianMixture, kinds: Kinds)
     return _over_pairs(compare)(before, after)
 
 
-@functools.partial(jax.jit, static_argnames=("threshold", "kinds"))
+@kept_jit
 def _transport_pairs(
     before: GaussianMixture,
     after: GaussianMixture,
     points_before: Scalar,
     points_after: Scalar,
     penalty: Scalar | None,
+    *,
     threshold: float,
     kinds: Kinds,
 ) -> _Compared:

@@ -1,15 +1,19 @@
 """Which command is meant, and how it ends: the exit status, errors as one line, warnings as one line."""
 
+import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from importlib import import_module
 
+from gmmjax.cli.interruption import INTERRUPTED, INTERRUPTION, interruptions
 from gmmjax.errors import ComputationError, InputError
 
 DONE = 0
 FAILED = 1
 BAD_INPUT = 2
-INTERRUPTED = 130
+# What a shell reports for a program that SIGPIPE ended, as it ends others whose reader has gone.
+PIPE_CLOSED = 141
 
 DESCRIPTION = "What changed between two 3D scans, and how sure are you?   (gmmjax --version prints the version.)"
 
@@ -37,19 +41,37 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: without the program's name; default those of the process.
 
     Returns:
-        0 done, whether or not there were changes; 1 the computation failed; 2 bad usage or input; 130 interrupted.
+        0 done, whether or not there were changes; 1 the computation failed; 2 bad usage or input; 130 interrupted;
+        141 the reader of the output has closed it.
 
     Raises:
         SystemExit: with 2 on bad usage, with 0 after help.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        try:
+            with interruptions() as loaded:
+                return _status(words, loaded)
+        finally:
+            # What is left in the buffer would fail to be written when it is too late to give a status.
+            if sys.stdout is not None:
+                sys.stdout.flush()
+    except (BrokenPipeError, SystemExit) as error:
+        # Rich's console ends the program where a pipe is closed.
+        if not isinstance(error, BrokenPipeError) and not isinstance(error.__context__, BrokenPipeError):
+            raise
+        _discard_output()
+        return PIPE_CLOSED
+
+
+def _status(words: list[str], loaded: Callable[[], None]) -> int:
     if words == ["--version"]:
         from gmmjax import __version__
 
         print(f"gmmjax {__version__}")
         return DONE
     try:
-        return _run(words)
+        return _run(words, loaded)
     except InputError as error:
         print(f"gmmjax: error: {error}", file=sys.stderr)
         return BAD_INPUT
@@ -57,11 +79,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"gmmjax: error: {error}", file=sys.stderr)
         return FAILED
     except KeyboardInterrupt:
-        print("gmmjax: interrupted", file=sys.stderr)
+        print(f"gmmjax: {INTERRUPTION}", file=sys.stderr)
         return INTERRUPTED
 
 
-def _run(words: list[str]) -> int:
+def _discard_output() -> None:
+    """Lets what is still to be written to standard output go nowhere, so that the interpreter ends in silence."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _run(words: list[str], loaded: Callable[[], None]) -> int:
     import tyro
 
     words = _joined(words)
@@ -69,6 +97,9 @@ def _run(words: list[str]) -> int:
     commands: dict[str, Callable[..., int]] = {other: _summary(text) for other, (_, text) in COMMANDS.items()}
     if name in COMMANDS:
         module = import_module(f"gmmjax.cli.{COMMANDS[name][0]}")
+        # All commands need it, and most of what takes time to import comes with it.
+        import_module("gmmjax.reporting.console")
+        loaded()
         commands[name] = module.command(words[1:])
     result = tyro.extras.subcommand_cli_from_dict(
         commands, prog="gmmjax", description=DESCRIPTION, args=words, config=(tyro.conf.FlagCreatePairsOff,)

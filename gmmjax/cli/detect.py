@@ -52,7 +52,7 @@ def detect(
     """What changed from one scan to another: a list, labels for all points, a report.
 
     Reads PLY, PCD, XYZ, PTS, CSV, NPY, NPZ, LAS and LAZ. Both scans must be in about the same frame, and in
-    the same unit (metres).
+    the same unit.
 
     Args:
         before: the scan at the first time.

@@ -111,7 +111,7 @@ def run_evaluation(sources: Sequence["PairSource"], options: Options, *, evidenc
 
     names = options.methods or available(evidence=evidence)
     if missing := [name for name in names if name not in available()]:
-        raise InputError(f"--methods {' '.join(missing)}: needs py4dgeo; pip install 'gmmjax[peers]', or leave it out")
+        raise InputError(f"--methods {' '.join(missing)}: needs py4dgeo; pip install '.[peers]', or leave it out")
     config = DetectionConfig() if options.config is None else read_settings(options.config)
     if options.restarts is not None:
         config = dataclasses.replace(config, restarts=options.restarts)

@@ -53,11 +53,11 @@ def simulate_lab(
     missing = []
     made = kinds or (("frame", "volumetric", "localised") if _has_open3d() else ("frame", "localised"))
     if kinds is None and "volumetric" not in made:
-        missing.append("no volumetric maps: Open3D is not here (pip install 'gmmjax[open3d]')")
+        missing.append("no volumetric maps: Open3D is not here (pip install '.[open3d]')")
     if bag is None:
         bag = "ros1" if find_spec("rosbags") else "none"
         if bag == "none":
-            missing.append("no bags: rosbags is not here (pip install 'gmmjax[ros]')")
+            missing.append("no bags: rosbags is not here (pip install '.[ros]')")
     with console.progress_bar(quiet=quiet) as progress:
         description = write_lab(
             out,

@@ -1,4 +1,4 @@
-"""Reading the vertices of mesh files with Open3D, the optional extra `gmmjax[open3d]`."""
+"""Reading the vertices of mesh files with Open3D, the optional extra `open3d`."""
 
 import os
 from typing import Any
@@ -57,7 +57,7 @@ def load_open3d(purpose: str) -> Any:
     except ModuleNotFoundError as error:
         if error.name != "open3d":
             raise InputError(f"{purpose} needs Open3D, which lacks {error.name}: pip install {error.name}") from error
-        raise InputError(f"{purpose} needs Open3D: pip install 'gmmjax[open3d]'") from error
+        raise InputError(f"{purpose} needs Open3D: pip install '.[open3d]'") from error
     except (ImportError, OSError) as error:
         raise InputError(
             f"{purpose} needs Open3D, which is installed but cannot load ({error}): "

@@ -28,7 +28,7 @@ def read_cloud(path: str | os.PathLike[str]) -> PointCloud:
     """The point cloud in a file; its ending, in upper or lower case, tells the format.
 
     PLY, PCD, text (.xyz, .txt, .csv, .pts), NumPy (.npy, .npz), LAS and LAZ; the vertices of meshes (.obj, .off, .stl,
-    .gltf, .glb) with the extra `gmmjax[open3d]`. Rows with NaN or inf are left out and counted in `rows_dropped`.
+    .gltf, .glb) with the extra `open3d`. Rows with NaN or inf are left out and counted in `rows_dropped`.
 
     Args:
         path: the file; coordinates in metres.

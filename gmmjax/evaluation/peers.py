@@ -91,7 +91,7 @@ def m3c2(
         InputError: py4dgeo is not installed.
     """
     if not has_m3c2():
-        raise InputError("m3c2: py4dgeo is not installed; pip install 'gmmjax[peers]', or leave this method out")
+        raise InputError("m3c2: py4dgeo is not installed; pip install '.[peers]', or leave this method out")
     return _significant(before, after, scale), _significant(after, before, scale)
 
 

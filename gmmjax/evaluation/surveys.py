@@ -30,7 +30,7 @@ def survey_sources(seeds: Sequence[int], kind: CloudKind) -> list[PairSource]:
     """
     check_choice("kind", kind, KINDS)
     if kind == "volumetric":
-        load_open3d("volumetric maps: simulating them")
+        load_open3d("simulating volumetric maps")
     return [_source(seed, kind, ONE_KIND[seed % len(ONE_KIND)]) for seed in seeds]
 
 

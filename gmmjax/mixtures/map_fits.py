@@ -11,6 +11,7 @@ from jaxtyping import Array as JaxArray
 from jaxtyping import ArrayLike, Float, PRNGKeyArray
 
 from gmmjax._host import to_numpy
+from gmmjax._programs import kept_jit
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures.annihilation import Fit, FitSettings, fit_by_annihilation
 from gmmjax.mixtures.checked_points import checked_points
@@ -237,7 +238,8 @@ def _on_cores(
 
     def fit_one(task: _Task, key: PRNGKeyArray) -> Fit:
         # Two programs: in one, XLA's threads wait beside the loop, for half as much CPU time again (measured).
-        return _compiled_fit(_compiled_start(task, key, max_components), key, max_components, settings)
+        started = _compiled_start(task, key, max_components=max_components)
+        return _compiled_fit(started, key, max_components=max_components, settings=settings)
 
     results = map_on_cores(fit_one, jobs, precision, progress)
     return [_nth(results, nth) for nth in range(len(jobs))]
@@ -299,8 +301,7 @@ def _fit(task: _Task, key: PRNGKeyArray, max_components: int, settings: FitSetti
     return fit_by_annihilation(points, start, prior, settings)
 
 
-_compiled_start = functools.partial(jax.jit, static_argnames="max_components")(_started)
-_compiled_fit = functools.partial(jax.jit, static_argnames=("max_components", "settings"))(_fit)
+_compiled_start, _compiled_fit = kept_jit(_started), kept_jit(_fit)
 
 
 def _trusted(

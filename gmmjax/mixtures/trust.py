@@ -1,7 +1,5 @@
 """Whether a fit in single precision can be trusted: its score computed again in double precision."""
 
-import functools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,6 +7,7 @@ import numpy as np
 from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float
 
+from gmmjax._programs import kept_jit
 from gmmjax.mixtures.annihilation import Fit, FitSettings, FitStatus
 from gmmjax.mixtures.criteria import message_length
 from gmmjax.mixtures.expectation_maximisation import FeatureChunks, expectation
@@ -34,7 +33,7 @@ def scored_in_double(fits: Fit, points: WeightedPoints, settings: FitSettings) -
         settings: of the fits.
     """
     with jax.enable_x64(True):
-        likelihoods, lengths = (np.asarray(part) for part in _scores(fits, points, settings))
+        likelihoods, lengths = (np.asarray(part) for part in _scores(fits, points, settings=settings))
     error = max(LARGEST_ERROR, LARGEST_RELATIVE_ERROR * points.mass.sum())
     right = (np.abs(lengths - fits.message_length) <= error) & (_thinnest(fits) >= THINNEST)
     right &= np.asarray(fits.result != FitStatus.not_finite)
@@ -42,8 +41,8 @@ def scored_in_double(fits: Fit, points: WeightedPoints, settings: FitSettings) -
     return scored, right
 
 
-@functools.partial(jax.jit, static_argnames="settings")
-def _scores(fits: Fit, points: WeightedPoints, settings: FitSettings) -> tuple[JaxArray, JaxArray]:
+@kept_jit
+def _scores(fits: Fit, points: WeightedPoints, *, settings: FitSettings) -> tuple[JaxArray, JaxArray]:
     chunks, log_noise = FeatureChunks.of(points), log_uniform_density(points)
     observations = jnp.sum(chunks.mass)
 

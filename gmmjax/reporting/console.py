@@ -125,7 +125,7 @@ def print_fit(fit: Fit, cloud: PointCloud) -> None:
     console = Console()
     console.print(f"{count} Gaussian{'s' * (count != 1)}", style="bold", highlight=False)
     table = plain_table()
-    for heading in ("Weight", "Mean (m)", "Standard deviations (m)"):
+    for heading in ("Weight", "Mean", "Standard deviations"):
         table.add_column(heading, justify="right", no_wrap=True)
     for index in np.argsort(-mixture.weights):
         deviations = np.sqrt(np.linalg.eigvalsh(mixture.covariances[index])[::-1])
@@ -139,7 +139,7 @@ def print_fit(fit: Fit, cloud: PointCloud) -> None:
 def print_truth(scene: GaussianScene) -> None:
     """The true changes of a simulated scene in a table, on standard output."""
     table = plain_table()
-    for heading, justify in (("Truth", "left"), ("Kind", "left"), ("Points", "right"), ("Centre (m)", "right")):
+    for heading, justify in (("Truth", "left"), ("Kind", "left"), ("Points", "right"), ("Centre", "right")):
         table.add_column(heading, justify=justify, no_wrap=True)  # type: ignore[arg-type]
     sides = ((scene.before, scene.truth_before, "disappeared"), (scene.after, scene.truth_after, "appeared"))
     for points, truth, kind in sides:
@@ -188,6 +188,8 @@ def print_note(text: str) -> None:
 def print_tuning(result: "TuningResult", settings: Path, page: Path) -> None:
     """The tuned settings beside what they began with, the losses, and what to do with the file.
 
+    Of settings that stay as they were, those that were tried.
+
     Args:
         result: of the tuning.
         settings: the TOML file.
@@ -200,7 +202,7 @@ def print_tuning(result: "TuningResult", settings: Path, page: Path) -> None:
     console.print(verdict, style="bold", highlight=False)
     console.print(f"{result.state.steps} steps: {STOPS[result.stopped]}", style="dim", highlight=False, soft_wrap=True)
     table = plain_table()
-    for heading in ("", "Start", "Best"):
+    for heading in ("", "Start", "Tuned" if result.improved else "Tried"):
         table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
     for number, name in enumerate(result.parameters):
         table.add_row(name, f"{result.state.values[0, 0, number]:.4g}", f"{result.tuned[name]:.4g}")

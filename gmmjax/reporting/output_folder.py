@@ -3,16 +3,15 @@
 import dataclasses
 import json
 import os
-import secrets
-import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from gmmjax.clouds.temporaries import JOURNAL, PREFIX, clear_folders, temporary_folder
 from gmmjax.errors import InputError
 
-STAGING_PREFIX = ".gmmjax-"
+# In the staging folder: what is being replaced.
+PREVIOUS = "previous"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +42,10 @@ class FolderKind:
 
 
 def check_output_folder(folder: str | os.PathLike[str], kind: FolderKind, *, overwrite: bool = False) -> None:
-    """Whether `output_folder` could write there: called before a long computation. Changes nothing.
+    """Whether `output_folder` could write there: called before a long computation.
+
+    Changes nothing, but clears what processes that were killed left there. Where one was killed while it replaced a
+    previous result, that is put back.
 
     Args:
         folder: may be missing, with any of its parents; may be empty.
@@ -54,6 +56,9 @@ def check_output_folder(folder: str | os.PathLike[str], kind: FolderKind, *, ove
         InputError: the folder is a file, holds something else, holds a result and not `overwrite`, or cannot be
             written.
     """
+    target = Path(os.path.realpath(folder))
+    for place in (target.parent, target):
+        clear_folders(place, recover=_put_back)
     try:
         if _exists(folder):
             _check_contents(Path(folder), kind, overwrite)
@@ -84,14 +89,13 @@ def output_folder(folder: str | os.PathLike[str], kind: FolderKind, *, overwrite
     target = Path(os.path.realpath(folder))
     home = target if target.is_dir() else target.parent
     new_parents = [parent for parent in (home, *home.parents) if not parent.exists()]
-    staging = home / f"{STAGING_PREFIX}{secrets.token_hex(8)}"
     try:
-        staging.mkdir(parents=True)
-        yield staging
-        _sync(staging)
-        _publish(staging, target, kind)
+        home.mkdir(parents=True, exist_ok=True)
+        with temporary_folder(home) as staging:
+            yield staging
+            _sync(staging)
+            _publish(staging, target, kind)
     except BaseException as error:
-        shutil.rmtree(staging, ignore_errors=True)
         for parent in new_parents:
             with suppress(OSError):
                 parent.rmdir()
@@ -100,7 +104,6 @@ def output_folder(folder: str | os.PathLike[str], kind: FolderKind, *, overwrite
         if isinstance(cause, OSError):
             raise _cannot_write(folder, cause) from error
         raise
-    shutil.rmtree(staging, ignore_errors=True)
 
 
 def _check_contents(folder: Path, kind: FolderKind, overwrite: bool) -> None:
@@ -108,7 +111,7 @@ def _check_contents(folder: Path, kind: FolderKind, overwrite: bool) -> None:
         raise InputError(f"{folder}: is a file; choose another name for the output folder")
     if not folder.exists():
         raise InputError(f"{folder}: is a link to something that is not there; choose another output folder")
-    entries = [entry for entry in folder.iterdir() if not entry.name.startswith(STAGING_PREFIX)]
+    entries = [entry for entry in folder.iterdir() if not entry.name.startswith(PREFIX)]
     known = {kind.marker, *kind.others}
     foreign = [] if kind.tree else sorted(e.name for e in entries if e.name not in known or not e.is_file())
     if entries and not foreign and not kind.is_held_by(folder):
@@ -133,7 +136,7 @@ def _check_writable(folder: Path) -> None:
     existing = next(path for path in (folder.absolute(), *folder.absolute().parents) if _exists(path))
     if not existing.is_dir():
         raise InputError(f"{folder}: cannot be made, because {existing} is no folder; choose another output folder")
-    with tempfile.TemporaryDirectory(prefix=STAGING_PREFIX, dir=existing):
+    with temporary_folder(existing):
         pass
 
 
@@ -155,12 +158,13 @@ def _publish(staging: Path, target: Path, kind: FolderKind) -> None:
 
 
 def _move_files(staging: Path, target: Path, kind: FolderKind) -> None:
-    retired = staging / "previous"
+    retired = staging / PREVIOUS
     new = sorted((path for path in staging.iterdir()), key=lambda path: path.name == kind.marker)
     retired.mkdir()
     names = (kind.marker, *(sorted(os.listdir(target)) if kind.tree else kind.others))
     old = [target / name for name in dict.fromkeys(names) if _is_content(target / name)]
     moves = [(path, retired / path.name) for path in old] + [(path, target / path.name) for path in new]
+    _write_journal(staging, kind.marker, [path.name for path in old], [path.name for path in new])
     done: list[tuple[Path, Path]] = []
     try:
         for source, destination in moves:
@@ -173,8 +177,42 @@ def _move_files(staging: Path, target: Path, kind: FolderKind) -> None:
         raise
 
 
+def _write_journal(staging: Path, marker: str, old: list[str], new: list[str]) -> None:
+    """What is about to be moved: it has reached the disk before the first file moves."""
+    with (staging / JOURNAL).open("w", encoding="utf-8") as file:
+        json.dump({"marker": marker, "old": old, "new": new}, file)
+        file.flush()
+        os.fsync(file.fileno())
+    _sync(staging)
+
+
+def _put_back(staging: Path) -> None:
+    """Puts the previous result back, if the process died after it had begun to move files into the folder of `staging`.
+
+    Raises:
+        OSError: a file could not be moved.
+    """
+    target, retired = staging.parent, staging / PREVIOUS
+    try:
+        moves = json.loads((staging / JOURNAL).read_text(encoding="utf-8"))
+    except (FileNotFoundError, ValueError):
+        # It died before the first move.
+        return
+    if not (staging / moves["marker"]).exists():
+        # It died after the last one: the new result is whole.
+        return
+    for name in moves["new"]:
+        if not (staging / name).exists() and (target / name).exists():
+            (target / name).replace(staging / name)
+    # The marker was the first to go and is the last to come back.
+    for name in reversed(moves["old"]):
+        if (retired / name).exists():
+            (retired / name).replace(target / name)
+    _sync(target)
+
+
 def _is_content(path: Path) -> bool:
-    return path.exists() and not path.name.startswith(STAGING_PREFIX)
+    return path.exists() and not path.name.startswith(PREFIX)
 
 
 def _sync(folder: Path) -> None:

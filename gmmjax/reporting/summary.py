@@ -7,7 +7,7 @@ import numpy as np
 
 from gmmjax.changes.change import Change, Changes, Kind
 
-HEADINGS = ("Label", "Kind", "Probability", "Points", "Centre (m)", "Size (m)")
+HEADINGS = ("Label", "Kind", "Probability", "Points", "Centre", "Size")
 
 
 class ChangeRow(NamedTuple):
@@ -47,6 +47,11 @@ def percent(probability: float) -> str:
     return f"{shown} %"
 
 
+def share(part: float) -> str:
+    """A share to whole percents; "under 1 %" where there is some."""
+    return "under 1 %" if 0 < part < 0.01 else percent(part)
+
+
 def dropped_rows(changes: Changes) -> dict[str, int]:
     """How many rows of each cloud had NaN or infinite coordinates, for the clouds that had any."""
     sides = {side: changes.diagnostics.get(side) for side in ("before", "after")}
@@ -63,7 +68,7 @@ def dropped_text(side: str, count: int) -> str:
 def unobserved_text(changes: Changes) -> str | None:
     """How much of each cloud the other survey did not see, in a sentence; None where it saw all or nothing is known."""
     shares = {"before": changes.unobserved_before.mean(), "after": changes.unobserved_after.mean()}
-    parts = [f"{percent(float(share))} of the {side} cloud" for side, share in shares.items() if share > 0]
+    parts = [f"{share(float(part))} of the {side} cloud" for side, part in shares.items() if part > 0]
     return f"Not observed by the other survey: {' and '.join(parts)}." if parts else None
 
 

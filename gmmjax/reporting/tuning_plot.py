@@ -10,7 +10,10 @@ from gmmjax.tuning.search import ALL, HELD_BACK, TRAINED
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 GREY = "#969cac"
+# Numbers at 1, 2 and 5 of each decade.
 LOGARITHMIC = {"type": "log", "dtick": "D2", "exponentformat": "none"}
+# Step numbers on the axis, at most.
+STEP_NUMBERS = 12
 # Heights in pixels.
 PANEL, MARGINS = 250, 190
 
@@ -45,10 +48,9 @@ def tuning_html(result: TuningResult) -> str:
     _mark(figure, result.best_step, result.best[ALL], 1)
     for row, name in enumerate(names, start=2):
         _mark(figure, result.best_step, result.tuned[name], row)
-        if name not in ("concentration", "noise_share"):
-            figure.update_yaxes(LOGARITHMIC, row=row, col=1)
-    if result.loss != "likelihood":
-        figure.update_yaxes(LOGARITHMIC, row=1, col=1)
+    for row in range(1, len(titles) + 1):
+        figure.update_yaxes(_axis(figure, row), row=row, col=1)
+    figure.update_xaxes(tick0=0, dtick=-(-result.state.steps // STEP_NUMBERS) or 1)
     figure.update_xaxes(title="step", row=len(titles), col=1)
     figure.update_layout(
         title={"text": _headline(result), "x": 0.02},
@@ -59,6 +61,13 @@ def tuning_html(result: TuningResult) -> str:
         margin={"t": 110},
     )
     return str(figure.to_html(include_plotlyjs=True, full_html=True))
+
+
+def _axis(figure: Any, row: int) -> dict[str, Any]:
+    """Logarithmic where the values of a panel are positive and span a decade: less would not show three numbers."""
+    shown = np.concatenate([np.asarray(line.y, float) for line in figure.select_traces(row=row, col=1)])
+    positive = shown[np.isfinite(shown)]
+    return LOGARITHMIC if positive.min() > 0 and positive.max() >= 10 * positive.min() else {"type": "linear"}
 
 
 def _headline(result: TuningResult) -> str:

@@ -3,9 +3,8 @@
 import heapq
 import itertools
 import os
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -15,6 +14,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
+from gmmjax.clouds.temporaries import clear_folders, temporary_folder
 from gmmjax.clouds.views import check_poses
 from gmmjax.errors import InputError
 from gmmjax.surveys.bags import load_rosbags
@@ -235,15 +235,18 @@ def _staged(target: Path) -> Iterator[tuple[Path, Callable[[Path], Any]]]:
             return Writer1(path)
         return Writer2(path, version=Writer2.VERSION_LATEST, storage_plugin=plugins[target.suffix])
 
-    try:
-        folder = tempfile.TemporaryDirectory(prefix=".gmmjax-", dir=target.absolute().parent)
-    except OSError as error:
-        raise InputError(
-            f"{target}: cannot be written ({error.strerror}); create the folder {target.parent} or choose another one"
-        ) from error
-    with folder as name:
+    parent = target.absolute().parent
+    clear_folders(parent)
+    with ExitStack() as stack:
+        try:
+            folder = stack.enter_context(temporary_folder(parent))
+        except OSError as error:
+            raise InputError(
+                f"{target}: cannot be written ({error.strerror}); "
+                f"create the folder {target.parent} or choose another one"
+            ) from error
         # The files in a folder of ROS 2 are called after it.
-        staged = Path(name) / (target.name if target.suffix in (".bag", "") else target.stem)
+        staged = folder / (target.name if target.suffix in (".bag", "") else target.stem)
         yield staged, make_writer
         written = staged if target.suffix in (".bag", "") else staged / f"{staged.name}{target.suffix}"
         os.replace(written, target)

@@ -304,7 +304,7 @@ def load_rosbags(bag: str) -> None:
     try:
         import rosbags.highlevel  # noqa: F401
     except ModuleNotFoundError as error:
-        raise InputError(f"{bag}: ROS bags need {error.name}: pip install 'gmmjax[ros]'") from error
+        raise InputError(f"{bag}: ROS bags need {error.name}: pip install '.[ros]'") from error
 
 
 def _check_path(bag: Path) -> None:

@@ -19,16 +19,19 @@ def gaussian_cloud(size, seed=0, gaussians=GAUSSIANS):
     return scene.before
 
 
-def changed_pair(size, seed=0):
-    """Two clouds of `size` points; one of five Gaussians goes and another comes."""
-    scene = random_scene(jax.random.key(seed), start=5, appeared=1, disappeared=1, points=size // 5)
-    return scene.before, scene.after
-
-
-def hall_pair(size, seed=0):
+def hall_pair(size, seed=0, size_after=None):
     """Two scans of `size` points of a hall of 30 m with two boxes of 1 m, of which one stands elsewhere later."""
     random = np.random.default_rng(seed)
-    return tuple(_hall(random, size, boxes) for boxes in ([[5, 5, 0], [20, 10, 0]], [[5, 5, 0], [12, 22, 0]]))
+    boxes = [[5, 5, 0], [20, 10, 0]], [[5, 5, 0], [12, 22, 0]]
+    return tuple(_hall(random, *scan) for scan in zip((size, size_after or size), boxes, strict=True))
+
+
+def changed_pair(size, seed=0, size_after=None):
+    """Two clouds of about `size` points; one of five Gaussians goes and another comes."""
+    density = (size_after or size) / size
+    key = jax.random.key(seed)
+    scene = random_scene(key, start=5, appeared=1, disappeared=1, points=size // 5, density=density)
+    return scene.before, scene.after
 
 
 def _hall(random, size, boxes):

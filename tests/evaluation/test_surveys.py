@@ -33,10 +33,10 @@ def test_a_pair_has_all_that_scores_need():
 
 def test_volumetric_maps_need_open3d(monkeypatch):
     def missing(purpose):
-        raise InputError(f"{purpose} needs Open3D: pip install 'gmmjax[open3d]'")
+        raise InputError(f"{purpose} needs Open3D: pip install '.[open3d]'")
 
     monkeypatch.setattr(surveys, "load_open3d", missing)
-    with pytest.raises(InputError, match="volumetric maps: simulating them needs Open3D"):
+    with pytest.raises(InputError, match="simulating volumetric maps needs Open3D"):
         survey_sources([0], "volumetric")
 
 

@@ -1,10 +1,13 @@
 import errno
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from gmmjax.clouds.temporaries import PREFIX
 from gmmjax.errors import InputError
 from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder
 
@@ -131,10 +134,64 @@ def fail_late(monkeypatch):
     monkeypatch.setattr(Path, "replace", replace_or_fail)
 
 
-def test_what_a_killed_run_left_does_not_stand_in_the_way(tmp_path):
-    (tmp_path / ".gmmjax-0123").mkdir()
-    write(tmp_path)
-    assert (tmp_path / "marker.json").exists()
+KILLED = """
+import os, signal, sys, warnings
+from pathlib import Path
+from tests.reporting.test_output_folder import write
+
+warnings.simplefilter("ignore")  # of forks beside JAX's threads: there are none yet
+replace = Path.replace
+for moves in range(6):
+    folder = Path(sys.argv[1]) / str(moves)
+    write(folder, "old")
+    child = os.fork()
+    if not child:
+        left = [moves]
+
+        def replace_until_killed(source, destination):
+            if not left[0]:
+                os.kill(os.getpid(), signal.SIGKILL)
+            left[0] -= 1
+            return replace(source, destination)
+
+        Path.replace = replace_until_killed
+        write(folder, "new", overwrite=True)
+        os._exit(0)
+    os.waitpid(child, 0)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_previous_result_comes_back_after_a_kill_at_any_move(tmp_path):
+    """Two files are moved away and two into their place; the last move makes the new result."""
+    root = Path(__file__).parents[2]
+    subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=True, cwd=root)
+    for moves in range(6):
+        folder = tmp_path / str(moves)
+        assert moves > 3 or any(path.name.startswith(PREFIX) for path in folder.iterdir())
+        expected = "new" if moves > 3 else "old"
+        with pytest.raises(InputError, match="previous result; --overwrite"):
+            check_output_folder(folder, KIND)
+        assert set(contents(folder)) == {"marker.json", "data.bin"}
+        assert contents(folder)["data.bin"] == expected
+        assert json.loads(contents(folder)["marker.json"])["items"] == expected
+
+
+def test_what_killed_runs_left_is_cleared(tmp_path):
+    """In the folder, and beside it where it is not there yet; not what a live run writes, nor what is not ours."""
+    (tmp_path / f"{PREFIX}mine").mkdir()
+    with output_folder(tmp_path / "live", KIND) as live:
+        left_behind = [tmp_path / f"{live.name[:-1]}{'1' if live.name[-1] == '0' else '0'}", tmp_path / "a" / live.name]
+        for folder in left_behind:
+            (folder / "half").mkdir(parents=True)
+            (folder / "half" / "data.bin").write_text("x")
+        write(tmp_path / "a")
+        assert not any(folder.exists() for folder in left_behind)
+        assert live.exists()
+        for name, text in (("marker.json", '{"schema_version": 1, "items": 0}'), ("data.bin", "")):
+            (live / name).write_text(text)
+    assert {path.name for path in tmp_path.iterdir()} == {"a", "live", f"{PREFIX}mine"}
+    assert set(contents(tmp_path / "a")) == {"marker.json", "data.bin"}
 
 
 def test_an_error_of_the_writer_is_passed_on(tmp_path):

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gmmjax.reporting.summary import answer, change_rows, dropped_rows, percent
+from gmmjax.reporting.summary import HEADINGS, answer, change_rows, dropped_rows, percent, unobserved_text
 
 
 def test_answer_counts_each_kind(pair):
@@ -25,6 +25,25 @@ def test_no_change(pair):
 )
 def test_only_certainty_is_a_hundred_percent(probability, text):
     assert percent(probability) == text
+
+
+@pytest.mark.parametrize(
+    ("rows", "text"),
+    [
+        (0, None),
+        (1, "Not observed by the other survey: under 1 % of the before cloud."),
+        (3, "Not observed by the other survey: under 1 % of the before cloud."),
+        (4, "Not observed by the other survey: 1 % of the before cloud."),
+        (399, "Not observed by the other survey: 99 % of the before cloud."),
+    ],
+)
+def test_what_was_not_observed_is_never_none_where_there_is_some(pair, rows, text):
+    unobserved = {"unobserved_before": np.arange(400) < rows, "unobserved_after": np.zeros(500, bool)}
+    assert unobserved_text(dataclasses.replace(pair[2], **unobserved)) == text
+
+
+def test_headings_name_no_unit():
+    assert not any("(" in heading for heading in HEADINGS)
 
 
 @pytest.mark.parametrize(

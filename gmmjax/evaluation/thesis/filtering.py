@@ -34,7 +34,7 @@ def work(plan: Plan) -> Work:
     try:
         pairs = survey_sources(seeds, "localised")
     except InputError as error:
-        return Work((), (f"No localised maps: {error}.",))
+        return Work((), (f"Left out: {error}.",))
     load = LastPair()
     picture = functools.partial(_picture, load, pairs[0])
     units = [Unit(PART, "localised maps", plan.first_seed, CLOUDS, FILTER, picture)]

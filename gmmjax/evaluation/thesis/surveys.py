@@ -52,7 +52,7 @@ def work(plan: Plan) -> Work:
         try:
             pairs = survey_sources(seeds, kind)
         except InputError as error:
-            notes.append(f"No {name}: {error}.")
+            notes.append(f"Left out: {error}.")
             continue
         for seed, source in zip(seeds, pairs, strict=True):
             for method in METHODS:

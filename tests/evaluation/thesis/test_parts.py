@@ -67,7 +67,7 @@ def test_what_cannot_be_made_here_is_left_out_and_said(monkeypatch):
         monkeypatch.setattr(part, "survey_sources", without_open3d)
     work = surveys.work(Plan(survey_seeds=2))
     assert {unit.condition for unit in work.units} == {"single frames"}
-    assert work.notes[0] == "No volumetric maps: install open3d."
+    assert work.notes[0] == "Left out: install open3d."
     assert not filtering.work(Plan()).units and filtering.work(Plan()).notes
 
 
