@@ -15,6 +15,16 @@ class InputWarning(UserWarning):
     """An input that can be used but looks wrong, such as two clouds in different units."""
 
 
+LARGEST_SEED = 2**63 - 1
+"""Random keys are made of 64-bit integers."""
+
+
+def check_seed(name: str, seed: int) -> None:
+    """Raises an `InputError` that names the argument, unless a random key can be made of the seed."""
+    if not 0 <= seed <= LARGEST_SEED:
+        raise InputError(f"{name} {seed} must be at least 0 and below 2^63")
+
+
 def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
     """Raises an `InputError` that names the argument and its choices, unless the value is one of them."""
     if value not in choices:

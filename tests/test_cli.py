@@ -409,6 +409,7 @@ BAD_EVALUATIONS = {
     "gaussians --out nowhere/a.csv": "no folder nowhere",
     "gaussians --seeds 0": "--seeds 0",
     "gaussians --first-seed -1": "--first-seed -1",
+    f"gaussians --first-seed {10**30}": "below 2^63",
     "gaussians --points 0": "--points 0",
     "gaussians --conditions (+9)*": "fits none of (+1) low; (+1) medium",
     "laboratory --conditions (+9)": "fits none of (+1); (+2)",

@@ -11,7 +11,14 @@ from jaxtyping import Bool, Float, Int
 
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.registration_record import Registration
-from gmmjax.changes.storage import LABELS_FILE, POINT_ARRAYS, SCHEMA_VERSION, read_record, write_record
+from gmmjax.changes.storage import (
+    LABELS_FILE,
+    POINT_ARRAYS,
+    SCHEMA_VERSION,
+    finite_or_null,
+    read_record,
+    write_record,
+)
 from gmmjax.errors import InputError
 
 Kind = Literal["appeared", "disappeared", "moved"]
@@ -153,7 +160,10 @@ class Changes:
     registration: Registration = dataclasses.field(default_factory=Registration.none)
 
     def to_dict(self) -> dict[str, Any]:
-        """The changes without the per-point arrays, as plain numbers, strings, lists and dictionaries (for JSON)."""
+        """The changes without the per-point arrays, as plain numbers, strings, lists and dictionaries (for JSON).
+
+        Diagnostics that are not finite are None, such as a residual where no two points could be compared.
+        """
         return {
             "schema_version": SCHEMA_VERSION,
             "changes": [change.to_dict() for change in self.items],
@@ -162,7 +172,7 @@ class Changes:
             "points_before": len(self.labels_before),
             "points_after": len(self.labels_after),
             "config": self.config.to_dict(),
-            "diagnostics": dict(self.diagnostics),
+            "diagnostics": finite_or_null(self.diagnostics),
             "labels_file": LABELS_FILE,
         }
 

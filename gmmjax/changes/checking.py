@@ -5,16 +5,21 @@ import warnings
 from typing import Any
 
 import numpy as np
-from jaxtyping import ArrayLike, Bool, Float
+from jaxtyping import ArrayLike, Float, Int
 
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.clouds import PointCloud, crop_box
+from gmmjax.clouds.canonical import canonical_order, first_of_equals
+from gmmjax.clouds.coordinates import as_points
 from gmmjax.errors import InputError, InputWarning
 from gmmjax.mixtures import parameters_per_component
 
 SMALLEST_CLOUD = parameters_per_component(3) + 1
 # Two clouds of one scene differ in extent by what one of them missed, hardly by more than this.
 SUSPICIOUS_SCALE = 100.0
+# Extents from one over this to this, in the unit of the clouds: sixth powers of a length, as in the determinant of a
+# covariance, and of a thousandth of it stay within the range of float64, 1e-308 to 1e308.
+LARGEST_EXTENT = 1e45
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,24 +27,26 @@ class CheckedCloud:
     """One cloud that can be compared.
 
     Attributes:
-        points: all finite points inside the crop box, in the caller's order and unit.
-        used: which rows of the caller's cloud these are.
+        points: all finite points inside the crop box, in the canonical order and the caller's unit.
+        rows: which row of the caller's cloud each of them is.
+        given: how many rows the caller's cloud has.
         cropped: how many finite points lie outside the crop box.
     """
 
     points: Float[np.ndarray, "n 3"]
-    used: Bool[np.ndarray, " rows"]
+    rows: Int[np.ndarray, " n"]
+    given: int
     cropped: int
 
     def to_rows(self, values: np.ndarray, missing: int | float | bool) -> np.ndarray:
         """Values of the points in the rows that the caller gave; `missing` in the rows that are not used."""
-        rows = np.full(len(self.used), missing, values.dtype)
-        rows[self.used] = values
+        rows = np.full(self.given, missing, values.dtype)
+        rows[self.rows] = values
         return rows
 
     def diagnostics(self, given: ArrayLike | PointCloud) -> dict[str, Any]:
         """Where the cloud came from and what of it is used, as plain values for the record."""
-        unplaced = len(self.used) - len(self.points) - self.cropped
+        unplaced = self.given - len(self.points) - self.cropped
         return {
             "source": given.source if isinstance(given, PointCloud) else None,
             "points": len(self.points),
@@ -59,7 +66,8 @@ def check_pair(
         config: has the crop box.
 
     Raises:
-        InputError: a cloud that is not [n, 3], or has too few points or only equal ones.
+        InputError: a cloud that is not of real numbers [n, 3], has too few points or only equal ones, or an extent that
+            is too large or too small for float64.
 
     Warns:
         InputWarning: extents that do not overlap, or that differ so much that the units must differ.
@@ -69,31 +77,68 @@ def check_pair(
     return checked
 
 
+def check_comparable(
+    before: Float[np.ndarray, "n0 3"],
+    after: Float[np.ndarray, "n1 3"],
+    compared: tuple[Float[np.ndarray, "m0 3"], Float[np.ndarray, "m1 3"]],
+    resolution: float,
+) -> None:
+    """Checks that both clouds have an extent at the resolution that they are compared at.
+
+    Args:
+        before: the points of the before cloud.
+        after: those of the after cloud.
+        compared: what they were reduced to.
+        resolution: voxel size or spacing of the sparser one, in their unit.
+
+    Raises:
+        InputError: one cloud is but a few points, or smaller than the spacing of the other.
+    """
+    extents = [float(np.ptp(points, axis=0).max()) for points in (before, after)]
+    if min(len(points) for points in compared) >= SMALLEST_CLOUD and min(extents) > resolution:
+        return
+    raise InputError(
+        f"before and after: nothing can be compared, because at a resolution of {resolution:.4g} one of them is hardly "
+        f"more than a point: the before cloud extends over {extents[0]:.4g}, the after cloud over {extents[1]:.4g}. "
+        "Give both in the same unit, leave stray points out with crop, or give a smaller voxel_size"
+    )
+
+
 def _checked(name: str, cloud: ArrayLike | PointCloud, config: DetectionConfig) -> CheckedCloud:
-    rows = cloud.points if isinstance(cloud, PointCloud) else _rows(name, cloud)
+    coordinates = cloud.points if isinstance(cloud, PointCloud) else as_points(cloud, name)
     label = f"{name} ({cloud.source})" if isinstance(cloud, PointCloud) and cloud.source else name
-    finite = np.asarray(np.isfinite(rows).all(axis=1))
-    used = finite if config.crop is None else finite & _inside(rows, config.crop)
-    points = rows[used]
+    finite = np.asarray(np.isfinite(coordinates).all(axis=1))
+    used = finite if config.crop is None else finite & _inside(coordinates, config.crop)
+    rows = np.flatnonzero(used)
+    points = coordinates[rows]
+    _check_points(label, points, config)
+    order = canonical_order(points)
+    points, rows = points[order], rows[order]
+    places = int(first_of_equals(points).sum())
+    if places < SMALLEST_CLOUD:
+        raise InputError(
+            f"{label}: its {len(points)} points lie in {places} places only; "
+            f"at least {SMALLEST_CLOUD} are needed to fit a Gaussian"
+        )
+    return CheckedCloud(points, rows, len(coordinates), int(finite.sum() - used.sum()))
+
+
+def _check_points(label: str, points: np.ndarray, config: DetectionConfig) -> None:
     if len(points) < SMALLEST_CLOUD:
         raise InputError(
             f"{label}: has {len(points)} point{'s' * (len(points) != 1)} with finite coordinates"
             f"{'' if config.crop is None else ' inside the crop box'}; "
             f"at least {SMALLEST_CLOUD} are needed to fit a Gaussian"
         )
-    if np.ptp(points, axis=0).max() <= 8 * np.finfo(np.float64).eps * np.abs(points).max():
+    # Halves, so that the difference of two numbers of either sign is finite.
+    extent = 2 * float(np.ptp(points / 2, axis=0).max())
+    if extent <= 8 * np.finfo(np.float64).eps * np.abs(points).max():
         raise InputError(f"{label}: all {len(points)} points are equal; there is nothing to compare")
-    return CheckedCloud(points, used, int(finite.sum() - used.sum()))
-
-
-def _rows(name: str, array: ArrayLike) -> np.ndarray:
-    try:
-        rows = np.asarray(array, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name}: must be an array of numbers [n, 3] or a PointCloud ({error})") from error
-    if rows.ndim != 2 or rows.shape[1] != 3:
-        raise InputError(f"{name}: must have the shape [n, 3], not {list(rows.shape)}")
-    return rows
+    if not 1 / LARGEST_EXTENT <= extent <= LARGEST_EXTENT:
+        raise InputError(
+            f"{label}: the points extend over {extent:.4g}, which cannot be computed with; give the coordinates in "
+            "another unit, and leave stray points out with crop"
+        )
 
 
 def _inside(rows: np.ndarray, crop: tuple[float, ...]) -> np.ndarray:
@@ -106,7 +151,7 @@ def _warn_about_extents(before: np.ndarray, after: np.ndarray) -> None:
     ratio = max(extent_before, extent_after) / min(extent_before, extent_after)
     if ratio > SUSPICIOUS_SCALE:
         warnings.warn(
-            f"the clouds differ {ratio:.0f}-fold in extent ({extent_before:.4g} before, {extent_after:.4g} after): "
+            f"the clouds differ {ratio:.4g}-fold in extent ({extent_before:.4g} before, {extent_after:.4g} after): "
             "is one in millimetres and the other in metres? Both must have the same unit",
             InputWarning,
             stacklevel=2,

@@ -1,8 +1,9 @@
 """The settings of change detection: one frozen record with documented defaults."""
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeGuard, get_args
 
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures import Prior
@@ -33,6 +34,8 @@ PRIOR_LEAVES: Mapping[str, str] = {
     "covariance_scale": "scale",
     "degrees_of_freedom": "degrees_of_freedom",
 }
+# Whole numbers fit the 64-bit integers of arrays and random keys.
+LARGEST_INTEGER = 2**63 - 1
 # Observations that a share of stray points is worth which is not to be found from the points.
 FIXED = 1e9
 
@@ -116,24 +119,24 @@ class DetectionConfig:
         if not isinstance(self.evidence, bool):
             raise InputError(f"evidence={self.evidence!r} must be True or False")
         for name, least in (("seed", 0), ("max_points", 100), ("outlier_neighbours", 0)):
-            _check_least(name, getattr(self, name), least, int)
+            _check_least(name, getattr(self, name), least)
         for name in ("restarts", "max_components"):
             if getattr(self, name) is not None:
-                _check_least(name, getattr(self, name), 1, int)
+                _check_least(name, getattr(self, name), 1)
         if self.crop is not None:
             object.__setattr__(self, "crop", _checked_crop(self.crop))
         for name in POSITIVE:
             value = getattr(self, name)
-            if value is not None and not (isinstance(value, int | float) and 0 < value < float("inf")):
-                raise InputError(f"{name}={value!r} must be a positive number")
+            if value is not None and not (_is_number(value) and value > 0):
+                raise InputError(f"{name}={_shown(value)} must be a positive number")
         if self.concentration is not None and not _between(-float("inf"), self.concentration):
-            raise InputError(f"concentration={self.concentration!r} must be a number below 1")
+            raise InputError(f"concentration={_shown(self.concentration)} must be a number below 1")
         if self.noise_share is not None and not (self.noise_share == 0 or _between(0.0, self.noise_share)):
-            raise InputError(f"noise_share={self.noise_share!r} must be at least 0 and below 1")
+            raise InputError(f"noise_share={_shown(self.noise_share)} must be at least 0 and below 1")
         if (self.covariance_scale is None) != (self.degrees_of_freedom is None):
             raise InputError("covariance_scale and degrees_of_freedom go together: set both or neither")
-        if not (isinstance(self.threshold, int | float) and 0 < self.threshold < 1):
-            raise InputError(f"threshold={self.threshold!r} must lie between 0 and 1")
+        if not _between(0.0, self.threshold):
+            raise InputError(f"threshold={_shown(self.threshold)} must lie between 0 and 1")
 
     def over(self, prior: Prior) -> Prior:
         """The prior of a fit, with what these settings say of it in place of what was derived from the data.
@@ -189,18 +192,37 @@ def with_settings(prior: Prior, settings: Mapping[str, Any]) -> Prior:
 
 def _between(lowest: float, value: object) -> bool:
     """Whether the value is a number above the lowest and below 1."""
-    return isinstance(value, int | float) and lowest < value < 1
+    return _is_number(value) and lowest < value < 1
+
+
+def _is_number(value: object) -> TypeGuard[int | float]:
+    """Whether the value is a real number within the range of a float."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # An integer of more than 308 digits.
+        return False
 
 
 def _checked_crop(crop: Sequence[Any]) -> tuple[float, ...]:
     numbers = tuple(crop)
-    if len(numbers) != 6 or not all(isinstance(number, int | float) for number in numbers):
-        raise InputError(f"crop={crop!r} must be six numbers: x, y, z of the lower and then of the upper corner")
+    if len(numbers) != 6 or not all(_is_number(number) for number in numbers):
+        raise InputError(
+            f"crop={_shown(crop)} must be six finite numbers: x, y, z of the lower and then of the upper corner"
+        )
     if not all(lower < upper for lower, upper in zip(numbers[:3], numbers[3:], strict=True)):
-        raise InputError(f"crop={crop!r}: the lower corner must be below the upper one on every axis")
+        raise InputError(f"crop={_shown(crop)}: the lower corner must be below the upper one on every axis")
     return tuple(float(number) for number in numbers)
 
 
-def _check_least(name: str, value: object, least: int, kind: type) -> None:
-    if not isinstance(value, kind) or isinstance(value, bool) or value < least:  # type: ignore[operator]
-        raise InputError(f"{name}={value!r} must be a whole number of at least {least}")
+def _check_least(name: str, value: object, least: int) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= LARGEST_INTEGER:
+        raise InputError(f"{name}={_shown(value)} must be a whole number of at least {least} and below 2^63")
+
+
+def _shown(value: object) -> str:
+    try:
+        return repr(value)
+    except ValueError:  # Python writes no integer of more than 4,300 digits.
+        return "a number of thousands of digits"

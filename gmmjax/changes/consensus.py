@@ -36,6 +36,7 @@ def cloud_consensus(
     points: Float[np.ndarray, "n 3"],
     mixtures: GaussianMixture,
     votes: Float[np.ndarray, "r k"],
+    significance: Float[np.ndarray, "r k"],
     reference: int,
     kind: Kind,
     threshold: float,
@@ -49,6 +50,7 @@ def cloud_consensus(
         points: all points of the cloud.
         mixtures: the cloud's mixtures, with a leading axis of r restarts.
         votes: for each restart and Gaussian the share of the other cloud's restarts by which it changed.
+        significance: of each Gaussian, as of `Change`.
         reference: the restart with the shortest message length.
         kind: what a change of this cloud is.
         threshold: probability from which on a point or a Gaussian counts as changed.
@@ -66,7 +68,7 @@ def cloud_consensus(
             continue
         labels[members] = len(items)
         vote = float(probability[members].mean())
-        change = change_of(points[members], kind, vote, vote * np.sqrt(float(members.sum())))
+        change = change_of(points[members], kind, vote, significance[reference, component])
         gaussian = mixtures.means[reference, component], mixtures.covariances[reference, component]
         items.append(dataclasses.replace(change, mean=np.asarray(gaussian[0]), covariance=np.asarray(gaussian[1])))
     return CloudConsensus(probability, labels, items)

@@ -20,6 +20,7 @@ from gmmjax.changes.joint_mixture import (
     fit_joint_mixture_from_seeds,
     point_posterior,
 )
+from gmmjax.clouds.canonical import canonical_order, morton_order
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import FitSettings, FitStatus, GaussianMixture, Prior
 from gmmjax.mixtures.annihilation import Annihilated
@@ -80,6 +81,10 @@ def fit_joint_restarts(
     Raises:
         ComputationError: no restart gave a mixture.
     """
+    # The same samples whichever cloud is the earlier one, spread evenly over space.
+    order = canonical_order(np.asarray(points.points.points))
+    order = order[morton_order(np.asarray(points.points.points)[order])]
+    points = jax.tree.map(lambda leaf: leaf[order], points)
     frame = Frame.of(points.points)
     framed = SourcedPoints(frame.enter(points.points), points.after)
     prior = frame.enter_prior(prior)
@@ -197,7 +202,16 @@ def _chunk_components(
 
 
 def _subsample(points: SourcedPoints, size: int, generator: np.random.Generator) -> SourcedPoints:
+    """So many of the points at random, evenly over both clouds: one of each stretch along the order of the points."""
     if len(points.after) <= size:
         return points
-    chosen = generator.choice(len(points.after), size, replace=False)
-    return jax.tree.map(lambda leaf: leaf[chosen], points)
+    priority = generator.random(len(points.after))
+    chosen = []
+    for source in (0, 1):
+        own = np.flatnonzero(points.after == source)
+        stretch = np.arange(len(own)) * (size * len(own) // len(points.after)) // len(own)
+        order = np.lexsort((priority[own], stretch))
+        first = np.flatnonzero(np.diff(stretch, prepend=-1))
+        chosen.append(own[order[first]])
+    rows = np.sort(np.concatenate(chosen))
+    return jax.tree.map(lambda leaf: leaf[rows], points)

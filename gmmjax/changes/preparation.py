@@ -5,10 +5,11 @@ import dataclasses
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from gmmjax.changes.checking import SMALLEST_CLOUD, CheckedCloud, check_pair
+from gmmjax.changes.checking import SMALLEST_CLOUD, CheckedCloud, check_comparable, check_pair
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.scales import common_voxel_size
+from gmmjax.changes.scales import common_voxel_size, usual_spacing
 from gmmjax.clouds import PointCloud, statistical_outliers, voxel_grid
+from gmmjax.clouds.canonical import first_of_equals
 from gmmjax.errors import InputError
 from gmmjax.mixtures import WeightedPoints
 
@@ -22,10 +23,12 @@ class PreparedCloud(CheckedCloud):
 
     Attributes:
         weighted: what is fitted: outliers left out, one point a voxel with its count as mass.
+        counted: the same with the outliers, without the scatter.
         outliers: how many points the outlier filter left out.
     """
 
     weighted: WeightedPoints
+    counted: WeightedPoints
     outliers: int
 
 
@@ -50,20 +53,25 @@ def prepare_pair(
         config: crop box, outlier filter, voxels and K_max.
 
     Raises:
-        InputError: a cloud that is not [n, 3], has too few points or only equal ones, or fewer than `max_components`.
+        InputError: a cloud that is not [n, 3], has too few points or only equal ones, or fewer than `max_components`;
+            clouds of which one is smaller than the resolution of the other.
 
     Warns:
         InputWarning: extents that do not overlap, or that differ so much that the units must differ.
     """
     checked = dict(zip(("before", "after"), check_pair(before, after, config), strict=True))
-    kept = {name: cloud.points[_inliers(cloud.points, config)] for name, cloud in checked.items()}
+    inliers = {name: _inliers(cloud.points, config) for name, cloud in checked.items()}
+    kept = {name: cloud.points[inliers[name]] for name, cloud in checked.items()}
     size = config.voxel_size or common_voxel_size(kept["before"], kept["after"], config.max_points)
-    prepared = {
-        name: PreparedCloud(
-            **vars(cloud), weighted=reduced(kept[name], size), outliers=len(cloud.points) - len(kept[name])
+    prepared = {}
+    for name, cloud in checked.items():
+        weighted, stray = reduced(kept[name], size), cloud.points[~inliers[name]]
+        prepared[name] = PreparedCloud(
+            **vars(cloud), weighted=weighted, counted=_with_points(weighted, stray), outliers=len(stray)
         )
-        for name, cloud in checked.items()
-    }
+    fitted = prepared["before"].weighted.points, prepared["after"].weighted.points
+    resolution = max(size or 0.0, *(usual_spacing(points) for points in fitted))
+    check_comparable(kept["before"], kept["after"], fitted, resolution)
     return PreparedPair(**prepared, voxel_size=size, max_components=_max_components(prepared, config))
 
 
@@ -72,7 +80,8 @@ def _inliers(points: np.ndarray, config: DetectionConfig) -> np.ndarray:
         return np.ones(len(points), bool)
     outliers = statistical_outliers(points, neighbours=config.outlier_neighbours, ratio=config.outlier_ratio)
     # A filter that leaves too little to fit was meant for another kind of cloud.
-    return ~outliers if (~outliers).sum() >= SMALLEST_CLOUD else np.ones(len(points), bool)
+    enough = first_of_equals(points[~outliers]).sum() >= SMALLEST_CLOUD
+    return ~outliers if enough else np.ones(len(points), bool)
 
 
 def reduced(points: Float[np.ndarray, "n 3"], size: float | None) -> WeightedPoints:
@@ -85,6 +94,11 @@ def reduced(points: Float[np.ndarray, "n 3"], size: float | None) -> WeightedPoi
         return WeightedPoints(points, np.ones(len(points)))
     grid = voxel_grid(points, size)
     return WeightedPoints(grid.points, grid.mass, grid.scatter(points))
+
+
+def _with_points(weighted: WeightedPoints, points: np.ndarray) -> WeightedPoints:
+    together = np.concatenate([weighted.points, points])
+    return WeightedPoints(together, np.concatenate([weighted.mass, np.ones(len(points))]))
 
 
 def default_components(points: int) -> int:

@@ -6,9 +6,12 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
+from gmmjax.changes.checking import check_comparable
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.clouds import voxel_grid, voxel_size_for
-from gmmjax.clouds.local_surface import local_planes
+from gmmjax.clouds.canonical import first_of_equals
+from gmmjax.clouds.local_surface import evenly_chosen, local_planes
+from gmmjax.clouds.neighbours import nearest_neighbours
 
 # Voxels of either cloud that are compared at the most: two clouds of this size take about two seconds.
 MAX_VOXELS = 50_000
@@ -27,7 +30,7 @@ class WorkingCloud:
     """One cloud at the resolution that it is compared at.
 
     Attributes:
-        points: means of the voxels, or the points themselves.
+        points: means of the voxels, or the points themselves, equal ones that follow each other once.
         mass: how many points each stands for.
         member: for each point of the cloud the index of its voxel.
     """
@@ -45,7 +48,7 @@ class WorkingPair:
         before: the before cloud.
         after: the after cloud.
         voxel_size: edge of the voxels; None: not reduced.
-        spacing: median distance of a point to its nearest neighbour, in the sparser cloud.
+        spacing: median distance of a point to its nearest neighbour, in the sparser cloud; positive.
         volumetric: whether the points fill volumes (artificial Gaussians) and do not lie on surfaces (scans).
     """
 
@@ -73,15 +76,22 @@ def working_pair(
         after: those of the after cloud.
         config: may set the voxels' edge.
         max_voxels: that either cloud may have where it does not.
+
+    Raises:
+        InputError: nothing can be compared, because one cloud is far smaller than the other's resolution.
     """
     size = config.voxel_size or common_voxel_size(before, after, max_voxels)
     clouds = [_working_cloud(points, size) for points in (before, after)]
-    probes = [_probe(cloud.points) for cloud in clouds]
+    compared = clouds[0].points, clouds[1].points
+    check_comparable(before, after, compared, size or 0.0)
+    probes = [_probe(points) for points in compared]
+    spacing = max(spacing for spacing, _ in probes)
+    check_comparable(before, after, compared, spacing)
     return WorkingPair(
         before=clouds[0],
         after=clouds[1],
         voxel_size=size,
-        spacing=max(spacing for spacing, _ in probes),
+        spacing=spacing,
         volumetric=min(thickness for _, thickness in probes) > VOLUME_SHARE,
     )
 
@@ -92,9 +102,17 @@ def common_voxel_size(before: np.ndarray, after: np.ndarray, max_voxels: int) ->
     return max(sizes, default=None)
 
 
+def usual_spacing(points: Float[np.ndarray, "n 3"]) -> float:
+    """Median distance of a point to its nearest neighbour, from a sample; 0 where there is one point only."""
+    distances, _ = nearest_neighbours(cKDTree(points), points[evenly_chosen(len(points), PROBES)], 2)
+    return float(np.median(distances[:, -1]))
+
+
 def _working_cloud(points: np.ndarray, size: float | None) -> WorkingCloud:
     if size is None:
-        return WorkingCloud(points, np.ones(len(points)), np.arange(len(points)))
+        first = first_of_equals(points)
+        member = np.cumsum(first) - 1
+        return WorkingCloud(points[first], np.bincount(member).astype(float), member)
     grid = voxel_grid(points, size)
     return WorkingCloud(grid.points, grid.mass, grid.voxel_of_point)
 
@@ -102,7 +120,7 @@ def _working_cloud(points: np.ndarray, size: float | None) -> WorkingCloud:
 def _probe(points: np.ndarray) -> tuple[float, float]:
     """Median distance to the nearest neighbour, and median thickness of the neighbourhoods of the flatter size."""
     # Regularly spaced rows, so that the same cloud always gives the same scales.
-    probes = points[np.linspace(0, len(points) - 1, min(PROBES, len(points))).astype(int)]
+    probes = points[evenly_chosen(len(points), PROBES)]
     small = min(NEIGHBOURS, max(2, len(points) // 4))
     large = max(small, int(LARGE_SHARE * len(points)))
     distances, neighbours = cKDTree(points).query(probes, k=large)

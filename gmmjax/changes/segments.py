@@ -1,13 +1,13 @@
-"""Density clusters of points: DBSCAN on a k-d tree."""
+"""Density clusters of points: DBSCAN on k-d trees, in memory that does not grow with the points within a radius."""
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-# Core points whose neighbours are listed at a time: what bounds the memory where a radius holds very many points.
-CHUNK = 20_000
+# Points and neighbouring cells that are compared at a time: what bounds the memory.
+CHUNK = 500_000
 
 
 def density_clusters(points: Float[np.ndarray, "n d"], radius: float, neighbours: int) -> Int[np.ndarray, " n"]:
@@ -18,36 +18,111 @@ def density_clusters(points: Float[np.ndarray, "n d"], radius: float, neighbours
 
     Args:
         points: coordinates.
-        radius: in the unit of the points.
+        radius: in the unit of the points, positive.
         neighbours: points that make a core point.
 
     Returns:
         For each point the number of its cluster, counted in the order of the points, or -1.
     """
     labels = np.full(len(points), -1)
-    if not len(points):
+    if len(points) < neighbours:
         return labels
-    tree = cKDTree(points)
-    core = np.flatnonzero(tree.query_ball_point(points, radius, return_length=True, workers=-1) >= neighbours)
+    # The distance to the last of the neighbours, not their number: a radius may hold all points of the cloud.
+    distances, _ = cKDTree(points).query(points, k=[neighbours], workers=-1)
+    core = np.flatnonzero(distances[:, 0] <= radius)
     if not len(core):
         return labels
-    core_tree = cKDTree(points[core])
-    labels[core] = _connected(core_tree, radius)
+    labels[core] = _connected(points[core], radius)
     others = np.flatnonzero(labels < 0)
-    distances, nearest = core_tree.query(points[others], distance_upper_bound=radius, workers=-1)
+    distances, nearest = cKDTree(points[core]).query(points[others], distance_upper_bound=radius, workers=-1)
     near = np.isfinite(distances)
     labels[others[near]] = labels[core[nearest[near]]]
     return labels
 
 
-def _connected(tree: cKDTree, radius: float) -> Int[np.ndarray, " n"]:
-    """The groups of the tree's points that are within the radius of each other, chunk after chunk."""
-    groups = np.arange(tree.n)
-    for start in range(0, tree.n, CHUNK):
-        chunk = cKDTree(tree.data[start : start + CHUNK])
-        pairs = chunk.sparse_distance_matrix(tree, radius, output_type="ndarray")
-        ends = groups[start + pairs["i"]], groups[pairs["j"]]
-        graph = coo_array((np.ones(len(pairs), bool), ends), shape=(tree.n, tree.n))
-        groups = connected_components(graph, directed=False)[1][groups]
+def _connected(points: Float[np.ndarray, "n d"], radius: float) -> Int[np.ndarray, " n"]:
+    """The groups of points that are within the radius of each other, numbered in the order of the points.
+
+    The points are gathered in cells whose diagonal is the radius (Gunawan 2013): those of one cell are one group, and
+    of two cells near each other it only matters whether their nearest two points are within the radius.
+    """
+    dimension = points.shape[1]
+    # A little less than the diagonal, so that rounding puts no two points further apart than the radius in one cell.
+    side = radius / np.sqrt(dimension) * (1 - 1e-9)
+    cells, cell = np.unique(np.floor((points - np.median(points, axis=0)) / side), axis=0, return_inverse=True)
+    cell = cell.reshape(-1)
+    pairs, apart = _neighbouring(cells)
+    links = _Links(points, cell, len(cells), radius)
+    # The nearest cells first, and by one point of each: most of the others are in one group by then.
+    for distance in np.unique(apart):
+        links.join(pairs[apart == distance], most_points=1)
+    for distance in np.unique(apart):
+        links.join(pairs[apart == distance], most_points=len(points))
+    groups = links.groups[cell]
     _, first, members = np.unique(groups, return_index=True, return_inverse=True)
     return np.argsort(np.argsort(first))[members]
+
+
+def _neighbouring(cells: Float[np.ndarray, "c d"]) -> tuple[Int[np.ndarray, "p 2"], Float[np.ndarray, " p"]]:
+    """The pairs of cells that may hold points within the radius, and the squared distance of each pair's indices."""
+    reach = np.ceil(np.sqrt(cells.shape[1]))
+    pairs = cKDTree(cells).query_pairs(reach + 0.5, p=np.inf, output_type="ndarray")
+    steps = np.abs(cells[pairs[:, 0]] - cells[pairs[:, 1]])
+    gap = (np.maximum(steps - 1, 0) ** 2).sum(axis=1)
+    near = gap <= cells.shape[1]
+    return pairs[near], (steps[near] ** 2).sum(axis=1)
+
+
+class _Links:
+    """Which cells are one group.
+
+    Attributes:
+        groups: of each cell the number of its group.
+    """
+
+    def __init__(
+        self, points: Float[np.ndarray, "n d"], cell: Int[np.ndarray, " n"], cells: int, radius: float
+    ) -> None:
+        self.groups = np.arange(cells)
+        self._points, self._radius = points, radius
+        self._members = np.argsort(cell, kind="stable")
+        self._counts = np.bincount(cell, minlength=cells)
+        self._starts = np.cumsum(self._counts) - self._counts
+        # One tree for all cells: twice the radius sets each apart from the others on an axis of their own.
+        self._apart = 2 * radius * np.arange(cells)
+        self._tree = cKDTree(np.column_stack([points, self._apart[cell]]))
+
+    def join(self, pairs: Int[np.ndarray, "p 2"], most_points: int) -> None:
+        """Makes one group of the cells of a pair when one has a point within the radius of the other one's.
+
+        Args:
+            pairs: of cells.
+            most_points: of the smaller cell that are looked up in the larger one.
+        """
+        while True:
+            pairs = pairs[self.groups[pairs[:, 0]] != self.groups[pairs[:, 1]]]
+            if not len(pairs):
+                return
+            smaller = self._counts[pairs[:, 0]] <= self._counts[pairs[:, 1]]
+            pairs = np.where(smaller[:, None], pairs, pairs[:, ::-1])
+            tried = np.minimum(self._counts[pairs[:, 0]], most_points)
+            taken = max(1, int(np.searchsorted(np.cumsum(tried), CHUNK, side="right")))
+            near = self._near(pairs[:taken], tried[:taken])
+            self._merge(pairs[:taken][near])
+            pairs = pairs[taken:]
+
+    def _near(self, pairs: Int[np.ndarray, "p 2"], counts: Int[np.ndarray, " p"]) -> Bool[np.ndarray, " p"]:
+        """Whether one of the first so many points of the first cell is within the radius of one of the second."""
+        pair = np.repeat(np.arange(len(pairs)), counts)
+        nth = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
+        own = self._points[self._members[self._starts[pairs[pair, 0]] + nth]]
+        places = np.column_stack([own, self._apart[pairs[pair, 1]]])
+        bound = np.nextafter(self._radius, np.inf)
+        distances, _ = self._tree.query(places, distance_upper_bound=bound, workers=-1)
+        return np.asarray(np.bincount(pair, np.isfinite(distances), len(pairs)) > 0)
+
+    def _merge(self, pairs: Int[np.ndarray, "p 2"]) -> None:
+        count = len(self.groups)
+        ends = self.groups[pairs[:, 0]], self.groups[pairs[:, 1]]
+        graph = coo_array((np.ones(len(pairs), bool), ends), shape=(count, count))
+        self.groups = connected_components(graph, directed=False)[1][self.groups]

@@ -15,13 +15,15 @@ from gmmjax.changes.change import Changes, Kind
 from gmmjax.changes.clock import Clock, Progress
 from gmmjax.changes.config import DetectionConfig, Kinds
 from gmmjax.changes.consensus import CloudConsensus, cloud_consensus, merged, votes_of_pairs
+from gmmjax.changes.counts import count_significance
 from gmmjax.changes.greedy import remove_changed
 from gmmjax.changes.preparation import PreparedCloud, PreparedPair, prepare_pair
+from gmmjax.changes.surface_consensus import LEAST_SIGNIFICANCE
 from gmmjax.changes.unmatched import unmatched_shares
 from gmmjax.clouds import PointCloud
 from gmmjax.errors import ComputationError
-from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, map_fits
-from gmmjax.mixtures.map_fits import default_noise_floor
+from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior
+from gmmjax.mixtures.map_fits import default_noise_floor, fits_of
 from gmmjax.transport import TransportStatus, exact_transport
 from gmmjax.transport.ground_cost import euclidean
 
@@ -53,8 +55,9 @@ def separate_changes(
     votes = _compare(mixtures, pair, config)
     clock.lap("comparison")
     report("Labelling the points", 0.9)
-    consensus_before = _consensus(pair.before, mixtures[0], fits[0], votes.before, "disappeared", config)
-    consensus_after = _consensus(pair.after, mixtures[1], fits[1], votes.after, "appeared", config)
+    clouds = pair.before, pair.after
+    consensus_before = _consensus(clouds, mixtures[0], fits[0], votes.before, "disappeared", config)
+    consensus_after = _consensus(clouds[::-1], mixtures[1], fits[1], votes.after, "appeared", config)
     items, labels_before, labels_after = merged(consensus_before, consensus_after)
     clock.lap("labels")
     report("Done", 1.0)
@@ -63,8 +66,8 @@ def separate_changes(
         labels_after=pair.after.to_rows(labels_after, -1),
         probability_before=pair.before.to_rows(consensus_before.probability, 0.0),
         probability_after=pair.after.to_rows(consensus_after.probability, 0.0),
-        unobserved_before=np.zeros(len(pair.before.used), bool),
-        unobserved_after=np.zeros(len(pair.after.used), bool),
+        unobserved_before=np.zeros(pair.before.given, bool),
+        unobserved_after=np.zeros(pair.after.given, bool),
         items=items,
         emd=votes.emd,
         config=config,
@@ -86,13 +89,17 @@ def _fit_both(pair: PreparedPair, config: DetectionConfig, report: Progress) -> 
     """The fits of both clouds with a leading axis of restarts; those that failed are left out."""
     total = 2 * config.number_of_restarts()
     done = iter(range(1, total + 1))
-    both = map_fits(
+    keys = list(jax.random.split(jax.random.key(config.seed), config.number_of_restarts()))
+    both = fits_of(
         [pair.before.weighted, pair.after.weighted],
-        key=jax.random.key(config.seed),
+        # The same starts for both, whichever is the earlier one: equal clouds have equal mixtures.
+        [keys, keys],
         max_components=pair.max_components,
         prior=_prior(pair, config),
-        restarts=config.number_of_restarts(),
+        starts=None,
         settings=FitSettings(patience=PATIENCE),
+        precision="float64",
+        devices=None,
         progress=lambda: report("Fitting the mixtures", 0.15 + 0.65 * next(done) / total),
     )
     before, after = (_finite(name, fits) for name, fits in zip(("before", "after"), both, strict=True))
@@ -191,15 +198,22 @@ def _over_pairs(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _consensus(
-    cloud: PreparedCloud,
+    clouds: tuple[PreparedCloud, PreparedCloud],
     mixtures: GaussianMixture,
     fits: Fit,
     votes: np.ndarray,
     kind: Kind,
     config: DetectionConfig,
 ) -> CloudConsensus:
+    """The changes of the first cloud, by the votes for the Gaussians in whose place it has significantly more points.
+
+    The mixtures differ between restarts, and between samples of one scene; a change must show in the counts, too.
+    """
+    own, other = clouds
+    significance = count_significance(mixtures, own.counted, other.counted)
+    votes = np.where(significance >= LEAST_SIGNIFICANCE, votes, 0.0)
     reference = int(np.argmin(fits.message_length))
-    return cloud_consensus(cloud.points, mixtures, votes, reference, kind, config.threshold)
+    return cloud_consensus(own.points, mixtures, votes, significance, reference, kind, config.threshold)
 
 
 def _diagnostics(

@@ -1,6 +1,7 @@
 """The files of a record of changes: `changes.json` for people and scripts, `labels.npz` for the per-point arrays."""
 
 import json
+import math
 import os
 import zipfile
 from collections.abc import Mapping
@@ -20,6 +21,19 @@ LABELS_FILE = "labels.npz"
 POINT_ARRAYS = tuple(
     f"{name}_{time}" for name in ("labels", "probability", "unobserved") for time in ("before", "after")
 )
+
+
+def finite_or_null(content: Any) -> Any:
+    """Plain values for JSON, which has no NaN and no infinity: such numbers become None, at any depth.
+
+    Args:
+        content: numbers, strings, None, and lists, tuples and mappings of them.
+    """
+    if isinstance(content, Mapping):
+        return {name: finite_or_null(value) for name, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [finite_or_null(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
 def write_record(folder: str | os.PathLike[str], content: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Path:

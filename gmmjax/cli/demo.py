@@ -8,6 +8,7 @@ import tyro
 
 from gmmjax.cli.compilation_cache import use_compilation_cache
 from gmmjax.cli.detect import RESULT_FILES
+from gmmjax.errors import check_seed
 
 DEFAULT_FOLDER = Path("gmmjax-demo")
 SETTINGS: Mapping[str, Any] = {}
@@ -47,6 +48,7 @@ def demo(
     from gmmjax.scenes import random_scene
 
     scene_folder, result_folder = out / "scene", out / "result"
+    check_seed("--seed", seed)
     check_scene_folder(scene_folder, overwrite=overwrite)
     check_result_folder(result_folder, overwrite=overwrite)
     use_compilation_cache()

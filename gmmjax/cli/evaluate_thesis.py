@@ -8,7 +8,7 @@ import tyro
 
 from gmmjax.cli.compilation_cache import use_compilation_cache
 from gmmjax.cli.evaluation import DONE, FAILED
-from gmmjax.errors import InputError
+from gmmjax.errors import InputError, check_seed
 from gmmjax.evaluation.thesis import PARTS, PartName, Plan, run_chapter
 
 
@@ -46,8 +46,7 @@ def evaluate_thesis(
     from gmmjax.reporting.thesis_console import print_thesis
     from gmmjax.reporting.thesis_files import open_folder, write_results
 
-    if first_seed < 0:
-        raise InputError(f"--first-seed {first_seed} must be at least 0")
+    check_seed("--first-seed", first_seed)
     if not parts:
         raise InputError("--parts is empty; leave it out for all parts")
     plan = Plan.quick(first_seed) if quick else Plan(first_seed)

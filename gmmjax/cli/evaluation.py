@@ -11,7 +11,7 @@ import tyro
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.cli.compilation_cache import use_compilation_cache
 from gmmjax.cli.detect import read_settings
-from gmmjax.errors import ComputationError, InputError
+from gmmjax.errors import ComputationError, InputError, check_seed
 from gmmjax.evaluation.detectors import Detector, Name, available, detector
 
 if TYPE_CHECKING:
@@ -72,8 +72,7 @@ def seed_range(first: int, count: int) -> range:
     """
     if count < 1:
         raise InputError(f"--seeds {count} must be at least 1")
-    if first < 0:
-        raise InputError(f"--first-seed {first} must be at least 0")
+    check_seed("--first-seed", first)
     return range(first, first + count)
 
 

@@ -9,7 +9,7 @@ import tyro
 from tyro.conf import Positional
 
 from gmmjax.cli.compilation_cache import use_compilation_cache
-from gmmjax.errors import InputError
+from gmmjax.errors import InputError, check_seed
 
 if TYPE_CHECKING:
     from gmmjax.clouds import PointCloud
@@ -59,6 +59,7 @@ def fit(
     from gmmjax.reporting import console
     from gmmjax.reporting.mixture_files import check_mixture_folder, write_mixture
 
+    check_seed("--seed", seed)
     check_mixture_folder(out, overwrite=overwrite)
     use_compilation_cache()
     with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from gmmjax.errors import check_seed
+
 SCENE_FILES = {
     "before.ply": "the first cloud",
     "after.ply": "the second cloud",
@@ -54,6 +56,7 @@ def simulate_gaussians(
     from gmmjax.reporting.scene_files import check_scene_folder, write_scene
     from gmmjax.scenes import fixed_scene, random_scene
 
+    check_seed("--seed", seed)
     check_scene_folder(out, overwrite=overwrite)
     key = jax.random.key(seed)
     if fixed:

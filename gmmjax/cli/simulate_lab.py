@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from gmmjax.errors import InputError
+from gmmjax.errors import InputError, check_seed
 
 
 def command(arguments: Sequence[str]) -> Callable[..., int]:
@@ -47,8 +47,7 @@ def simulate_lab(
     from gmmjax.reporting import console
     from gmmjax.reporting.lab_files import check_lab_folder, write_lab
 
-    if seed < 0:
-        raise InputError(f"--seed {seed} must be at least 0")
+    check_seed("--seed", seed)
     check_lab_folder(out, overwrite=overwrite)
     missing = []
     made = kinds or (("frame", "volumetric", "localised") if _has_open3d() else ("frame", "localised"))

@@ -105,7 +105,8 @@ class GaussianMixture(eqx.Module):
         return GaussianMixture(
             weights=self.weights,
             means=live * (scale * self.means + shift[None]),
-            covariances=(1 + (scale**2 - 1) * live[..., None]) * self.covariances,
+            # Not 1 + (scale**2 - 1) * live, which loses a small scale beside the 1.
+            covariances=(scale**2 * live + (1 - live))[..., None] * self.covariances,
             live=self.live,
         )
 

@@ -160,13 +160,12 @@ def _rows(name: str, values: np.ndarray | None, cloud: CheckedCloud, kinds: str)
     if values is None:
         return None
     values = np.asarray(values)
-    if values.shape != cloud.used.shape or values.dtype.kind not in kinds:
+    if values.shape != (cloud.given,) or values.dtype.kind not in kinds:
         wanted = "whole numbers (-1, or the id of a change)" if "i" in kinds else "true or false"
         raise InputError(
-            f"{name} must hold {wanted} for each of the {len(cloud.used)} points, not {values.dtype} "
-            f"{list(values.shape)}"
+            f"{name} must hold {wanted} for each of the {cloud.given} points, not {values.dtype} {list(values.shape)}"
         )
-    return values[cloud.used]
+    return values[cloud.rows]
 
 
 def _label(cloud: WorkingCloud, truth: np.ndarray | None, ignored: np.ndarray | None) -> _Labels:

@@ -3,7 +3,7 @@
 import dataclasses
 from typing import Literal, get_args
 
-from gmmjax.errors import InputError, check_choice
+from gmmjax.errors import InputError, check_choice, check_seed
 from gmmjax.tuning.parameters import ParameterName
 
 LossChoice = Literal["auto", "f1", "brier", "log", "likelihood"]
@@ -53,6 +53,7 @@ class TuningSettings:
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or value < lowest:
                 raise InputError(f"{name}={value!r} must be a whole number of at least {lowest}")
+        check_seed("seed", self.seed)
         if not (isinstance(self.learning_rate, int | float) and 0 < self.learning_rate < float("inf")):
             raise InputError(f"learning_rate={self.learning_rate!r} must be a positive number")
         if not (isinstance(self.validation_share, int | float) and 0 < self.validation_share < 1):

@@ -1,3 +1,4 @@
+import dataclasses
 import json
 
 import numpy as np
@@ -46,6 +47,15 @@ def test_box_turns_with_its_points():
     box, turned = Box.around(points), Box.around(points @ rotation.T)
     np.testing.assert_allclose(turned.extent, box.extent)
     np.testing.assert_allclose(turned.centre, rotation @ box.centre, atol=1e-9)
+
+
+def test_diagnostics_that_are_not_finite_are_null(tmp_path):
+    numbers = {"residual": float("inf"), "each": [1.0, float("nan"), (2, float("-inf"))], "applied": True, "deep": None}
+    changes = dataclasses.replace(example(), diagnostics={"registration": numbers})
+    content = json.loads((changes.save(tmp_path) / "changes.json").read_text())
+    expected = {"residual": None, "each": [1.0, None, [2, None]], "applied": True, "deep": None}
+    assert content["diagnostics"] == {"registration": expected}
+    assert Changes.load(tmp_path).to_dict() == changes.to_dict()
 
 
 def test_what_is_saved_is_loaded(tmp_path):

@@ -4,6 +4,8 @@ import numpy as np
 from gmmjax import GaussianMixture
 from gmmjax.changes.consensus import CloudConsensus, cloud_consensus, component_labels, merged, votes_of_pairs
 
+SIGNIFICANCE = np.array([[7.0, 8.0], [9.0, 6.0]])
+
 
 def two_gaussians(gap=10.0):
     """Two restarts that found the same two Gaussians in another order, and 40 points of each."""
@@ -27,18 +29,19 @@ def test_votes_are_shares_over_the_solved_pairs():
 def test_probability_is_the_mean_vote_of_a_points_gaussians():
     points, mixtures = two_gaussians()
     votes = np.array([[0.0, 0.5], [1.0, 0.0]])
-    consensus = cloud_consensus(points, mixtures, votes, 0, "appeared", 0.5)
+    consensus = cloud_consensus(points, mixtures, votes, SIGNIFICANCE, 0, "appeared", 0.5)
     np.testing.assert_allclose(consensus.probability, np.repeat([0.0, 0.75], 40))
     np.testing.assert_array_equal(consensus.labels, np.repeat([-1, 0], 40))
     (change,) = consensus.items
     assert change.kind == "appeared" and change.points == 40 and change.probability == 0.75
+    assert change.significance == 8.0
     np.testing.assert_array_equal(change.mean, [10, 0, 0])
     assert (np.abs(change.box.centre - np.array([10, 0, 0])) < 1).all()
 
 
 def test_below_the_threshold_nothing_changed():
     points, mixtures = two_gaussians()
-    consensus = cloud_consensus(points, mixtures, np.array([[0.0, 0.4], [0.4, 0.0]]), 0, "appeared", 0.5)
+    consensus = cloud_consensus(points, mixtures, np.array([[0.0, 0.4], [0.4, 0.0]]), SIGNIFICANCE, 0, "appeared", 0.5)
     assert not consensus.items and (consensus.labels == -1).all()
     assert consensus.probability.max() == 0.4
 
@@ -54,8 +57,8 @@ def test_survey_coordinates_are_labelled_alike():
 
 def test_merging_sorts_by_probability_and_size():
     points, mixtures = two_gaussians()
-    gone = cloud_consensus(points, mixtures, np.array([[0.6, 0.0], [0.0, 0.6]]), 0, "disappeared", 0.5)
-    new = cloud_consensus(points, mixtures, np.array([[0.0, 0.9], [0.9, 0.0]]), 0, "appeared", 0.5)
+    gone = cloud_consensus(points, mixtures, np.array([[0.6, 0.0], [0.0, 0.6]]), SIGNIFICANCE, 0, "disappeared", 0.5)
+    new = cloud_consensus(points, mixtures, np.array([[0.0, 0.9], [0.9, 0.0]]), SIGNIFICANCE, 0, "appeared", 0.5)
     items, labels_before, labels_after = merged(gone, new)
     assert [item.kind for item in items] == ["appeared", "disappeared"]
     np.testing.assert_array_equal(labels_before, np.repeat([1, -1], 40))

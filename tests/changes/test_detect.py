@@ -137,12 +137,77 @@ def test_a_rigid_motion_and_another_unit_move_the_changes(gaussians, of_gaussian
         np.testing.assert_allclose(there.mean, 1000 * rotation @ here.mean + shift, atol=20)
 
 
-def test_permuting_points_permutes_labels(gaussians, of_gaussians):
+def assert_the_same(there, here, rows_before, rows_after, atol=0.0):
+    """The labels of these rows of the one result are those of the other, and the probabilities too."""
+    for side, rows in (("before", rows_before), ("after", rows_after)):
+        for name in ("labels", "unobserved"):
+            np.testing.assert_array_equal(getattr(there, f"{name}_{side}"), getattr(here, f"{name}_{side}")[rows])
+        np.testing.assert_allclose(
+            getattr(there, f"probability_{side}"), getattr(here, f"probability_{side}")[rows], rtol=0, atol=atol
+        )
+
+
+@pytest.mark.parametrize("kind", ["gaussians", "laboratory"])
+def test_permuting_points_permutes_labels(kind, request):
+    """To the last digit."""
+    scene, changes = (request.getfixturevalue(name) for name in (kind, f"of_{kind}"))
     random = np.random.default_rng(0)
-    orders = random.permutation(1250), random.permutation(1250)
-    permuted = detect_changes(gaussians.before[orders[0]], gaussians.after[orders[1]], config=CONFIG)
-    assert ((permuted.labels_before >= 0) == (of_gaussians.labels_before[orders[0]] >= 0)).mean() > 0.98
-    assert ((permuted.labels_after >= 0) == (of_gaussians.labels_after[orders[1]] >= 0)).mean() > 0.98
+    orders = random.permutation(len(scene.before)), random.permutation(len(scene.after))
+    views = {f"views_{side}": getattr(scene, f"views_{side}", None) for side in ("before", "after")}
+    permuted = detect_changes(scene.before[orders[0]], scene.after[orders[1]], config=CONFIG, **views)
+    assert_the_same(permuted, changes, *orders)
+    assert [change.to_dict() for change in permuted.items] == [change.to_dict() for change in changes.items]
+
+
+def test_backwards_in_time_appeared_is_disappeared(gaussians, of_gaussians):
+    swapped = detect_changes(gaussians.after, gaussians.before, config=CONFIG)
+    for one, other in (("before", "after"), ("after", "before")):
+        labels, mirrored = getattr(swapped, f"labels_{one}"), getattr(of_gaussians, f"labels_{other}")
+        np.testing.assert_array_equal(labels >= 0, mirrored >= 0)
+        probability, mirrored = getattr(swapped, f"probability_{one}"), getattr(of_gaussians, f"probability_{other}")
+        np.testing.assert_allclose(probability, mirrored, atol=1e-9)
+
+
+def degenerate(name):
+    """Clouds of 3,500 points, to share the programs of the laboratory, or of 1,250 places, as many as the Gaussians."""
+    random = np.random.default_rng(0)
+    flat = np.column_stack([random.uniform(size=(3500, 2)), np.zeros(3500)])
+    few = random.normal(size=(3500, 3))
+    few[1250:] = 0.25
+    return {"plane": flat, "line": flat * np.array([1, 0, 0]), "mostly one place": few}[name]
+
+
+@pytest.mark.parametrize("name", ["plane", "line", "mostly one place"])
+def test_in_equal_clouds_nothing_changed_and_every_number_is_finite(name, tmp_path):
+    cloud = degenerate(name)
+    changes = detect_changes(cloud, cloud, config=CONFIG)
+    assert changes.items == () and (changes.labels_before == -1).all()
+    for side in ("before", "after"):
+        assert (getattr(changes, f"probability_{side}") < 0.5).all()
+    assert json.dumps(changes.to_dict(), allow_nan=False) == json.dumps(changes.to_dict())
+    assert "null" not in json.dumps(changes.to_dict()["diagnostics"]["registration"])
+
+
+def test_one_object_on_a_plane_of_a_kilometre():
+    random = np.random.default_rng(0)
+    plain = np.column_stack([random.uniform(0, 1000, size=(3500, 2)), random.normal(0, 0.02, 3500)])
+    thing = random.uniform(size=(300, 3)) + np.array([500, 500, 0.0])
+    changes = detect_changes(plain, np.concatenate([plain, thing]), config=CONFIG)
+    assert [change.kind for change in changes.items] == ["appeared"]
+    assert (changes.labels_after[3500:] >= 0).mean() > 0.9 and (changes.labels_after[:3500] == -1).mean() > 0.99
+
+
+def test_clouds_apart_have_a_result_that_can_be_kept(laboratory, tmp_path):
+    """Before they are aligned no point has a counterpart, and nothing can be said of the residual."""
+    with pytest.warns(InputWarning, match="do not overlap"):
+        changes = detect_changes(laboratory.before, laboratory.after + np.array([30.0, 0, 0]), config=CONFIG)
+    assert Changes.load(changes.save(tmp_path)).to_dict() == changes.to_dict()
+
+
+@pytest.mark.parametrize("method", ["joint", "greedy", "transport"])
+def test_other_units_are_an_error_with_both_extents(laboratory, method):
+    with pytest.warns(InputWarning, match="in extent"), pytest.raises(InputError, match=r"extends over .* same unit"):
+        detect_changes(laboratory.before, 1000 * laboratory.after, method=method, config=CONFIG)
 
 
 @pytest.mark.parametrize("kinds", ["appeared", "disappeared"])

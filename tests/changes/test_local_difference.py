@@ -56,3 +56,10 @@ def test_a_rigid_motion_changes_nothing():
 def test_two_points_work():
     few = np.array([[0.0, 0, 0], [1, 0, 0]])
     assert np.isfinite(np.concatenate(difference(few, few))).all()
+
+
+def test_equal_planes_have_a_scale_that_can_be_divided_by():
+    flat = LocalSurface.of(np.column_stack([np.random.default_rng(0).uniform(size=(300, 2)), np.zeros(300)]))
+    differences = local_difference(flat, flat), local_difference(flat, flat)
+    usual = difference_scale(*differences)
+    assert usual.distance == 0 and 0 < usual.offset < 1e-5 * np.median(differences[0].spacing) + 1e-12

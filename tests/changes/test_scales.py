@@ -2,7 +2,7 @@ import jax
 import numpy as np
 import pytest
 
-from gmmjax import DetectionConfig
+from gmmjax import DetectionConfig, InputError
 from gmmjax.changes.scales import MAX_VOXELS, common_voxel_size, working_pair
 from gmmjax.scenes import random_scene
 
@@ -61,3 +61,21 @@ def test_small_clouds_are_taken_as_they_are():
     pair = working_pair(before, before, CONFIG)
     assert pair.voxel_size is None
     np.testing.assert_array_equal(pair.before.points, before)
+
+
+def test_equal_points_are_one_working_point():
+    points = np.repeat(planes(6, 0.01, count=100), 3, axis=0)
+    pair = working_pair(points, points, CONFIG)
+    np.testing.assert_array_equal(pair.after.points, points[::3])
+    np.testing.assert_array_equal(pair.after.mass, np.full(200, 3.0))
+    np.testing.assert_array_equal(pair.after.points[pair.after.member], points)
+    assert pair.spacing > 0
+
+
+@pytest.mark.parametrize("count", [1000, MAX_VOXELS + 1000])
+def test_a_cloud_within_the_spacing_of_the_other_cannot_be_compared(count):
+    before, after = planes(6, 0.01, count=count), 1000 * planes(7, 0.01, count=500)
+    with pytest.raises(InputError, match="nothing can be compared"):
+        working_pair(before, after, CONFIG)
+    with pytest.raises(InputError, match="nothing can be compared"):
+        working_pair(after, before, CONFIG)

@@ -52,3 +52,18 @@ def test_nothing_dense_is_no_cluster(points):
 
 def test_equal_points_are_one_cluster():
     assert (density_clusters(np.ones((50, 3)), 0.1, 50) == 0).all()
+
+
+def test_a_radius_that_holds_all_points_needs_no_more_memory():
+    """Every point is a neighbour of every other one: 900 million pairs."""
+    points = np.random.default_rng(0).uniform(size=(30_000, 3))
+    assert (density_clusters(points, 2.0, 8) == 0).all()
+
+
+def test_surfaces_further_apart_than_the_radius_are_two_clusters():
+    """Cells of either lie within reach of each other, and no two of their points do."""
+    random = np.random.default_rng(0)
+    flat = np.column_stack([random.uniform(size=(4000, 2)), np.zeros(4000)])
+    for gap, clusters in ((0.0999, 1), (0.1001, 2)):
+        both = np.concatenate([flat, flat + np.array([0, 0, gap])])
+        assert density_clusters(both, 0.1, 8).max() + 1 == clusters

@@ -51,6 +51,15 @@ def test_densities_follow_a_change_of_unit_and_origin(seed, scale):
         np.testing.assert_allclose(moved.log_density(scale * points + shift), expected, rtol=1e-8, atol=1e-8)
 
 
+@pytest.mark.parametrize("scale", [1e-40, 1e-9, 1e40])
+def test_a_change_of_unit_keeps_the_digits_of_the_covariances(float64, scale):
+    mixture = jax.tree.map(np.asarray, random_mixture(slots=5))
+    moved = mixture.rescaled(scale, np.zeros(3))
+    live = mixture.live
+    np.testing.assert_allclose(moved.covariances[live], scale**2 * mixture.covariances[live], rtol=1e-12)
+    np.testing.assert_array_equal(moved.covariances[~live], mixture.covariances[~live])
+
+
 def test_rotating_points_and_mixture_changes_no_density(float64):
     mixture, points, rotation = random_mixture(), cloud(), random_rotation()
     rotated = GaussianMixture(
