@@ -3,6 +3,7 @@ import json
 import jax
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import gmmjax
 from gmmjax import (
@@ -60,6 +61,35 @@ def test_finds_what_is_gone_and_what_is_new(gaussians, of_gaussians):
         assert change.probability > 0.95 and change.significance > 10
     assert of_gaussians.diagnostics["volumetric"] is True
     assert of_gaussians.emd > 0.1
+
+
+def test_a_displaced_cloud_gives_the_same_changes_in_the_frame_of_the_before_cloud(laboratory, of_laboratory):
+    displacement = np.eye(4)
+    displacement[:3, :3] = Rotation.from_rotvec([0.1, -0.2, 0.3]).as_matrix()
+    displacement[:3, 3] = [0.3, -0.2, 0.1]
+    after = laboratory.after @ displacement[:3, :3].T + displacement[:3, 3]
+    views = {"views_before": laboratory.views_before, "views_after": laboratory.views_after.moved(displacement)}
+    changes = detect_changes(laboratory.before, after, config=CONFIG, **views)
+    assert [change.kind for change in changes.items] == [change.kind for change in of_laboratory.items]
+    assert np.mean(changes.labels_after != of_laboratory.labels_after) < 0.002
+    for one, other in zip(changes.items, of_laboratory.items, strict=True):
+        np.testing.assert_allclose(one.mean, other.mean, atol=0.01)
+    total = changes.registration.transform @ displacement
+    np.testing.assert_allclose(total, of_laboratory.registration.transform, atol=0.004)
+    assert changes.registration.confidence > 0.98
+
+
+def test_probabilities_are_lowered_where_the_registration_is_in_doubt():
+    """A ball where there was a room: nothing says how they lie to each other."""
+    random = np.random.default_rng(0)
+    ball = random.normal(size=(8000, 3))
+    ball *= (0.8 + 0.004 * random.standard_normal((8000, 1))) / np.linalg.norm(ball, axis=1, keepdims=True)
+    room = np.concatenate([np.insert(random.uniform(-1, 1, (4000, 2)), axis, -1.0, axis=1) for axis in range(3)])
+    with pytest.warns(InputWarning, match="registration is in doubt"):
+        changes = detect_changes(room + 0.003 * random.standard_normal(room.shape), ball, config=CONFIG)
+    assert changes.registration.confidence < 0.9
+    assert all(change.probability <= changes.registration.confidence for change in changes.items)
+    assert changes.probability_after.max() <= changes.registration.confidence
 
 
 def test_sees_a_gaussian_replaced_by_another_in_its_place():

@@ -1,3 +1,6 @@
+import dataclasses
+import json
+
 import jax
 import numpy as np
 import pytest
@@ -5,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax import DetectionConfig
 from gmmjax.changes.component_consensus import consensus_displacement
-from gmmjax.changes.registration import registered_pair
+from gmmjax.changes.registration import ConfidenceModel, SurfaceFit, registered_pair
+from gmmjax.changes.registration_record import Registration
 from gmmjax.mixtures import GaussianMixture
 from gmmjax.scenes import random_scene
 
@@ -104,6 +108,73 @@ def test_volumetric_clouds_are_aligned_by_their_components():
     np.testing.assert_allclose(moved.transform[:3, 3], -shift, atol=0.04)
     same = registered(scene.before, scene.after)
     assert not same.applied and same.residual == 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_large_displacements_are_taken_back(seed):
+    random = np.random.default_rng(seed)
+    before, after = room(10), room(11, extra=(1.3, 0.8))
+    true = np.eye(4)
+    true[:3, :3] = Rotation.from_rotvec(np.radians(28) * direction(random)).as_matrix()
+    true[:3, 3] = random.uniform(0.2, 0.5) * direction(random)
+    result = registered(before, after @ true[:3, :3].T + true[:3, 3])
+    assert result.applied and result.confidence > 0.97
+    assert error_of(result.transform, true, after) < 0.006
+    assert result.displacement == pytest.approx(
+        np.linalg.norm((true @ [*after.mean(axis=0), 1])[:3] - after.mean(axis=0)), abs=0.01
+    )
+
+
+def direction(random):
+    vector = random.normal(size=3)
+    return vector / np.linalg.norm(vector)
+
+
+def test_the_voxels_are_those_of_the_common_frame():
+    """What is found does not depend on the frame that the after cloud was given in."""
+    before, after = room(12, points=18000), room(13, extra=(1.3, 0.8), points=18000)
+    true = motion([0.2, 0.1, -0.3], 17)
+    given = registered_pair(before, after, DetectionConfig(registration="always"))
+    displaced = registered_pair(before, after @ true[:3, :3].T + true[:3, 3], CONFIG)
+    assert given.pair.voxel_size is not None
+    assert displaced.pair.voxel_size == pytest.approx(given.pair.voxel_size, rel=0.01)
+    distances = given.after.tree.query(displaced.after.points)[0]
+    # Voxels in another frame lie a third of the spacing apart in the median.
+    assert np.median(distances) < 0.15 * given.pair.spacing
+
+
+def test_clouds_of_two_places_are_in_doubt():
+    random = np.random.default_rng(0)
+    ball = random.normal(size=(8000, 3))
+    ball *= (0.8 + 0.004 * random.standard_normal((8000, 1))) / np.linalg.norm(ball, axis=1, keepdims=True)
+    result = registered(room(14), ball + [5, 0, 0])
+    assert result.confidence < 0.5
+
+
+def test_confidence_falls_with_everything_that_speaks_against_a_transform():
+    model, good = ConfidenceModel(), SurfaceFit(score=0.8, overlap=0.9, residual=0.001, noise=0.001)
+    sure = model.confidence(good, 0.5, False)
+    assert sure > 0.99
+    assert model.confidence(good._replace(residual=0.01), 0.9, True) < 0.5
+    assert model.confidence(good._replace(overlap=0.1), 0.5, True) < 0.5
+    assert model.confidence(good, 1.0, False) == pytest.approx(0.5, abs=0.01)
+    # Along a plane any transform fits as well as the frame that the clouds were given in.
+    assert model.confidence(good, 1.0, True) > 0.95
+    assert model.confidence(SurfaceFit(0.0, 0.0, float("inf"), float("inf")), 0.0, True) == 0
+
+
+def test_the_record_survives_json():
+    result = registered(room(2), room(3) + 0.02)
+    again = Registration.from_dict(json.loads(json.dumps(result.to_dict(), allow_nan=False)))
+    assert dataclasses.replace(again, transform=None) == dataclasses.replace(result, transform=None)
+    np.testing.assert_array_equal(again.transform, result.transform)
+    assert Registration.none().to_dict()["residual"] is None
+
+
+def test_points_are_taken_into_the_frame_of_the_before_cloud():
+    result = registered(room(2), room(3) + 0.02)
+    np.testing.assert_allclose(result.apply(np.ones((1, 3))), (result.transform @ [1, 1, 1, 1])[None, :3])
+    assert Registration.none().apply(points := np.ones((2, 3))) is points
 
 
 def mixture(means, sizes):

@@ -3,7 +3,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gmmjax.reporting.summary import HEADINGS, answer, change_rows, dropped_rows, percent, unobserved_text
+from gmmjax.changes.registration_record import Registration
+from gmmjax.reporting.summary import (
+    HEADINGS,
+    answer,
+    change_rows,
+    dropped_rows,
+    percent,
+    registration_text,
+    unobserved_text,
+)
 
 
 def test_answer_counts_each_kind(pair):
@@ -58,3 +67,18 @@ def test_sizes_have_three_digits_in_any_unit(pair, unit, size):
 def test_dropped_rows_are_those_of_the_diagnostics(pair):
     assert dropped_rows(pair[2]) == {"before": 1}
     assert dropped_rows(dataclasses.replace(pair[2], diagnostics={})) == {}
+
+
+def test_the_registration_is_told_in_a_sentence(pair):
+    transform = np.eye(4)
+    transform[:3, 3] = [0.3, 0, 0]
+    record = Registration(transform, True, 0.3, 0.0013, 0.0033, 0.96)
+    assert registration_text(pair[2]) is None
+    assert registration_text(dataclasses.replace(pair[2], registration=record)) == (
+        "Registration: the after cloud was moved by 0.3 and rotated by 0° onto the before cloud; "
+        "residual 0.0033 → 0.0013; overlap 96 %."
+    )
+    doubtful = dataclasses.replace(record, applied=False, transform=np.eye(4), confidence=0.4)
+    assert registration_text(dataclasses.replace(pair[2], registration=doubtful)) == (
+        "Registration: none was needed; residual 0.0013; overlap 96 %; confidence 40 %."
+    )
