@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gmmjax.transport import TransportStatus, exact_transport, sinkhorn
+from tests.differences import along, assert_derivatives
 from tests.transport.problems import random_problems
 
 pytestmark = pytest.mark.usefixtures("float64")
@@ -60,14 +61,10 @@ def test_gradients_equal_central_differences_under_vmap():
 
     gradients = jax.grad(lambda *stack: distances(*stack).sum(), argnums=(0, 1, 2))(*problems)
     rng = np.random.default_rng(4)
-    along = [rng.normal(size=array.shape) for array in problems]
-    step = 1e-5
-    up, down = (
-        distances(*(array + sign * step * way for array, way in zip(problems, along, strict=True))).sum()
-        for sign in (1, -1)
-    )
-    found = sum((gradient * way).sum() for gradient, way in zip(gradients, along, strict=True))
-    assert found == pytest.approx(float(up - down) / (2 * step), rel=1e-4)
+    ways = tuple(rng.normal(size=array.shape) for array in problems)
+    found = sum((gradient * way).sum() for gradient, way in zip(gradients, ways, strict=True))
+    expected = along(lambda moved: distances(*moved).sum(), problems, ways, 1e-4)
+    assert_derivatives(found, expected, precision=1e-4)
 
 
 def test_too_few_iterations_are_a_status():
