@@ -18,7 +18,7 @@ EXPECTED = {
 }
 # Smaller than by default, where an example takes long.
 ARGUMENTS = {
-    "align_by_gradient.py": ["--points", "800"],
+    "align_by_gradient.py": ["--points", "1500"],
     "tune_the_concentration.py": ["--steps", "4"],
     "tune_to_a_sensor.py": ["--steps", "8"],
 }
