@@ -15,7 +15,7 @@ from gmmjax import DetectionConfig, detect_changes
 from gmmjax.evaluation import LabelledPair, Scores, score_labelled_pair
 from gmmjax.evaluation.gaussians import FAMILIES, gaussian_pair
 from gmmjax.evaluation.laboratory import laboratory_pair
-from gmmjax.tuning import scan_pair, tune
+from gmmjax.tuning import TuningSettings, scan_pair, tune
 
 # What an expert would set, metres: the registration error of the scenes; for rooms, voxels' scatter and two spacings.
 BY_HAND = {
@@ -52,13 +52,15 @@ def main() -> None:
     parser.add_argument("--training", type=int, default=1, help="seeds to train on, four scenes each")
     parser.add_argument("--unseen", type=int, default=1, help="seeds to judge by, four scenes each")
     parser.add_argument("--first-seed", type=int, default=9803)
+    parser.add_argument("--steps", type=int, default=TuningSettings.steps, help="of the optimiser at the most")
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.training + options.unseen)
     training = [scan_pair(pair) for pair in scenes(options.scenes, seeds[: options.training])]
     unseen = scenes(options.scenes, seeds[options.training :])
     by_hand = BY_HAND[options.scenes]
     wrong = dataclasses.replace(by_hand, noise_floor=by_hand.noise_floor / 3, tolerance=5 * by_hand.tolerance)
-    of_wrong, of_default = tune(training, config=wrong), tune(training)
+    settings = TuningSettings(steps=options.steps)
+    of_wrong, of_default = tune(training, config=wrong, settings=settings), tune(training, settings=settings)
     rows = {
         "wrong sensor": wrong,
         "tuned from there": of_wrong.config,

@@ -17,7 +17,11 @@ EXPECTED = {
     "tune_to_a_sensor.py": ["0.750", "1.000", "derived"],
 }
 # Smaller than by default, where an example takes long.
-ARGUMENTS = {"align_by_gradient.py": ["--points", "1500"]}
+ARGUMENTS = {
+    "align_by_gradient.py": ["--points", "1500"],
+    "tune_the_concentration.py": ["--steps", "4"],
+    "tune_to_a_sensor.py": ["--steps", "8"],
+}
 
 
 def test_every_example_is_run_here():

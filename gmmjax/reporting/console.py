@@ -45,6 +45,11 @@ def progress_bar(*, quiet: bool = False) -> Iterator[Callable[[str, float], None
     Yields:
         A function of the stage's name and the share of the whole that is done, 0 to 1; to be called from any thread.
     """
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        # A bar that is switched off prints an empty line when it ends, with most versions of rich.
+        yield lambda stage, share: None
+        return
     columns = (
         SpinnerColumn(),
         TextColumn("{task.description}"),
@@ -52,8 +57,7 @@ def progress_bar(*, quiet: bool = False) -> Iterator[Callable[[str, float], None
         TaskProgressColumn(),
         TimeElapsedColumn(),
     )
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as progress:
+    with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("Starting", total=1.0)
 
         def update(stage: str, share: float) -> None:

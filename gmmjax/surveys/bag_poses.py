@@ -2,7 +2,7 @@
 
 import warnings
 from array import array
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -90,7 +90,7 @@ def _sample(time: float, pose: tuple[Any, Any]) -> tuple[float, ...]:
     return (time, position.x, position.y, position.z, rotation.x, rotation.y, rotation.z, rotation.w)
 
 
-def _trajectory(samples: "array[float]", source: str) -> Trajectory:
+def _trajectory(samples: Sequence[float], source: str) -> Trajectory:
     rows: Float64[np.ndarray, "t 8"] = np.array(samples, np.float64).reshape(-1, SAMPLE)
     usable = np.isfinite(rows).all(axis=1) & (np.linalg.norm(rows[:, 4:], axis=1) > 1e-6)
     if not usable.any():

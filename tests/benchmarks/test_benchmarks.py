@@ -65,7 +65,8 @@ def test_implicit_and_unrolled_gradients_agree(cloud):
     unrolled = ways.gradient("unrolled", 4 * ways.steps)()
     for name in ("noise_floor", "scale", "degrees_of_freedom", "mean_strength"):
         np.testing.assert_allclose(getattr(implicit, name), getattr(unrolled, name), rtol=1e-4, err_msg=name)
-    assert ways.memory("unrolled", 80) > 2 * ways.memory("unrolled", 20)
+    # Of the program that was compiled just now, and of a shorter one.
+    assert ways.memory("unrolled", 4 * ways.steps) > 2 * ways.memory("unrolled", ways.steps)
 
 
 def test_the_report_says_what_was_not_reached(tmp_path):

@@ -39,9 +39,15 @@ def two_gaussians(seed, extra_after=0, points=300):
     return SourcedPoints(WeightedPoints(coordinates, np.ones(len(coordinates))), after).padded()
 
 
-def fitted(points, components=8, seed=0):
-    start = initial_joint_mixture(points, components, PRIOR, jax.random.key(seed))
-    return jax.jit(lambda points, start: fit_joint_mixture(points, start, PRIOR, SETTINGS))(points, start)
+@jax.jit
+def fitted(points, prior=PRIOR):
+    start = initial_joint_mixture(points, 8, prior, jax.random.key(0))
+    return fit_joint_mixture(points, start, prior, SETTINGS)
+
+
+@jax.jit
+def sums_of(joint, points):
+    return feature_sums(joint.coefficients(), joint_chunks(points))
 
 
 def test_share_says_which_component_is_new():
@@ -82,13 +88,13 @@ def test_swapping_the_clouds_swaps_the_shares():
 def test_message_length_never_rises_within_em():
     """One step of EM from a fixed number of components raises the likelihood, which the shares are part of."""
     points = two_gaussians(4, extra_after=200)
-    chunks = joint_chunks(points)
-    joint = initial_joint_mixture(points, 3, PRIOR, jax.random.key(1))
+    step = jax.jit(lambda joint, sums: joint_maximisation(joint, sums, PRIOR, min_components=3))
+    joint = jax.jit(lambda points: initial_joint_mixture(points, 3, PRIOR, jax.random.key(1)))(points)
     likelihoods = []
     for _ in range(6):
-        sums, likelihood = feature_sums(joint.coefficients(), chunks)
+        sums, likelihood = sums_of(joint, points)
         likelihoods.append(float(likelihood))
-        joint = joint_maximisation(joint, sums, PRIOR, min_components=3)
+        joint = step(joint, sums)
     assert likelihoods[-1] > likelihoods[0]
 
 
@@ -108,7 +114,8 @@ def test_expectation_against_plain_numpy():
         np.array(0.1),
         np.array(-3.0),
     )
-    sums, likelihood = feature_sums(jax.tree.map(jnp.asarray, joint).coefficients(), joint_chunks(points))
+    joint = jax.tree.map(jnp.asarray, joint)
+    sums, likelihood = sums_of(joint, points)
     coordinates, after = points.points.points[:170], points.after[:170]
     densities = [
         weight * multivariate_normal(mean, covariance).pdf(coordinates) * np.where(after == 1, share, 1 - share)
@@ -123,16 +130,14 @@ def test_expectation_against_plain_numpy():
     expected = [(density / total).sum() for density in densities]
     np.testing.assert_allclose(np.asarray(sums)[[0, 1, 3], 0], expected)
     np.testing.assert_allclose(np.asarray(sums)[[0, 1], -1], [(d / total * after).sum() for d in densities[:2]])
-    owned = np.asarray(responsibilities(jax.tree.map(jnp.asarray, joint), coordinates[60:], True))
+    owned = np.asarray(responsibilities(joint, coordinates[60:], True))
     np.testing.assert_allclose(owned[0], (densities[0] / total)[60:], atol=1e-12)
-    before, later = intensities(jax.tree.map(jnp.asarray, joint), coordinates)
+    before, later = intensities(joint, coordinates)
     np.testing.assert_allclose(np.where(after == 1, later, before), total - 0.5 * 0 * total, rtol=1e-9)
 
 
 def test_tolerance_widens_every_component():
     points = two_gaussians(6, extra_after=100)
-    wide = joint_prior(0.0, 0.2)
-    start = initial_joint_mixture(points, 4, wide, jax.random.key(0))
-    joint = fit_joint_mixture(points, start, wide, SETTINGS).model
+    joint = fitted(points, joint_prior(0.0, 0.2)).model
     live = np.asarray(joint.mixture.live)
     assert (np.linalg.eigvalsh(np.asarray(joint.mixture.covariances)[live])[:, 0] > 0.2**2).all()

@@ -1,4 +1,4 @@
-"""Scenes and differences for the derivatives of fits that came to rest."""
+"""Scenes for the derivatives of fits that came to rest."""
 
 import jax
 import jax.numpy as jnp
@@ -46,19 +46,3 @@ def statistic(*arrays):
     random = np.random.default_rng(1)
     weights = [jnp.asarray(random.standard_normal(array.shape), array.dtype) for array in arrays]
     return sum(jnp.sum(weight * array) for weight, array in zip(weights, arrays, strict=True))
-
-
-def along(function, at, direction, step):
-    """The derivative of a function of an array along a direction, by central differences of the fourth order.
-
-    The parameters rest to 1e-10 only: the step must be so large that this does not count.
-    """
-    values = {factor: function(at + factor * step * direction) for factor in (-2, -1, 1, 2)}
-    return (8 * (values[1] - values[-1]) - (values[2] - values[-2])) / (12 * step)
-
-
-def difference_gradient(function, at, step=3e-3):
-    """The gradient of a function of a vector by differences, with steps relative to its entries."""
-    directions = np.diag(np.maximum(np.abs(np.asarray(at)), 0.1))
-    slopes = [along(function, at, jnp.asarray(direction), step) for direction in directions]
-    return np.array([float(slope) for slope in slopes]) / np.diag(directions)

@@ -1,5 +1,7 @@
 """Fixed points of small maps whose fixed point and derivatives are known."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,6 +19,7 @@ def linear(parameters, arguments):
     return {"first": image[:2], "rest": image[2:]}
 
 
+@functools.partial(jax.jit, static_argnames=("max_steps", "tolerance"))
 def solve(arguments, max_steps=200, tolerance=1e-12):
     start = {"first": jnp.zeros(2), "rest": jnp.ones(SIZE - 2)}
     return fixed_point(linear, start, arguments, tolerance=tolerance, max_steps=max_steps)
@@ -46,7 +49,7 @@ def assert_trees_close(actual, expected, tolerance=1e-7):
 
 
 def test_of_a_linear_map(float64):
-    found = jax.jit(solve)(problem())
+    found = solve(problem())
     assert found.converged
     parameters = np.concatenate([found.parameters["first"], found.parameters["rest"]])
     np.testing.assert_allclose(parameters, answer(problem()), atol=1e-11)

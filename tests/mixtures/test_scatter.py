@@ -1,7 +1,6 @@
 """Points that stand for many: with the scatter about them the moments are those of the observations."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -19,16 +18,26 @@ def cloud():
     return np.concatenate([blobs, board])
 
 
-def single(dimension=3):
-    return GaussianMixture(jnp.ones(1), jnp.zeros((1, dimension)), jnp.eye(dimension)[None], jnp.ones(1, bool))
+@jax.jit
+def expected(mixture, points):
+    return expectation(mixture, FeatureChunks.of(points))
+
+
+def equal_weights(*means):
+    """Gaussians of unit covariance at these places."""
+    count = len(means)
+    covariances = np.tile(np.eye(3), (count, 1, 1))
+    return GaussianMixture(np.full(count, 1 / count), np.array(means, float), covariances, np.ones(count, bool))
+
+
+SINGLE = equal_weights([0, 0, 0])
 
 
 def test_moments_are_those_of_the_observations(cloud):
     """One component takes all: its mass, mean and covariance must be exactly the cloud's."""
     grid = voxel_grid(cloud, 0.5)
     with jax.enable_x64(True):
-        chunks = FeatureChunks.of(WeightedPoints(grid.points, grid.mass, grid.scatter(cloud)))
-        moments, _ = expectation(single(), chunks)
+        moments, _ = expected(SINGLE, WeightedPoints(grid.points, grid.mass, grid.scatter(cloud)))
     assert len(grid.mass) < 300
     np.testing.assert_allclose(moments.mass, [len(cloud)])
     np.testing.assert_allclose(moments.means[0], cloud.mean(axis=0), atol=1e-12)
@@ -38,13 +47,11 @@ def test_moments_are_those_of_the_observations(cloud):
 def test_likelihood_is_a_lower_bound_that_is_sharp_for_one_component(cloud):
     grid = voxel_grid(cloud, 0.5)
     with jax.enable_x64(True):
-        two = GaussianMixture(
-            jnp.full(2, 0.5), jnp.asarray([[0.0, 0, 0], [2, 0, -1]]), jnp.stack([jnp.eye(3)] * 2), jnp.ones(2, bool)
-        )
-        reduced = FeatureChunks.of(WeightedPoints(grid.points, grid.mass, grid.scatter(cloud)))
-        whole = FeatureChunks.of(WeightedPoints(cloud, np.ones(len(cloud))))
-        assert float(expectation(single(), reduced)[1]) == pytest.approx(float(expectation(single(), whole)[1]))
-        assert float(expectation(two, reduced)[1]) < float(expectation(two, whole)[1])
+        two = equal_weights([0, 0, 0], [2, 0, -1])
+        reduced = WeightedPoints(grid.points, grid.mass, grid.scatter(cloud))
+        whole = WeightedPoints(cloud, np.ones(len(cloud)))
+        assert float(expected(SINGLE, reduced)[1]) == pytest.approx(float(expected(SINGLE, whole)[1]))
+        assert float(expected(two, reduced)[1]) < float(expected(two, whole)[1])
 
 
 def fit_of_voxels(cloud, voxels):

@@ -13,10 +13,12 @@ import pytest
 from gmmjax import native
 from gmmjax.mixtures import FeatureChunks, GaussianMixture, WeightedPoints
 from gmmjax.mixtures.quadratic import coefficients
+from tests.differences import along, assert_derivatives
 
 expectation_maximisation = importlib.import_module("gmmjax.mixtures.expectation_maximisation")
 needs_kernels = pytest.mark.skipif(not native.available(), reason="the kernels were not built")
 plain = jax.jit(expectation_maximisation._plain_feature_sums)
+native_sums = jax.jit(expectation_maximisation._native_feature_sums)
 # Of sums that are all of one sign or of order 1.
 TOLERANCE = {"float64": 1e-13, "float32": 2e-6}
 
@@ -27,17 +29,22 @@ def problem(size, components, dimension=3, dtype="float64", seed=0, spread=1.0):
     live[0] = True
     weights = live * random.uniform(0.1, 1, components)
     roots = 0.4 * random.standard_normal((components, dimension, dimension))
-    mixture = GaussianMixture.masked(
-        jnp.asarray(weights / weights.sum(), dtype),
-        jnp.asarray(spread * random.standard_normal((components, dimension)), dtype),
-        jnp.asarray(roots @ roots.transpose(0, 2, 1) + 0.02 * np.eye(dimension), dtype),
-        jnp.asarray(live),
+    arrays = (
+        weights / weights.sum(),
+        spread * random.standard_normal((components, dimension)),
+        roots @ roots.transpose(0, 2, 1) + 0.02 * np.eye(dimension),
     )
     points = WeightedPoints(
         random.standard_normal((size, dimension)).astype(dtype), random.uniform(0, 3, size).astype(dtype)
     )
+    return arguments_of(*(array.astype(dtype) for array in arrays), live, points)
+
+
+@jax.jit
+def arguments_of(weights, means, covariances, live, points):
+    """The coefficients of a mixture, and the features and masses of points."""
     chunks = FeatureChunks.of(points)
-    return coefficients(mixture), chunks.features, chunks.mass
+    return coefficients(GaussianMixture.masked(weights, means, covariances, live)), chunks.features, chunks.mass
 
 
 def assert_close(actual, expected, dtype):
@@ -55,11 +62,7 @@ def assert_close(actual, expected, dtype):
 def test_as_plain(size, components, dimension, dtype):
     with jax.enable_x64(True):
         arguments = problem(size, components, dimension, dtype)
-        assert_close(jax.jit(native_sums)(*arguments), plain(*arguments), dtype)
-
-
-def native_sums(*arguments):
-    return expectation_maximisation._native_feature_sums(*arguments)
+        assert_close(native_sums(*arguments), plain(*arguments), dtype)
 
 
 @needs_kernels
@@ -67,7 +70,7 @@ def test_as_plain_where_most_components_are_far():
     """Where a component is negligible at all points of a block, it is left out."""
     with jax.enable_x64(True):
         parameters, features, mass = problem(4000, 20, spread=30.0)
-        assert_close(jax.jit(native_sums)(parameters, features, mass), plain(parameters, features, mass), "float64")
+        assert_close(native_sums(parameters, features, mass), plain(parameters, features, mass), "float64")
 
 
 @needs_kernels
@@ -123,9 +126,7 @@ def test_derivatives_are_those_of_the_sums():
             own = parameters + jnp.where(live, step, 0) * 0.1
             return expectation_maximisation._feature_sums(own, features, mass)[1]
 
-        slope = float(jax.grad(likelihood)(0.0))
-        difference = float(likelihood(1e-5) - likelihood(-1e-5)) / 2e-5
-    assert slope == pytest.approx(difference, rel=1e-7)
+        assert_derivatives(jax.grad(likelihood)(0.0), along(likelihood, 0.0, 1.0, 1e-3))
 
 
 SCRIPT = """

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gmmjax.transport import TransportStatus, exact_transport
-from tests.transport.problems import linear_programme, peer_distance, random_problems
+from tests.differences import PRECISION, along, assert_derivatives
+from tests.transport.problems import Problems, linear_programme, peer_distance, random_problems
 
 pytestmark = pytest.mark.usefixtures("float64")
 
@@ -168,24 +169,18 @@ def test_gradients_equal_central_differences(kind, dtype):
     problems = random_problems(20, 3, 5, kind, seed=7)
     _, gradients = all_values_and_gradients(*problems.as_type(dtype))
     rng = np.random.default_rng(8)
-    along = [rng.normal(size=array.shape) for array in problems]
+    ways = [rng.normal(size=array.shape) for array in problems]
     if kind == "dead":
-        along = [np.where(array > 0, way, 0) for way, array in zip(along, problems, strict=True)]
+        ways = [np.where(array > 0, way, 0) for way, array in zip(ways, problems, strict=True)]
     if kind != "unequal":
         live = [array > 0 for array in problems[:2]]
         for side in (0, 1):
-            along[side] -= live[side] * along[side].sum(1, keepdims=True) / live[side].sum(1, keepdims=True)
-    step = 1e-7
-    up, down = (
-        solve_all(*(array + sign * step * way for array, way in zip(problems, along, strict=True))).cost
-        for sign in (1, -1)
-    )
-    expected = np.asarray(up - down) / (2 * step)
+            ways[side] -= live[side] * ways[side].sum(1, keepdims=True) / live[side].sum(1, keepdims=True)
+    expected = along(lambda moved: solve_all(*moved).cost, problems, Problems(*ways), 1e-5)
     found = sum(
-        (np.asarray(gradient) * way).reshape(20, -1).sum(1) for gradient, way in zip(gradients, along, strict=True)
+        (np.asarray(gradient) * way).reshape(20, -1).sum(1) for gradient, way in zip(gradients, ways, strict=True)
     )
-    tolerance = 5e-4 if dtype == np.float32 else 1e-6
-    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance)
+    assert_derivatives(found, expected, precision=1e-5 if dtype == np.float32 else PRECISION)
 
 
 @pytest.mark.parametrize("kind", ["generic", "unequal"])

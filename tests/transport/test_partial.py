@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from gmmjax.transport import TransportStatus, partial_transport
+from tests.differences import along, assert_derivatives
 from tests.transport.problems import linear_programme, random_problems
 
 pytestmark = pytest.mark.usefixtures("float64")
@@ -64,17 +65,12 @@ def test_a_side_without_mass_leaves_everything_unmatched(side):
 @pytest.mark.parametrize("kind", ["generic", "unequal"])
 def test_gradients_equal_central_differences(kind):
     problems = random_problems(16, 3, 5, kind, seed=2)
-    arguments = [*map(jnp.asarray, problems), jnp.full(16, 0.8)]
+    arguments = (*map(jnp.asarray, problems), jnp.full(16, 0.8))
     gradients = jax.jit(jax.vmap(jax.grad(objective, argnums=(0, 1, 2, 3))))(*arguments)
     rng = np.random.default_rng(3)
-    along = [rng.normal(size=array.shape) for array in arguments]
-    step = 1e-7
-    up, down = (
-        solve_all(*(array + sign * step * way for array, way in zip(arguments, along, strict=True))).cost
-        for sign in (1, -1)
-    )
-    found = sum(np.reshape(gradient * way, (16, -1)).sum(1) for gradient, way in zip(gradients, along, strict=True))
-    np.testing.assert_allclose(found, (up - down) / (2 * step), rtol=1e-5, atol=1e-6)
+    ways = tuple(rng.normal(size=array.shape) for array in arguments)
+    found = sum(np.reshape(gradient * way, (16, -1)).sum(1) for gradient, way in zip(gradients, ways, strict=True))
+    assert_derivatives(found, along(lambda moved: solve_all(*moved).cost, arguments, ways, 1e-5))
 
 
 def test_padding_changes_nothing():

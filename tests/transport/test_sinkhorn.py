@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gmmjax.transport import TransportStatus, exact_transport, sinkhorn
+from tests.differences import along, assert_derivatives
 from tests.transport.problems import random_problems
 
 pytestmark = pytest.mark.usefixtures("float64")
@@ -42,8 +43,8 @@ def test_padding_changes_neither_the_default_epsilon_nor_the_gradients_in_single
     def distance(*problem):
         return sinkhorn(*problem).cost
 
-    bare_cost, bare = jax.value_and_grad(distance, argnums=(0, 1, 2))(before, after, cost)
-    padded_cost, gradients = jax.value_and_grad(distance, argnums=(0, 1, 2))(*padded)
+    gradient = jax.jit(jax.value_and_grad(distance, argnums=(0, 1, 2)))
+    (bare_cost, bare), (padded_cost, gradients) = gradient(before, after, cost), gradient(*padded)
     tolerance = 5e-4
     assert padded_cost == pytest.approx(float(bare_cost), rel=tolerance)
     assert all(np.all(np.isfinite(gradient)) for gradient in gradients)
@@ -55,19 +56,16 @@ def test_padding_changes_neither_the_default_epsilon_nor_the_gradients_in_single
 def test_gradients_equal_central_differences_under_vmap():
     problems = tuple(map(jnp.asarray, random_problems(3, 3, 5, "unequal", seed=3)))
 
+    @jax.jit
     def distances(*stack):
         return jax.vmap(lambda *problem: sinkhorn(*problem, epsilon=0.2).cost)(*stack)
 
-    gradients = jax.grad(lambda *stack: distances(*stack).sum(), argnums=(0, 1, 2))(*problems)
+    gradients = jax.jit(jax.grad(lambda *stack: distances(*stack).sum(), argnums=(0, 1, 2)))(*problems)
     rng = np.random.default_rng(4)
-    along = [rng.normal(size=array.shape) for array in problems]
-    step = 1e-5
-    up, down = (
-        distances(*(array + sign * step * way for array, way in zip(problems, along, strict=True))).sum()
-        for sign in (1, -1)
-    )
-    found = sum((gradient * way).sum() for gradient, way in zip(gradients, along, strict=True))
-    assert found == pytest.approx(float(up - down) / (2 * step), rel=1e-4)
+    ways = tuple(rng.normal(size=array.shape) for array in problems)
+    found = sum((gradient * way).sum() for gradient, way in zip(gradients, ways, strict=True))
+    expected = along(lambda moved: distances(*moved).sum(), problems, ways, 1e-4)
+    assert_derivatives(found, expected)
 
 
 def test_too_few_iterations_are_a_status():

@@ -6,6 +6,7 @@ import pytest
 from gmmjax import FitSettings, InputError
 from gmmjax.mixtures import FitStatus
 from gmmjax.tuning import brier_score, check_gradient, joint_posterior, joint_prior
+from tests.differences import Differences, assert_derivatives
 from tests.mixtures.examples import random_rotation
 from tests.tuning.scenes import gaussian_pair
 
@@ -48,8 +49,11 @@ def test_the_brier_score_has_the_gradient_of_differences(scene):
         found = posterior(scene, joint_prior(noise_floor, tolerance))
         return brier_score(jnp.concatenate([found.before, found.after]), jnp.concatenate(changed))
 
-    result = check_gradient(loss, 0.1, 0.3)
-    assert result.largest_error < 1e-6, str(result)
+    entries = check_gradient(loss, 0.1, 0.3).entries
+    expected = Differences(
+        *(np.array([getattr(entry, name) for entry in entries]) for name in ("difference", "resolution"))
+    )
+    assert_derivatives([entry.gradient for entry in entries], expected)
 
 
 def test_without_polish_there_is_no_gradient(scene):
