@@ -1,5 +1,6 @@
 """What gmmjax raises and warns with: the message names the file or argument, and the remedy."""
 
+import reprlib
 from collections.abc import Sequence
 
 
@@ -18,4 +19,26 @@ class InputWarning(UserWarning):
 def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
     """Raises an `InputError` that names the argument and its choices, unless the value is one of them."""
     if value not in choices:
-        raise InputError(f"{name}={value!r} is unknown; choose from {', '.join(choices)}")
+        raise InputError(f"{name}={shown(value)} is unknown; choose from {', '.join(choices)}")
+
+
+def shown(value: object) -> str:
+    """A value for a message, however long it is or deeply nested."""
+    try:
+        return _Shortened().repr(value)
+    # Python refuses to write whole numbers of more than 4300 digits.
+    except ValueError:
+        return f"<{type(value).__name__}>"
+
+
+def one_line(error: BaseException) -> str:
+    """What an exception of another library says, in one line of at most 200 characters."""
+    return (" ".join(str(error).split()) or type(error).__name__)[:200]
+
+
+class _Shortened(reprlib.Repr):
+    """Six numbers and two levels in full."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel, self.maxstring, self.maxother = 3, 60, 60

@@ -1,10 +1,14 @@
 """The settings of change detection: one frozen record with documented defaults."""
 
 import dataclasses
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, get_args
 
-from gmmjax.errors import InputError, check_choice
+import numpy as np
+
+from gmmjax.clouds.files import MOST_WHOLE
+from gmmjax.errors import InputError, check_choice, shown
 from gmmjax.mixtures import Prior
 
 Method = Literal["joint", "greedy", "transport"]
@@ -114,7 +118,7 @@ class DetectionConfig:
         check_choice("kinds", self.kinds, get_args(Kinds))
         check_choice("registration", self.registration, get_args(Registration))
         if not isinstance(self.evidence, bool):
-            raise InputError(f"evidence={self.evidence!r} must be True or False")
+            raise InputError(f"evidence={shown(self.evidence)} must be True or False")
         for name, least in (("seed", 0), ("max_points", 100), ("outlier_neighbours", 0)):
             _check_least(name, getattr(self, name), least, int)
         for name in ("restarts", "max_components"):
@@ -124,16 +128,16 @@ class DetectionConfig:
             object.__setattr__(self, "crop", _checked_crop(self.crop))
         for name in POSITIVE:
             value = getattr(self, name)
-            if value is not None and not (isinstance(value, int | float) and 0 < value < float("inf")):
-                raise InputError(f"{name}={value!r} must be a positive number")
-        if self.concentration is not None and not _between(-float("inf"), self.concentration):
-            raise InputError(f"concentration={self.concentration!r} must be a number below 1")
-        if self.noise_share is not None and not (self.noise_share == 0 or _between(0.0, self.noise_share)):
-            raise InputError(f"noise_share={self.noise_share!r} must be at least 0 and below 1")
+            if value is not None and not (_is_real(value) and value > 0):
+                raise InputError(f"{name}={shown(value)} must be a positive number")
+        if self.concentration is not None and not (_is_real(self.concentration) and self.concentration < 1):
+            raise InputError(f"concentration={shown(self.concentration)} must be a number below 1")
+        if self.noise_share is not None and not (_is_real(self.noise_share) and 0 <= self.noise_share < 1):
+            raise InputError(f"noise_share={shown(self.noise_share)} must be at least 0 and below 1")
         if (self.covariance_scale is None) != (self.degrees_of_freedom is None):
             raise InputError("covariance_scale and degrees_of_freedom go together: set both or neither")
-        if not (isinstance(self.threshold, int | float) and 0 < self.threshold < 1):
-            raise InputError(f"threshold={self.threshold!r} must lie between 0 and 1")
+        if not (_is_real(self.threshold) and 0 < self.threshold < 1):
+            raise InputError(f"threshold={shown(self.threshold)} must lie between 0 and 1")
 
     def over(self, prior: Prior) -> Prior:
         """The prior of a fit, with what these settings say of it in place of what was derived from the data.
@@ -166,7 +170,8 @@ class DetectionConfig:
         known = {field.name for field in dataclasses.fields(cls)}
         unknown = sorted(set(settings) - known)
         if unknown:
-            raise InputError(f"unknown setting {', '.join(unknown)}; known are {', '.join(sorted(known))}")
+            listed = ", ".join(str(name)[:60] for name in unknown[:3])
+            raise InputError(f"unknown setting {listed}; known are {', '.join(sorted(known))}")
         # TOML and JSON know lists only.
         values: dict[str, Any] = {}
         for name, value in settings.items():
@@ -187,20 +192,20 @@ def with_settings(prior: Prior, settings: Mapping[str, Any]) -> Prior:
     return dataclasses.replace(prior, **leaves)
 
 
-def _between(lowest: float, value: object) -> bool:
-    """Whether the value is a number above the lowest and below 1."""
-    return isinstance(value, int | float) and lowest < value < 1
+def _is_real(value: object) -> bool:
+    """Whether the value is a finite number that a float can hold; True and False are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
-def _checked_crop(crop: Sequence[Any]) -> tuple[float, ...]:
-    numbers = tuple(crop)
-    if len(numbers) != 6 or not all(isinstance(number, int | float) for number in numbers):
-        raise InputError(f"crop={crop!r} must be six numbers: x, y, z of the lower and then of the upper corner")
+def _checked_crop(crop: Any) -> tuple[float, ...]:
+    numbers = tuple(crop) if isinstance(crop, Sequence | np.ndarray) and not isinstance(crop, str | bytes) else ()
+    if len(numbers) != 6 or not all(_is_real(number) for number in numbers):
+        raise InputError(f"crop={shown(crop)} must be six numbers: x, y, z of the lower and then of the upper corner")
     if not all(lower < upper for lower, upper in zip(numbers[:3], numbers[3:], strict=True)):
-        raise InputError(f"crop={crop!r}: the lower corner must be below the upper one on every axis")
+        raise InputError(f"crop={shown(crop)}: the lower corner must be below the upper one on every axis")
     return tuple(float(number) for number in numbers)
 
 
 def _check_least(name: str, value: object, least: int, kind: type) -> None:
-    if not isinstance(value, kind) or isinstance(value, bool) or value < least:  # type: ignore[operator]
-        raise InputError(f"{name}={value!r} must be a whole number of at least {least}")
+    if not isinstance(value, kind) or isinstance(value, bool) or not least <= value <= MOST_WHOLE:  # type: ignore[operator]
+        raise InputError(f"{name}={shown(value)} must be a whole number of at least {least} and at most {MOST_WHOLE}")

@@ -1,7 +1,6 @@
 """Folders that a command writes whole or not at all."""
 
 import dataclasses
-import json
 import os
 import secrets
 import shutil
@@ -10,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from gmmjax.clouds.files import read_json
 from gmmjax.errors import InputError
 
 STAGING_PREFIX = ".gmmjax-"
@@ -36,8 +36,8 @@ class FolderKind:
     def is_held_by(self, folder: Path) -> bool:
         """Whether the folder's marker is one of this kind, of any schema version."""
         try:
-            content = json.loads((folder / self.marker).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            content = read_json(folder / self.marker, "choose another output folder")
+        except InputError:
             return False
         return isinstance(content, dict) and "schema_version" in content and self.key in content
 

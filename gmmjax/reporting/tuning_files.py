@@ -1,13 +1,14 @@
 """What `gmmjax tune` writes: the tuned settings, the course as a page, and where it stands while it runs."""
 
 import os
-import zipfile
 from pathlib import Path
 
 import numpy as np
 import tomli_w
 
 from gmmjax.clouds import atomic_write
+from gmmjax.clouds.arrays import load_archive
+from gmmjax.clouds.files import require_file
 from gmmjax.errors import InputError
 from gmmjax.reporting.tuning_plot import tuning_html
 from gmmjax.tuning import TuningResult, TuningState
@@ -72,12 +73,11 @@ def read_state(path: str | os.PathLike[str], fingerprint: str) -> TuningState:
         InputError: a file that is damaged, or of a tuning with other pairs or settings.
     """
     remedy = "begin anew with --restart"
-    try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
-            if str(stored["fingerprint"]) != fingerprint:
-                raise InputError(f"{path}: is of a tuning with other pairs or settings; {remedy}, or give those")
-            leaves = tuple(stored[name] for name in sorted(stored.files) if name.startswith(OPTIMISER))
-            named = {name: stored[name] for name in TuningState._fields if name != "optimiser"}
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
-        raise InputError(f"{path}: is damaged ({error}); {remedy}") from error
-    return TuningState(optimiser=leaves, **named)
+    stored = load_archive(require_file(path), remedy)
+    names = [name for name in TuningState._fields if name != "optimiser"]
+    if missing := [name for name in ("fingerprint", *names) if name not in stored]:
+        raise InputError(f"{path}: is damaged (it has no {', '.join(missing)}); {remedy}")
+    if str(stored["fingerprint"]) != fingerprint:
+        raise InputError(f"{path}: is of a tuning with other pairs or settings; {remedy}, or give those")
+    leaves = tuple(stored[name] for name in sorted(stored) if name.startswith(OPTIMISER))
+    return TuningState(optimiser=leaves, **{name: stored[name] for name in names})

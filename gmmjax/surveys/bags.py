@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from gmmjax.errors import InputError
+from gmmjax.clouds.files import require_file
+from gmmjax.errors import InputError, one_line
 from gmmjax.surveys.bag_poses import POSE_TYPES, TF_TYPES, frame_name, frames_of_pose, pose_trajectory, transform_tree
 from gmmjax.surveys.frame import Frame
 from gmmjax.surveys.point_cloud2 import decode_frame, header_time
@@ -23,6 +24,8 @@ DELAY_JITTER = 2.0
 # A frame that is early by this share of the period is still taken for its turn.
 PERIOD_JITTER = 0.1
 NANOSECONDS = 1_000_000_000
+# Bytes of a bag's metadata.yaml, which has kilobytes; its parser takes minutes for some megabytes.
+MOST_METADATA = 1 << 21
 
 
 @dataclass(frozen=True)
@@ -310,15 +313,28 @@ def load_rosbags(bag: str) -> None:
 def _check_path(bag: Path) -> None:
     if not bag.exists():
         raise InputError(f"{bag}: no such file or folder; check the path (current folder: {Path.cwd()})")
-    if bag.is_dir() and not (bag / "metadata.yaml").is_file():
+    if bag.is_dir():
+        _check_folder(bag)
+        return
+    require_file(bag)
+    if bag.name.endswith(".active"):
+        raise InputError(f"{bag}: was not closed; mend it with rosbag reindex, and take .active off its name")
+    if bag.suffix not in SUFFIXES:
+        raise InputError(f"{bag}: is no bag by its ending; bags are files with {', '.join(SUFFIXES)}, or folders")
+
+
+def _check_folder(bag: Path) -> None:
+    """A folder of ROS 2; whatever is in it may be opened by the reader."""
+    if not (bag / "metadata.yaml").exists():
         raise InputError(
             f"{bag}: is no ROS 2 bag, because it has no metadata.yaml; name the folder that holds it or the file in "
             "it, or make it with ros2 bag reindex"
         )
-    if bag.is_file() and bag.name.endswith(".active"):
-        raise InputError(f"{bag}: was not closed; mend it with rosbag reindex, and take .active off its name")
-    if bag.is_file() and bag.suffix not in SUFFIXES:
-        raise InputError(f"{bag}: is no bag by its ending; bags are files with {', '.join(SUFFIXES)}, or folders")
+    require_file(bag / "metadata.yaml", MOST_METADATA)
+    for entry in bag.iterdir():
+        # Empty files are none of ours: databases have such beside them.
+        if not entry.is_dir() and not entry.is_file():
+            require_file(entry)
 
 
 def _add_missing_types(reader: Any, known: Any) -> None:
@@ -337,7 +353,7 @@ def _readable(bag: Path) -> Iterator[None]:
         raise
     # rosbags and the libraries below it raise a dozen kinds of exception on damaged files, AssertionError among them.
     except Exception as error:
-        cause = " ".join(str(error).split()) or type(error).__name__
+        cause = one_line(error)
         remedy = (
             "write it without compression (rosbag decompress, or ros2 bag convert)"
             if "ompression" in cause

@@ -14,7 +14,7 @@ from jaxtyping import Float64
 from gmmjax.clouds import atomic_write
 from gmmjax.clouds.arrays import load_arrays
 from gmmjax.clouds.files import read_bytes, require_file
-from gmmjax.errors import InputError, InputWarning
+from gmmjax.errors import InputError, InputWarning, one_line
 from gmmjax.surveys.frame import Frame
 from gmmjax.surveys.intrinsics import Intrinsics
 
@@ -127,7 +127,7 @@ def _read_png(file: Path) -> tuple[np.ndarray, float | None]:
             image.load()
     # Pillow raises OSError, SyntaxError, ValueError, zlib.error and others on damaged files.
     except Exception as error:
-        raise InputError(f"{file}: is no PNG image, or damaged ({error}); copy it again") from error
+        raise InputError(f"{file}: is no PNG image, or damaged ({one_line(error)}); copy it again") from error
     # Bit depth and kind of colour are in the first chunk: Pillow reads 16-bit colours as 8-bit ones.
     bits, colors = content[24], content[25]
     if (bits, colors) != (16, 0):

@@ -284,7 +284,7 @@ def test_a_bag_cut_off_anywhere_is_an_input_error(bags, tmp_path, name):
             with open_bag(cut) as bag:
                 found = list(bag.frames())
         except InputError as error:
-            assert re.match(f"{cut}: cannot be read .*copy it again", str(error))
+            assert re.match(f"{cut}: (cannot be read|is empty) .*copy it again", str(error))
         else:
             # The end of a database need not hold what is asked for.
             assert name == "run.db3"

@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from gmmjax.clouds.files import parse_json, read_bytes
 from gmmjax.errors import InputError
 from gmmjax.evaluation.thesis.records import Unit
 
@@ -29,10 +30,9 @@ class Journal:
         self._results: dict[str, dict[str, Any]] = {}
         if not path.exists():
             return
-        try:
-            content = path.read_bytes()
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error.strerror}); --overwrite begins anew") from error
+        if not path.stat().st_size:
+            return
+        content = read_bytes(path)
         *lines, unfinished = content.split(b"\n")
         for number, line in enumerate(lines, start=1):
             self._read(line, number)
@@ -70,8 +70,11 @@ class Journal:
 
     def _read(self, line: bytes, number: int) -> None:
         try:
-            entry = json.loads(line)
-            self._results[entry["key"]] = entry["result"]
+            entry = parse_json(line)
+            key, result = entry["key"], entry["result"]
+            if not isinstance(result, dict):
+                raise TypeError("the result is no object")
+            self._results[key] = result
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(
                 f"{self._path}: line {number} is damaged; take it out, or begin anew with --overwrite"
