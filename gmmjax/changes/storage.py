@@ -68,7 +68,8 @@ def _read_labels(file: Path) -> dict[str, np.ndarray]:
             if values is None or values.dtype.kind not in kinds or values.shape != (count,):
                 found = "nothing" if values is None else f"{values.dtype} {list(values.shape)}"
                 raise InputError(f"{file}: {name}_{time} must be {wanted} for each point, not {found}; {REMEDY}")
-        # The comparison is false for NaN; the margin is float32's rounding.
-        if not (np.abs(arrays[f"probability_{time}"] - 0.5) <= 0.5 + 1e-6).all():
+        # The comparisons are false for NaN; the margin is float32's rounding.
+        probability = arrays[f"probability_{time}"]
+        if not ((probability >= 0) & (probability <= 1 + 1e-6)).all():
             raise InputError(f"{file}: probability_{time} must lie between 0 and 1; {REMEDY}")
     return arrays

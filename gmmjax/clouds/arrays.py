@@ -78,7 +78,9 @@ def load_arrays(file: Path) -> np.ndarray | dict[str, np.ndarray]:
                 f"{file}: is no NumPy file, or holds pickled Python objects, which are not read because they can run "
                 "code; save plain numbers with numpy.save(file, array.astype(float))"
             ) from error
-        raise InputError(f"{file}: NumPy cannot read it ({one_line(error)}); the file is damaged, save it again") from error
+        raise InputError(
+            f"{file}: NumPy cannot read it ({one_line(error)}); the file is damaged, save it again"
+        ) from error
 
 
 def load_archive(file: Path, remedy: str, names: Sequence[str] | None = None) -> dict[str, np.ndarray]:

@@ -78,7 +78,7 @@ def _check_chunks(chunks: list[tuple[int, int]], count: int, chunk_bytes: int) -
     points, size = (sum(int(entry[index]) for entry in chunks) for index in (0, 1))
     if points < count or size != chunk_bytes:
         raise ValueError(
-            f"its chunk table has {points} points in {size} bytes, the header {count}, and {chunk_bytes} bytes are there"
+            f"its chunk table has {points} points in {size} bytes, there are {count} points in {chunk_bytes} bytes"
         )
 
 

@@ -14,6 +14,8 @@ from gmmjax.errors import InputError, one_line
 # some twenty times the memory, and TOML's minutes for some megabytes. Without a limit a wrong file fills the memory.
 MOST_JSON = 1 << 26
 MOST_SETTINGS = 1 << 18
+# Dots in a line of TOML, such as in six decimal numbers: memory grows with the square of a dotted key's length.
+MOST_DOTS = 200
 # Whole numbers of more bits cannot become floats or elements of arrays.
 MOST_WHOLE = 2**63 - 1
 
@@ -147,7 +149,10 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
         InputError: the file cannot be read, or is no TOML.
     """
     content = read_bytes(path, MOST_SETTINGS)
+    lines = (line for line in content.split(b"\n") if not line.lstrip().startswith(b"#"))
     try:
+        if any(line.count(b".") > MOST_DOTS for line in lines):
+            raise ValueError(f"a line has more than {MOST_DOTS} dots")
         settings = tomllib.loads(content.decode("utf-8"))
         _check_whole_numbers(settings)
     except RecursionError:

@@ -63,9 +63,7 @@ def _stored(file: Path, header: LasHeader) -> Iterator[np.ndarray]:
             yield rows
 
 
-def _decompressed(
-    file: Path, header: LasHeader, laszip: LaszipLayout, decoder: DecoderProcess
-) -> Iterator[np.ndarray]:
+def _decompressed(file: Path, header: LasHeader, laszip: LaszipLayout, decoder: DecoderProcess) -> Iterator[np.ndarray]:
     """The records of a LAZ file, a block at a time."""
     details = {
         "offset": header.offset,
@@ -81,7 +79,9 @@ def _decompressed(
             yield np.frombuffer(data, header.row_type)
     except DecodingError as error:
         if error.kind in ("ModuleNotFoundError", "ImportError"):
-            raise InputError(f"{file}: LAZ files need lazrs ({error}): pip install lazrs, or convert it to LAS") from error
+            raise InputError(
+                f"{file}: LAZ files need lazrs ({error}): pip install lazrs, or convert it to LAS"
+            ) from error
         raise InputError(f"{file}: lazrs cannot read it ({one_line(error)}); {DAMAGED}") from error
 
 

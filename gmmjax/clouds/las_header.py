@@ -72,10 +72,9 @@ class LasHeader:
         fields = {"XYZ": ("(3,)<i4", 0), "intensity": ("<u2", 12), "classification": ("u1", 16 if extended else 15)}
         if self.point_format in COLOR_OFFSETS:
             fields["colors"] = ("(3,)<u2", COLOR_OFFSETS[self.point_format])
-        formats, offsets = ([field[index] for field in fields.values()] for index in (0, 1))
-        return np.dtype(
-            {"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": self.record_length}
-        )
+        formats = [kind for kind, _ in fields.values()]
+        offsets = [offset for _, offset in fields.values()]
+        return np.dtype({"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": self.record_length})
 
 
 def read_header(stream: BinaryIO, size: int, file: Path) -> LasHeader:
@@ -137,11 +136,15 @@ def _vlrs(stream: BinaryIO, start: int, end: int, count: int, file: Path) -> Ite
         head = stream.read(VLR_HEADER)
         place += VLR_HEADER
         if len(head) < VLR_HEADER or place > end:
-            raise InputError(f"{file}: its record {number} of {count} ends after byte {end}, where the points begin; {DAMAGED}")
+            raise InputError(
+                f"{file}: its record {number} of {count} ends after byte {end}, where the points begin; {DAMAGED}"
+            )
         user, record, length = struct.unpack_from("<16sHH", head, 2)
         place += length
         if place > end:
-            raise InputError(f"{file}: its record {number} of {count} ends after byte {end}, where the points begin; {DAMAGED}")
+            raise InputError(
+                f"{file}: its record {number} of {count} ends after byte {end}, where the points begin; {DAMAGED}"
+            )
         yield user.rstrip(b"\0"), record, stream.read(length)
 
 

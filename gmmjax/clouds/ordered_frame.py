@@ -39,6 +39,14 @@ def frame_views(
     pose = _pose(viewpoint)
     if pose is None or len(points) < LEAST_PIXELS:
         return None
+    # Numbers beyond the range of floats fit no camera, and comparisons with what becomes of them are false.
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        return _view_from(pose, points, pixels, width)
+
+
+def _view_from(
+    pose: Float64[np.ndarray, "4 4"], points: Float64[np.ndarray, "n 3"], pixels: Int64[np.ndarray, " n"], width: int
+) -> SensorViews | None:
     camera_points = (points - pose[:3, 3]) @ pose[:3, :3]
     if (camera_points[:, 2] <= 0).any():
         return None

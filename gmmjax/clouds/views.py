@@ -117,8 +117,9 @@ def check_poses(poses: Float64[np.ndarray, "..."], owner: str) -> None:
     if not finite.all():
         raise InputError(f"{owner}: pose {int(np.argmin(finite))} of {len(poses)} has NaN or inf; leave it out")
     rotations = poses[:, :3, :3]
-    error_of_pose = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    rigid = (error_of_pose < RIGID_TOLERANCE) & (np.linalg.det(rotations) > 0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        error_of_pose = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        rigid = (error_of_pose < RIGID_TOLERANCE) & (np.linalg.det(rotations) > 0)
     rigid &= np.abs(poses[:, 3] - np.array([0, 0, 0, 1])).max(axis=1) < RIGID_TOLERANCE
     if not rigid.all():
         raise InputError(
@@ -143,5 +144,7 @@ def _checked_angles(angles: Any) -> tuple[float, float]:
 def _checked_range(length: Any) -> float:
     number = isinstance(length, int | float | np.integer | np.floating) and not isinstance(length, bool)
     if not (number and 0 < float(length) < np.inf):
-        raise InputError(f"views: max_range={shown(length)} must be a positive, finite length, in the unit of the clouds")
+        raise InputError(
+            f"views: max_range={shown(length)} must be a positive, finite length, in the unit of the clouds"
+        )
     return float(length)

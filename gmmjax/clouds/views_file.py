@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from gmmjax.clouds.atomic import atomic_write
 from gmmjax.clouds.arrays import load_archive
+from gmmjax.clouds.atomic import atomic_write
 from gmmjax.clouds.files import read_json, require_file
 from gmmjax.clouds.views import SensorViews
 from gmmjax.errors import InputError

@@ -69,7 +69,9 @@ def read_depth_frame(
             f"{file}: does not say of what unit its numbers are; give the metres of one number as unit "
             f"(--depth-unit {MILLIMETRE} for millimetres)"
         )
-    depth = numbers.astype(np.float64) * scale
+    # NaN and inf are no return, whatever their bits.
+    with np.errstate(over="ignore", invalid="ignore"):
+        depth = numbers.astype(np.float64) * scale
     depth[~(np.isfinite(depth) & (depth > 0))] = np.nan
     _check_depths(depth, scale, str(file))
     return Frame.of_image(intrinsics.rays().reshape(*depth.shape, 3) * depth[:, :, None], time)

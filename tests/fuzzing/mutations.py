@@ -12,9 +12,44 @@ from random import Random
 WHOLE = (0, 1, 2, 3, 7, 127, 128, 255, 256, 32767, 65535, 65536, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1, 2**64 - 1)
 WORDS = (
     *(b"0", b"-1", b"1", b"3", b"255", b"256", b"65536", b"4294967295", b"18446744073709551616", b"99999999999"),
-    *(b"0.5", b"-0.0", b"1e-400", b"1e308", b"1e999", b"-1e999", b"nan", b"NaN", b"inf", b"Infinity", b"1_000", b"0x1F"),
-    *(b"true", b"null", b"None", b'""', b'"text"', b"[]", b"{}", b"[1, 2]", b'{"a": 1}', b"\xff\xfe", b"'", b"#", b"\0"),
-    *(b"9" * 400, b"9" * 5000, b"0x" + b"F" * 5000, b"1." + b"1" * 5000, b"[" * 3000, b'{"a":' * 3000, b"[" * 90 + b"]" * 90),
+    *(
+        b"0.5",
+        b"-0.0",
+        b"1e-400",
+        b"1e308",
+        b"1e999",
+        b"-1e999",
+        b"nan",
+        b"NaN",
+        b"inf",
+        b"Infinity",
+        b"1_000",
+        b"0x1F",
+    ),
+    *(
+        b"true",
+        b"null",
+        b"None",
+        b'""',
+        b'"text"',
+        b"[]",
+        b"{}",
+        b"[1, 2]",
+        b'{"a": 1}',
+        b"\xff\xfe",
+        b"'",
+        b"#",
+        b"\0",
+    ),
+    *(
+        b"9" * 400,
+        b"9" * 5000,
+        b"0x" + b"F" * 5000,
+        b"1." + b"1" * 5000,
+        b"[" * 3000,
+        b'{"a":' * 3000,
+        b"[" * 90 + b"]" * 90,
+    ),
     *(b"2020-01-01", b"999999-99-99T99:99:99", b"*id", b"!!python/object:os.system", b"&a [*a]"),
 )
 NUMBER = re.compile(rb"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
@@ -137,7 +172,9 @@ def _word(data: bytearray, donor: bytes, random: Random) -> None:
     found = list(random.choice((NUMBER, NUMBER, TOKEN)).finditer(data, 0, 20_000))
     if found:
         start, end = random.choice(found).span()
-        data[start:end] = random.choice((*WORDS, *(other.group() for other in random.sample(found, min(3, len(found))))))
+        data[start:end] = random.choice(
+            (*WORDS, *(other.group() for other in random.sample(found, min(3, len(found)))))
+        )
 
 
 def _line(data: bytearray, donor: bytes, random: Random) -> None:

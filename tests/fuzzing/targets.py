@@ -3,10 +3,8 @@
 import contextlib
 import dataclasses
 import importlib.util
-import io
 import json
 import shutil
-import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from random import Random
@@ -17,19 +15,35 @@ import numpy as np
 from gmmjax import Changes, DetectionConfig
 from gmmjax.changes import Box, Change
 from gmmjax.cli.detect import read_settings
-from gmmjax.clouds import PointCloud, SensorViews, read_cloud, read_views, viewpoint_of, write_pcd, write_ply, write_views
+from gmmjax.clouds import (
+    PointCloud,
+    SensorViews,
+    read_cloud,
+    read_views,
+    viewpoint_of,
+    write_pcd,
+    write_ply,
+    write_views,
+)
 from gmmjax.clouds.decoder_process import DecoderProcess
 from gmmjax.clouds.las import read_las
 from gmmjax.clouds.mesh import read_mesh
 from gmmjax.errors import InputError
 from gmmjax.evaluation.labelled_pair import read_pair
 from gmmjax.evaluation.thesis.journal import Journal
-from gmmjax.mixtures import GaussianMixture
 from gmmjax.reporting.mixture_files import read_mixture
 from gmmjax.reporting.result_folder import RESULT
 from gmmjax.reporting.tuning_files import read_state, write_state
-from gmmjax.surveys import Frame, Intrinsics, open_bag, read_depth_frame, read_intrinsics, write_bag
-from gmmjax.surveys import write_depth_image, write_intrinsics
+from gmmjax.surveys import (
+    Frame,
+    Intrinsics,
+    open_bag,
+    read_depth_frame,
+    read_intrinsics,
+    write_bag,
+    write_depth_image,
+    write_intrinsics,
+)
 from gmmjax.tuning import TuningState
 from tests.fuzzing.mutations import mutated, mutated_archive, mutated_png
 
@@ -66,7 +80,9 @@ def all_targets() -> dict[str, Target]:
     """By name; those whose library is not installed are left out."""
     targets = [*_clouds(), *_records(), *_surveys()]
     if importlib.util.find_spec("open3d") is not None:
-        targets += [Target(f"mesh-{kind}", _mesh_writer(kind), _read_mesh) for kind in ("obj", "off", "stl", "gltf", "glb")]
+        targets += [
+            Target(f"mesh-{kind}", _mesh_writer(kind), _read_mesh) for kind in ("obj", "off", "stl", "gltf", "glb")
+        ]
     return {target.name: target for target in targets}
 
 
@@ -153,8 +169,8 @@ def _write_ply(folder: Path) -> list[str]:
     points = _points(20)
     write_ply(folder / "little.ply", points, colors=np.zeros((20, 3), np.uint8), fields={"label": np.arange(20)})
     header = (
-        b"ply\nformat binary_big_endian 1.0\nelement face 2\nproperty list uchar int vertex_indices\nelement vertex 20\n"
-        b"property double x\nproperty double y\nproperty double z\nend_header\n"
+        b"ply\nformat binary_big_endian 1.0\nelement face 2\nproperty list uchar int vertex_indices\n"
+        b"element vertex 20\nproperty double x\nproperty double y\nproperty double z\nend_header\n"
     )
     faces = (b"\x03" + np.arange(3, dtype=">i4").tobytes()) * 2
     (folder / "big.ply").write_bytes(header + faces + points.astype(">f8").tobytes())
@@ -211,7 +227,14 @@ def _mesh_writer(kind: str) -> Callable[[Path], list[str]]:
         "buffers": [{"byteLength": len(buffer)}],
         "bufferViews": [{"buffer": 0, "byteLength": 36}, {"buffer": 0, "byteOffset": 36, "byteLength": 6}],
         "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, -0.25], "max": [1, 1, 3]},
+            {
+                "bufferView": 0,
+                "componentType": 5126,
+                "count": 3,
+                "type": "VEC3",
+                "min": [0, 0, -0.25],
+                "max": [1, 1, 3],
+            },
             {"bufferView": 1, "componentType": 5123, "count": 3, "type": "SCALAR"},
         ],
     }
@@ -272,8 +295,8 @@ def _views_writer(name: str) -> Callable[[Path], list[str]]:
 def _write_config(folder: Path) -> list[str]:
     (folder / "config.toml").write_text(
         'method = "joint"\nkinds = "both"\nrestarts = 4\nseed = 3\ncrop = [0, 0, 0, 1.5, 1, 1]\nregistration = "auto"\n'
-        "tolerance = 0.01\nevidence = true\nmax_points = 1000\nconcentration = -4.5\nnoise_share = 0.01\nthreshold = 0.5\n"
-        "covariance_scale = 0.1\ndegrees_of_freedom = 8\n"
+        "tolerance = 0.01\nevidence = true\nmax_points = 1000\nconcentration = -4.5\nnoise_share = 0.01\n"
+        "threshold = 0.5\ncovariance_scale = 0.1\ndegrees_of_freedom = 8\n"
     )
     return ["config.toml"]
 

@@ -64,7 +64,10 @@ def _outcome(target: Any, folder: Path, files: list[tuple[str, bytes]], seed: st
         except InputError as error:
             outcome = {"outcome": "refused", "detail": str(error)}
             if "\n" in str(error) or str(folder) not in str(error) or len(str(error)) > 2000:
-                outcome = {"outcome": "defect", "detail": f"a message that is not one line with the name: {error}"[:2000]}
+                outcome = {
+                    "outcome": "defect",
+                    "detail": f"a message that is not one line with the name: {error}"[:2000],
+                }
         except BaseException:
             outcome = {"outcome": "defect", "detail": traceback.format_exc()[-3000:]}
     seconds, more = time.process_time() - start, _peak_memory() - memory

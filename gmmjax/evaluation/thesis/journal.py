@@ -30,7 +30,7 @@ class Journal:
         self._results: dict[str, dict[str, Any]] = {}
         if not path.exists():
             return
-        if not path.stat().st_size:
+        if path.is_file() and not path.stat().st_size:
             return
         content = read_bytes(path)
         *lines, unfinished = content.split(b"\n")
