@@ -80,4 +80,24 @@ def read_state(path: str | os.PathLike[str], fingerprint: str) -> TuningState:
     if str(stored["fingerprint"]) != fingerprint:
         raise InputError(f"{path}: is of a tuning with other pairs or settings; {remedy}, or give those")
     leaves = tuple(stored[name] for name in sorted(stored) if name.startswith(OPTIMISER))
-    return TuningState(optimiser=leaves, **{name: stored[name] for name in names})
+    state = TuningState(optimiser=leaves, **{name: stored[name] for name in names})
+    if not _fits(state):
+        raise InputError(f"{path}: is damaged (its arrays do not fit each other); {remedy}")
+    return state
+
+
+def _fits(state: TuningState) -> bool:
+    """Whether the arrays are those of one tuning: of so many starts, settings and steps."""
+    if state.free.ndim != 2 or state.losses.ndim != 3 or not len(state.losses):
+        return False
+    (starts, settings), steps = state.free.shape, len(state.losses)
+    shapes = {
+        "free": (starts, settings),
+        "racing": (starts,),
+        "values": (steps, starts, settings),
+        "losses": (steps, starts, 3),
+        "baseline": (3,),
+    }
+    kinds = {name: "b" if name == "racing" else "f" for name in shapes}
+    arrays = {name: getattr(state, name) for name in shapes}
+    return all(values.shape == shapes[name] and values.dtype.kind == kinds[name] for name, values in arrays.items())
