@@ -2,8 +2,10 @@
 
 import dataclasses
 import json
+import os
 import subprocess
 import sys
+import tempfile
 import threading
 from collections import Counter
 from collections.abc import Iterator
@@ -12,8 +14,17 @@ from types import TracebackType
 from typing import Any
 
 ROOT = Path(__file__).parents[2]
-# Seconds by the clock after which a mutant hangs; the limit of 5 s is of processor time, as others may use the machine.
+# Seconds by the clock after which a mutant hangs; the limit of the others is of processor time, as the machine may be
+# busy.
 HANGS = 60.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Limits:
+    """What reading a file may take at most: seconds of processor time, and bytes."""
+
+    seconds: float = 5.0
+    memory: int = 2 << 30
 
 
 @dataclasses.dataclass
@@ -50,6 +61,7 @@ class Fuzzer:
 
     def __init__(self, hangs: float = HANGS) -> None:
         self._hangs = hangs
+        self._home = tempfile.TemporaryDirectory(prefix="fuzzing-")
         self._process: subprocess.Popen[str] | None = None
 
     def __enter__(self) -> "Fuzzer":
@@ -59,13 +71,15 @@ class Fuzzer:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._end()
+        self._home.cleanup()
 
-    def run(self, target: str, mutations: int, seed: int = 0, start: int = 0) -> Report:
+    def run(self, target: str, mutations: int, seed: int = 0, start: int = 0, limits: Limits = Limits()) -> Report:
         """Reads the mutants `start` to `start + mutations` of a seed; the same seed gives the same mutants."""
         report, index, stop = Report(target), start, start + mutations
         while index < stop:
             begun = None
-            for answer in self._answers({"target": target, "seed": seed, "start": index, "stop": stop}):
+            request = {"target": target, "seed": seed, "start": index, "stop": stop} | dataclasses.asdict(limits)
+            for answer in self._answers(request):
                 if answer["index"] is None:
                     return report
                 if "outcome" in answer:
@@ -85,7 +99,7 @@ class Fuzzer:
         """The worker's answers, until it ends; it is killed when it is silent for too long."""
         process = self._running()
         assert process.stdin is not None and process.stdout is not None
-        process.stdin.write(json.dumps(request) + "\n")
+        process.stdin.write(json.dumps(request | {"folder": os.path.join(self._home.name, "files")}) + "\n")
         process.stdin.flush()
         while True:
             timer = threading.Timer(self._hangs, process.kill)

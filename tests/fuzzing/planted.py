@@ -3,6 +3,7 @@
 import os
 import time
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,22 @@ import numpy as np
 from gmmjax.errors import InputError
 from tests.fuzzing.targets import Target
 
-CONTENT = b"1 2 3\n" * 10
+CONTENT = b"".join(b"%d 2 3\n" % number for number in range(20))
 
 
 def planted_targets() -> dict[str, Target]:
     """By name."""
-    readers = (_good, _raises, _dies, _slow, _large, _hangs, _warns, _nameless)
-    return {f"planted{reader.__name__}": Target(f"planted{reader.__name__}", _write, reader) for reader in readers}
+    readers = (_raises, _dies, _slow, _large, _hangs, _warns, _nameless)
+    targets = {f"planted{reader.__name__}": Target("planted", _write, _only_mutants(reader)) for reader in readers}
+    return targets | {"planted_good": Target("planted", _write, _good)}
+
+
+def _only_mutants(read: Callable[[Path], None]) -> Callable[[Path], None]:
+    def read_mutant(path: Path) -> None:
+        if path.read_bytes() != CONTENT:
+            read(path)
+
+    return read_mutant
 
 
 def _write(folder: Path) -> list[str]:
@@ -25,27 +35,26 @@ def _write(folder: Path) -> list[str]:
 
 
 def _good(path: Path) -> None:
-    if path.read_bytes()[:3] != CONTENT[:3]:
-        raise InputError(f"{path}: does not begin with 1 2")
+    if path.read_bytes()[:20] != CONTENT[:20]:
+        raise InputError(f"{path}: begins with something else")
 
 
 def _raises(path: Path) -> None:
-    path.read_bytes().decode("ascii")
+    raise KeyError(path.name)
 
 
 def _dies(path: Path) -> None:
-    if len(path.read_bytes()) != len(CONTENT):
-        os.abort()
+    os.abort()
 
 
 def _slow(path: Path) -> None:
     start = time.process_time()
-    while time.process_time() - start < 5.2:
+    while time.process_time() - start < 0.3:
         pass
 
 
 def _large(path: Path) -> None:
-    np.ones(330 << 20)
+    np.ones(40 << 20)
 
 
 def _hangs(path: Path) -> None:

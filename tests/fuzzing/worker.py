@@ -4,7 +4,6 @@ import json
 import resource
 import shutil
 import sys
-import tempfile
 import time
 import traceback
 import warnings
@@ -14,9 +13,6 @@ from typing import Any
 
 from gmmjax.errors import InputError, InputWarning
 
-SECONDS = 5.0
-MEMORY = 2 << 30
-
 
 def main() -> None:
     """Answers requests, a line of JSON each: for every mutant a line before it is read, and one after."""
@@ -24,23 +20,20 @@ def main() -> None:
     from tests.fuzzing.targets import all_targets
 
     targets = all_targets() | planted_targets()
-    _limit_memory()
-    with tempfile.TemporaryDirectory() as name:
-        for line in sys.stdin:
-            request = json.loads(line)
-            target = targets[request["target"]]
-            # The error must name the file, whose name no message has by chance.
-            folder = Path(name) / "qzv"
-            shutil.rmtree(folder, ignore_errors=True)
-            folder.mkdir()
-            names = target.write(folder)
-            files = [(own, (folder / own).read_bytes()) for own in names]
-            for own, _ in files:
-                _read_valid(target, folder / own)
-            for index in range(request["start"], request["stop"]):
-                _say({"index": index})
-                _say({"index": index} | _outcome(target, folder, files, f"{request['seed']} {target.name} {index}"))
-            _say({"index": None})
+    for line in sys.stdin:
+        request = json.loads(line)
+        _limit_memory(2 * request["memory"])
+        target, folder = targets[request["target"]], Path(request["folder"])
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        names = target.write(folder)
+        files = [(own, (folder / own).read_bytes()) for own in names]
+        for own, _ in files:
+            _read_valid(target, folder / own)
+        for index in range(request["start"], request["stop"]):
+            _say({"index": index})
+            _say({"index": index} | _outcome(target, files, index, request))
+        _say({"index": None})
 
 
 def _read_valid(target: Any, path: Path) -> None:
@@ -49,9 +42,10 @@ def _read_valid(target: Any, path: Path) -> None:
         target.read(path)
 
 
-def _outcome(target: Any, folder: Path, files: list[tuple[str, bytes]], seed: str) -> dict[str, Any]:
-    """How reading the mutant of a seed ends: "read", "refused", or "defect" with what is wrong."""
-    name, content = target.mutant(files, Random(seed))
+def _outcome(target: Any, files: list[tuple[str, bytes]], index: int, request: dict[str, Any]) -> dict[str, Any]:
+    """How reading a mutant ends: "read", "refused", or "defect" with what is wrong."""
+    name, content = target.mutant(files, Random(f"{request['seed']} {target.name} {index}"))
+    folder = Path(request["folder"])
     path = folder / name
     path.write_bytes(content)
     start, memory = time.process_time(), _peak_memory()
@@ -71,7 +65,7 @@ def _outcome(target: Any, folder: Path, files: list[tuple[str, bytes]], seed: st
         except BaseException:
             outcome = {"outcome": "defect", "detail": traceback.format_exc()[-3000:]}
     seconds, more = time.process_time() - start, _peak_memory() - memory
-    if seconds > SECONDS or more > MEMORY:
+    if seconds > request["seconds"] or more > request["memory"]:
         outcome = {"outcome": "defect", "detail": f"took {seconds:.1f} s and {more / 2**30:.1f} GB"}
     path.write_bytes(dict(files)[name])
     return outcome | {"seconds": seconds}
@@ -82,11 +76,11 @@ def _peak_memory() -> int:
     return max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) * 1024
 
 
-def _limit_memory() -> None:
-    """Twice what is allowed, so that a reader that takes more can be told from one that asks for more than there is."""
+def _limit_memory(more: int) -> None:
+    """So many bytes beyond those that are taken; the machine is others' as well."""
     with open("/proc/self/statm", encoding="ascii") as statm:
         size = int(statm.read().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (size + 2 * MEMORY, size + 2 * MEMORY))
+    resource.setrlimit(resource.RLIMIT_AS, (size + more, resource.getrlimit(resource.RLIMIT_AS)[1]))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
