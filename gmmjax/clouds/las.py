@@ -21,14 +21,13 @@ SLOWEST = 50_000
 CLASS_BITS = 31
 
 
-def read_las(path: str | os.PathLike[str], decoder: DecoderProcess | None = None) -> PointCloud:
+def read_las(path: str | os.PathLike[str]) -> PointCloud:
     """The points of a LAS or LAZ file, versions 1.0 to 1.4.
 
     Scale and offset are applied in float64; 16-bit colours become bytes; intensity and classification become fields.
 
     Args:
         path: the file.
-        decoder: that decompresses several files in turn; None: one of its own.
 
     Returns:
         The cloud, points in the order of the file.
@@ -42,10 +41,8 @@ def read_las(path: str | os.PathLike[str], decoder: DecoderProcess | None = None
             header = read_header(stream, file.stat().st_size, file)
         if header.laszip is None:
             return _cloud(_stored(file, header), header, file)
-        if decoder is not None:
+        with DecoderProcess() as decoder:
             return _cloud(_decompressed(file, header, header.laszip, decoder), header, file)
-        with DecoderProcess() as own:
-            return _cloud(_decompressed(file, header, header.laszip, own), header, file)
     except (OSError, MemoryError) as error:
         raise InputError(f"{file}: cannot be read ({error!r}); copy it to a local disk and try again") from error
 

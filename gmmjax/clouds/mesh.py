@@ -18,12 +18,11 @@ MEMORY_OF_BYTE = 32
 SLOWEST = 100_000
 
 
-def read_mesh(path: str | os.PathLike[str], decoder: DecoderProcess | None = None) -> PointCloud:
+def read_mesh(path: str | os.PathLike[str]) -> PointCloud:
     """The vertices of a mesh: .obj, .off, .stl, .gltf or .glb.
 
     Args:
         path: the file.
-        decoder: that reads several files in turn; None: one of its own.
 
     Returns:
         The cloud, vertices in the order in which Open3D gives them, with their colours if the file has any.
@@ -35,11 +34,8 @@ def read_mesh(path: str | os.PathLike[str], decoder: DecoderProcess | None = Non
     size = file.stat().st_size
     request = Request("mesh", file, "Open3D", MEMORY_OF_BYTE * size, size / SLOWEST, {})
     try:
-        if decoder is not None:
-            vertices, shades = _numbers(decoder, request)
-        else:
-            with DecoderProcess() as own:
-                vertices, shades = _numbers(own, request)
+        with DecoderProcess() as decoder:
+            vertices, shades = (np.frombuffer(data, np.float64).reshape(-1, 3) for data in decoder.decode(request))
     except DecodingError as error:
         if error.kind in ("ModuleNotFoundError", "ImportError", "OSError"):
             raise _cannot_load(f"{file}: reading {file.suffix} files", error, error.name) from error
@@ -68,11 +64,6 @@ def load_open3d(purpose: str) -> Any:
         missing = error.name if isinstance(error, ModuleNotFoundError) else None
         raise _cannot_load(purpose, error, missing) from error
     return open3d
-
-
-def _numbers(decoder: DecoderProcess, request: Request) -> list[np.ndarray]:
-    """The vertices and their colours [N, 3]."""
-    return [np.frombuffer(data, np.float64).reshape(-1, 3) for data in decoder.decode(request)]
 
 
 def _cannot_load(purpose: str, error: Exception, missing: str | None) -> InputError:

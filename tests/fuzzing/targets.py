@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from random import Random
 from typing import Any
+from unittest import mock
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from gmmjax.cli.detect import read_settings
 from gmmjax.clouds import (
     PointCloud,
     SensorViews,
+    las,
+    mesh,
     read_cloud,
     read_views,
     viewpoint_of,
@@ -26,8 +29,6 @@ from gmmjax.clouds import (
     write_views,
 )
 from gmmjax.clouds.decoder_process import DecoderProcess
-from gmmjax.clouds.las import read_las
-from gmmjax.clouds.mesh import read_mesh
 from gmmjax.errors import InputError
 from gmmjax.evaluation.labelled_pair import read_pair
 from gmmjax.evaluation.thesis.journal import Journal
@@ -49,8 +50,16 @@ from tests.fuzzing.mutations import mutated, mutated_archive, mutated_png
 
 Mutate = Callable[[bytes, bytes, Random], bytes]
 CAMERA = Intrinsics(8.0, 8.0, 3.5, 2.5, 8, 6)
-# One process for all mutants, in place of one for each.
-DECODER = DecoderProcess()
+
+
+class KeptProcess(DecoderProcess):
+    """One process for all mutants, in place of one for each."""
+
+    def __exit__(self, *_: object) -> None:
+        """Lets it run."""
+
+
+KEPT = KeptProcess()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -205,11 +214,11 @@ def _las_writer(ending: str) -> Callable[[Path], list[str]]:
 
         names = []
         for point_format, version in ((3, "1.2"), (0, "1.2"), (7, "1.4")):
-            las = laspy.LasData(laspy.LasHeader(point_format=point_format, version=version))
-            las.x, las.y, las.z = _points(60).T
-            las.intensity = np.arange(60)
+            data = laspy.LasData(laspy.LasHeader(point_format=point_format, version=version))
+            data.x, data.y, data.z = _points(60).T
+            data.intensity = np.arange(60)
             names.append(f"format-{point_format}.{ending}")
-            las.write(str(folder / names[-1]))
+            data.write(str(folder / names[-1]))
         return names
 
     return write
@@ -271,11 +280,13 @@ def _read_cloud(path: Path) -> PointCloud:
 
 
 def _read_las(path: Path) -> PointCloud:
-    return _checked(read_las(path, DECODER))
+    with mock.patch.object(las, "DecoderProcess", lambda: KEPT):
+        return _checked(read_cloud(path))
 
 
 def _read_mesh(path: Path) -> PointCloud:
-    return _checked(read_mesh(path, DECODER))
+    with mock.patch.object(mesh, "DecoderProcess", lambda: KEPT):
+        return _checked(read_cloud(path))
 
 
 def _checked(cloud: PointCloud) -> PointCloud:
