@@ -8,7 +8,20 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 HEAVY = {
-    *("optimistix", "optax", "open3d", "ott", "plotly", "matplotlib", "laspy", "pandas", "sklearn", "tyro", "rich"),
+    *(
+        "optimistix",
+        "optax",
+        "open3d",
+        "ott",
+        "plotly",
+        "matplotlib",
+        "laspy",
+        "lazrs",
+        "pandas",
+        "sklearn",
+        "tyro",
+        "rich",
+    ),
     *("rosbags", "lz4", "PIL", "ruamel"),
 }
 

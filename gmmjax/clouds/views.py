@@ -117,7 +117,7 @@ def check_poses(poses: Float64[np.ndarray, "..."], owner: str) -> None:
     if not finite.all():
         raise InputError(f"{owner}: pose {int(np.argmin(finite))} of {len(poses)} has NaN or inf; leave it out")
     rotations = poses[:, :3, :3]
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         error_of_pose = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
         rigid = (error_of_pose < RIGID_TOLERANCE) & (np.linalg.det(rotations) > 0)
     rigid &= np.abs(poses[:, 3] - np.array([0, 0, 0, 1])).max(axis=1) < RIGID_TOLERANCE
