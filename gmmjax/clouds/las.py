@@ -83,12 +83,16 @@ def _decompressed(file: Path, header: LasHeader, laszip: LaszipLayout, decoder: 
 
 
 def _cloud(blocks: Iterator[np.ndarray], header: LasHeader, file: Path) -> PointCloud:
-    points = np.empty((header.count, 3))
-    columns = {
-        name: np.empty((header.count, *kind.shape), kind.base)
-        for name, (kind, *_) in (header.row_type.fields or {}).items()
-        if name != "XYZ"
-    }
+    try:
+        points = np.empty((header.count, 3))
+        columns = {
+            name: np.empty((header.count, *kind.shape), kind.base)
+            for name, (kind, *_) in (header.row_type.fields or {}).items()
+            if name != "XYZ"
+        }
+    # NumPy's error where not even the number of bytes can be told.
+    except (MemoryError, ValueError) as error:
+        raise InputError(f"{file}: declares {header.count} points, more than the memory holds; {DAMAGED}") from error
     done = 0
     # Scales of 1e300 make infinite coordinates, which are dropped and counted as everywhere.
     with np.errstate(over="ignore"):

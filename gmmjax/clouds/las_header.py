@@ -178,7 +178,9 @@ def _laszip(
     # The first point of a chunk is not compressed.
     if version != 0 or not 0 < chunks * record_length <= chunk_bytes:
         raise InputError(f"{file}: its chunk table has {chunks} chunks in {chunk_bytes} bytes; {DAMAGED}")
-    if chunk_size != CHUNKS_DIFFER and not (chunks - 1) * chunk_size <= count <= chunks * chunk_size:
+    # Where chunks differ, the size of one stands for the most points that any may have.
+    least = 1 if chunk_size == CHUNKS_DIFFER else (chunks - 1) * chunk_size
+    if not least <= count <= chunks * chunk_size:
         raise InputError(f"{file}: has {chunks} chunks of {chunk_size} points for {count} points; {DAMAGED}")
     return LaszipLayout(vlr, chunk_bytes)
 

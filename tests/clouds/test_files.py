@@ -58,6 +58,9 @@ OPENERS = [
 ]
 
 
+pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes here")
+
+
 @pytest.fixture(autouse=True)
 def no_waiting():
     """A reader that waits for a pipe fails in place of waiting for ever."""

@@ -198,3 +198,13 @@ def test_the_process_starts_without_the_package(tmp_path):
     program = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='other'); print(*sorted(sys.modules))"
     loaded = subprocess.run([sys.executable, "-c", program, str(PROGRAM)], capture_output=True, text=True, check=True)
     assert not {"gmmjax", "jax", "numpy", "lazrs", "open3d"} & set(loaded.stdout.split())
+
+
+def test_more_points_than_the_memory_holds(laz, write_file):
+    data = bytearray(laz.read_bytes())
+    header = struct.unpack_from("<H", data, 94)[0]
+    # Chunks of any number of points, and so many as their table's header allows.
+    struct.pack_into("<I", data, header + 54 + 12, 2**32 - 1)
+    struct.pack_into("<I", data, 107, 2**32 - 1)
+    with pytest.raises(InputError, match=r"4294967295 points|cannot read it"):
+        read_cloud(write_file("a.laz", bytes(data)))

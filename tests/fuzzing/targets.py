@@ -32,6 +32,7 @@ from gmmjax.clouds.decoder_process import DecoderProcess
 from gmmjax.errors import InputError
 from gmmjax.evaluation.labelled_pair import read_pair
 from gmmjax.evaluation.thesis.journal import Journal
+from gmmjax.evaluation.thesis.records import Unit
 from gmmjax.reporting.mixture_files import read_mixture
 from gmmjax.reporting.result_folder import RESULT
 from gmmjax.reporting.tuning_files import read_state, write_state
@@ -365,8 +366,9 @@ def _write_state(folder: Path) -> list[str]:
 
 
 def _write_journal(folder: Path) -> list[str]:
-    lines = [json.dumps({"key": f"[{number}]", "result": {"f1": 0.5, "seconds": 1.25}}) for number in range(6)]
-    (folder / "progress.jsonl").write_text("\n".join(lines) + "\n")
+    journal = Journal(folder / "progress.jsonl")
+    for number in range(6):
+        journal.add(Unit("a", "b", number, "c", {"d": 1}, dict), {"f1": 0.5, "seconds": 1.25, "rows": [1, 2]})
     return ["progress.jsonl"]
 
 

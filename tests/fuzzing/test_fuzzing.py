@@ -5,6 +5,8 @@ import pytest
 from tests.fuzzing.campaign import Fuzzer, Limits
 from tests.fuzzing.targets import all_targets
 
+pytest.importorskip("resource", reason="the worker measures its memory by it")
+
 
 @pytest.fixture(scope="module")
 def fuzzer():
