@@ -192,6 +192,7 @@ class Changes:
         try:
             items = tuple(Change.from_dict(change) for change in content["changes"])
             _check_indices(items, arrays)
+            _check_counts(content, arrays)
             return cls(
                 **arrays,
                 items=items,
@@ -216,6 +217,14 @@ def _whole(value: Any) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or value < 0:
         raise ValueError(f"{shown(value)} must be a whole number of at least 0")
     return value
+
+
+def _check_counts(content: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+    """Whether the labels are of these changes, and not of another result."""
+    for time in ("before", "after"):
+        count, declared = len(arrays[f"labels_{time}"]), content[f"points_{time}"]
+        if count != declared:
+            raise ValueError(f"labels_{time} of {count} points, changes of {shown(declared)}")
 
 
 def _check_indices(items: Sequence[Change], arrays: Mapping[str, np.ndarray]) -> None:

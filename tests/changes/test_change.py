@@ -108,6 +108,7 @@ def test_damaged_records_are_named(tmp_path, file, content, message):
         ('"box": {', '"box": null, "other": {', "not a complete record"),
         ('"diagnostics": {', '"diagnostics": null, "other": {', "not a complete record"),
         ('"config": {', '"config": {"seed": 1e5,', "seed"),
+        ('"points_after": 50', '"points_after": 51', "labels_after of 50 points, changes of 51"),
         ('"changes": [', '"changes": [], "other": [', "labels_after run from -1 to 0, of 0 changes"),
     ],
 )
