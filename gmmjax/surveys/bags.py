@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from gmmjax.clouds.files import read_bytes, require_file
-from gmmjax.errors import InputError, one_line
+from gmmjax.clouds.files import MOST_WHOLE, read_bytes, require_file
+from gmmjax.errors import InputError, one_line, shown
 from gmmjax.surveys.bag_poses import POSE_TYPES, TF_TYPES, frame_name, frames_of_pose, pose_trajectory, transform_tree
 from gmmjax.surveys.frame import Frame
 from gmmjax.surveys.point_cloud2 import decode_frame, header_time
@@ -294,6 +294,7 @@ def open_bag(path: str | os.PathLike[str]) -> Iterator[Bag]:
         with _readable(bag):
             _add_missing_types(reader, known)
             _check_definitions(reader, known, bag)
+            _check_metadata(reader)
             opened = Bag(bag, reader)
         yield opened
     finally:
@@ -370,6 +371,20 @@ def _check_definitions(reader: Any, known: Any, bag: Path) -> None:
                 f"{bag}: defines {name} otherwise than ROS; it is damaged, or record it with ROS's messages"
             )
         waiting += [part for part in _parts(fields) if part not in seen]
+
+
+def _check_metadata(reader: Any) -> None:
+    """Whether names, counts and times are such: YAML gives whatever stands there."""
+    for connection in reader.connections:
+        if not (isinstance(connection.topic, str) and isinstance(connection.msgtype, str)):
+            raise ValueError(
+                f"a topic's name or type is no text: {shown(connection.topic)}, {shown(connection.msgtype)}"
+            )
+        if not (isinstance(connection.msgcount, int) and 0 <= connection.msgcount <= MOST_WHOLE):
+            raise ValueError(f"{connection.topic} has {shown(connection.msgcount)} messages")
+    for time in (reader.start_time, reader.end_time):
+        if not (isinstance(time, int) and 0 <= time <= MOST_WHOLE):
+            raise ValueError(f"it starts or ends at {shown(time)} ns")
 
 
 def _plain(fields: Any) -> Any:

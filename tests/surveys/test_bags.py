@@ -313,6 +313,17 @@ def test_a_quaternion_beyond_all_numbers_is_left_out(tmp_path):
         assert len(bag.trajectory("/pose")) == 1
 
 
+@pytest.mark.parametrize(
+    ("number", "value"), [("message_count", ".inf"), ("message_count", "-3"), ("nanoseconds_since_epoch", ".nan")]
+)
+def test_a_folder_whose_numbers_are_none_is_refused(bags, tmp_path, number, value):
+    shutil.copytree(bags / "run", tmp_path / "run")
+    metadata = tmp_path / "run" / "metadata.yaml"
+    metadata.write_text(re.sub(rf"\b{number}: \d+", f"{number}: {value}", metadata.read_text()))
+    with pytest.raises(InputError, match=r"run: cannot be read"), open_bag(tmp_path / "run") as bag:
+        bag.topics()
+
+
 def test_a_folder_whose_yaml_merges_maps_is_refused(tmp_path):
     # Each line would double the time.
     lines = ["a0: &a0 {x: 1}", *(f"a{n}: &a{n} {{<<: [*a{n - 1}, *a{n - 1}]}}" for n in range(1, 60))]
