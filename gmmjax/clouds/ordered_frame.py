@@ -64,7 +64,8 @@ def _pose(viewpoint: tuple[float, ...]) -> Float64[np.ndarray, "4 4"] | None:
     numbers = np.array(viewpoint)
     if numbers.shape != (7,) or not np.isfinite(numbers).all():
         return None
-    if abs(float(np.linalg.norm(numbers[3:])) - 1) > QUATERNION_TOLERANCE:
+    # No component of a unit quaternion is above 1; the squares of greater ones may overflow.
+    if np.abs(numbers[3:]).max() > 2 or abs(float(np.linalg.norm(numbers[3:])) - 1) > QUATERNION_TOLERANCE:
         return None
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_quat(numbers[[4, 5, 6, 3]]).as_matrix()
