@@ -1,10 +1,29 @@
 """What gmmjax raises and warns with: the message names the file or argument, and the remedy."""
 
+import reprlib
 from collections.abc import Sequence
+
+# Characters of a message: more than any that we compose, less than what a file may hold in place of a name.
+LONGEST = 1500
 
 
 class InputError(ValueError):
-    """An input that cannot be used: a file, an array or a setting. The command line exits with status 2 on it."""
+    """An input that cannot be used: a file, an array or a setting. The command line exits with status 2 on it.
+
+    The message is one line that a terminal can show, whatever was in the file: what cannot be printed is escaped, and
+    the middle of a long one is left out.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(_shortened("".join(map(_printable, _shortened(message)))))
+
+
+def _shortened(message: str) -> str:
+    return message if len(message) <= LONGEST else f"{message[: LONGEST - 300]} ... {message[-290:]}"
+
+
+def _printable(character: str) -> str:
+    return character if character.isprintable() else character.encode("unicode_escape").decode("ascii")
 
 
 class ComputationError(RuntimeError):
@@ -28,4 +47,26 @@ def check_seed(name: str, seed: int) -> None:
 def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
     """Raises an `InputError` that names the argument and its choices, unless the value is one of them."""
     if value not in choices:
-        raise InputError(f"{name}={value!r} is unknown; choose from {', '.join(choices)}")
+        raise InputError(f"{name}={shown(value)} is unknown; choose from {', '.join(choices)}")
+
+
+def shown(value: object) -> str:
+    """A value for a message, however long it is or deeply nested."""
+    try:
+        return " ".join(_Shortened().repr(value).split())
+    # Python refuses to write whole numbers of more than 4300 digits.
+    except ValueError:
+        return f"<{type(value).__name__}>"
+
+
+def one_line(error: BaseException) -> str:
+    """What an exception of another library says, in one line of at most 200 characters."""
+    return (" ".join(str(error).split()) or type(error).__name__)[:200]
+
+
+class _Shortened(reprlib.Repr):
+    """Six numbers and two levels in full."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel, self.maxstring, self.maxother = 3, 60, 60

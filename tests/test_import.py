@@ -12,7 +12,20 @@ import gmmjax
 
 ROOT = Path(__file__).parents[1]
 HEAVY = {
-    *("optimistix", "optax", "open3d", "ott", "plotly", "matplotlib", "laspy", "pandas", "sklearn", "tyro", "rich"),
+    *(
+        "optimistix",
+        "optax",
+        "open3d",
+        "ott",
+        "plotly",
+        "matplotlib",
+        "laspy",
+        "lazrs",
+        "pandas",
+        "sklearn",
+        "tyro",
+        "rich",
+    ),
     *("rosbags", "lz4", "PIL", "ruamel"),
 }
 

@@ -2,9 +2,9 @@
 
 import dataclasses
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,12 +14,13 @@ from gmmjax.changes.registration_record import Registration
 from gmmjax.changes.storage import (
     LABELS_FILE,
     POINT_ARRAYS,
+    REMEDY,
     SCHEMA_VERSION,
     finite_or_null,
     read_record,
     write_record,
 )
-from gmmjax.errors import InputError
+from gmmjax.errors import InputError, one_line, shown
 
 Kind = Literal["appeared", "disappeared", "moved"]
 
@@ -57,8 +58,13 @@ class Box:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "Box":
-        """The box that `to_dict` made plain."""
-        return cls(*(np.array(content[name], float) for name in ("centre", "extent", "rotation")))
+        """The box that `to_dict` made plain.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is no such dictionary.
+        """
+        shapes = {"centre": (3,), "extent": (3,), "rotation": (3, 3)}
+        return cls(*(_finite(content[name], shape) for name, shape in shapes.items()))
 
     def corners(self) -> Float[np.ndarray, "8 3"]:
         """The eight corners: bit i of the index says on which side of axis i."""
@@ -110,17 +116,24 @@ class Change:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "Change":
-        """The change that `to_dict` made plain."""
+        """The change that `to_dict` made plain.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is no such dictionary.
+        """
+        if content["kind"] not in get_args(Kind):
+            raise ValueError(f"kind {shown(content['kind'])} is none of {', '.join(get_args(Kind))}")
+        partner, transform = content["partner"], content["transform"]
         return cls(
             kind=content["kind"],
-            probability=float(content["probability"]),
-            significance=float(content["significance"]),
-            points=int(content["points"]),
-            mean=np.array(content["mean"], float),
-            covariance=np.array(content["covariance"], float),
+            probability=float(_finite(content["probability"], ())),
+            significance=float(_finite(content["significance"], ())),
+            points=_whole(content["points"]),
+            mean=_finite(content["mean"], (3,)),
+            covariance=_finite(content["covariance"], (3, 3)),
             box=Box.from_dict(content["box"]),
-            partner=content["partner"],
-            transform=None if content["transform"] is None else np.array(content["transform"], float),
+            partner=None if partner is None else _whole(partner),
+            transform=None if transform is None else _finite(transform, (4, 4)),
         )
 
 
@@ -193,15 +206,48 @@ class Changes:
         """
         content, arrays = read_record(folder)
         try:
+            items = tuple(Change.from_dict(change) for change in content["changes"])
+            _check_indices(items, arrays)
+            _check_counts(content, arrays)
             return cls(
                 **arrays,
-                items=tuple(Change.from_dict(change) for change in content["changes"]),
-                emd=float(content["emd"]),
-                config=DetectionConfig.from_dict(content["config"]),
-                diagnostics=content["diagnostics"],
+                items=items,
+                emd=float(_finite(content["emd"], ())),
+                config=DetectionConfig.from_dict(dict(content["config"])),
+                diagnostics=dict(content["diagnostics"]),
                 registration=Registration.from_dict(content["registration"]),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
-                f"{folder}: is not a complete record of changes ({error!r}); run the detection again"
+                f"{folder}: is not a complete record of changes ({type(error).__name__}: {one_line(error)}); {REMEDY}"
             ) from error
+
+
+def _finite(values: Any, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
+    array = np.array(values)
+    if array.shape != shape or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
+        raise ValueError(f"{shown(values)} must be finite numbers {list(shape)}")
+    return array.astype(np.float64)
+
+
+def _whole(value: Any) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+        raise ValueError(f"{shown(value)} must be a whole number of at least 0")
+    return value
+
+
+def _check_counts(content: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+    """Whether the labels are of these changes, and not of another result."""
+    for time in ("before", "after"):
+        count, declared = len(arrays[f"labels_{time}"]), content[f"points_{time}"]
+        if count != declared:
+            raise ValueError(f"labels_{time} of {count} points, changes of {shown(declared)}")
+
+
+def _check_indices(items: Sequence[Change], arrays: Mapping[str, np.ndarray]) -> None:
+    """Whether labels and partners are indices of changes."""
+    for name in ("labels_before", "labels_after"):
+        if arrays[name].size and not (arrays[name].min() >= -1 and arrays[name].max() < len(items)):
+            raise ValueError(f"{name} run from {arrays[name].min()} to {arrays[name].max()}, of {len(items)} changes")
+    if any(change.partner is not None and change.partner >= len(items) for change in items):
+        raise ValueError(f"a change has a partner beyond the {len(items)} changes")

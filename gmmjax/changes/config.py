@@ -1,11 +1,14 @@
 """The settings of change detection: one frozen record with documented defaults."""
 
 import dataclasses
-import math
+import sys
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, TypeGuard, get_args
+from typing import Any, Literal, get_args
 
-from gmmjax.errors import InputError, check_choice
+import numpy as np
+
+from gmmjax.clouds.files import MOST_WHOLE
+from gmmjax.errors import InputError, check_choice, shown
 from gmmjax.mixtures import Prior
 
 Method = Literal["joint", "greedy", "transport"]
@@ -34,8 +37,6 @@ PRIOR_LEAVES: Mapping[str, str] = {
     "covariance_scale": "scale",
     "degrees_of_freedom": "degrees_of_freedom",
 }
-# Whole numbers fit the 64-bit integers of arrays and random keys.
-LARGEST_INTEGER = 2**63 - 1
 # Observations that a share of stray points is worth which is not to be found from the points.
 FIXED = 1e9
 
@@ -117,7 +118,7 @@ class DetectionConfig:
         check_choice("kinds", self.kinds, get_args(Kinds))
         check_choice("registration", self.registration, get_args(RegistrationMode))
         if not isinstance(self.evidence, bool):
-            raise InputError(f"evidence={self.evidence!r} must be True or False")
+            raise InputError(f"evidence={shown(self.evidence)} must be True or False")
         for name, least in (("seed", 0), ("max_points", 100), ("outlier_neighbours", 0)):
             _check_least(name, getattr(self, name), least)
         for name in ("restarts", "max_components"):
@@ -127,16 +128,16 @@ class DetectionConfig:
             object.__setattr__(self, "crop", _checked_crop(self.crop))
         for name in POSITIVE:
             value = getattr(self, name)
-            if value is not None and not (_is_number(value) and value > 0):
-                raise InputError(f"{name}={_shown(value)} must be a positive number")
-        if self.concentration is not None and not _between(-float("inf"), self.concentration):
-            raise InputError(f"concentration={_shown(self.concentration)} must be a number below 1")
-        if self.noise_share is not None and not (self.noise_share == 0 or _between(0.0, self.noise_share)):
-            raise InputError(f"noise_share={_shown(self.noise_share)} must be at least 0 and below 1")
+            if value is not None and not (_is_real(value) and value > 0):
+                raise InputError(f"{name}={shown(value)} must be a positive number")
+        if self.concentration is not None and not (_is_real(self.concentration) and self.concentration < 1):
+            raise InputError(f"concentration={shown(self.concentration)} must be a number below 1")
+        if self.noise_share is not None and not (_is_real(self.noise_share) and 0 <= self.noise_share < 1):
+            raise InputError(f"noise_share={shown(self.noise_share)} must be at least 0 and below 1")
         if (self.covariance_scale is None) != (self.degrees_of_freedom is None):
             raise InputError("covariance_scale and degrees_of_freedom go together: set both or neither")
-        if not _between(0.0, self.threshold):
-            raise InputError(f"threshold={_shown(self.threshold)} must lie between 0 and 1")
+        if not (_is_real(self.threshold) and 0 < self.threshold < 1):
+            raise InputError(f"threshold={shown(self.threshold)} must lie between 0 and 1")
 
     def over(self, prior: Prior) -> Prior:
         """The prior of a fit, with what these settings say of it in place of what was derived from the data.
@@ -169,7 +170,8 @@ class DetectionConfig:
         known = {field.name for field in dataclasses.fields(cls)}
         unknown = sorted(set(settings) - known)
         if unknown:
-            raise InputError(f"unknown setting {', '.join(unknown)}; known are {', '.join(sorted(known))}")
+            listed = ", ".join(str(name)[:60] for name in unknown[:3])
+            raise InputError(f"unknown setting {listed}; known are {', '.join(sorted(known))}")
         # TOML and JSON know lists only.
         values: dict[str, Any] = {}
         for name, value in settings.items():
@@ -190,39 +192,20 @@ def with_settings(prior: Prior, settings: Mapping[str, Any]) -> Prior:
     return dataclasses.replace(prior, **leaves)
 
 
-def _between(lowest: float, value: object) -> bool:
-    """Whether the value is a number above the lowest and below 1."""
-    return _is_number(value) and lowest < value < 1
+def _is_real(value: object) -> bool:
+    """Whether the value is a finite number that a float can hold; True and False are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
-def _is_number(value: object) -> TypeGuard[int | float]:
-    """Whether the value is a real number within the range of a float."""
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        return False
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # An integer of more than 308 digits.
-        return False
-
-
-def _checked_crop(crop: Sequence[Any]) -> tuple[float, ...]:
-    numbers = tuple(crop)
-    if len(numbers) != 6 or not all(_is_number(number) for number in numbers):
-        raise InputError(
-            f"crop={_shown(crop)} must be six finite numbers: x, y, z of the lower and then of the upper corner"
-        )
+def _checked_crop(crop: Any) -> tuple[float, ...]:
+    numbers = tuple(crop) if isinstance(crop, Sequence | np.ndarray) and not isinstance(crop, str | bytes) else ()
+    if len(numbers) != 6 or not all(_is_real(number) for number in numbers):
+        raise InputError(f"crop={shown(crop)} must be six numbers: x, y, z of the lower and then of the upper corner")
     if not all(lower < upper for lower, upper in zip(numbers[:3], numbers[3:], strict=True)):
-        raise InputError(f"crop={_shown(crop)}: the lower corner must be below the upper one on every axis")
+        raise InputError(f"crop={shown(crop)}: the lower corner must be below the upper one on every axis")
     return tuple(float(number) for number in numbers)
 
 
 def _check_least(name: str, value: object, least: int) -> None:
-    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= LARGEST_INTEGER:
-        raise InputError(f"{name}={_shown(value)} must be a whole number of at least {least} and below 2^63")
-
-
-def _shown(value: object) -> str:
-    try:
-        return repr(value)
-    except ValueError:  # Python writes no integer of more than 4,300 digits.
-        return "a number of thousands of digits"
+    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= MOST_WHOLE:
+        raise InputError(f"{name}={shown(value)} must be a whole number of at least {least} and below 2^63")

@@ -125,12 +125,13 @@ def _warn_about_registration(registration: Registration) -> None:
     """Warns where the registration is in doubt, with what speaks against it."""
     if registration.confidence >= DOUBTFUL:
         return
-    residual = "" if registration.residual is None else f", residual {registration.residual:.3g}"
+    residual = "" if registration.residual is None else f", at a residual of {registration.residual:.3g}"
+    overlap = 0.0 if registration.overlap is None else registration.overlap
     warnings.warn(
-        f"the registration is in doubt (confidence {registration.confidence:.0%}, overlap {registration.overlap:.0%}"
-        f"{residual}), so the probabilities of all changes are lowered: are both clouds of the same place, in the same "
-        "unit, and rotated by no more than 30 degrees? Register them beforehand and set registration='never', or crop "
-        "what only one of them has",
+        f"the registration is in doubt (confidence {registration.confidence:.0%}), and the probabilities of all changes "
+        f"are lowered: {overlap:.0%} of the points of one cloud have a counterpart in the other{residual}. Are both of the "
+        "same place and in the same unit, and rotated by less than 30 degrees? crop leaves out what only one cloud has, "
+        "registration='never' takes clouds that are registered already as they are",
         InputWarning,
         stacklevel=4,
     )

@@ -314,7 +314,8 @@ def _registered_surfaces(
     """
     to_given = np.linalg.inv(rough.transform)
     given = surface_fit(before, after, to_given, pair.spacing, settings)
-    transform, fit, applied, confidence = np.eye(4), given, False, 1.0
+    transform, fit, applied = np.eye(4), given, False
+    confidence = ConfidenceModel().confidence(given, 0.0, True)
     if config.registration != "never":
         refined = _refined(pair, before, after, rough, settings)
         confidence = ConfidenceModel().confidence(refined.fit, rough.rival, rough.from_given_frame)

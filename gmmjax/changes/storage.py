@@ -3,24 +3,24 @@
 import json
 import math
 import os
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from gmmjax.clouds.arrays import load_archive
 from gmmjax.clouds.atomic import atomic_write
-from gmmjax.clouds.files import read_json_record
+from gmmjax.clouds.files import read_json_record, require_file
 from gmmjax.errors import InputError
 
 SCHEMA_VERSION = 3
 CHANGES_FILE = "changes.json"
 LABELS_FILE = "labels.npz"
 
-POINT_ARRAYS = tuple(
-    f"{name}_{time}" for name in ("labels", "probability", "unobserved") for time in ("before", "after")
-)
+POINT_KINDS = (("labels", "i", "a whole number"), ("probability", "f", "a number"), ("unobserved", "b", "a bool"))
+POINT_ARRAYS = tuple(f"{name}_{time}" for name, *_ in POINT_KINDS for time in ("before", "after"))
+REMEDY = "run the detection again"
 
 
 def finite_or_null(content: Any) -> Any:
@@ -69,15 +69,21 @@ def read_record(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str,
     file = Path(path)
     if file.is_dir():
         file = file / CHANGES_FILE
-    content = read_json_record(file, SCHEMA_VERSION, "run the detection again")
+    content = read_json_record(file, SCHEMA_VERSION, REMEDY)
     return content, _read_labels(file.with_name(LABELS_FILE))
 
 
 def _read_labels(file: Path) -> dict[str, np.ndarray]:
-    try:
-        with np.load(file, allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in POINT_ARRAYS}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(
-            f"{file}: cannot be read as the labels of the changes ({error}); run the detection again"
-        ) from error
+    arrays = load_archive(require_file(file), REMEDY, POINT_ARRAYS)
+    for time in ("before", "after"):
+        count = arrays.get(f"labels_{time}", np.empty(0)).size
+        for name, kinds, wanted in POINT_KINDS:
+            values = arrays.get(f"{name}_{time}")
+            if values is None or values.dtype.kind not in kinds or values.shape != (count,):
+                found = "nothing" if values is None else f"{values.dtype} {list(values.shape)}"
+                raise InputError(f"{file}: {name}_{time} must be {wanted} for each point, not {found}; {REMEDY}")
+        # The comparisons are false for NaN; the margin is float32's rounding.
+        probability = arrays[f"probability_{time}"]
+        if not ((probability >= 0) & (probability <= 1 + 1e-6)).all():
+            raise InputError(f"{file}: probability_{time} must lie between 0 and 1; {REMEDY}")
+    return arrays

@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import itertools
-import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -14,6 +13,7 @@ from tyro.conf import OmitArgPrefixes, Positional
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.cli.compilation_cache import use_compilation_cache
 from gmmjax.cli.flags import flags_of
+from gmmjax.clouds.files import read_toml
 from gmmjax.errors import InputError
 
 RESULT_FILES = {
@@ -100,13 +100,9 @@ def read_settings(file: Path) -> DetectionConfig:
     Raises:
         InputError: a file that cannot be read, is no TOML, or has unknown or wrong settings; it names the file.
     """
+    settings = read_toml(file)
     try:
-        with file.open("rb") as stream:
-            return DetectionConfig.from_dict(tomllib.load(stream))
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read ({error.strerror}); give --config a TOML file") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{file}: is not TOML ({error}); write one setting a line, such as restarts = 8") from error
+        return DetectionConfig.from_dict(settings)
     except InputError as error:
         raise InputError(f"{file}: {error}") from error
 

@@ -1,13 +1,16 @@
 """Reading clouds from NumPy's .npy and .npz files, never from pickles."""
 
 import os
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from gmmjax.clouds.files import require_file
 from gmmjax.clouds.point_cloud import PointCloud
-from gmmjax.errors import InputError
+from gmmjax.errors import InputError, one_line
 
 MOST_COLUMNS = 64
 """More columns than this are a transposed array rather than scalars of a point."""
@@ -59,13 +62,15 @@ def read_npz(path: str | os.PathLike[str]) -> PointCloud:
 def load_arrays(file: Path) -> np.ndarray | dict[str, np.ndarray]:
     """The array of an .npy file or the arrays of an .npz file, whatever the file is called.
 
+    Args:
+        file: that `require_file` has seen.
+
     Raises:
         InputError: the file is damaged, or holds pickled objects.
     """
     try:
-        with file.open("rb") as stream:
-            loaded = np.load(stream, allow_pickle=False)
-            return loaded if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
+        with _loaded(file) as loaded:
+            return loaded if isinstance(loaded, np.ndarray) else _members(loaded, loaded.files)
     # NumPy, zipfile and zlib raise at least eight kinds of exception on damaged files, MemoryError among them.
     except Exception as error:
         if "pickle" in str(error):
@@ -73,7 +78,44 @@ def load_arrays(file: Path) -> np.ndarray | dict[str, np.ndarray]:
                 f"{file}: is no NumPy file, or holds pickled Python objects, which are not read because they can run "
                 "code; save plain numbers with numpy.save(file, array.astype(float))"
             ) from error
-        raise InputError(f"{file}: NumPy cannot read it ({error}); the file is damaged, save it again") from error
+        raise InputError(
+            f"{file}: NumPy cannot read it ({one_line(error)}); the file is damaged, save it again"
+        ) from error
+
+
+def load_archive(file: Path, remedy: str, names: Sequence[str] | None = None) -> dict[str, np.ndarray]:
+    """The arrays of an .npz file that gmmjax wrote.
+
+    Args:
+        file: that `require_file` has seen.
+        remedy: what to do where the file is damaged.
+        names: of the arrays; those that are not there are left out. None is all.
+
+    Raises:
+        InputError: the file is damaged, is no archive, or holds pickled objects.
+    """
+    try:
+        with _loaded(file) as loaded:
+            if isinstance(loaded, np.ndarray):
+                raise ValueError("it is a single array")
+            return _members(loaded, loaded.files if names is None else [name for name in names if name in loaded])
+    except Exception as error:
+        raise InputError(f"{file}: is no NPZ file of numbers ({one_line(error)}); {remedy}") from error
+
+
+@contextmanager
+def _loaded(file: Path) -> Iterator[np.ndarray | np.lib.npyio.NpzFile]:
+    with file.open("rb") as stream, warnings.catch_warnings():
+        # NumPy warns of headers of Python 2 and of numbers in them that no Python writes.
+        warnings.simplefilter("ignore")
+        loaded = np.load(stream, allow_pickle=False)
+        yield loaded
+
+
+def _members(archive: np.lib.npyio.NpzFile, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """The arrays among the members: NumPy gives any other member as bytes."""
+    members = {name: archive[name] for name in names}
+    return {name: values for name, values in members.items() if isinstance(values, np.ndarray)}
 
 
 def _cloud(points: np.ndarray, file: Path, others: dict[str, np.ndarray]) -> PointCloud:

@@ -27,7 +27,8 @@ def color_bytes(channels: np.ndarray, source: str) -> UInt8[np.ndarray, "n 3"]:
     """
     if channels.dtype == np.uint8:
         return np.ascontiguousarray(channels)
-    values = np.nan_to_num(channels.astype(np.float64), nan=0.0, posinf=np.inf, neginf=-np.inf)
+    with np.errstate(invalid="ignore"):
+        values = np.nan_to_num(channels.astype(np.float64), nan=0.0, posinf=np.inf, neginf=-np.inf)
     highest = values.max(initial=0.0)
     if channels.dtype.kind == "f" and highest <= 1:
         values = values * 255

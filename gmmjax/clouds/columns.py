@@ -45,7 +45,9 @@ def cloud_of_columns(columns: Mapping[str, np.ndarray], source: str) -> PointClo
         InputError: a coordinate is missing, or the colours have no known range.
     """
     require_axes(columns, source)
-    points = np.stack([columns[axis].astype(np.float64) for axis in AXES], axis=1)
+    # Signalling NaN, which damaged bytes may be, is NaN all the same.
+    with np.errstate(invalid="ignore"):
+        points = np.stack([columns[axis].astype(np.float64) for axis in AXES], axis=1)
     colored = all(channel in columns for channel in CHANNELS)
     colors = color_bytes(np.stack([columns[channel] for channel in CHANNELS], axis=1), source) if colored else None
     used = {*AXES, *CHANNELS} if colored else set(AXES)

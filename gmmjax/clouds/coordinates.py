@@ -31,7 +31,9 @@ def as_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray
     if array.ndim != 2 or array.shape[1] != 3:
         hint = "; transpose it" if array.ndim == 2 and array.shape[0] == 3 else ""
         raise InputError(f"{name}: must have shape [N, 3], not {list(array.shape)}{hint}")
-    return array.astype(np.float64, copy=False)
+    # What is beyond float64 becomes inf; signalling NaN stays NaN.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return array.astype(np.float64, copy=False)
 
 
 def as_finite_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray, "n 3"]:

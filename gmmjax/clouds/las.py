@@ -1,23 +1,24 @@
-"""Reading LAS and LAZ files with laspy."""
+"""Reading LAS files, and LAZ files with lazrs in a process of its own."""
 
 import os
-import struct
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from gmmjax.clouds.colors import CHANNELS
-from gmmjax.clouds.columns import AXES, cloud_of_columns
+from gmmjax.clouds.colors import color_bytes
+from gmmjax.clouds.decoder_process import DecoderProcess, DecodingError, Request
 from gmmjax.clouds.files import require_file
+from gmmjax.clouds.las_header import DAMAGED, FIRST_EXTENDED_FORMAT, LasHeader, LaszipLayout, read_header
 from gmmjax.clouds.point_cloud import PointCloud
-from gmmjax.errors import InputError
+from gmmjax.errors import InputError, one_line
 
-RECORD_SIZE, EXTENDED_RECORD_SIZE = 54, 60
-"""Bytes that a variable-length record, and an extended one, take at least (LAS 1.4, tables 6 and 24)."""
-
-CHUNK = 1_000_000
-FIELDS = ("intensity", "classification")
+# Bytes of records that are read at a time: beside the result, the memory that reading takes.
+BLOCK = 1 << 26
+# Points a second that the slowest machine decompresses; it is killed where it takes longer.
+SLOWEST = 50_000
+# Of the classes of the point formats 0 to 5 the upper three bits are flags.
+CLASS_BITS = 31
 
 
 def read_las(path: str | os.PathLike[str]) -> PointCloud:
@@ -36,62 +37,72 @@ def read_las(path: str | os.PathLike[str]) -> PointCloud:
     """
     file = require_file(path)
     try:
-        chunks, declared = _load(file)
-    except (KeyboardInterrupt, SystemExit, InputError):
-        raise
-    # laspy raises what struct, NumPy and its own parser raise; the Rust decoder's panics are no Exception.
-    except BaseException as error:
-        raise InputError(
-            f"{file}: laspy cannot read it ({error}); the file is damaged, copy or export it again"
-        ) from error
-    columns = (
-        {name: np.concatenate([chunk[name] for chunk in chunks]) for name in chunks[0]}
-        if chunks
-        else dict.fromkeys(AXES, np.zeros(0))
-    )
-    available = len(columns["x"])
-    if available < declared:
-        raise _cut_off(declared, available, file)
-    return cloud_of_columns(columns, str(file))
+        with file.open("rb") as stream:
+            header = read_header(stream, file.stat().st_size, file)
+        if header.laszip is None:
+            return _cloud(_stored(file, header), header, file)
+        with DecoderProcess() as decoder:
+            return _cloud(_decompressed(file, header, header.laszip, decoder), header, file)
+    except (OSError, MemoryError) as error:
+        raise InputError(f"{file}: cannot be read ({error!r}); copy it to a local disk and try again") from error
 
 
-def _load(file: Path) -> tuple[list[dict[str, np.ndarray]], int]:
-    """The columns of the file's chunks, and the number of points that its header declares."""
-    import laspy
-
-    _check_records(file)
-    with laspy.open(file) as reader:
-        header = reader.header
-        declared = int(header.point_count)
-        available = (file.stat().st_size - int(header.offset_to_point_data)) // max(int(header.point_format.size), 1)
-        if not header.are_points_compressed and available < declared:
-            raise _cut_off(declared, max(available, 0), file)
-        # In chunks, because laspy makes room for as many points as it is asked for, and a damaged number is billions.
-        return [_columns(chunk) for chunk in reader.chunk_iterator(CHUNK)], declared
-
-
-def _columns(chunk: Any) -> dict[str, np.ndarray]:
-    columns = {axis: np.asarray(getattr(chunk, axis), np.float64) for axis in AXES}
-    dimensions = set(chunk.point_format.dimension_names)
-    return columns | {name: np.array(chunk[name]) for name in (*CHANNELS, *FIELDS) if name in dimensions}
-
-
-def _cut_off(declared: int, available: int, file: Path) -> InputError:
-    return InputError(f"{file}: declares {declared} points, {available} are there; the file is cut off, copy it again")
-
-
-def _check_records(file: Path) -> None:
-    """Check that the file has room for the records it declares: laspy would spend minutes on a damaged number."""
+def _stored(file: Path, header: LasHeader) -> Iterator[np.ndarray]:
+    """The records of a LAS file, a block at a time."""
+    left, most = header.count, max(BLOCK // header.record_length, 1)
     with file.open("rb") as stream:
-        header = stream.read(247)
-    room = file.stat().st_size
-    if header[:4] != b"LASF":
-        raise InputError(f"{file}: is no LAS or LAZ file (it does not start with LASF); rename it to its real format")
-    records = struct.unpack_from("<I", header, 100)[0] if len(header) >= 104 else 0
-    has_extended = len(header) == 247 and header[25] >= 4
-    extended_records = struct.unpack_from("<I", header, 243)[0] if has_extended else 0
-    if records * RECORD_SIZE + extended_records * EXTENDED_RECORD_SIZE > room:
-        raise InputError(
-            f"{file}: declares {records + extended_records} records in its header, more than its {room} bytes hold; "
-            "the file is damaged, copy it again"
-        )
+        stream.seek(header.offset)
+        while left:
+            rows = np.fromfile(stream, header.row_type, min(left, most))
+            if not len(rows):
+                raise InputError(f"{file}: ends {left} points before its end; copy it again")
+            left -= len(rows)
+            yield rows
+
+
+def _decompressed(file: Path, header: LasHeader, laszip: LaszipLayout, decoder: DecoderProcess) -> Iterator[np.ndarray]:
+    """The records of a LAZ file, a block at a time."""
+    details = {
+        "offset": header.offset,
+        "vlr": laszip.vlr.hex(),
+        "count": header.count,
+        "record_length": header.record_length,
+        "chunk_bytes": laszip.chunk_bytes,
+    }
+    # A chunk may hold all points, and is held beside the block that is asked for.
+    memory = 2 * header.count * header.record_length
+    try:
+        for data in decoder.decode(Request("laz", file, "lazrs", memory, header.count / SLOWEST, details)):
+            yield np.frombuffer(data, header.row_type)
+    except DecodingError as error:
+        if error.kind in ("ModuleNotFoundError", "ImportError"):
+            raise InputError(
+                f"{file}: LAZ files need lazrs ({error}): pip install lazrs, or convert it to LAS"
+            ) from error
+        raise InputError(f"{file}: lazrs cannot read it ({one_line(error)}); {DAMAGED}") from error
+
+
+def _cloud(blocks: Iterator[np.ndarray], header: LasHeader, file: Path) -> PointCloud:
+    try:
+        points = np.empty((header.count, 3))
+        columns = {
+            name: np.empty((header.count, *kind.shape), kind.base)
+            for name, (kind, *_) in (header.row_type.fields or {}).items()
+            if name != "XYZ"
+        }
+    # NumPy's error where not even the number of bytes can be told.
+    except (MemoryError, ValueError) as error:
+        raise InputError(f"{file}: declares {header.count} points, more than the memory holds; {DAMAGED}") from error
+    done = 0
+    # Scales of 1e300 make infinite coordinates, which are dropped and counted as everywhere.
+    with np.errstate(over="ignore"):
+        for rows in blocks:
+            place = slice(done, done + len(rows))
+            points[place] = rows["XYZ"] * header.scales + header.offsets
+            for name, values in columns.items():
+                values[place] = rows[name]
+            done += len(rows)
+    colors = color_bytes(columns.pop("colors"), str(file)) if "colors" in columns else None
+    if header.point_format < FIRST_EXTENDED_FORMAT:
+        columns["classification"] &= CLASS_BITS
+    return PointCloud.from_rows(points, colors, columns, str(file))

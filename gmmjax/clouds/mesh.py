@@ -1,4 +1,4 @@
-"""Reading the vertices of mesh files with Open3D, the optional extra `open3d`."""
+"""Reading the vertices of mesh files with Open3D, the optional extra `open3d`, in a process of its own."""
 
 import os
 from typing import Any
@@ -6,11 +6,16 @@ from typing import Any
 import numpy as np
 
 from gmmjax.clouds.colors import color_bytes
+from gmmjax.clouds.decoder_process import DecoderProcess, DecodingError, Request
 from gmmjax.clouds.files import require_file
 from gmmjax.clouds.point_cloud import PointCloud
-from gmmjax.errors import InputError
+from gmmjax.errors import InputError, one_line
 
 SYSTEM_PACKAGES = "libusb-1.0-0 libgl1 libegl1 libgomp1"
+# Bytes that Open3D takes for a byte of a file, and bytes a second that it reads on the slowest machine: it is stopped
+# where it takes more. Binary STL takes the most, about eight bytes.
+MEMORY_OF_BYTE = 32
+SLOWEST = 100_000
 
 
 def read_mesh(path: str | os.PathLike[str]) -> PointCloud:
@@ -26,14 +31,15 @@ def read_mesh(path: str | os.PathLike[str]) -> PointCloud:
         InputError: Open3D is not installed or cannot load, or the file cannot be read.
     """
     file = require_file(path)
-    open3d = load_open3d(f"{file}: reading {file.suffix} files")
+    size = file.stat().st_size
+    request = Request("mesh", file, "Open3D", MEMORY_OF_BYTE * size, size / SLOWEST, {})
     try:
-        with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
-            mesh = open3d.io.read_triangle_mesh(str(file))
-        vertices = np.array(mesh.vertices, np.float64).reshape(-1, 3)
-        shades = np.array(mesh.vertex_colors, np.float64).reshape(-1, 3)
-    except Exception as error:
-        raise InputError(f"{file}: Open3D cannot read it ({error}); export the vertices as PLY") from error
+        with DecoderProcess() as decoder:
+            vertices, shades = (np.frombuffer(data, np.float64).reshape(-1, 3) for data in decoder.decode(request))
+    except DecodingError as error:
+        if error.kind in ("ModuleNotFoundError", "ImportError", "OSError"):
+            raise _cannot_load(f"{file}: reading {file.suffix} files", error, error.name) from error
+        raise InputError(f"{file}: Open3D cannot read it ({one_line(error)}); export the vertices as PLY") from error
     if not len(vertices):
         raise InputError(f"{file}: Open3D finds no vertices in it; check the file, or export the vertices as PLY")
     colors = color_bytes(shades, str(file)) if len(shades) == len(vertices) else None
@@ -54,13 +60,18 @@ def load_open3d(purpose: str) -> Any:
     """
     try:
         import open3d
-    except ModuleNotFoundError as error:
-        if error.name != "open3d":
-            raise InputError(f"{purpose} needs Open3D, which lacks {error.name}: pip install {error.name}") from error
-        raise InputError(f"{purpose} needs Open3D: pip install '.[open3d]'") from error
     except (ImportError, OSError) as error:
-        raise InputError(
-            f"{purpose} needs Open3D, which is installed but cannot load ({error}): "
-            f"apt-get install {SYSTEM_PACKAGES} (Debian, Ubuntu), or export the vertices as PLY"
-        ) from error
+        missing = error.name if isinstance(error, ModuleNotFoundError) else None
+        raise _cannot_load(purpose, error, missing) from error
     return open3d
+
+
+def _cannot_load(purpose: str, error: Exception, missing: str | None) -> InputError:
+    if missing == "open3d":
+        return InputError(f"{purpose} needs Open3D: pip install '.[open3d]'")
+    if missing is not None:
+        return InputError(f"{purpose} needs Open3D, which lacks {missing}: pip install {missing}")
+    return InputError(
+        f"{purpose} needs Open3D, which is installed but cannot load ({one_line(error)}): "
+        f"apt-get install {SYSTEM_PACKAGES} (Debian, Ubuntu), or export the vertices as PLY"
+    )

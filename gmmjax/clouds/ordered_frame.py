@@ -39,6 +39,14 @@ def frame_views(
     pose = _pose(viewpoint)
     if pose is None or len(points) < LEAST_PIXELS:
         return None
+    # Numbers beyond the range of floats fit no camera, and comparisons with what becomes of them are false.
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        return _view_from(pose, points, pixels, width)
+
+
+def _view_from(
+    pose: Float64[np.ndarray, "4 4"], points: Float64[np.ndarray, "n 3"], pixels: Int64[np.ndarray, " n"], width: int
+) -> SensorViews | None:
     camera_points = (points - pose[:3, 3]) @ pose[:3, :3]
     if (camera_points[:, 2] <= 0).any():
         return None
@@ -56,7 +64,8 @@ def _pose(viewpoint: tuple[float, ...]) -> Float64[np.ndarray, "4 4"] | None:
     numbers = np.array(viewpoint)
     if numbers.shape != (7,) or not np.isfinite(numbers).all():
         return None
-    if abs(float(np.linalg.norm(numbers[3:])) - 1) > QUATERNION_TOLERANCE:
+    # No component of a unit quaternion is above 1; the squares of greater ones may overflow.
+    if np.abs(numbers[3:]).max() > 2 or abs(float(np.linalg.norm(numbers[3:])) - 1) > QUATERNION_TOLERANCE:
         return None
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_quat(numbers[[4, 5, 6, 3]]).as_matrix()

@@ -106,7 +106,7 @@ def _checked_viewpoint(viewpoint: tuple[float, ...], source: str) -> list[float]
     numbers = np.asarray(viewpoint, np.float64)
     if numbers.shape != (7,) or not np.isfinite(numbers).all():
         raise InputError(f"{source}: viewpoint {viewpoint} must be a position x y z and a quaternion w x y z")
-    if abs(float(np.linalg.norm(numbers[3:])) - 1) > QUATERNION_TOLERANCE:
+    if np.abs(numbers[3:]).max() > 2 or abs(float(np.linalg.norm(numbers[3:])) - 1) > QUATERNION_TOLERANCE:
         raise InputError(f"{source}: viewpoint {viewpoint}: the quaternion w x y z must have length 1")
     return [float(number) for number in numbers]
 

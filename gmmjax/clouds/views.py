@@ -8,7 +8,7 @@ import numpy.typing as npt
 from jaxtyping import Bool, Float64
 
 from gmmjax.clouds.coordinates import as_finite_points
-from gmmjax.errors import InputError
+from gmmjax.errors import InputError, one_line, shown
 
 # Rounding in files with seven digits; a pose with a scale or a reflection is far beyond.
 RIGID_TOLERANCE = 1e-3
@@ -92,8 +92,8 @@ class SensorViews:
 def _checked_poses(poses: Any) -> Float64[np.ndarray, "v 4 4"]:
     try:
         array = np.array(poses, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"views: poses must be numbers [V, 4, 4], camera to world ({error})") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"views: poses must be numbers [V, 4, 4], camera to world ({one_line(error)})") from error
     check_poses(array, "views")
     return array
 
@@ -117,8 +117,9 @@ def check_poses(poses: Float64[np.ndarray, "..."], owner: str) -> None:
     if not finite.all():
         raise InputError(f"{owner}: pose {int(np.argmin(finite))} of {len(poses)} has NaN or inf; leave it out")
     rotations = poses[:, :3, :3]
-    error_of_pose = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    rigid = (error_of_pose < RIGID_TOLERANCE) & (np.linalg.det(rotations) > 0)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        error_of_pose = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        rigid = (error_of_pose < RIGID_TOLERANCE) & (np.linalg.det(rotations) > 0)
     rigid &= np.abs(poses[:, 3] - np.array([0, 0, 0, 1])).max(axis=1) < RIGID_TOLERANCE
     if not rigid.all():
         raise InputError(
@@ -130,8 +131,8 @@ def check_poses(poses: Float64[np.ndarray, "..."], owner: str) -> None:
 def _checked_angles(angles: Any) -> tuple[float, float]:
     try:
         horizontal, vertical = (float(angle) for angle in angles)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"views: field_of_view={angles!r} must be two angles in degrees") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"views: field_of_view={shown(angles)} must be two angles in degrees") from error
     if not (0 < horizontal <= 360 and 0 < vertical < 180):
         raise InputError(
             f"views: field_of_view={(horizontal, vertical)} must be the full horizontal angle in degrees, up to 360, "
@@ -143,5 +144,7 @@ def _checked_angles(angles: Any) -> tuple[float, float]:
 def _checked_range(length: Any) -> float:
     number = isinstance(length, int | float | np.integer | np.floating) and not isinstance(length, bool)
     if not (number and 0 < float(length) < np.inf):
-        raise InputError(f"views: max_range={length!r} must be a positive, finite length, in the unit of the clouds")
+        raise InputError(
+            f"views: max_range={shown(length)} must be a positive, finite length, in the unit of the clouds"
+        )
     return float(length)

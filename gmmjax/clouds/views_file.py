@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from gmmjax.clouds.arrays import load_archive
 from gmmjax.clouds.atomic import atomic_write
-from gmmjax.clouds.files import require_file
+from gmmjax.clouds.files import read_json, require_file
 from gmmjax.clouds.views import SensorViews
 from gmmjax.errors import InputError
 
 NAMES = ("poses", "field_of_view", "max_range")
 SUFFIXES = (".json", ".npz")
+REMEDY = "write it with gmmjax.clouds.write_views"
 
 
 def read_views(path: str | os.PathLike[str]) -> SensorViews:
@@ -79,25 +81,14 @@ def _check_suffix(file: Path) -> None:
 
 
 def _read_json(file: Path) -> Mapping[str, Any]:
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    # A file of opening brackets only exhausts the parser's stack.
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{file}: is not JSON ({error}); write it with gmmjax.clouds.write_views") from error
+    content = read_json(file, REMEDY)
     if not isinstance(content, dict):
         raise InputError(f"{file}: must hold an object with {', '.join(NAMES)}, not a {type(content).__name__}")
     return content
 
 
 def _read_npz(file: Path) -> Mapping[str, Any]:
-    try:
-        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            content = {name: archive[name] for name in NAMES if name in archive}
-    # NumPy, zipfile and zlib raise many kinds of exception on damaged files.
-    except Exception as error:
-        raise InputError(
-            f"{file}: is no NPZ file of numbers ({error}); write it with gmmjax.clouds.write_views"
-        ) from error
+    content: dict[str, Any] = dict(load_archive(file, REMEDY, NAMES))
     if "max_range" in content and content["max_range"].size == 1:
         content["max_range"] = content["max_range"].item()
     return content

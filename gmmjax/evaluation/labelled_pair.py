@@ -3,12 +3,13 @@
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from gmmjax.clouds import PointCloud, SensorViews, read_cloud, read_views
+from gmmjax.clouds.arrays import load_arrays
+from gmmjax.clouds.files import require_file
 from gmmjax.clouds.reading import READERS
 from gmmjax.errors import InputError
 
@@ -190,12 +191,8 @@ def _read_rows(path: Path, cloud: PointCloud, source: Path, kinds: str) -> np.nd
     return values[cloud.rows]
 
 
-def _load(path: Path) -> Any:
-    try:
-        return np.load(path, allow_pickle=False)
-    # NumPy raises many kinds of exception on damaged files.
-    except Exception as error:
-        raise InputError(f"{path}: is no array of numbers ({error}); write it with numpy.save") from error
+def _load(path: Path) -> np.ndarray | dict[str, np.ndarray]:
+    return load_arrays(require_file(path))
 
 
 def cloud_file(folder: Path, side: str) -> Path:

@@ -10,7 +10,7 @@ import numpy as np
 
 from gmmjax.clouds import atomic_write
 from gmmjax.clouds.files import read_json_record
-from gmmjax.errors import InputError
+from gmmjax.errors import InputError, one_line
 from gmmjax.mixtures import Fit, FitStatus, GaussianMixture
 from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder
 
@@ -92,9 +92,11 @@ def read_mixture(path: str | os.PathLike[str]) -> GaussianMixture:
     content = read_json_record(file, SCHEMA_VERSION, "run the fit again")
     try:
         arrays = {name: np.array(content[name], np.float64) for name in _ARRAYS}
-        _check_shapes(**arrays)
+        _check_mixture(**arrays)
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{file}: is not a complete mixture ({error!r}); run the fit again") from error
+        raise InputError(
+            f"{file}: is not a complete mixture ({type(error).__name__}: {one_line(error)}); run the fit again"
+        ) from error
     return GaussianMixture(**arrays, live=np.ones(len(arrays["weights"]), bool))
 
 
@@ -103,9 +105,16 @@ def _status_name(fit: Fit) -> str:
     return next(name for name in names if bool(fit.result == getattr(FitStatus, name)))
 
 
-def _check_shapes(weights: np.ndarray, means: np.ndarray, covariances: np.ndarray) -> None:
+def _check_mixture(weights: np.ndarray, means: np.ndarray, covariances: np.ndarray) -> None:
+    if means.ndim != 2 or not means.size:
+        raise ValueError(f"means {list(means.shape)} are not [K, d]")
     count, dimension = means.shape
     if weights.shape != (count,) or covariances.shape != (count, dimension, dimension):
         raise ValueError(f"weights {weights.shape}, means {means.shape} and covariances {covariances.shape} disagree")
     if not all(np.isfinite(values).all() for values in (weights, means, covariances)):
         raise ValueError("a number that is not finite")
+    if (weights <= 0).any() or abs(weights.sum() - 1) > 1e-3:
+        raise ValueError("weights that are not positive, or do not add up to 1")
+    np.linalg.cholesky(covariances)
+    if np.abs(covariances - covariances.swapaxes(1, 2)).max() > 1e-6 * np.abs(covariances).max():
+        raise ValueError("a covariance that is not symmetric")

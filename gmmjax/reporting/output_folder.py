@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from gmmjax.clouds.files import read_json
 from gmmjax.clouds.temporaries import JOURNAL, PREFIX, clear_folders, temporary_folder
 from gmmjax.errors import InputError
 
@@ -35,8 +36,8 @@ class FolderKind:
     def is_held_by(self, folder: Path) -> bool:
         """Whether the folder's marker is one of this kind, of any schema version."""
         try:
-            content = json.loads((folder / self.marker).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            content = read_json(folder / self.marker, "choose another output folder")
+        except InputError:
             return False
         return isinstance(content, dict) and "schema_version" in content and self.key in content
 

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gmmjax.clouds import atomic_write
-from gmmjax.errors import InputError
+from gmmjax.clouds.files import read_json
+from gmmjax.errors import InputError, shown
 from gmmjax.evaluation.thesis import Journal, Plan, ThesisResults
 from gmmjax.reporting.output_folder import FolderKind, check_output_folder
 from gmmjax.reporting.thesis_page import thesis_html
@@ -71,17 +72,16 @@ def _settings(plan: Plan) -> dict[str, object]:
 
 
 def _check_same(folder: Path, settings: dict[str, object]) -> None:
-    there = json.loads((folder / SETTINGS).read_text(encoding="utf-8"))
+    there = read_json(folder / SETTINGS, "--overwrite begins anew")
     if there == settings:
         return
     if {**there, "thesis": None} != {**settings, "thesis": None}:
-        differences = [f"another version of gmmjax, {there.get('gmmjax')}"]
+        differences = [f"another version of gmmjax, {shown(there.get('gmmjax'))}"]
     else:
         own = dict(settings["thesis"])  # type: ignore[call-overload]
+        others = there["thesis"] if isinstance(there["thesis"], dict) else {}
         differences = [
-            f"{name} {there['thesis'].get(name)}, not {value}"
-            for name, value in own.items()
-            if there["thesis"].get(name) != value
+            f"{name} {shown(others.get(name))}, not {value}" for name, value in own.items() if others.get(name) != value
         ]
     raise InputError(
         f"{folder}: holds a run of other settings ({'; '.join(differences)}); give the same options again to go on "

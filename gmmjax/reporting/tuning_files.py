@@ -1,13 +1,14 @@
 """What `gmmjax tune` writes: the tuned settings, the course as a page, and where it stands while it runs."""
 
 import os
-import zipfile
 from pathlib import Path
 
 import numpy as np
 import tomli_w
 
 from gmmjax.clouds import atomic_write
+from gmmjax.clouds.arrays import load_archive
+from gmmjax.clouds.files import require_file
 from gmmjax.errors import InputError
 from gmmjax.reporting.tuning_plot import tuning_html
 from gmmjax.tuning import TuningResult, TuningState
@@ -72,12 +73,31 @@ def read_state(path: str | os.PathLike[str], fingerprint: str) -> TuningState:
         InputError: a file that is damaged, or of a tuning with other pairs or settings.
     """
     remedy = "begin anew with --restart"
-    try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
-            if str(stored["fingerprint"]) != fingerprint:
-                raise InputError(f"{path}: is of a tuning with other pairs or settings; {remedy}, or give those")
-            leaves = tuple(stored[name] for name in sorted(stored.files) if name.startswith(OPTIMISER))
-            named = {name: stored[name] for name in TuningState._fields if name != "optimiser"}
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
-        raise InputError(f"{path}: is damaged ({error}); {remedy}") from error
-    return TuningState(optimiser=leaves, **named)
+    stored = load_archive(require_file(path), remedy)
+    names = [name for name in TuningState._fields if name != "optimiser"]
+    if missing := [name for name in ("fingerprint", *names) if name not in stored]:
+        raise InputError(f"{path}: is damaged (it has no {', '.join(missing)}); {remedy}")
+    if str(stored["fingerprint"]) != fingerprint:
+        raise InputError(f"{path}: is of a tuning with other pairs or settings; {remedy}, or give those")
+    leaves = tuple(stored[name] for name in sorted(stored) if name.startswith(OPTIMISER))
+    state = TuningState(optimiser=leaves, **{name: stored[name] for name in names})
+    if not _fits(state):
+        raise InputError(f"{path}: is damaged (its arrays do not fit each other); {remedy}")
+    return state
+
+
+def _fits(state: TuningState) -> bool:
+    """Whether the arrays are those of one tuning: of so many starts, settings and steps."""
+    if state.free.ndim != 2 or state.losses.ndim != 3 or not len(state.losses):
+        return False
+    (starts, settings), steps = state.free.shape, len(state.losses)
+    shapes = {
+        "free": (starts, settings),
+        "racing": (starts,),
+        "values": (steps, starts, settings),
+        "losses": (steps, starts, 3),
+        "baseline": (3,),
+    }
+    kinds = {name: "b" if name == "racing" else "f" for name in shapes}
+    arrays = {name: getattr(state, name) for name in shapes}
+    return all(values.shape == shapes[name] and values.dtype.kind == kinds[name] for name, values in arrays.items())

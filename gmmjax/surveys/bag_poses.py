@@ -92,7 +92,10 @@ def _sample(time: float, pose: tuple[Any, Any]) -> tuple[float, ...]:
 
 def _trajectory(samples: Sequence[float], source: str) -> Trajectory:
     rows: Float64[np.ndarray, "t 8"] = np.array(samples, np.float64).reshape(-1, SAMPLE)
-    usable = np.isfinite(rows).all(axis=1) & (np.linalg.norm(rows[:, 4:], axis=1) > 1e-6)
+    # The length of a damaged quaternion may be beyond the range of floats.
+    with np.errstate(over="ignore", invalid="ignore"):
+        lengths = np.linalg.norm(rows[:, 4:], axis=1)
+    usable = np.isfinite(rows).all(axis=1) & np.isfinite(lengths) & (lengths > 1e-6)
     if not usable.any():
         raise InputError(f"{source}: none of {len(rows)} messages has a pose; choose another topic")
     if not usable.all():

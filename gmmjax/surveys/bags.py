@@ -1,6 +1,7 @@
 """ROS bags, of ROS 1 and ROS 2, read without ROS: their topics, frames and poses."""
 
 import os
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -9,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from gmmjax.errors import InputError
+from gmmjax.clouds.files import MOST_WHOLE, read_bytes, require_file
+from gmmjax.errors import InputError, one_line, shown
 from gmmjax.surveys.bag_poses import POSE_TYPES, TF_TYPES, frame_name, frames_of_pose, pose_trajectory, transform_tree
 from gmmjax.surveys.frame import Frame
 from gmmjax.surveys.point_cloud2 import decode_frame, header_time
@@ -17,12 +19,17 @@ from gmmjax.surveys.trajectory import MAX_GAP, Trajectory
 from gmmjax.surveys.transforms import TransformTree
 
 CLOUD_TYPES = ("sensor_msgs/msg/PointCloud2",)
+TRANSFORM = "geometry_msgs/msg/TransformStamped"
 SUFFIXES = (".bag", ".mcap", ".db3")
 # How far (seconds) the delay between a message's own stamp and its record may vary within a bag.
 DELAY_JITTER = 2.0
 # A frame that is early by this share of the period is still taken for its turn.
 PERIOD_JITTER = 0.1
 NANOSECONDS = 1_000_000_000
+# Bytes of a bag's metadata.yaml, which has some hundred a topic; its parser takes five seconds for so many.
+MOST_METADATA = 1 << 19
+# What merges maps in YAML, in time that doubles with each, and what can give it another name; no recorder writes it.
+MERGES = re.compile(rb"<<|!!merge|yaml\.org|%TAG")
 
 
 @dataclass(frozen=True)
@@ -283,9 +290,11 @@ def open_bag(path: str | os.PathLike[str]) -> Iterator[Bag]:
     with _readable(bag):
         reader = AnyReader([bag], default_typestore=known)
         reader.open()
-        _add_missing_types(reader, known)
     try:
         with _readable(bag):
+            _add_missing_types(reader, known)
+            _check_definitions(reader, known, bag)
+            _check_metadata(reader)
             opened = Bag(bag, reader)
         yield opened
     finally:
@@ -310,15 +319,31 @@ def load_rosbags(bag: str) -> None:
 def _check_path(bag: Path) -> None:
     if not bag.exists():
         raise InputError(f"{bag}: no such file or folder; check the path (current folder: {Path.cwd()})")
-    if bag.is_dir() and not (bag / "metadata.yaml").is_file():
+    if bag.is_dir():
+        _check_folder(bag)
+        return
+    require_file(bag)
+    if bag.name.endswith(".active"):
+        raise InputError(f"{bag}: was not closed; mend it with rosbag reindex, and take .active off its name")
+    if bag.suffix not in SUFFIXES:
+        raise InputError(f"{bag}: is no bag by its ending; bags are files with {', '.join(SUFFIXES)}, or folders")
+
+
+def _check_folder(bag: Path) -> None:
+    """A folder of ROS 2; whatever is in it may be opened by the reader."""
+    if not (bag / "metadata.yaml").exists():
         raise InputError(
             f"{bag}: is no ROS 2 bag, because it has no metadata.yaml; name the folder that holds it or the file in "
             "it, or make it with ros2 bag reindex"
         )
-    if bag.is_file() and bag.name.endswith(".active"):
-        raise InputError(f"{bag}: was not closed; mend it with rosbag reindex, and take .active off its name")
-    if bag.is_file() and bag.suffix not in SUFFIXES:
-        raise InputError(f"{bag}: is no bag by its ending; bags are files with {', '.join(SUFFIXES)}, or folders")
+    if MERGES.search(read_bytes(bag / "metadata.yaml", MOST_METADATA)):
+        raise InputError(
+            f"{bag / 'metadata.yaml'}: merges maps (<<), which is not read; write it with ros2 bag reindex"
+        )
+    for entry in bag.iterdir():
+        # Empty files are none of ours: databases have such beside them.
+        if not entry.is_dir() and not entry.is_file():
+            require_file(entry)
 
 
 def _add_missing_types(reader: Any, known: Any) -> None:
@@ -326,6 +351,54 @@ def _add_missing_types(reader: Any, known: Any) -> None:
     defined = reader.typestore.fielddefs
     if {connection.msgtype for connection in reader.connections} - set(defined):
         reader.typestore.register({name: kind for name, kind in known.fielddefs.items() if name not in defined})
+
+
+def _check_definitions(reader: Any, known: Any, bag: Path) -> None:
+    """Whether the bag defines the messages that are read, and what they are made of, as ROS does."""
+    waiting = [name for name in (*CLOUD_TYPES, *POSE_TYPES, *TF_TYPES) if name in reader.typestore.fielddefs]
+    seen: set[str] = set()
+    while waiting:
+        name = waiting.pop()
+        seen.add(name)
+        fields = reader.typestore.fielddefs[name][1]
+        if name in TF_TYPES:
+            # ROS 1 has this message in no package that the library knows: a sequence of one kind of message.
+            as_ros = [field for field, _ in fields] == ["transforms"] and list(_parts(fields)) == [TRANSFORM]
+        else:
+            as_ros = _plain(fields) == _plain(known.fielddefs[name][1])
+        if not as_ros:
+            raise InputError(
+                f"{bag}: defines {name} otherwise than ROS; it is damaged, or record it with ROS's messages"
+            )
+        waiting += [part for part in _parts(fields) if part not in seen]
+
+
+def _check_metadata(reader: Any) -> None:
+    """Whether names, counts and times are such: YAML gives whatever stands there."""
+    for connection in reader.connections:
+        if not (isinstance(connection.topic, str) and isinstance(connection.msgtype, str)):
+            raise ValueError(
+                f"a topic's name or type is no text: {shown(connection.topic)}, {shown(connection.msgtype)}"
+            )
+        if not (isinstance(connection.msgcount, int) and 0 <= connection.msgcount <= MOST_WHOLE):
+            raise ValueError(f"{connection.topic} has {shown(connection.msgcount)} messages")
+    for time in (reader.start_time, reader.end_time):
+        if not (isinstance(time, int) and 0 <= time <= MOST_WHOLE):
+            raise ValueError(f"it starts or ends at {shown(time)} ns")
+
+
+def _plain(fields: Any) -> Any:
+    """The definition of fields as tuples, whose kinds compare across the libraries' versions."""
+    return tuple(_plain(part) for part in fields) if isinstance(fields, list | tuple) else str(fields)
+
+
+def _parts(fields: Any) -> Iterator[str]:
+    """The names of messages in a definition of fields."""
+    if isinstance(fields, list | tuple):
+        for part in fields:
+            yield from _parts(part)
+    elif isinstance(fields, str) and "/msg/" in fields:
+        yield fields
 
 
 @contextmanager
@@ -337,7 +410,7 @@ def _readable(bag: Path) -> Iterator[None]:
         raise
     # rosbags and the libraries below it raise a dozen kinds of exception on damaged files, AssertionError among them.
     except Exception as error:
-        cause = " ".join(str(error).split()) or type(error).__name__
+        cause = one_line(error)
         remedy = (
             "write it without compression (rosbag decompress, or ros2 bag convert)"
             if "ompression" in cause

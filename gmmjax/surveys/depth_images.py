@@ -14,7 +14,7 @@ from jaxtyping import Float64
 from gmmjax.clouds import atomic_write
 from gmmjax.clouds.arrays import load_arrays
 from gmmjax.clouds.files import read_bytes, require_file
-from gmmjax.errors import InputError, InputWarning
+from gmmjax.errors import InputError, InputWarning, one_line
 from gmmjax.surveys.frame import Frame
 from gmmjax.surveys.intrinsics import Intrinsics
 
@@ -69,7 +69,9 @@ def read_depth_frame(
             f"{file}: does not say of what unit its numbers are; give the metres of one number as unit "
             f"(--depth-unit {MILLIMETRE} for millimetres)"
         )
-    depth = numbers.astype(np.float64) * scale
+    # NaN and inf are no return, whatever their bits.
+    with np.errstate(over="ignore", invalid="ignore"):
+        depth = numbers.astype(np.float64) * scale
     depth[~(np.isfinite(depth) & (depth > 0))] = np.nan
     _check_depths(depth, scale, str(file))
     return Frame.of_image(intrinsics.rays().reshape(*depth.shape, 3) * depth[:, :, None], time)
@@ -127,7 +129,7 @@ def _read_png(file: Path) -> tuple[np.ndarray, float | None]:
             image.load()
     # Pillow raises OSError, SyntaxError, ValueError, zlib.error and others on damaged files.
     except Exception as error:
-        raise InputError(f"{file}: is no PNG image, or damaged ({error}); copy it again") from error
+        raise InputError(f"{file}: is no PNG image, or damaged ({one_line(error)}); copy it again") from error
     # Bit depth and kind of colour are in the first chunk: Pillow reads 16-bit colours as 8-bit ones.
     bits, colors = content[24], content[25]
     if (bits, colors) != (16, 0):

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from gmmjax.clouds import atomic_write
-from gmmjax.clouds.files import read_bytes
-from gmmjax.errors import InputError, InputWarning
+from gmmjax.clouds.files import MOST_SETTINGS, MOST_WHOLE, read_bytes, read_json
+from gmmjax.errors import InputError, InputWarning, shown
 from gmmjax.surveys.intrinsics import Intrinsics
 
 NAMES = ("fx", "fy", "cx", "cy", "width", "height")
@@ -35,28 +35,27 @@ def read_intrinsics(path: str | os.PathLike[str]) -> Intrinsics:
         InputWarning: the file has coefficients of distortion; depth images are taken as undistorted.
     """
     source = str(path)
-    text = read_bytes(path).decode("utf-8", "replace")
-    try:
-        content = json.loads(text)
-    # A file of opening brackets only exhausts the parser's stack.
-    except (ValueError, RecursionError):
-        content = _camera_info(text)
-    numbers = _numbers(content) if isinstance(content, Mapping) else {}
+    data = read_bytes(path, MOST_SETTINGS)
+    if data.lstrip().startswith(b"{"):
+        content = read_json(path, f"intrinsics are JSON such as {EXAMPLE}")
+    else:
+        content = _camera_info(data.decode("utf-8", "replace"))
+    numbers = _numbers(content)
     if missing := [name for name in NAMES if name not in numbers]:
         raise InputError(
             f"{source}: has no {', '.join(missing)}; intrinsics are JSON such as {EXAMPLE}, Open3D's JSON, or a ROS "
             "camera_info"
         )
-    if np.any(np.abs(content.get("D", [])) > 0):
+    if any(_is_number(value) and value != 0 for value in _items(content.get("D"))):
         warnings.warn(
             f"{source}: has coefficients of distortion, which are not applied; give depth images without distortion",
             InputWarning,
             stacklevel=2,
         )
     try:
-        fx, fy, cx, cy = (float(numbers[name]) for name in NAMES[:4])
+        fx, fy, cx, cy = (_number(name, numbers[name]) for name in NAMES[:4])
         return Intrinsics(fx, fy, cx, cy, _pixels(numbers["width"]), _pixels(numbers["height"]))
-    except (TypeError, ValueError) as error:
+    except InputError as error:
         raise InputError(f"{source}: {error}") from error
 
 
@@ -90,11 +89,21 @@ def _numbers(content: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _is_matrix(values: Any) -> bool:
-    return (
-        isinstance(values, Sequence)
-        and len(values) == 9
-        and all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
-    )
+    return len(_items(values)) == 9 and all(_is_number(value) for value in values)
+
+
+def _items(values: Any) -> Sequence[Any]:
+    return values if isinstance(values, list) else []
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _number(name: str, value: Any) -> float:
+    if not _is_number(value):
+        raise InputError(f"{name}={shown(value)} must be a number of pixels")
+    return float(value)
 
 
 def _of_matrix(matrix: np.ndarray) -> dict[str, float]:
@@ -102,8 +111,8 @@ def _of_matrix(matrix: np.ndarray) -> dict[str, float]:
 
 
 def _pixels(value: Any) -> int:
-    if isinstance(value, bool) or value != int(value):
-        raise InputError(f"a size of {value!r} pixels must be a whole number")
+    if not _is_number(value) or not abs(value) <= MOST_WHOLE or value != int(value):
+        raise InputError(f"a size of {shown(value)} pixels must be a whole number")
     return int(value)
 
 
@@ -113,7 +122,7 @@ def _camera_info(text: str) -> dict[str, Any]:
     for name in ("width", "height"):
         # At the start of a line: those of the region of interest are indented.
         if found := re.search(rf"^(?:image_)?{name}:\s*(\d+)\s*$", text, re.MULTILINE):
-            content[name] = int(found[1])
+            content[name] = float(found[1])
     for name, keys in (("K", "camera_matrix|K|k"), ("D", "distortion_coefficients|D|d")):
         if found := re.search(rf"^(?:{keys}):((?:.*\n?)(?:(?:[ \t-].*)?\n?)*)", text, re.MULTILINE):
             # A calibration file has the numbers of rows and columns before them.

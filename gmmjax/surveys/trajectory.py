@@ -109,7 +109,9 @@ def pose_matrix(position: npt.ArrayLike, quaternion: npt.ArrayLike) -> Float64[n
     """
     pose = np.eye(4)
     numbers = np.concatenate([np.asarray(position, np.float64), np.asarray(quaternion, np.float64)])
-    if numbers.shape != (7,) or not np.isfinite(numbers).all() or np.linalg.norm(numbers[3:]) < 1e-6:
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.linalg.norm(numbers[3:])
+    if numbers.shape != (7,) or not np.isfinite(numbers).all() or not 1e-6 <= length < np.inf:
         raise InputError(f"pose {numbers.tolist()}: must be x y z and a quaternion x y z w that is not zero")
     pose[:3, :3] = Rotation.from_quat(numbers[3:]).as_matrix()
     pose[:3, 3] = numbers[:3]

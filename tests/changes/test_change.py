@@ -102,6 +102,56 @@ def test_damaged_records_are_named(tmp_path, file, content, message):
         Changes.load(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("replaced", "by", "message"),
+    [
+        ('"emd": 0.25', '"emd": NaN', "NaN is no number"),
+        ('"emd": 0.25', '"emd": 1e999', "too large"),
+        ('"emd": 0.25', '"emd": "nan"', "'nan' must be finite numbers"),
+        ('"emd": 0.25', '"emd": true', "True must be finite numbers"),
+        ('"emd": 0.25', '"emd": ' + "9" * 5000, "5000 digits"),
+        ('"emd": 0.25', '"emd": ' + "[" * 5000, "nested too deeply"),
+        ('"kind": "moved"', '"kind": "vanished"', "kind 'vanished' is none of appeared, disappeared, moved"),
+        ('"points": 40', '"points": -1', "-1 must be a whole number"),
+        ('"partner": 0', '"partner": 7', "a partner beyond the 1 changes"),
+        ('"partner": 0', '"partner": 0.5', "0.5 must be a whole number"),
+        ('"box": {', '"box": null, "other": {', "not a complete record"),
+        ('"diagnostics": {', '"diagnostics": null, "other": {', "not a complete record"),
+        ('"config": {', '"config": {"seed": 1e5,', "seed"),
+        ('"points_after": 50', '"points_after": 51', "labels_after of 50 points, changes of 51"),
+        ('"changes": [', '"changes": [], "other": [', "labels_after run from -1 to 0, of 0 changes"),
+    ],
+)
+def test_records_with_wrong_values_are_refused(tmp_path, replaced, by, message):
+    file = example().save(tmp_path) / "changes.json"
+    text = file.read_text()
+    assert text.count(replaced) == 1
+    # Of a name that is there twice the last counts.
+    file.write_text(text.replace(replaced, by) if "seed" not in by else text.replace('"seed": 3', '"seed": 1e5'))
+    with pytest.raises(InputError, match=message) as caught:
+        Changes.load(tmp_path)
+    assert str(tmp_path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("labels_after", np.zeros(50), r"a whole number for each point, not float64 \[50\]"),
+        ("probability_after", np.full(50, np.nan), "must lie between 0 and 1"),
+        ("probability_before", np.zeros(7), r"a number for each point, not float64 \[7\]"),
+        ("unobserved_before", np.zeros(30), r"a bool for each point, not float64 \[30\]"),
+        ("unobserved_before", None, "not nothing"),
+    ],
+)
+def test_labels_that_do_not_fit_are_refused(tmp_path, name, values, message):
+    changes = example()
+    changes.save(tmp_path)
+    arrays = {own: getattr(changes, own) for own in POINT_ARRAYS} | {name: values}
+    np.savez(tmp_path / "labels.npz", **{own: kept for own, kept in arrays.items() if kept is not None})
+    with pytest.raises(InputError, match=rf"labels\.npz: {name} .*{message}"):
+        Changes.load(tmp_path)
+
+
 def test_pickled_labels_are_not_read(tmp_path):
     example().save(tmp_path)
     arrays = {name: np.array([{}], dtype=object) for name in ("labels_before", "labels_after")}

@@ -53,7 +53,9 @@ def test_points_are_drawn_evenly_over_the_directions():
     """Of a floor with a small box on it, a fair part is of the box."""
     random = np.random.default_rng(0)
     floor = np.column_stack([random.uniform(0, 2, (9000, 2)), 0.002 * random.standard_normal(9000)])
-    side = np.column_stack([0.001 * random.standard_normal(300), random.uniform(0, 0.3, (300, 2))]) + [1, 1, 0.02]
+    side = np.column_stack([0.001 * random.standard_normal(300), random.uniform(0, 0.3, (300, 2))]) + np.array(
+        [1, 1, 0.02]
+    )
     surface = LocalSurface.of(np.concatenate([floor, side]))
     chosen = normal_space_sample(surface, 300)
     assert len(np.unique(chosen)) == 300

@@ -1,4 +1,3 @@
-import dataclasses
 import json
 
 import jax
@@ -147,7 +146,7 @@ def test_clouds_of_two_places_are_in_doubt():
     random = np.random.default_rng(0)
     ball = random.normal(size=(8000, 3))
     ball *= (0.8 + 0.004 * random.standard_normal((8000, 1))) / np.linalg.norm(ball, axis=1, keepdims=True)
-    result = registered(room(14), ball + [5, 0, 0])
+    result = registered(room(14), ball + np.array([5, 0, 0]))
     assert result.confidence < 0.5
 
 
@@ -166,8 +165,8 @@ def test_confidence_falls_with_everything_that_speaks_against_a_transform():
 def test_the_record_survives_json():
     result = registered(room(2), room(3) + 0.02)
     again = Registration.from_dict(json.loads(json.dumps(result.to_dict(), allow_nan=False)))
-    assert dataclasses.replace(again, transform=None) == dataclasses.replace(result, transform=None)
     np.testing.assert_array_equal(again.transform, result.transform)
+    assert again.to_dict() == result.to_dict()
     assert Registration.none().to_dict()["residual"] is None
 
 

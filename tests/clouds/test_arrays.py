@@ -1,4 +1,5 @@
 import io
+import zipfile
 
 import numpy as np
 import pytest
@@ -85,3 +86,15 @@ def test_cut_anywhere_is_an_input_error(write_file, name, content):
     for cut in range(len(content)):
         with pytest.raises(InputError):
             read_cloud(write_file(name, content[:cut]))
+
+
+def test_members_that_are_no_arrays(write_file, tmp_path):
+    whole = npz(points=POINTS, label=np.arange(4))
+    path = write_file("a.npz", whole)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("readme.txt", "three columns")
+    assert list(read_cloud(path).fields) == ["label"]
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("points.npy", "three columns")
+    with pytest.raises(InputError, match=f"{path}: has no array 'points', only: none"):
+        read_cloud(path)

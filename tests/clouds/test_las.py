@@ -1,8 +1,14 @@
+import contextlib
+import struct
+import subprocess
+import sys
+
 import laspy
 import numpy as np
 import pytest
 
 from gmmjax.clouds import read_cloud
+from gmmjax.clouds.decoder_process import PROGRAM, DecoderProcess
 from gmmjax.errors import InputError
 
 OFFSET = np.array([500_000.0, 4_000_000.0, 100.0])
@@ -69,3 +75,136 @@ def test_damaged_counts_are_found_before_room_is_made_for_them(survey, write_fil
 def test_other_files_under_the_name(write_file):
     with pytest.raises(InputError, match="no LAS or LAZ file"):
         read_cloud(write_file("a.las", b"ply\n" * 100))
+
+
+def changed(path, place, kind, value):
+    """The file with another number at a place of its header."""
+    data = bytearray(path.read_bytes())
+    struct.pack_into(kind, data, place, value)
+    return bytes(data)
+
+
+@pytest.mark.parametrize(
+    ("place", "kind", "value", "message"),
+    [
+        (24, "<B", 2, "has version 2.2, known are 1.0 to 1.4"),
+        (25, "<B", 9, "has version 1.9"),
+        (94, "<H", 10, "has a header of 10|a header of 10 and points from"),
+        (96, "<I", 10**9, "points from byte 1000000000 on, which cannot be"),
+        (100, "<I", 10**8, "declares 100000000 records in"),
+        (104, "<B", 11, "has point format 11, known are 0 to 10"),
+        (105, "<H", 10, "has points of 10 bytes, point format 3 takes 34"),
+        (131, "<d", np.nan, r"has scales \[nan"),
+        (131, "<d", 0.0, r"has scales \[0.0"),
+        (155, "<d", np.inf, "and offsets .inf"),
+    ],
+)
+def test_numbers_that_the_file_contradicts(survey, write_file, place, kind, value, message):
+    if survey[0].suffix == ".laz" and place == 104:
+        value |= 128
+        message = message.replace("format 11", "format 139")
+    with pytest.raises(InputError, match=message):
+        read_cloud(write_file(survey[0].name, changed(survey[0], place, kind, value)))
+
+
+@pytest.fixture(scope="module")
+def laz(tmp_path_factory):
+    las = laspy.LasData(laspy.LasHeader(point_format=0, version="1.2"))
+    las.x, las.y, las.z = np.random.default_rng(0).normal(size=(3, 100)).round(2)
+    path = tmp_path_factory.mktemp("laz") / "a.laz"
+    las.write(str(path))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("part", "place", "kind", "value", "message"),
+    [
+        ("vlr", 2, "<16s", b"someone else", "is compressed and has no record of LASzip"),
+        ("vlr", 20, "<H", 60_000, "ends after byte"),
+        ("laszip", 0, "<H", 1, "LASzip's method 1"),
+        ("laszip", 12, "<I", 0, "chunks of 0 points"),
+        ("laszip", 12, "<I", 7, "has 1 chunks of 7 points for 100 points"),
+        ("laszip", 32, "<H", 9, "is not of points of format 0"),
+        ("laszip", 36, "<H", 21, "is not of points of format 0"),
+        ("points", 0, "<q", 10**9, "has its chunk table at byte 1000000000"),
+        ("points", 0, "<q", 3, "has its chunk table at byte 3"),
+        ("table", 0, "<I", 1, "its chunk table has 1 chunks"),
+        ("table", 4, "<I", 2**31, "its chunk table has 2147483648 chunks"),
+        ("table", 4, "<I", 2, "has 2 chunks of 50000 points"),
+        ("table", 8, "<I", 2**32 - 1, "cannot read it|crashed on it"),
+    ],
+)
+def test_compression_that_is_damaged(laz, write_file, part, place, kind, value, message):
+    data = laz.read_bytes()
+    header, points = struct.unpack_from("<HI", data, 94)
+    table = struct.unpack_from("<q", data, points)[0]
+    start = {"vlr": header, "laszip": header + 54, "points": points, "table": table}[part]
+    path = write_file("a.laz", changed(laz, start + place, kind, value))
+    with pytest.raises(InputError, match=message) as caught:
+        read_cloud(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.fixture
+def decompressor(monkeypatch, tmp_path):
+    """Puts a lazrs in front whose import runs the given line."""
+
+    def install(line: str) -> None:
+        (tmp_path / "lazrs.py").write_text(line)
+        monkeypatch.syspath_prepend(tmp_path)
+
+    return install
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("import os; os.abort()", r"a\.laz: lazrs crashed on it \(signal 6\); the file is damaged"),
+        ("import os; os._exit(3)", r"a\.laz: lazrs crashed on it \(exit status 3\); the file is damaged"),
+        ("import time; time.sleep(100)", r"a\.laz: lazrs did not finish within 2 s; the file is damaged"),
+        ("raise MemoryError", r"a\.laz: lazrs needs more memory for it"),
+        ("raise ImportError('no lazrs')", r"a\.laz: LAZ files need lazrs \(no lazrs\): pip install lazrs"),
+        ("raise ValueError('two\\nlines')", r"a\.laz: lazrs cannot read it \(two lines\); the file is damaged"),
+        ("print('something'); raise ValueError('no')", r"a\.laz: lazrs cannot read it \(no\)"),
+    ],
+)
+def test_how_the_decompressor_may_end(laz, decompressor, monkeypatch, line, message):
+    decompressor(line)
+    monkeypatch.setattr("gmmjax.clouds.decoder_process.START", 2.0)
+    with pytest.raises(InputError, match=message):
+        read_cloud(laz)
+
+
+def test_memory_of_the_decompressor_is_bounded(laz, decompressor):
+    decompressor("LazVlr = bytes\ndef read_chunk_table(*_): return [(100, 10**13)] if bytearray(1 << 50) else 0")
+    with pytest.raises(InputError, match="lazrs needs more memory for it than a file of its size takes"):
+        read_cloud(laz)
+
+
+def test_a_process_starts_again_after_a_crash(laz, monkeypatch):
+    kept = DecoderProcess()
+    monkeypatch.setattr("gmmjax.clouds.las.DecoderProcess", lambda: contextlib.nullcontext(kept))
+    with kept:
+        first = read_cloud(laz)
+        with monkeypatch.context() as patched:
+            patched.setattr("gmmjax.clouds.las.SLOWEST", 1e12)
+            patched.setattr("gmmjax.clouds.decoder_process.START", 0.0)
+            with pytest.raises(InputError, match="did not finish within 0 s"):
+                read_cloud(laz)
+        np.testing.assert_array_equal(read_cloud(laz).points, first.points)
+
+
+def test_the_process_starts_without_the_package(tmp_path):
+    program = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='other'); print(*sorted(sys.modules))"
+    loaded = subprocess.run([sys.executable, "-c", program, str(PROGRAM)], capture_output=True, text=True, check=True)
+    assert not {"gmmjax", "jax", "numpy", "lazrs", "open3d"} & set(loaded.stdout.split())
+
+
+def test_more_points_than_the_memory_holds(laz, write_file):
+    data = bytearray(laz.read_bytes())
+    header = struct.unpack_from("<H", data, 94)[0]
+    # Chunks of any number of points, and so many as their table's header allows.
+    struct.pack_into("<I", data, header + 54 + 12, 2**32 - 1)
+    struct.pack_into("<I", data, 107, 2**32 - 1)
+    with pytest.raises(InputError, match=r"4294967295 points|cannot read it"):
+        read_cloud(write_file("a.laz", bytes(data)))

@@ -46,8 +46,8 @@ def broken_open3d(monkeypatch, tmp_path):
     return install
 
 
-def test_not_installed(monkeypatch, write_file):
-    monkeypatch.setitem(sys.modules, "open3d", None)
+def test_not_installed(broken_open3d, write_file):
+    broken_open3d("raise ModuleNotFoundError('No module named open3d', name='open3d')")
     path = write_file("a.obj", OBJ)
     with pytest.raises(InputError, match=r"pip install 'gmmjax\[open3d\]'") as caught:
         read_cloud(path)

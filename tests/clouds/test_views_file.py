@@ -1,4 +1,5 @@
 import json
+import zipfile
 
 import numpy as np
 import pytest
@@ -70,6 +71,7 @@ def test_npz_that_cannot_be_used(tmp_path):
         (GOOD | {"poses": np.array([{}], object)}, "is no NPZ file of numbers"),
         (GOOD | {"max_range": np.array([1.0, 2])}, "max_range"),
         (GOOD | {"field_of_view": np.array(["60", "x"])}, "field_of_view"),
+        (GOOD | {"poses": np.full((1, 4, 4), 1e300)}, "pose 0 of 1 is not rigid"),
     ):
         np.savez(path, **arrays)
         with pytest.raises(InputError, match=message) as caught:
@@ -94,3 +96,12 @@ def test_names_and_folders(tmp_path):
     with pytest.raises(InputError, match="create the folder"):
         write_views(tmp_path / "missing" / "views.json", some_views())
     assert sorted(path.name for path in tmp_path.iterdir()) == ["views.txt"]
+
+
+def test_npz_whose_members_are_no_arrays(tmp_path):
+    path = tmp_path / "views.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        for name in ("poses", "field_of_view", "max_range"):
+            archive.writestr(f"{name}.npy", "no array")
+    with pytest.raises(InputError, match=r"views\.npz: has no poses, field_of_view, max_range, only: nothing"):
+        read_views(path)

@@ -107,5 +107,13 @@ def test_a_damaged_state_is_named(state, tmp_path, keep):
     path = tmp_path / "state.npz"
     write_state(path, state, "these pairs")
     path.write_bytes(path.read_bytes()[:keep])
-    with pytest.raises(InputError, match=r"state.npz: is damaged"):
+    with pytest.raises(InputError, match=r"state.npz: is (empty|no NPZ file)"):
         read_state(path, "these pairs")
+
+
+@pytest.mark.parametrize("name", ["free", "racing", "values", "losses", "baseline"])
+def test_a_state_whose_arrays_do_not_fit_is_refused(state, tmp_path, name):
+    wrong = state._replace(**{name: getattr(state, name)[1:]})
+    write_state(tmp_path / "state.npz", wrong, "these pairs")
+    with pytest.raises(InputError, match=r"state.npz: is damaged \(its arrays do not fit each other\); .*--restart"):
+        read_state(tmp_path / "state.npz", "these pairs")

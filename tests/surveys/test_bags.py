@@ -284,11 +284,52 @@ def test_a_bag_cut_off_anywhere_is_an_input_error(bags, tmp_path, name):
             with open_bag(cut) as bag:
                 found = list(bag.frames())
         except InputError as error:
-            assert re.match(f"{cut}: cannot be read .*copy it again", str(error))
+            assert re.match(f"{cut}: (cannot be read|is empty) .*copy it again", str(error))
         else:
             # The end of a database need not hold what is asked for.
             assert name == "run.db3"
             assert [own.cloud.points.sum() for own in found] == [own.cloud.points.sum() for own in whole]
+
+
+def test_messages_that_are_not_those_of_ros_are_refused(bags, tmp_path):
+    data = (bags / "run.mcap").read_bytes()
+    path = tmp_path / "run.mcap"
+    path.write_bytes(data.replace(b"float64 y", b"float64 q"))
+    with (
+        pytest.raises(InputError, match=r"run\.mcap: defines geometry_msgs/msg/\w+ otherwise than ROS"),
+        open_bag(path),
+    ):
+        pass
+
+
+def test_a_quaternion_beyond_all_numbers_is_left_out(tmp_path):
+    with Recorder(tmp_path / "run.bag") as recorder:
+        for number, rotation in enumerate(((0.0, 0.0, 0.0, 1.0), (1e300, 0.0, 0.0, 1e300))):
+            header = recorder.header(START + number, "map")
+            kind = "geometry_msgs/msg/PoseStamped"
+            pose = recorder.make(kind, header=header, pose=recorder.pose((1, 2, 3), rotation))
+            recorder.record("/pose", kind, pose, START + number)
+    with open_bag(tmp_path / "run.bag") as bag, pytest.warns(InputWarning, match="1 of 2 poses"):
+        assert len(bag.trajectory("/pose")) == 1
+
+
+@pytest.mark.parametrize(
+    ("number", "value"), [("message_count", ".inf"), ("message_count", "-3"), ("nanoseconds_since_epoch", ".nan")]
+)
+def test_a_folder_whose_numbers_are_none_is_refused(bags, tmp_path, number, value):
+    shutil.copytree(bags / "run", tmp_path / "run")
+    metadata = tmp_path / "run" / "metadata.yaml"
+    metadata.write_text(re.sub(rf"\b{number}: \d+", f"{number}: {value}", metadata.read_text()))
+    with pytest.raises(InputError, match=r"run: cannot be read"), open_bag(tmp_path / "run") as bag:
+        bag.topics()
+
+
+def test_a_folder_whose_yaml_merges_maps_is_refused(tmp_path):
+    # Each line would double the time.
+    lines = ["a0: &a0 {x: 1}", *(f"a{n}: &a{n} {{<<: [*a{n - 1}, *a{n - 1}]}}" for n in range(1, 60))]
+    (tmp_path / "metadata.yaml").write_text("\n".join(lines))
+    with pytest.raises(InputError, match=r"metadata\.yaml: merges maps"), open_bag(tmp_path):
+        pass
 
 
 @pytest.mark.parametrize("name", ["run.bag", "run.mcap"])

@@ -93,12 +93,14 @@ def test_distortion_is_said_not_to_be_applied(tmp_path, text):
         ('{"fx": 1, "fy": 1, "cx": 1, "cy": 1}', "has no width, height"),
         ('{"intrinsic": 3}', "has no fx"),
         ('{"width": 4, "height": 4, "intrinsic_matrix": [1, 2]}', "has no fx"),
-        ('{"fx": "wide", "fy": 1, "cx": 1, "cy": 1, "width": 4, "height": 4}', "could not convert"),
-        ('{"fx": null, "fy": 1, "cx": 1, "cy": 1, "width": 4, "height": 4}', "NoneType"),
+        ('{"fx": "wide", "fy": 1, "cx": 1, "cy": 1, "width": 4, "height": 4}', "fx='wide' must be a number"),
+        ('{"fx": null, "fy": 1, "cx": 1, "cy": 1, "width": 4, "height": 4}', "fx=None must be a number"),
         ('{"fx": 1, "fy": 1, "cx": 1, "cy": 1, "width": 4.5, "height": 4}', "whole number"),
         ('{"fx": 1, "fy": 1, "cx": 1, "cy": 1, "width": "4", "height": 4}', "whole number"),
         ('{"fx": 1, "fy": 1, "cx": 9, "cy": 1, "width": 4, "height": 4}', "outside of an image"),
-        ('{"fx": NaN, "fy": 1, "cx": 1, "cy": 1, "width": 4, "height": 4}', "must be positive"),
+        ('{"fx": NaN, "fy": 1, "cx": 1, "cy": 1, "width": 4, "height": 4}', "NaN is no number of JSON"),
+        ('{"fx": 1' + 400 * "0" + ', "fy": 1, "cx": 1, "cy": 1, "width": 4, "height": 4}', "too large"),
+        ("width: " + 5000 * "9" + "\nheight: 4\nK: [1, 0, 1, 0, 1, 1, 0, 0, 1]\n", "whole number"),
     ],
 )
 def test_what_are_no_intrinsics(tmp_path, text, message):

@@ -102,7 +102,7 @@ def test_pose_matrix(seed, length):
     np.testing.assert_array_equal(pose[:, 3], [1, 2, 3, 1])
 
 
-@pytest.mark.parametrize("quaternion", [[0, 0, 0, 0], [0, 0, 1], [0, 0, np.nan, 1]])
+@pytest.mark.parametrize("quaternion", [[0, 0, 0, 0], [0, 0, 1], [0, 0, np.nan, 1], [1e300, 0, 0, 1e300]])
 def test_what_no_pose_has(quaternion):
     with pytest.raises(InputError, match="quaternion x y z w"):
         pose_matrix([0, 0, 0], quaternion)

@@ -2,15 +2,17 @@
 
 import json
 import os
+import zlib
 from pathlib import Path
 from typing import Any
 
+from gmmjax.clouds.files import parse_json, read_bytes
 from gmmjax.errors import InputError
 from gmmjax.evaluation.thesis.records import Unit
 
 
 class Journal:
-    """A file of JSON lines: each has the key of a unit and its result.
+    """A file of JSON lines: each has the key of a unit, its result, and a checksum of both.
 
     A unit is added as soon as it is done, and reaches the disk. When the work is interrupted while a line is written,
     that line alone is lost.
@@ -29,10 +31,9 @@ class Journal:
         self._results: dict[str, dict[str, Any]] = {}
         if not path.exists():
             return
-        try:
-            content = path.read_bytes()
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error.strerror}); --overwrite begins anew") from error
+        if path.is_file() and not path.stat().st_size:
+            return
+        content = read_bytes(path)
         *lines, unfinished = content.split(b"\n")
         for number, line in enumerate(lines, start=1):
             self._read(line, number)
@@ -55,7 +56,8 @@ class Journal:
         Raises:
             InputError: the file cannot be written.
         """
-        line = json.dumps({"key": unit.key, "result": result}, allow_nan=False) + "\n"
+        entry = {"key": unit.key, "result": result, "checksum": _checksum(unit.key, result)}
+        line = json.dumps(entry, allow_nan=False) + "\n"
         try:
             with self._path.open("ab") as file:
                 file.write(line.encode())
@@ -70,9 +72,17 @@ class Journal:
 
     def _read(self, line: bytes, number: int) -> None:
         try:
-            entry = json.loads(line)
-            self._results[entry["key"]] = entry["result"]
+            entry = parse_json(line)
+            key, result = entry["key"], entry["result"]
+            if entry["checksum"] != _checksum(key, result):
+                raise ValueError("another checksum")
+            self._results[key] = result
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(
                 f"{self._path}: line {number} is damaged; take it out, or begin anew with --overwrite"
             ) from error
+
+
+def _checksum(key: str, result: dict[str, Any]) -> int:
+    """Of what JSON keeps, so that it is the same before it is written and after it is read."""
+    return zlib.crc32(json.dumps([key, result]).encode())

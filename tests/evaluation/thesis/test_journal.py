@@ -43,9 +43,23 @@ def test_a_line_that_was_being_written_is_lost_alone(tmp_path, cut):
     assert len(Journal(path)) == 2
 
 
-def test_damage_elsewhere_is_named(tmp_path):
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda line: "nonsense",
+        lambda line: "[1]",
+        lambda line: line.replace("1.5", "2.5"),
+        lambda line: line.replace('"value"', '"worth"'),
+        lambda line: line.replace("1.5", "NaN"),
+    ],
+)
+def test_damage_elsewhere_is_named(tmp_path, damage):
     path = tmp_path / "journal.jsonl"
-    path.write_text('{"key": "a", "result": {}}\nnonsense\n{"key": "b", "result": {}}\n')
+    journal = Journal(path)
+    for seed in range(3):
+        journal.add(unit(seed=seed), {"value": 1.5})
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([lines[0], damage(lines[1]), lines[2], ""]))
     with pytest.raises(InputError, match=r"journal\.jsonl: line 2 is damaged; .*--overwrite"):
         Journal(path)
 
