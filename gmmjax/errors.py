@@ -56,7 +56,7 @@ def shown(value: object) -> str:
         return " ".join(_Shortened().repr(value).split())
     # Python refuses to write whole numbers of more than 4300 digits.
     except ValueError:
-        return f"<{type(value).__name__}>"
+        return "a number of thousands of digits" if isinstance(value, int) else f"<{type(value).__name__}>"
 
 
 def one_line(error: BaseException) -> str:

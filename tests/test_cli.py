@@ -110,7 +110,7 @@ def test_json_stands_alone_on_standard_output(scans, tmp_path, capsys):
     assert main(["detect", *scans, *arguments]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert [change["kind"] for change in printed["changes"]] == ["appeared"]
-    assert printed["schema_version"] == 2
+    assert printed["schema_version"] == 3
 
 
 def test_the_table_says_what_was_found_dropped_and_written(scans, tmp_path, capsys):
@@ -143,17 +143,18 @@ def test_clouds_on_a_plane_or_a_line_work(tmp_path, flat):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"), [(lambda points: points * 1000, "unit"), (lambda points: points + 1e3, "overlap")]
+    ("change", "status", "message"),
+    [(lambda points: points * 1000, 2, "unit"), (lambda points: points + 1e3, 0, "overlap")],
 )
-def test_other_units_and_frames_are_warned_of(tmp_path, capsys, change, message):
+def test_other_frames_are_warned_of_and_other_units_refused(tmp_path, capsys, change, status, message):
     before, after = clouds()
     np.save(tmp_path / "before.npy", before)
     np.save(tmp_path / "after.npy", change(after))
     paths = [str(tmp_path / name) for name in ("before.npy", "after.npy")]
-    assert main(["detect", *paths, "--out", str(tmp_path / "a"), *DETECT]) == 0
-    warned = capsys.readouterr().err
-    assert warned.startswith("gmmjax: warning: ")
-    assert message in warned
+    assert main(["detect", *paths, "--out", str(tmp_path / "a"), *DETECT]) == status
+    told = capsys.readouterr().err
+    assert told.startswith("gmmjax: warning: ") and message in told
+    assert ("gmmjax: error: " in told) == (status == 2) == (not (tmp_path / "a").exists())
 
 
 def binary_ply(folder):

@@ -38,12 +38,12 @@ class CoarseSettings:
     rotation_step: float = 7.0
     normal_kernel: float = 8.0
     normals: int = 500
-    rotations: int = 12
-    points: int = 8_000
-    cells: int = 24
-    most_cells: int = 64
+    rotations: int = 9
+    points: int = 5_000
+    cells: int = 20
+    most_cells: int = 54
     translations: int = 3
-    hypotheses: int = 8
+    hypotheses: int = 6
 
 
 class CoarseTransforms(NamedTuple):
@@ -73,7 +73,9 @@ def coarse_transforms(
     spectrum = grid.spectrum(own[0] - grid.before, own[1])
     found: list[tuple[float, Float[np.ndarray, "4 4"]]] = []
     for rotation in _rotations(own[1][: settings.normals], other[1][: settings.normals], settings):
-        rotated = grid.spectrum((other[0] - grid.after) @ rotation.T, other[1] @ rotation.T)
+        # Not by BLAS, whose threads cost more than such products.
+        points, normals = (np.einsum("ij,nj->ni", rotation, rows) for rows in (other[0] - grid.after, other[1]))
+        rotated = grid.spectrum(points, normals)
         for score, translation in grid.translations(spectrum, rotated, settings.translations):
             found.append((score, _transform(rotation, grid.after, grid.before + translation)))
     found.sort(key=lambda hypothesis: -hypothesis[0])

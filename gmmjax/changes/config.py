@@ -200,7 +200,9 @@ def _is_real(value: object) -> bool:
 def _checked_crop(crop: Any) -> tuple[float, ...]:
     numbers = tuple(crop) if isinstance(crop, Sequence | np.ndarray) and not isinstance(crop, str | bytes) else ()
     if len(numbers) != 6 or not all(_is_real(number) for number in numbers):
-        raise InputError(f"crop={shown(crop)} must be six numbers: x, y, z of the lower and then of the upper corner")
+        raise InputError(
+            f"crop={shown(crop)} must be six finite numbers: x, y, z of the lower and then of the upper corner"
+        )
     if not all(lower < upper for lower, upper in zip(numbers[:3], numbers[3:], strict=True)):
         raise InputError(f"crop={shown(crop)}: the lower corner must be below the upper one on every axis")
     return tuple(float(number) for number in numbers)

@@ -128,10 +128,10 @@ def _warn_about_registration(registration: Registration) -> None:
     residual = "" if registration.residual is None else f", at a residual of {registration.residual:.3g}"
     overlap = 0.0 if registration.overlap is None else registration.overlap
     warnings.warn(
-        f"the registration is in doubt (confidence {registration.confidence:.0%}), and the probabilities of all changes "
-        f"are lowered: {overlap:.0%} of the points of one cloud have a counterpart in the other{residual}. Are both of the "
-        "same place and in the same unit, and rotated by less than 30 degrees? crop leaves out what only one cloud has, "
-        "registration='never' takes clouds that are registered already as they are",
+        f"the registration is in doubt (confidence {registration.confidence:.0%}), so the probabilities of all changes "
+        f"are lowered: {overlap:.0%} of the points of one cloud have a counterpart in the other{residual}. Are both of "
+        "the same place, in the same unit, and rotated by less than 30 degrees? crop leaves out what only one cloud "
+        "has, registration='never' takes clouds that are registered already as they are",
         InputWarning,
         stacklevel=4,
     )

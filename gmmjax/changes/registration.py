@@ -59,9 +59,9 @@ class RegistrationSettings:
         component_points: that these are fitted to.
     """
 
-    voxels: int = 12_000
-    sampled_points: int = 60_000
-    start_points: int = 300
+    voxels: int = 8_000
+    sampled_points: int = 40_000
+    start_points: int = 250
     start_steps: int = 12
     finalists: int = 2
     finalist_points: int = 600
@@ -423,7 +423,9 @@ def _refined(
 
 def _last_reach(fit: SurfaceFit, pair: WorkingPair, settings: RegistrationSettings) -> float:
     """The offset that has a quarter of the weight in the last steps."""
-    return settings.last_reach * min(fit.residual, pair.spacing / 2)
+    # Of equal clouds the residual is 0.
+    least = np.sqrt(np.finfo(np.float64).eps) * pair.spacing
+    return float(settings.last_reach * np.clip(fit.residual, least, pair.spacing / 2))
 
 
 def _normal_noise(surface: LocalSurface) -> float:

@@ -32,7 +32,7 @@ def read_bag(path):
 
 
 def read_labels(path):
-    (path.parent / "changes.json").write_text('{"schema_version": 2}')
+    (path.parent / "changes.json").write_text('{"schema_version": 3}')
     return Changes.load(path.parent)
 
 
@@ -173,11 +173,11 @@ def test_toml_that_is_none(tmp_path, text, message):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("crop = true", "crop=True must be six numbers"),
-        ('crop = "abcdef"', "crop='abcdef' must be six numbers"),
-        ("crop = [0, 0, 0, 1, 1, nan]", ".*must be six numbers"),
-        ("crop = [0, 0, 0, 1, 1, true]", ".*must be six numbers"),
-        ("crop = [[], {}, 0, 1, 1, 1]", ".*must be six numbers"),
+        ("crop = true", "crop=True must be six finite numbers"),
+        ('crop = "abcdef"', "crop='abcdef' must be six finite numbers"),
+        ("crop = [0, 0, 0, 1, 1, nan]", ".*must be six finite numbers"),
+        ("crop = [0, 0, 0, 1, 1, true]", ".*must be six finite numbers"),
+        ("crop = [[], {}, 0, 1, 1, 1]", ".*must be six finite numbers"),
         ("noise_floor = true", "noise_floor=True must be a positive number"),
         ("tolerance = inf", "tolerance=inf must be a positive number"),
         ("concentration = nan", "concentration=nan must be a number below 1"),

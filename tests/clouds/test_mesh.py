@@ -49,7 +49,7 @@ def broken_open3d(monkeypatch, tmp_path):
 def test_not_installed(broken_open3d, write_file):
     broken_open3d("raise ModuleNotFoundError('No module named open3d', name='open3d')")
     path = write_file("a.obj", OBJ)
-    with pytest.raises(InputError, match=r"pip install 'gmmjax\[open3d\]'") as caught:
+    with pytest.raises(InputError, match=r"pip install '\.\[open3d\]'") as caught:
         read_cloud(path)
     assert str(path) in str(caught.value)
 

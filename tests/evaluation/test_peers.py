@@ -57,7 +57,7 @@ def test_m3c2_finds_the_box(scene):
 def test_m3c2_says_what_it_needs(scene, monkeypatch):
     monkeypatch.setitem(sys.modules, "py4dgeo", None)
     monkeypatch.setattr(peers, "has_m3c2", lambda: False)
-    with pytest.raises(InputError, match=r"gmmjax\[peers\]"):
+    with pytest.raises(InputError, match=r"pip install '\.\[peers\]'"):
         peer_labels(m3c2, *scene[:2])
 
 

@@ -381,7 +381,7 @@ def test_a_compression_that_cannot_be_read_is_an_input_error(bags, tmp_path):
 
 def test_without_rosbags_the_extra_is_named(bags, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags", None)
-    with pytest.raises(InputError, match=r"run\.bag: .*pip install 'gmmjax\[ros\]'"), open_bag(bags / "run.bag"):
+    with pytest.raises(InputError, match=r"run\.bag: .*pip install '\.\[ros\]'"), open_bag(bags / "run.bag"):
         pass
 
 
