@@ -167,8 +167,8 @@ def registered_pair(
 ) -> RegisteredPair:
     """Registers two clouds, and reduces them to the resolution that they are compared at.
 
-    The after cloud is roughly registered before it is reduced, so that its voxels are those of the frame that it is
-    compared in: what is found does not depend on the frame that it was given in.
+    The voxels of the after cloud are those of the frame that it is compared in: what is found does not depend on the
+    frame that it was given in.
 
     Args:
         before: all points of the before cloud that are compared, in any unit.
@@ -183,9 +183,14 @@ def registered_pair(
         registration = _registered_volumes(pair, *surfaces, config, settings)
     else:
         registration = _registered_surfaces(pair, *surfaces, rough, config, settings)
-    # What is left to be moved after the rough registration.
-    left = registration.transform @ np.linalg.inv(rough.transform)
-    if (left != np.eye(4)).any():
+    if not registration.applied:
+        return RegisteredPair(pair, *surfaces, registration)
+    if pair.voxel_size is not None:
+        pair = pair.with_after_of(registration.apply(after))
+        surfaces = surfaces[0], LocalSurface.of(pair.after.points)
+    else:
+        # What is left to be moved after the rough registration.
+        left = registration.transform @ np.linalg.inv(rough.transform)
         surfaces = surfaces[0], surfaces[1].moved(left)
         pair = pair.with_after(surfaces[1].points)
     return RegisteredPair(pair, *surfaces, registration)

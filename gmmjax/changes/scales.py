@@ -58,6 +58,10 @@ class WorkingPair:
     spacing: float
     volumetric: bool
 
+    def with_after_of(self, points: Float[np.ndarray, "n 3"]) -> "WorkingPair":
+        """The pair with an after cloud that is made of all these points, in voxels of the same edge."""
+        return dataclasses.replace(self, after=_working_cloud(points, self.voxel_size))
+
     def with_after(self, points: Float[np.ndarray, "m 3"]) -> "WorkingPair":
         """The pair with the after cloud's points moved to these."""
         return dataclasses.replace(self, after=dataclasses.replace(self.after, points=points))
@@ -97,9 +101,23 @@ def working_pair(
 
 
 def common_voxel_size(before: np.ndarray, after: np.ndarray, max_voxels: int) -> float | None:
-    """The edge with which neither cloud has more voxels than this; None where neither has more points."""
+    """An edge, nearly the smallest, with which neither cloud has more voxels; None where neither has more points."""
     sizes = [voxel_size_for(points, max_voxels) for points in (before, after) if len(points) > max_voxels]
-    return max(sizes, default=None)
+    return _on_a_series(max(sizes), before, after) if sizes else None
+
+
+def _on_a_series(size: float, before: np.ndarray, after: np.ndarray) -> float:
+    """The next of a series of sizes, 9 % apart, that is counted from the extent of the clouds, which no rotation changes.
+
+    The number of occupied voxels depends a little on the axes; the resolution that clouds are compared at should not.
+    """
+    extent = float(np.sqrt(_radius(before) * _radius(after)))
+    return extent * 2 ** (np.ceil(8 * np.log2(size / extent)) / 8)
+
+
+def _radius(points: np.ndarray) -> float:
+    """Root mean square distance of the points from their centre."""
+    return float(np.sqrt(points.var(axis=0).sum()))
 
 
 def usual_spacing(points: Float[np.ndarray, "n 3"]) -> float:
