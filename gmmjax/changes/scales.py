@@ -107,7 +107,7 @@ def common_voxel_size(before: np.ndarray, after: np.ndarray, max_voxels: int) ->
 
 
 def _on_a_series(size: float, before: np.ndarray, after: np.ndarray) -> float:
-    """The next of a series of sizes, 9 % apart, that is counted from the extent of the clouds, which no rotation changes.
+    """The next of a series of sizes, 9 % apart, that starts from the extent of the clouds, which no rotation changes.
 
     The number of occupied voxels depends a little on the axes; the resolution that clouds are compared at should not.
     """
