@@ -53,13 +53,14 @@ def main() -> None:
     parser.add_argument("--unseen", type=int, default=1, help="seeds to judge by, four scenes each")
     parser.add_argument("--first-seed", type=int, default=9803)
     parser.add_argument("--steps", type=int, default=TuningSettings.steps, help="of the optimiser at the most")
+    parser.add_argument("--max-points", type=int, default=TuningSettings.max_points, help="of a fit at the most")
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.training + options.unseen)
     training = [scan_pair(pair) for pair in scenes(options.scenes, seeds[: options.training])]
     unseen = scenes(options.scenes, seeds[options.training :])
     by_hand = BY_HAND[options.scenes]
     wrong = dataclasses.replace(by_hand, noise_floor=by_hand.noise_floor / 3, tolerance=5 * by_hand.tolerance)
-    settings = TuningSettings(steps=options.steps)
+    settings = TuningSettings(steps=options.steps, max_points=options.max_points)
     of_wrong, of_default = tune(training, config=wrong, settings=settings), tune(training, settings=settings)
     rows = {
         "wrong sensor": wrong,

@@ -33,10 +33,6 @@ from gmmjax.mixtures import FitStatus
 KINDS: tuple[Kind, Kind] = ("disappeared", "appeared")
 
 
-# Below this confidence in the registration the user is warned. 1: always, 0: never.
-DOUBTFUL = 0.9
-
-
 class _Detected(NamedTuple):
     """What was found in both clouds; `noise` is the usual offset between unchanged surfaces."""
 
@@ -123,7 +119,7 @@ def _with_usable_views(name: str, survey: Survey) -> Survey:
 
 def _warn_about_registration(registration: Registration) -> None:
     """Warns where the registration is in doubt, with what speaks against it."""
-    if registration.confidence >= DOUBTFUL:
+    if not registration.in_doubt:
         return
     residual = "" if registration.residual is None else f", at a residual of {registration.residual:.3g}"
     overlap = 0.0 if registration.overlap is None else registration.overlap

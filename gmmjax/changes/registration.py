@@ -94,6 +94,8 @@ class ConfidenceModel(NamedTuple):
         ambiguity_power: transforms away from the given frame: odds are this power of the ratio of the scores.
         overlap: overlap at which the odds are even.
         overlap_power: they fall with this power of the overlap.
+        agreement: of volumetric clouds: share of the mass whose components agree at which the odds are even.
+        agreement_power: they fall with this power of that share.
     """
 
     residual: float = 0.01
@@ -102,6 +104,12 @@ class ConfidenceModel(NamedTuple):
     ambiguity_power: float = 60.0
     overlap: float = 0.17
     overlap_power: float = 4.0
+    agreement: float = 0.4
+    agreement_power: float = 8.0
+
+    def confidence_of_agreement(self, share: float) -> float:
+        """The probability that a displacement is right on which components with this share of the mass agree."""
+        return 0.0 if share <= 0 else float(1 / (1 + (self.agreement / share) ** self.agreement_power))
 
     def confidence(self, fit: "SurfaceFit", rival: float, from_given_frame: bool) -> float:
         """The probability that a transform is right.
@@ -461,18 +469,24 @@ def _registered_volumes(
         fit = surface_fit(before, after, np.eye(4), pair.spacing, settings)
         return _record(np.eye(4), centre, applied=False, residual=0.0, before=fit.residual, overlap=fit.overlap)
     consensus = consensus_displacement(*_mixtures(pair, config, settings))
-    if consensus.share < settings.least_agreement:
-        overlap = surface_fit(before, after, np.eye(4), pair.spacing, settings).overlap
-        return _record(np.eye(4), centre, applied=False, residual=0.0, before=0.0, overlap=overlap)
+    confidence = ConfidenceModel().confidence_of_agreement(consensus.share)
     length = float(np.linalg.norm(consensus.displacement))
     errors = float(np.linalg.norm(consensus.displacement / consensus.standard_error))
-    applied = config.registration == "always" or errors > settings.significant
+    agreed = consensus.share >= settings.least_agreement
+    applied = agreed and (config.registration == "always" or errors > settings.significant)
     transform = np.eye(4)
     if applied:
         transform[:3, 3] = consensus.displacement
-    overlap = max(consensus.share, surface_fit(before, after, transform, pair.spacing, settings).overlap)
     error = float(np.sqrt((consensus.standard_error**2).mean())) if applied else 0.0
-    return _record(transform, centre, applied=applied, residual=error, before=length, overlap=overlap)
+    return _record(
+        transform,
+        centre,
+        applied=applied,
+        residual=error,
+        before=length,
+        overlap=consensus.share,
+        confidence=confidence,
+    )
 
 
 def _record(

@@ -25,7 +25,8 @@ class Registration:
         residual: registration error that is left: of scans the robust standard deviation of the offsets between the
             surfaces; of volumetric clouds the standard error of the displacement.
         residual_before: the same without the transform; of volumetric clouds the displacement.
-        overlap: fraction of the points that have a counterpart in the other cloud, in the cloud where it is less.
+        overlap: fraction of the points that have a counterpart in the other cloud, in the cloud where it is less; of
+            volumetric clouds the fraction of the mass whose components agree on the displacement.
         confidence: probability that the clouds are registered, by which the probabilities of all changes are
             multiplied.
     """
@@ -42,6 +43,11 @@ class Registration:
     def none(cls) -> "Registration":
         """Where no registration was looked for."""
         return cls(np.eye(4), applied=False)
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether the user is warned of it: a confidence below 0.9."""
+        return self.confidence < 0.9
 
     def apply(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Points of the after cloud in the frame of the before cloud."""

@@ -72,8 +72,8 @@ def _header(names: tuple[str, str], changes: Changes, title: str | None) -> str:
     dropped = "".join(
         f'<p class="note">{dropped_text(side, count)}</p>' for side, count in dropped_rows(changes).items()
     )
-    text = registration_text(changes)
-    registration = "" if text is None else f'<p class="note">{escape(text)}</p>'
+    text, style = registration_text(changes), "note" if changes.registration.in_doubt else "files"
+    registration = "" if text is None else f'<p class="{style}">{escape(text)}</p>'
     heading = f'<p class="title">{escape(title)}</p>' if title else ""
     kinds = {change.kind for change in changes.items}
     legend = "".join(

@@ -176,6 +176,15 @@ def test_points_are_taken_into_the_frame_of_the_before_cloud():
     assert Registration.none().apply(points := np.ones((2, 3))) is points
 
 
+def test_volumetric_clouds_that_were_rotated_are_in_doubt():
+    """Their components agree on no displacement."""
+    scene = random_scene(jax.random.key(3), appeared=1, disappeared=1, points=400)
+    rotated = scene.after @ motion([0, 0, 0], 20)[:3, :3].T
+    result = registered(scene.before, rotated)
+    assert not result.applied and result.confidence < 0.1
+    assert registered(scene.before, scene.after).confidence > 0.9
+
+
 def mixture(means, sizes):
     means = np.array(means, float)
     covariances = np.array(sizes, float)[:, None, None] ** 2 * np.eye(3)

@@ -1,3 +1,4 @@
+import dataclasses
 import errno
 import os
 import tomllib
@@ -6,6 +7,7 @@ import numpy as np
 import pytest
 
 from gmmjax.changes import Changes, DetectionConfig
+from gmmjax.changes.registration_record import Registration
 from gmmjax.clouds import read_cloud
 from gmmjax.errors import InputError
 from gmmjax.reporting import write_result
@@ -79,3 +81,16 @@ def test_a_disk_that_fills_leaves_no_result_and_the_old_one_whole(pair, tmp_path
         write_result(tmp_path / "old", *pair, overwrite=True)
     assert {path.name: path.read_bytes() for path in old.iterdir()} == kept
     assert [path.name for path in tmp_path.iterdir()] == ["old"]
+
+
+def test_the_after_cloud_is_written_and_shown_in_the_frame_of_the_before_cloud(pair, tmp_path):
+    transform = np.eye(4)
+    transform[:3, 3] = [0, 0, -2]
+    registration = Registration(transform, True, 2.0, 0.01, 0.5, 0.9)
+    changes = dataclasses.replace(pair[2], registration=registration)
+    folder = write_result(tmp_path / "result", pair[0], pair[1], changes)
+    np.testing.assert_allclose(read_cloud(folder / "after.ply").points, pair[1].points + [0, 0, -2])
+    np.testing.assert_array_equal(read_cloud(folder / "before.ply").points, pair[0].points)
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "the after cloud was moved by 2 and rotated by 0°" in page
+    np.testing.assert_array_equal(Changes.load(folder).registration.transform, transform)
