@@ -89,7 +89,7 @@ def test_the_after_cloud_is_written_and_shown_in_the_frame_of_the_before_cloud(p
     registration = Registration(transform, True, 2.0, 0.01, 0.5, 0.9)
     changes = dataclasses.replace(pair[2], registration=registration)
     folder = write_result(tmp_path / "result", pair[0], pair[1], changes)
-    np.testing.assert_allclose(read_cloud(folder / "after.ply").points, pair[1].points + [0, 0, -2])
+    np.testing.assert_allclose(read_cloud(folder / "after.ply").points, pair[1].points + np.array([0, 0, -2]))
     np.testing.assert_array_equal(read_cloud(folder / "before.ply").points, pair[0].points)
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "the after cloud was moved by 2 and rotated by 0°" in page
