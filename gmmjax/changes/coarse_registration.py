@@ -161,7 +161,7 @@ class _DirectionDensity:
         radius = np.linalg.norm(middle, axis=1)
         # Cells that the sphere does not pass through are never looked up.
         shell = np.abs(radius - 1) <= np.sqrt(3) / size
-        cosines = (middle[shell] / radius[shell, None]) @ directions.T
+        cosines = np.einsum("ci,di->cd", middle[shell] / radius[shell, None], directions)
         table = np.zeros(size**3)
         table[shell] = np.exp((cosines**2 - 1) / (2 * kernel**2)).mean(axis=1)
         return cls(table, size)

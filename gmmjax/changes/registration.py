@@ -21,6 +21,7 @@ from gmmjax.clouds.local_surface import (
     LocalSurface,
     evenly_chosen,
     moved_points,
+    rotated,
 )
 from gmmjax.mixtures import FitSettings, GaussianMixture, best_fit, fit_restarts
 
@@ -304,7 +305,7 @@ def _one_sided_fit(
     normals = other.normals[there]
     offsets = np.abs(((means - other.centres[there]) * normals).sum(axis=1))
     distances = np.linalg.norm(means - other.points[there], axis=1)
-    cosines = np.abs(((own.normals[chosen] @ transform[:3, :3].T) * normals).sum(axis=1))
+    cosines = np.abs((rotated(own.normals[chosen], transform) * normals).sum(axis=1))
     local_spacing = SPACING_PER_SPREAD * np.sqrt(other.variances[there, 1:].sum(axis=1))
     overlapping = distances < settings.overlap_spacings * np.maximum(spacing, local_spacing)
     # Geman and McClure's weight, at half a spacing a quarter; cosines' fourth power falls to a half at 33 degrees.

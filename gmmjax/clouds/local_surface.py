@@ -69,7 +69,7 @@ class LocalSurface:
     def moved(self, transform: Float64[np.ndarray, "4 4"]) -> "LocalSurface":
         """The surface after a rigid motion."""
         points = moved_points(self.points, transform)
-        normals = self.normals @ transform[:3, :3].T
+        normals = rotated(self.normals, transform)
         return LocalSurface(
             points, cKDTree(points), self.neighbours, moved_points(self.centres, transform), normals, self.variances
         )
@@ -89,8 +89,13 @@ def moved_points(
     points: Float64[np.ndarray, "n 3"], transform: Float64[np.ndarray, "4 4"]
 ) -> Float64[np.ndarray, "n 3"]:
     """The points after a rigid motion."""
+    return rotated(points, transform) + transform[:3, 3]
+
+
+def rotated(vectors: Float64[np.ndarray, "n 3"], transform: Float64[np.ndarray, "4 4"]) -> Float64[np.ndarray, "n 3"]:
+    """The vectors after the rotation of a rigid motion."""
     # Not by BLAS: for three columns its threads cost more than they save.
-    return np.asarray(np.einsum("ij,nj->ni", transform[:3, :3], points) + transform[:3, 3])
+    return np.asarray(np.einsum("ij,nj->ni", transform[:3, :3], vectors))
 
 
 def evenly_chosen(count: int, size: int) -> Int[np.ndarray, " m"]:
