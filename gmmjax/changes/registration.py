@@ -56,6 +56,7 @@ class RegistrationSettings:
         needed: the transform is applied when it lowers the residual to this fraction or raises the overlap by the rest.
         significant: of volumetric clouds: a displacement is applied when it has this many standard errors.
         least_agreement: of volumetric clouds: and the components that agree on it have this fraction of the mass.
+        least_components: of volumetric clouds: with fewer in either mixture it says nothing whether they agree.
         components: of each mixture of volumetric clouds.
         component_points: that these are fitted to.
     """
@@ -81,6 +82,7 @@ class RegistrationSettings:
     needed: float = 0.9
     significant: float = 4.0
     least_agreement: float = 0.4
+    least_components: int = 3
     components: int = 25
     component_points: int = 6_000
 
@@ -97,6 +99,7 @@ class ConfidenceModel(NamedTuple):
         overlap_power: they fall with this power of the overlap.
         agreement: of volumetric clouds: share of the mass whose components agree at which the odds are even.
         agreement_power: they fall with this power of that share.
+        negligible: odds below which a registration is not in doubt, so that it leaves the probabilities as they are.
     """
 
     residual: float = 0.01
@@ -107,10 +110,14 @@ class ConfidenceModel(NamedTuple):
     overlap_power: float = 4.0
     agreement: float = 0.4
     agreement_power: float = 8.0
+    negligible: float = 0.01
 
     def confidence_of_agreement(self, share: float) -> float:
         """The probability that a displacement is right on which components with this share of the mass agree."""
-        return 0.0 if share <= 0 else float(1 / (1 + (self.agreement / share) ** self.agreement_power))
+        return 0.0 if share <= 0 else self._of_odds((self.agreement / share) ** self.agreement_power)
+
+    def _of_odds(self, odds: float) -> float:
+        return 1.0 if odds < self.negligible else float(1 / (1 + odds))
 
     def confidence(self, fit: "SurfaceFit", rival: float, from_given_frame: bool) -> float:
         """The probability that a transform is right.
@@ -126,7 +133,7 @@ class ConfidenceModel(NamedTuple):
         odds = self.residual * min(noises, 1e3) ** self.residual_power * rival**self.rival_power
         odds += (self.overlap / fit.overlap) ** self.overlap_power
         odds += 0.0 if from_given_frame else rival**self.ambiguity_power
-        return float(1 / (1 + odds))
+        return self._of_odds(odds)
 
 
 class SurfaceFit(NamedTuple):
@@ -469,8 +476,10 @@ def _registered_volumes(
     if config.registration == "never":
         fit = surface_fit(before, after, np.eye(4), pair.spacing, settings)
         return _record(np.eye(4), centre, applied=False, residual=0.0, before=fit.residual, overlap=fit.overlap)
-    consensus = consensus_displacement(*_mixtures(pair, config, settings))
-    confidence = ConfidenceModel().confidence_of_agreement(consensus.share)
+    mixtures = _mixtures(pair, config, settings)
+    consensus = consensus_displacement(*mixtures)
+    judged = min(mixtures[0].live.sum(), mixtures[1].live.sum()) >= settings.least_components
+    confidence = ConfidenceModel().confidence_of_agreement(consensus.share) if judged else 1.0
     length = float(np.linalg.norm(consensus.displacement))
     errors = float(np.linalg.norm(consensus.displacement / consensus.standard_error))
     agreed = consensus.share >= settings.least_agreement
