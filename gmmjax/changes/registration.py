@@ -108,7 +108,7 @@ class ConfidenceModel(NamedTuple):
     ambiguity_power: float = 60.0
     overlap: float = 0.17
     overlap_power: float = 4.0
-    agreement: float = 0.4
+    agreement: float = 0.3
     agreement_power: float = 8.0
     negligible: float = 0.01
 
