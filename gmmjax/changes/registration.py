@@ -57,6 +57,7 @@ class RegistrationSettings:
         significant: of volumetric clouds: a displacement is applied when it has this many standard errors.
         least_agreement: of volumetric clouds: and the components that agree on it have this fraction of the mass.
         least_components: of volumetric clouds: with fewer in either mixture it says nothing whether they agree.
+        least_points: of volumetric clouds: with fewer in either, their components are too uncertain for that, too.
         components: of each mixture of volumetric clouds.
         component_points: that these are fitted to.
     """
@@ -83,6 +84,7 @@ class RegistrationSettings:
     significant: float = 4.0
     least_agreement: float = 0.4
     least_components: int = 3
+    least_points: int = 1_000
     components: int = 25
     component_points: int = 6_000
 
@@ -479,6 +481,7 @@ def _registered_volumes(
     mixtures = _mixtures(pair, config, settings)
     consensus = consensus_displacement(*mixtures)
     judged = min(mixtures[0].live.sum(), mixtures[1].live.sum()) >= settings.least_components
+    judged &= min(len(before), len(after)) >= settings.least_points
     confidence = ConfidenceModel().confidence_of_agreement(consensus.share) if judged else 1.0
     length = float(np.linalg.norm(consensus.displacement))
     errors = float(np.linalg.norm(consensus.displacement / consensus.standard_error))
