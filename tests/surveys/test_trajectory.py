@@ -11,7 +11,8 @@ from gmmjax.surveys import Trajectory, pose_matrix
 def poses(count, seed=0):
     random = np.random.default_rng(seed)
     matrices = np.tile(np.eye(4), (count, 1, 1))
-    matrices[:, :3, :3] = Rotation.random(count, random_state=seed).as_matrix()
+    if count:  # SciPy 1.14 makes no matrices of no rotations.
+        matrices[:, :3, :3] = Rotation.random(count, random_state=seed).as_matrix()
     matrices[:, :3, 3] = random.uniform(-2, 2, (count, 3))
     return matrices
 
