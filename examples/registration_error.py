@@ -4,7 +4,7 @@ import jax
 import numpy as np
 
 from gmmjax import DetectionConfig
-from gmmjax.changes.registration import registered_pair
+from gmmjax.changes.align.registration import registered_pair
 from gmmjax.scenes import laboratory_scene
 
 config = DetectionConfig()

@@ -6,7 +6,7 @@ from gmmjax.changes.change import Changes as Changes
 from gmmjax.changes.config import METHODS as METHODS
 from gmmjax.changes.config import DetectionConfig as DetectionConfig
 from gmmjax.changes.detect import detect_changes as detect_changes
-from gmmjax.changes.greedy import Removals as Removals
-from gmmjax.changes.greedy import remove_changed as remove_changed
-from gmmjax.changes.unmatched import Unmatched as Unmatched
-from gmmjax.changes.unmatched import unmatched_shares as unmatched_shares
+from gmmjax.changes.detectors.greedy_removal import Removals as Removals
+from gmmjax.changes.detectors.greedy_removal import remove_changed as remove_changed
+from gmmjax.changes.detectors.unmatched_mass import Unmatched as Unmatched
+from gmmjax.changes.detectors.unmatched_mass import unmatched_shares as unmatched_shares

@@ -6,10 +6,10 @@ from typing import Any
 from jaxtyping import ArrayLike
 
 from gmmjax.changes.change import Changes
-from gmmjax.changes.clock import Progress
+from gmmjax.changes.progress import Progress
 from gmmjax.changes.config import DetectionConfig, Method
-from gmmjax.changes.joint import joint_changes
-from gmmjax.changes.separate import separate_changes
+from gmmjax.changes.detectors.joint import joint_changes
+from gmmjax.changes.detectors.separate import separate_changes
 from gmmjax.clouds import PointCloud, SensorViews
 
 

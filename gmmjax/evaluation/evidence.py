@@ -3,11 +3,11 @@
 import numpy as np
 from jaxtyping import Int
 
-from gmmjax.changes import surface
+from gmmjax.changes.evidence import surface
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.free_space import Survey
-from gmmjax.changes.local_difference import difference_scale, local_difference
-from gmmjax.changes.scales import WorkingCloud, working_pair
+from gmmjax.changes.evidence.free_space import Survey
+from gmmjax.changes.differences import difference_scale, local_difference
+from gmmjax.changes.prepare.resolution import WorkingCloud, working_pair
 from gmmjax.evaluation.labelled_pair import LabelledPair
 
 

@@ -13,8 +13,8 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.scales import WorkingPair, working_pair
-from gmmjax.changes.segments import density_clusters
+from gmmjax.changes.prepare.resolution import WorkingPair, working_pair
+from gmmjax.geometry.density_clusters import density_clusters
 from gmmjax.errors import InputError
 
 # Lengths in units of the clouds' reach, which `Scale` describes. Each is the one of a coarse series that gave the best

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from gmmjax.clouds import atomic_write, write_ply
-from gmmjax.clouds.local_surface import moved_points
+from gmmjax.geometry.local_surface import moved_points
 from gmmjax.clouds.pcd_writing import viewpoint_of, write_pcd
 from gmmjax.errors import InputError
 from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from jaxtyping import Float64, Int64
 
 from gmmjax.clouds import SensorViews
-from gmmjax.clouds.local_surface import moved_points
+from gmmjax.geometry.local_surface import moved_points
 from gmmjax.errors import InputError
 from gmmjax.surveys.frame import Frame
 from gmmjax.surveys.placed_frames import PlacedFrames, Sight, cropped

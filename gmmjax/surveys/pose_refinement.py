@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from gmmjax.clouds import voxel_grid
-from gmmjax.clouds.local_surface import LocalSurface, evenly_chosen, moved_points
-from gmmjax.clouds.neighbours import nearest_neighbours
+from gmmjax.geometry.local_surface import LocalSurface, evenly_chosen, moved_points
+from gmmjax.geometry.neighbours import nearest_neighbours
 
 # The planes of a frame go through the means of voxels of this size, metres.
 VOXEL = 0.03

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
 from gmmjax._typing import Array
-from gmmjax.changes.joint_mixture import JointMixture, fit_joint_mixture_from_seeds, log_joint
-from gmmjax.changes.joint_problem import AT_REST
+from gmmjax.changes.fit.joint_mixture import JointMixture, fit_joint_mixture_from_seeds, log_joint
+from gmmjax.changes.fit.joint_problem import AT_REST
 from gmmjax.tuning.parameters import with_free_values
 from gmmjax.tuning.posterior import posteriors
 from gmmjax.tuning.scan_pairs import ReadyPair

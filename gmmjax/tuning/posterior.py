@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Float, PRNGKeyArray
 
 from gmmjax._typing import Array
-from gmmjax.changes.joint_mixture import (
+from gmmjax.changes.fit.joint_mixture import (
     JointMixture,
     SourcedPoints,
     component_posterior,
@@ -14,7 +14,7 @@ from gmmjax.changes.joint_mixture import (
     fit_joint_mixture_from_seeds,
     point_posterior,
 )
-from gmmjax.changes.joint_problem import AT_REST, SURFACE_COMPONENTS
+from gmmjax.changes.fit.joint_problem import AT_REST, SURFACE_COMPONENTS
 from gmmjax.mixtures import FitSettings, FitStatus, Prior, WeightedPoints
 from gmmjax.mixtures.frame import Frame
 

@@ -8,12 +8,12 @@ import numpy as np
 from jaxtyping import ArrayLike, Bool, Float, Int
 
 from gmmjax._typing import Array
-from gmmjax.changes.checking import CheckedCloud, check_pair
+from gmmjax.changes.prepare.checking import CheckedCloud, check_pair
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.joint_mixture import SourcedPoints
-from gmmjax.changes.joint_problem import joint_problem
-from gmmjax.changes.registration import registered_pair
-from gmmjax.changes.scales import WorkingCloud
+from gmmjax.changes.fit.joint_mixture import SourcedPoints
+from gmmjax.changes.fit.joint_problem import joint_problem
+from gmmjax.changes.align.registration import registered_pair
+from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.errors import InputError
 from gmmjax.mixtures import Prior, WeightedPoints

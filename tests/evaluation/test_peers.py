@@ -75,7 +75,7 @@ def test_a_clump_of_a_few_points_is_no_change(scene):
 
 def test_every_point_of_a_large_cloud_is_labelled(scene, monkeypatch):
     before, after, truth = scene
-    monkeypatch.setattr("gmmjax.changes.scales.MAX_VOXELS", 1500)
+    monkeypatch.setattr("gmmjax.changes.prepare.resolution.MAX_VOXELS", 1500)
     labels_before, labels_after = peer_labels(cloud_to_cloud, before, after)
     assert len(labels_before) == len(before) > 1500
     assert (labels_after[truth >= 0] == 0).mean() > 0.7 and (labels_after[truth < 0] == -1).all()

@@ -1,0 +1,104 @@
+"""The stage that brings both clouds into one frame, at one resolution."""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+
+from gmmjax.changes.align.surfaces import (
+    RoughRegistration,
+    SurfaceRegistrationSettings,
+    registered_surfaces,
+    rough_registration,
+)
+from gmmjax.changes.align.volumes import VolumeRegistrationSettings, registered_volumes
+from gmmjax.changes.config import RegistrationMode
+from gmmjax.changes.prepare.resolution import WorkingPair, working_pair
+from gmmjax.changes.registration import Registration
+from gmmjax.geometry.local_surface import LocalSurface
+from gmmjax.geometry.rigid import transformed
+from gmmjax.pair import Pair
+
+
+@dataclasses.dataclass(frozen=True)
+class AlignSettings:
+    """How clouds are brought into one frame.
+
+    Attributes:
+        mode: "auto" transforms the after cloud where the residual says that it is needed, "always" whenever a transform
+            is found, "never" takes the clouds as they are.
+        voxel_size: edge of the voxels that are compared, in the unit of the clouds; None: from the clouds.
+        surfaces: of scans.
+        volumes: of clouds that fill volumes.
+    """
+
+    mode: RegistrationMode = "auto"
+    voxel_size: float | None = None
+    surfaces: SurfaceRegistrationSettings = SurfaceRegistrationSettings()
+    volumes: VolumeRegistrationSettings = VolumeRegistrationSettings()
+
+
+class AlignedPair(NamedTuple):
+    """Two clouds in the frame of the before cloud.
+
+    Attributes:
+        points: all points of both clouds.
+        working: both at the resolution that they are compared at.
+        surfaces: of the working points.
+        registration: by which the after cloud was transformed.
+    """
+
+    points: Pair[Float64[np.ndarray, "_ 3"]]
+    working: WorkingPair
+    surfaces: Pair[LocalSurface]
+    registration: Registration
+
+
+def aligned(
+    points: Pair[Float64[np.ndarray, "_ 3"]], seed: int = 0, settings: AlignSettings = AlignSettings()
+) -> AlignedPair:
+    """Registers two clouds, and reduces them to the resolution that they are compared at.
+
+    The voxels of the after cloud are those of the frame that it is compared in: what is found does not depend on the
+    frame that it was given in.
+
+    Args:
+        points: all points that are compared, in any unit.
+        seed: of the mixtures that clouds that fill volumes are registered by.
+        settings: whether and how to register, and the voxels' edge.
+
+    Raises:
+        InputError: nothing can be compared, because one cloud is far smaller than the other's resolution.
+    """
+    never = settings.mode == "never"
+    rough = RoughRegistration.none() if never else rough_registration(points, settings.surfaces)
+    roughly = Pair(points.before, transformed(points.after, rough.transform)) if rough.moves else points
+    pair = working_pair(roughly, settings.voxel_size)
+    surfaces = pair.clouds.map(lambda cloud: LocalSurface.of(cloud.points))
+    if pair.volumetric:
+        registration = registered_volumes(pair, surfaces, settings.mode, seed, settings.volumes)
+    else:
+        registration = registered_surfaces(pair.spacing, surfaces, rough, settings.mode, settings.surfaces)
+    if not registration.applied:
+        return AlignedPair(points, pair, surfaces, registration)
+    return _with_transform(points, pair, surfaces, rough, registration)
+
+
+def _with_transform(
+    points: Pair[Float64[np.ndarray, "_ 3"]],
+    pair: WorkingPair,
+    surfaces: Pair[LocalSurface],
+    rough: RoughRegistration,
+    registration: Registration,
+) -> AlignedPair:
+    registered = Pair(points.before, registration.apply(points.after))
+    if pair.voxel_size is not None:
+        pair = pair.with_after_of(registered.after)
+        return AlignedPair(
+            registered, pair, surfaces._replace(after=LocalSurface.of(pair.clouds.after.points)), registration
+        )
+    # What is left to be transformed after the rough registration.
+    left = registration.transform @ np.linalg.inv(rough.transform)
+    surfaces = surfaces._replace(after=surfaces.after.moved(left))
+    return AlignedPair(registered, pair.with_after(surfaces.after.points), surfaces, registration)

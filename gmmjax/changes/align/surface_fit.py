@@ -1,0 +1,101 @@
+"""How well two scanned surfaces fit by a rigid transform."""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Float64, Int
+
+from gmmjax.geometry.local_surface import MEAN_NEIGHBOURS, PLANE_NEIGHBOURS, LocalSurface
+from gmmjax.geometry.rigid import rotated, transformed
+from gmmjax.pair import Pair
+
+# Standard deviation of a normal distribution by its median absolute deviation.
+MEDIAN_TO_DEVIATION = 1.4826
+
+
+@dataclasses.dataclass(frozen=True)
+class FitScoreSettings:
+    """Which points a transform is judged by.
+
+    Attributes:
+        points: of either cloud, at most.
+        overlap_spacings: a point overlaps the other cloud when it is within this many spacings of it.
+    """
+
+    points: int = 3_000
+    overlap_spacings: float = 3.0
+
+
+class SurfaceFit(NamedTuple):
+    """How two surfaces fit by a transform.
+
+    Attributes:
+        score: mean over the points of one, where the other surface passes through in the same direction, to 0; of the
+            cloud where it is less.
+        overlap: fraction of the points with a counterpart, likewise.
+        residual: robust standard deviation of the offsets of these points, along the normal.
+        noise: median of what the scatter about the local planes makes of it.
+    """
+
+    score: float
+    overlap: float
+    residual: float
+    noise: float
+
+
+class _OneSidedFit(NamedTuple):
+    """`SurfaceFit` by the points of one cloud; offset and noise of those that overlap."""
+
+    score: float
+    overlap: float
+    offsets: Float[np.ndarray, " m"]
+    noise: Float[np.ndarray, " m"]
+
+
+def surface_fit(
+    surfaces: Pair[LocalSurface],
+    transform: Float64[np.ndarray, "4 4"],
+    spacing: float,
+    settings: FitScoreSettings = FitScoreSettings(),
+) -> SurfaceFit:
+    """How two surfaces fit by a transform of the after cloud, judged from both of them.
+
+    Args:
+        surfaces: of both clouds.
+        transform: rigid transform [4, 4].
+        spacing: of the points, in the sparser cloud.
+        settings: the number of points, and which of them overlap.
+    """
+    sides = (
+        _one_sided_fit(surfaces.after, surfaces.before, transform, spacing, settings),
+        _one_sided_fit(surfaces.before, surfaces.after, np.linalg.inv(transform), spacing, settings),
+    )
+    score, overlap = min(side.score for side in sides), min(side.overlap for side in sides)
+    offsets = np.concatenate([side.offsets for side in sides])
+    if not len(offsets):
+        return SurfaceFit(score, overlap, float("inf"), float("inf"))
+    noise = float(np.median(np.concatenate([side.noise for side in sides])))
+    return SurfaceFit(score, overlap, MEDIAN_TO_DEVIATION * float(np.median(offsets)), noise)
+
+
+def _one_sided_fit(
+    own: LocalSurface, other: LocalSurface, transform: np.ndarray, spacing: float, settings: FitScoreSettings
+) -> _OneSidedFit:
+    chosen = random_sample(len(own), settings.points)
+    means = transformed(own.means(chosen), transform)
+    there = other.nearest(means)
+    normals = other.normals[there]
+    offsets = np.abs(((means - other.centres[there]) * normals).sum(axis=1))
+    distances = np.linalg.norm(means - other.points[there], axis=1)
+    cosines = np.abs((rotated(own.normals[chosen], transform) * normals).sum(axis=1))
+    overlapping = distances < settings.overlap_spacings * np.maximum(spacing, other.spacing(there))
+    # Geman and McClure's weight, at half a spacing a quarter; cosines' fourth power falls to a half at 33 degrees.
+    scores = overlapping * cosines**4 / (1 + (2 * offsets / spacing) ** 2) ** 2
+    noise = np.sqrt(own.variances[chosen, 0] / MEAN_NEIGHBOURS + other.variances[there, 0] / PLANE_NEIGHBOURS)
+    return _OneSidedFit(float(scores.mean()), float(overlapping.mean()), offsets[overlapping], noise[overlapping])
+
+
+def random_sample(count: int, size: int) -> Int[np.ndarray, " m"]:
+    """The indices of at most this number of points, at random, the same each time."""
+    return np.arange(count) if count <= size else np.random.default_rng(0).choice(count, size, replace=False)

@@ -1,0 +1,243 @@
+"""Registration of scanned surfaces: many starts, robust point-to-plane ICP, a score from both sides."""
+
+import dataclasses
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Float64
+
+from gmmjax.changes.align.coarse import coarse_transforms, normal_space_sample
+from gmmjax.changes.align.confidence import ConfidenceModel
+from gmmjax.changes.align.surface_fit import FitScoreSettings, SurfaceFit, random_sample, surface_fit
+from gmmjax.changes.config import RegistrationMode
+from gmmjax.changes.prepare.resolution import WorkingPair, working_pair
+from gmmjax.changes.registration import Registration
+from gmmjax.geometry.icp import IcpSettings, determined_part, point_to_plane_icp
+from gmmjax.geometry.local_surface import PLANE_NEIGHBOURS, LocalSurface, evenly_chosen
+from gmmjax.geometry.rigid import transformed
+from gmmjax.pair import Pair
+
+# A finer convergence than the default one, and steps that are lengthened: transforms slide along walls.
+ICP = IcpSettings(damping=1e-4, extrapolation=8.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class SurfaceRegistrationSettings:
+    """How scans are registered. Lengths in spacings are in multiples of the points' spacing.
+
+    Attributes:
+        voxels: of either cloud that starts are searched and refined on.
+        sampled_points: of either cloud, at most, that these voxels are made of.
+        start_points: of the after cloud that each start is refined with, evenly in the directions of their normals.
+        start_icp: ICP for each start.
+        finalists: distinct transforms that are refined further.
+        finalist_points: of the after cloud that they are refined with, likewise.
+        finalist_icp: ICP for each of them.
+        points: of the after cloud that the best is refined with.
+        fine_icp: ICP for the best, on the clouds' own resolution.
+        score: which points transforms are judged by.
+        first_reach: offset that has a quarter of the weight in the first step from the given frame, in spacings of the
+            voxels; from the coarse transforms it is their accuracy.
+        fine_reach: the same in the first step on the clouds' own resolution, in its spacings.
+        last_reach: the same in the last steps, in standard deviations of the offsets.
+        undetermined: a direction is not determined where the normals say at most this many times what their own noise
+            would; such a motion is left out where the clouds fit as well without. 0: it never is.
+        same_transform: transforms that differ by fewer spacings, over the points, are one.
+        preference: for the given frame, in the score from 0 to 1: of transforms that fit equally well, such as along a
+            plane, it is the one from there. 0: any of them may be applied.
+        needed: the transform is applied when it lowers the residual to this fraction or raises the overlap by the rest.
+    """
+
+    voxels: int = 8_000
+    sampled_points: int = 40_000
+    start_points: int = 250
+    start_icp: IcpSettings = dataclasses.replace(ICP, steps=12)
+    finalists: int = 2
+    finalist_points: int = 600
+    finalist_icp: IcpSettings = dataclasses.replace(ICP, steps=50)
+    points: int = 3_000
+    fine_icp: IcpSettings = dataclasses.replace(ICP, steps=20)
+    score: FitScoreSettings = FitScoreSettings()
+    first_reach: float = 6.0
+    fine_reach: float = 3.0
+    last_reach: float = 3.0
+    undetermined: float = 2.0
+    same_transform: float = 2.0
+    preference: float = 0.01
+    needed: float = 0.9
+
+
+class RoughRegistration(NamedTuple):
+    """A transform of the after cloud that the fine registration starts from.
+
+    Attributes:
+        transform: rigid transform [4, 4]; the identity where the given frame is as good.
+        from_given_frame: whether it was found from the frame that the clouds were given in.
+        rival: ratio of the score of the next best, distinct transform to its own, 0 to 1.
+    """
+
+    transform: Float64[np.ndarray, "4 4"]
+    from_given_frame: bool
+    rival: float
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is not the identity."""
+        return bool((self.transform != np.eye(4)).any())
+
+    @classmethod
+    def none(cls) -> "RoughRegistration":
+        """The frame that the clouds were given in."""
+        return cls(np.eye(4), from_given_frame=True, rival=0.0)
+
+
+class _Candidate(NamedTuple):
+    transform: Float[np.ndarray, "4 4"]
+    fit: SurfaceFit
+    from_given_frame: bool
+
+
+def rough_registration(
+    points: Pair[Float64[np.ndarray, "_ 3"]], settings: SurfaceRegistrationSettings = SurfaceRegistrationSettings()
+) -> RoughRegistration:
+    """The best of many starts: ICP on few voxels, from the given frame and coarse transforms.
+
+    Args:
+        points: of both clouds. Clouds that fill volumes are left as they are.
+        settings: how to register.
+    """
+    thinned = points.map(lambda cloud: cloud[evenly_chosen(len(cloud), settings.sampled_points)])
+    pair = working_pair(thinned, max_voxels=settings.voxels)
+    if pair.volumetric:
+        return RoughRegistration.none()
+    surfaces = pair.clouds.map(lambda cloud: LocalSurface.of(cloud.points))
+    best, *others = _finalists(pair.spacing, surfaces, _refined_starts(pair.spacing, surfaces, settings), settings)
+    rival = max((other.fit.score for other in others), default=0.0) / max(best.fit.score, np.finfo(np.float64).tiny)
+    given = surface_fit(surfaces, np.eye(4), pair.spacing, settings.score)
+    transform = best.transform if _better(best.fit, given, settings) else np.eye(4)
+    return RoughRegistration(transform, best.from_given_frame, min(rival, 1.0))
+
+
+def registered_surfaces(
+    spacing: float,
+    surfaces: Pair[LocalSurface],
+    rough: RoughRegistration,
+    mode: RegistrationMode,
+    settings: SurfaceRegistrationSettings = SurfaceRegistrationSettings(),
+) -> Registration:
+    """ICP at the clouds' own resolution, with "auto" only where it is needed, with "never" not at all.
+
+    Args:
+        spacing: of the points, in the sparser cloud.
+        surfaces: of both clouds; the after cloud's is roughly registered.
+        rough: by which it is.
+        mode: whether to register.
+        settings: how to register.
+    """
+    to_given = np.linalg.inv(rough.transform)
+    given = surface_fit(surfaces, to_given, spacing, settings.score)
+    transform, fit, applied = np.eye(4), given, False
+    confidence = ConfidenceModel().of_surfaces(given, 0.0, True)
+    if mode != "never":
+        refined = _refined(spacing, surfaces, rough, settings)
+        confidence = ConfidenceModel().of_surfaces(refined.fit, rough.rival, rough.from_given_frame)
+        applied = mode == "always" or rough.moves or _better(refined.fit, given, settings)
+        if applied:
+            transform, fit = refined.transform, refined.fit
+    return Registration.measured(
+        transform,
+        # The centre of the after cloud as it was given.
+        transformed(surfaces.after.points.mean(axis=0, keepdims=True), to_given),
+        applied=applied,
+        residual=fit.residual,
+        residual_before=given.residual,
+        overlap=fit.overlap,
+        confidence=confidence,
+    )
+
+
+def _better(fit: SurfaceFit, given: SurfaceFit, settings: SurfaceRegistrationSettings) -> bool:
+    """Whether a transform is needed, compared with the clouds as they were given."""
+    return fit.residual < settings.needed * given.residual or fit.overlap > given.overlap + (1 - settings.needed)
+
+
+def _refined_starts(
+    spacing: float, surfaces: Pair[LocalSurface], settings: SurfaceRegistrationSettings
+) -> list[_Candidate]:
+    """All starts after some steps of ICP on few points, the best first."""
+    coarse = coarse_transforms(surfaces)
+    means = surfaces.after.means(normal_space_sample(surfaces.after, settings.start_points))
+    near = settings.first_reach * spacing
+    starts = [(np.eye(4), near), *((transform, max(coarse.accuracy, near)) for transform in coarse.transforms)]
+    few = dataclasses.replace(settings.score, points=2 * settings.start_points)
+    candidates = []
+    for number, (start, reach) in enumerate(starts):
+        transform = point_to_plane_icp(means, surfaces.before, start, reach, spacing, settings.start_icp)
+        candidates.append(_Candidate(transform, surface_fit(surfaces, transform, spacing, few), number == 0))
+    return _best_first(candidates, settings)
+
+
+def _finalists(
+    spacing: float, surfaces: Pair[LocalSurface], starts: Iterable[_Candidate], settings: SurfaceRegistrationSettings
+) -> list[_Candidate]:
+    """The best distinct transforms after more steps of ICP, the best first; at least one."""
+    means = surfaces.after.means(normal_space_sample(surfaces.after, settings.finalist_points))
+    apart = settings.same_transform * spacing
+    finalists: list[_Candidate] = []
+    for start in starts:
+        if any(_distance(means, start.transform, other.transform) < apart for other in finalists):
+            continue
+        reaches = settings.score.overlap_spacings * spacing, _last_reach(start.fit, spacing, settings)
+        transform = point_to_plane_icp(means, surfaces.before, start.transform, *reaches, settings.finalist_icp)
+        if any(_distance(means, transform, other.transform) < apart for other in finalists):
+            continue
+        fit = surface_fit(surfaces, transform, spacing, settings.score)
+        finalists.append(_Candidate(transform, fit, start.from_given_frame))
+        if len(finalists) == settings.finalists:
+            break
+    return _best_first(finalists, settings)
+
+
+def _refined(
+    spacing: float, surfaces: Pair[LocalSurface], rough: RoughRegistration, settings: SurfaceRegistrationSettings
+) -> _Candidate:
+    """The rough registration refined on the most points, as a transform of the after cloud as it was given.
+
+    From the given frame it has no part that nothing determines, where the clouds fit as well without.
+    """
+    to_given = np.linalg.inv(rough.transform)
+    means = surfaces.after.means(random_sample(len(surfaces.after), settings.points))
+    start = surface_fit(surfaces, np.eye(4), spacing, settings.score)
+    reaches = settings.fine_reach * spacing, _last_reach(start, spacing, settings)
+    left = point_to_plane_icp(means, surfaces.before, np.eye(4), *reaches, settings.fine_icp)
+    fit = surface_fit(surfaces, left, spacing, settings.score)
+    refined = _Candidate(left @ rough.transform, fit, rough.from_given_frame)
+    if not rough.from_given_frame:
+        return refined
+    least = settings.undetermined * _normal_noise(surfaces.before)
+    transform = determined_part(refined.transform, transformed(means, to_given), surfaces.before, reaches[1], least)
+    without = surface_fit(surfaces, transform @ to_given, spacing, settings.score)
+    return refined if without.score < fit.score - settings.preference / 2 else _Candidate(transform, without, True)
+
+
+def _last_reach(fit: SurfaceFit, spacing: float, settings: SurfaceRegistrationSettings) -> float:
+    """The offset that has a quarter of the weight in the last steps."""
+    # Of equal clouds the residual is 0.
+    least = np.sqrt(np.finfo(np.float64).eps) * spacing
+    return float(settings.last_reach * np.clip(fit.residual, least, spacing / 2))
+
+
+def _normal_noise(surface: LocalSurface) -> float:
+    """Variance of the normals' angles about either axis, radians squared, by the scatter about the local planes."""
+    variances = surface.variances
+    return float(np.median(variances[:, 0] / np.maximum(PLANE_NEIGHBOURS * variances[:, 1], np.finfo(np.float64).tiny)))
+
+
+def _best_first(candidates: Iterable[_Candidate], settings: SurfaceRegistrationSettings) -> list[_Candidate]:
+    return sorted(candidates, key=lambda found: -found.fit.score - settings.preference * found.from_given_frame)
+
+
+def _distance(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> float:
+    """Root mean square distance between where two transforms bring the points."""
+    return float(np.sqrt(((transformed(points, first) - transformed(points, second)) ** 2).sum(axis=1).mean()))

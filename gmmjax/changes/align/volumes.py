@@ -1,0 +1,95 @@
+"""Registration of clouds that fill volumes: the displacement on which most components of their mixtures agree."""
+
+import dataclasses
+
+import jax
+import numpy as np
+
+from gmmjax.changes.align.component_displacement import consensus_displacement
+from gmmjax.changes.align.confidence import ConfidenceModel
+from gmmjax.changes.align.surface_fit import random_sample, surface_fit
+from gmmjax.changes.config import RegistrationMode
+from gmmjax.changes.prepare.resolution import WorkingCloud, WorkingPair
+from gmmjax.changes.registration import Registration
+from gmmjax.geometry.local_surface import LocalSurface
+from gmmjax.geometry.rigid import rigid_transform
+from gmmjax.mixtures import FitSettings, GaussianMixture, best_fit, fit_restarts
+from gmmjax.pair import Pair, each
+
+
+@dataclasses.dataclass(frozen=True)
+class VolumeRegistrationSettings:
+    """When a displacement of volumetric clouds is applied, and the mixtures that it is found from.
+
+    Attributes:
+        significant: it has this many standard errors. 0: any displacement is applied.
+        least_agreement: the components that agree on it have this fraction of the mass.
+        least_components: with fewer in either mixture it says nothing whether they agree.
+        least_points: with fewer in either cloud the components are too uncertain for that, too.
+        components: of each mixture, at most.
+        component_points: that these are fitted to.
+    """
+
+    significant: float = 4.0
+    least_agreement: float = 0.4
+    least_components: int = 3
+    least_points: int = 1_000
+    components: int = 25
+    component_points: int = 6_000
+
+
+def registered_volumes(
+    pair: WorkingPair,
+    surfaces: Pair[LocalSurface],
+    mode: RegistrationMode,
+    seed: int,
+    settings: VolumeRegistrationSettings = VolumeRegistrationSettings(),
+) -> Registration:
+    """The displacement on which most components agree, where it exceeds its standard error; none with "never".
+
+    Args:
+        pair: both clouds at the working resolution.
+        surfaces: the same.
+        mode: whether to register.
+        seed: of the mixtures' random starts.
+        settings: when the displacement is applied.
+    """
+    centre = surfaces.after.points.mean(axis=0, keepdims=True)
+    if mode == "never":
+        fit = surface_fit(surfaces, np.eye(4), pair.spacing)
+        return Registration.measured(
+            np.eye(4), centre, applied=False, residual=0.0, residual_before=fit.residual, overlap=fit.overlap
+        )
+    mixtures = _mixtures(pair.clouds, seed, settings)
+    consensus = consensus_displacement(*mixtures, *(float(len(cloud.points)) for cloud in pair.clouds))
+    judged = min(mixture.live.sum() for mixture in mixtures) >= settings.least_components
+    judged &= min(len(cloud.points) for cloud in pair.clouds) >= settings.least_points
+    errors = float(np.linalg.norm(consensus.displacement / consensus.standard_error))
+    agreed = consensus.share >= settings.least_agreement
+    applied = agreed and (mode == "always" or errors > settings.significant)
+    return Registration.measured(
+        rigid_transform(translation=consensus.displacement if applied else None),
+        centre,
+        applied=applied,
+        residual=float(np.sqrt((consensus.standard_error**2).mean())) if applied else 0.0,
+        residual_before=float(np.linalg.norm(consensus.displacement)),
+        overlap=consensus.share,
+        confidence=ConfidenceModel().of_agreement(consensus.share) if judged else 1.0,
+    )
+
+
+def _mixtures(
+    clouds: Pair[WorkingCloud], seed: int, settings: VolumeRegistrationSettings
+) -> Pair[GaussianMixture]:
+    def mixture(cloud: WorkingCloud, key: jax.Array) -> GaussianMixture:
+        points = cloud.points[random_sample(len(cloud.points), settings.component_points)]
+        fits = fit_restarts(
+            points,
+            key=key,
+            max_components=max(1, min(settings.components, len(points) // 10)),
+            restarts=2,
+            settings=FitSettings(patience=0.05),
+        )
+        return best_fit(fits).mixture
+
+    return each(mixture, clouds, tuple(jax.random.split(jax.random.key(seed), 2)))

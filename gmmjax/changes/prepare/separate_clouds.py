@@ -1,0 +1,118 @@
+"""From two clouds as given to two sets of weighted points that can be fitted: checked, filtered, reduced."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import ArrayLike, Float
+
+from gmmjax.changes.prepare.checking import SMALLEST_CLOUD, CheckedCloud, check_comparable, check_pair
+from gmmjax.changes.config import DetectionConfig
+from gmmjax.changes.prepare.resolution import common_voxel_size, usual_spacing
+from gmmjax.clouds import PointCloud, statistical_outliers, voxel_grid
+from gmmjax.clouds.canonical import first_of_equals
+from gmmjax.errors import InputError
+from gmmjax.mixtures import WeightedPoints
+
+DEFAULT_COMPONENTS = 25
+POINTS_PER_COMPONENT = 10
+
+
+@dataclasses.dataclass(frozen=True)
+class PreparedCloud(CheckedCloud):
+    """One cloud on its way into a fit of its own.
+
+    Attributes:
+        weighted: what is fitted: outliers left out, one point a voxel with its count as mass.
+        counted: the same with the outliers, without the scatter.
+        outliers: how many points the outlier filter left out.
+    """
+
+    weighted: WeightedPoints
+    counted: WeightedPoints
+    outliers: int
+
+
+@dataclasses.dataclass(frozen=True)
+class PreparedPair:
+    """Both clouds, and what was derived from them: the voxels' edge (None: not reduced) and K_max."""
+
+    before: PreparedCloud
+    after: PreparedCloud
+    voxel_size: float | None
+    max_components: int
+
+
+def prepare_pair(
+    before: ArrayLike | PointCloud, after: ArrayLike | PointCloud, config: DetectionConfig
+) -> PreparedPair:
+    """Checks, filters and reduces the two clouds.
+
+    Args:
+        before: coordinates [n0, 3] or a `PointCloud`, in any unit.
+        after: coordinates [n1, 3] or a `PointCloud`, in the same unit.
+        config: crop box, outlier filter, voxels and K_max.
+
+    Raises:
+        InputError: a cloud that is not [n, 3], has too few points or only equal ones, or fewer than `max_components`;
+            clouds of which one is smaller than the resolution of the other.
+
+    Warns:
+        InputWarning: extents that do not overlap, or that differ so much that the units must differ.
+    """
+    checked = dict(zip(("before", "after"), check_pair(before, after, config), strict=True))
+    inliers = {name: _inliers(cloud.points, config) for name, cloud in checked.items()}
+    kept = {name: cloud.points[inliers[name]] for name, cloud in checked.items()}
+    size = config.voxel_size or common_voxel_size(kept["before"], kept["after"], config.max_points)
+    prepared = {}
+    for name, cloud in checked.items():
+        weighted, stray = reduced(kept[name], size), cloud.points[~inliers[name]]
+        prepared[name] = PreparedCloud(
+            **vars(cloud), weighted=weighted, counted=_with_points(weighted, stray), outliers=len(stray)
+        )
+    fitted = prepared["before"].weighted.points, prepared["after"].weighted.points
+    resolution = max(size or 0.0, *(usual_spacing(points) for points in fitted))
+    check_comparable(kept["before"], kept["after"], fitted, resolution)
+    return PreparedPair(**prepared, voxel_size=size, max_components=_max_components(prepared, config))
+
+
+def _inliers(points: np.ndarray, config: DetectionConfig) -> np.ndarray:
+    if config.outlier_neighbours == 0:
+        return np.ones(len(points), bool)
+    outliers = statistical_outliers(points, neighbours=config.outlier_neighbours, ratio=config.outlier_ratio)
+    # A filter that leaves too little to fit was meant for another kind of cloud.
+    enough = first_of_equals(points[~outliers]).sum() >= SMALLEST_CLOUD
+    return ~outliers if enough else np.ones(len(points), bool)
+
+
+def reduced(points: Float[np.ndarray, "n 3"], size: float | None) -> WeightedPoints:
+    """The means of the voxels of this edge with counts as mass and the scatter within; None: the points, mass 1 each.
+
+    Raises:
+        InputError: a size that is not positive, or too small for the extent of the points.
+    """
+    if size is None:
+        return WeightedPoints(points, np.ones(len(points)))
+    grid = voxel_grid(points, size)
+    return WeightedPoints(grid.points, grid.mass, grid.scatter(points))
+
+
+def _with_points(weighted: WeightedPoints, points: np.ndarray) -> WeightedPoints:
+    together = np.concatenate([weighted.points, points])
+    return WeightedPoints(together, np.concatenate([weighted.mass, np.ones(len(points))]))
+
+
+def default_components(points: int) -> int:
+    """K_max where none is given: 25, or a tenth of the points that are fitted where that is less."""
+    return max(1, min(DEFAULT_COMPONENTS, points // POINTS_PER_COMPONENT))
+
+
+def _max_components(prepared: dict[str, PreparedCloud], config: DetectionConfig) -> int:
+    smallest, name = min((len(cloud.weighted.mass), name) for name, cloud in prepared.items())
+    if config.max_components is None:
+        return default_components(smallest)
+    if config.max_components > smallest:
+        raise InputError(
+            f"max_components={config.max_components} is more than the {smallest} points (or voxels) of the {name} "
+            f"cloud; choose at most {max(1, smallest // POINTS_PER_COMPONENT)}"
+        )
+    return config.max_components

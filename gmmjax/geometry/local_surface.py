@@ -1,0 +1,108 @@
+"""A scanned surface: the plane through the neighbourhood of each point of a cloud."""
+
+import dataclasses
+import functools
+
+import numpy as np
+from jaxtyping import Float64, Int
+from scipy.spatial import ConvexHull, cKDTree
+
+from gmmjax.geometry.neighbours import nearest_neighbours
+from gmmjax.geometry.rigid import rotated, transformed
+
+# Neighbours that a plane goes through, and those whose mean stands for a point: averages see offsets below the noise.
+PLANE_NEIGHBOURS = 16
+MEAN_NEIGHBOURS = 8
+# k points that fill a disc of radius r evenly are r sqrt(pi / k) apart, with a spread of r / sqrt 2 about its centre.
+SPACING_PER_SPREAD = np.sqrt(2 * np.pi / PLANE_NEIGHBOURS)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LocalSurface:
+    """A cloud with the plane through each point's nearest neighbours.
+
+    Attributes:
+        points: of the cloud.
+        tree: of the points.
+        neighbours: of each point, the point itself first.
+        centres: mean of these neighbours.
+        normals: unit normal of their plane, in no particular sense.
+        variances: principal variances of these neighbours, the least first.
+    """
+
+    points: Float64[np.ndarray, "n 3"]
+    tree: cKDTree
+    neighbours: Int[np.ndarray, "n k"]
+    centres: Float64[np.ndarray, "n 3"]
+    normals: Float64[np.ndarray, "n 3"]
+    variances: Float64[np.ndarray, "n 3"]
+
+    @classmethod
+    def of(cls, points: Float64[np.ndarray, "n 3"], neighbours: int = PLANE_NEIGHBOURS) -> "LocalSurface":
+        """The surface of a cloud of at least one point, with planes through this number of nearest neighbours."""
+        tree = cKDTree(points)
+        indices = nearest_neighbours(tree, points, neighbours)[1]
+        return cls(points, tree, indices, *local_planes(points[indices]))
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def groups(self, chosen: Int[np.ndarray, " c"]) -> Float64[np.ndarray, "c k 3"]:
+        """The nearest neighbours whose mean stands for a point, for some of the points."""
+        return self.points[self.neighbours[chosen, :MEAN_NEIGHBOURS]]
+
+    def means(self, chosen: Int[np.ndarray, " c"]) -> Float64[np.ndarray, "c 3"]:
+        """The local means of some of the points."""
+        return self.groups(chosen).mean(axis=1)
+
+    def nearest(self, places: Float64[np.ndarray, "m 3"]) -> Int[np.ndarray, " m"]:
+        """The point of the surface next to each place."""
+        return nearest_neighbours(self.tree, places, 1)[1][:, 0]
+
+    def spacing(self, chosen: Int[np.ndarray, " c"]) -> Float64[np.ndarray, " c"]:
+        """Distance of neighbouring points on the surface at some of the points, by the spread of the neighbours."""
+        return np.asarray(SPACING_PER_SPREAD * np.sqrt(self.variances[chosen, 1:].sum(axis=1)))
+
+    @functools.cached_property
+    def nearest_distance(self) -> float:
+        """Median distance of a point to its nearest neighbour."""
+        nearest = self.points[self.neighbours[:, min(1, self.neighbours.shape[1] - 1)]]
+        return float(np.median(np.linalg.norm(nearest - self.points, axis=1)))
+
+    @functools.cached_property
+    def thickness(self) -> float:
+        """Standard deviation of the neighbours from their plane, the median over the points."""
+        return float(np.sqrt(np.median(self.variances[:, 0])))
+
+    @functools.cached_property
+    def hull(self) -> ConvexHull:
+        """The convex hull of the local means."""
+        # Joggled, so that a flat surface has one, too.
+        return ConvexHull(self.means(np.arange(len(self))), qhull_options="QJ")
+
+    def beyond_hull(self, places: Float64[np.ndarray, "m 3"]) -> Float64[np.ndarray, " m"]:
+        """How far each place is outside of the convex hull of the local means; negative inside."""
+        return np.asarray((places @ self.hull.equations[:, :3].T + self.hull.equations[:, 3]).max(axis=1))
+
+    def moved(self, transform: Float64[np.ndarray, "4 4"]) -> "LocalSurface":
+        """The surface after a rigid transform."""
+        points = transformed(self.points, transform)
+        normals = rotated(self.normals, transform)
+        return LocalSurface(
+            points, cKDTree(points), self.neighbours, transformed(self.centres, transform), normals, self.variances
+        )
+
+
+def local_planes(
+    groups: Float64[np.ndarray, "n k 3"],
+) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n 3"]]:
+    """Centre, unit normal and principal variances, least first, of each group of points."""
+    centres = groups.mean(axis=1)
+    centred = groups - centres[:, None]
+    variances, axes = np.linalg.eigh(centred.swapaxes(1, 2) @ centred / groups.shape[1])
+    return centres, axes[:, :, 0], np.maximum(variances, 0)
+
+
+def evenly_chosen(count: int, size: int) -> Int[np.ndarray, " m"]:
+    """The indices of at most so many of a number of points, evenly spaced in their order."""
+    return np.linspace(0, count - 1, min(size, count)).astype(int)

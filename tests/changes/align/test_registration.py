@@ -1,0 +1,205 @@
+import json
+
+import jax
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gmmjax import DetectionConfig
+from gmmjax.changes.align.component_displacement import consensus_displacement
+from gmmjax.changes.align.registration import ConfidenceModel, SurfaceFit, registered_pair
+from gmmjax.changes.registration import Registration
+from gmmjax.mixtures import GaussianMixture
+from gmmjax.scenes import random_scene
+
+CONFIG = DetectionConfig()
+
+
+def room(seed, extra=None, points=5000):
+    """Floor and two walls of 2 m with a box on the floor, 5 mm of noise; `extra` is the corner of one more box."""
+    random = np.random.default_rng(seed)
+    u, v = random.uniform(0, 2, (2, points))
+    zero = np.zeros(points)
+    parts = [np.stack([u, v, zero], 1), np.stack([u, zero, v], 1), np.stack([zero, u, v], 1)]
+    for corner in [(0.5, 1.2), *([extra] if extra else [])]:
+        a, b = random.uniform(0, 0.3, (2, points // 20))
+        side = np.full(len(a), 0.3)
+        parts += [
+            np.stack(faces, axis=1) + np.array([*corner, 0]) for faces in ((a, b, side), (a, 0 * a, b), (0 * a, a, b))
+        ]
+    cloud = np.concatenate(parts)
+    return cloud + 0.005 * random.standard_normal(cloud.shape)
+
+
+def motion(shift, degrees):
+    transform = np.eye(4)
+    transform[:3, :3] = Rotation.from_rotvec(np.radians(degrees) * np.array([0.6, 0, 0.8])).as_matrix()
+    transform[:3, 3] = shift
+    return transform
+
+
+def error_of(transform, true, points):
+    """Greatest distance between where a point should be and where it is."""
+    total = transform @ true
+    return np.linalg.norm(points @ total[:3, :3].T + total[:3, 3] - points, axis=1).max()
+
+
+def registered(before, after, config=CONFIG):
+    return registered_pair(before, after, config).registration
+
+
+@pytest.mark.parametrize("scale", [1.0, 1000.0])
+def test_recovers_a_motion_although_something_changed(scale):
+    before, after = room(0), room(1, extra=(1.3, 0.8))
+    true = motion([0.015, -0.01, 0.012], 0.5)
+    moved = after @ true[:3, :3].T + true[:3, 3]
+    true[:3, 3] *= scale
+    result = registered(scale * before, scale * moved)
+    assert result.applied
+    assert error_of(result.transform, true, scale * after) < 0.004 * scale
+    assert result.residual < 0.7 * result.residual_before
+    assert result.overlap > 0.9
+
+
+def test_leaves_aligned_clouds_alone():
+    result = registered(room(2), room(3))
+    assert not result.applied and (result.transform == np.eye(4)).all()
+
+
+def test_never_leaves_misaligned_clouds_alone():
+    config = DetectionConfig(registration="never")
+    result = registered(room(2), room(3) + 0.02, config)
+    assert not result.applied and result.residual == result.residual_before > 0.008
+
+
+def test_does_not_slide_along_a_wall():
+    """One plane says nothing of motions within it."""
+    random = np.random.default_rng(4)
+    before, after = (
+        np.concatenate([random.uniform(0, 2, (6000, 2)), 0.003 * random.standard_normal((6000, 1))], axis=1)
+        for _ in range(2)
+    )
+    after[:, 2] += 0.03
+    result = registered(before, after)
+    assert result.applied
+    assert result.transform[2, 3] == pytest.approx(-0.03, abs=0.003)
+    assert np.abs(result.transform[:2, 3]).max() < 0.01
+
+
+def test_says_how_little_the_clouds_overlap():
+    never = DetectionConfig(registration="never")
+    result = registered(room(5), room(6) + np.array([1.5, 0.3, 0]), never)
+    assert result.overlap < 0.5
+
+
+def test_a_far_displacement_is_found():
+    result = registered(room(5), room(6) + np.array([3.0, -1.0, 0.5]))
+    assert result.applied and result.overlap > 0.9
+    assert error_of(result.transform, motion([3.0, -1.0, 0.5], 0), room(6)) < 0.01
+
+
+def test_volumetric_clouds_are_aligned_by_their_components():
+    """Nearest neighbours say little there; the Gaussians' means say it to millimetres."""
+    scene = random_scene(jax.random.key(3), appeared=1, disappeared=1, points=400)
+    shift = np.array([0.1, -0.15, 0.08])
+    moved = registered(scene.before, scene.after + shift)
+    assert moved.applied
+    np.testing.assert_allclose(moved.transform[:3, 3], -shift, atol=0.04)
+    same = registered(scene.before, scene.after)
+    assert not same.applied and same.residual == 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_large_displacements_are_taken_back(seed):
+    random = np.random.default_rng(seed)
+    before, after = room(10), room(11, extra=(1.3, 0.8))
+    true = np.eye(4)
+    true[:3, :3] = Rotation.from_rotvec(np.radians(28) * direction(random)).as_matrix()
+    true[:3, 3] = random.uniform(0.2, 0.5) * direction(random)
+    result = registered(before, after @ true[:3, :3].T + true[:3, 3])
+    assert result.applied and result.confidence > 0.97
+    assert error_of(result.transform, true, after) < 0.006
+    assert result.displacement == pytest.approx(
+        np.linalg.norm((true @ [*after.mean(axis=0), 1])[:3] - after.mean(axis=0)), abs=0.01
+    )
+
+
+def direction(random):
+    vector = random.normal(size=3)
+    return vector / np.linalg.norm(vector)
+
+
+def test_the_voxels_are_those_of_the_common_frame():
+    """What is found does not depend on the frame that the after cloud was given in."""
+    before, after = room(12, points=18000), room(13, extra=(1.3, 0.8), points=18000)
+    true = motion([0.2, 0.1, -0.3], 17)
+    given = registered_pair(before, after, DetectionConfig(registration="always"))
+    displaced = registered_pair(before, after @ true[:3, :3].T + true[:3, 3], CONFIG)
+    assert given.pair.voxel_size is not None
+    assert displaced.pair.voxel_size == pytest.approx(given.pair.voxel_size, rel=0.01)
+    distances = given.after.tree.query(displaced.after.points)[0]
+    # Voxels in another frame lie a third of the spacing apart in the median.
+    assert np.median(distances) < 0.15 * given.pair.spacing
+
+
+def test_clouds_of_two_places_are_in_doubt():
+    random = np.random.default_rng(0)
+    ball = random.normal(size=(8000, 3))
+    ball *= (0.8 + 0.004 * random.standard_normal((8000, 1))) / np.linalg.norm(ball, axis=1, keepdims=True)
+    result = registered(room(14), ball + np.array([5, 0, 0]))
+    assert result.confidence < 0.5
+
+
+def test_confidence_falls_with_everything_that_speaks_against_a_transform():
+    model, good = ConfidenceModel(), SurfaceFit(score=0.8, overlap=0.9, residual=0.001, noise=0.001)
+    sure = model.confidence(good, 0.5, False)
+    assert sure > 0.99
+    assert model.confidence(good._replace(residual=0.01), 0.9, True) < 0.5
+    assert model.confidence(good._replace(overlap=0.1), 0.5, True) < 0.5
+    assert model.confidence(good, 1.0, False) == pytest.approx(0.5, abs=0.01)
+    # Along a plane any transform fits as well as the frame that the clouds were given in.
+    assert model.confidence(good, 1.0, True) > 0.95
+    assert model.confidence(SurfaceFit(0.0, 0.0, float("inf"), float("inf")), 0.0, True) == 0
+
+
+def test_the_record_survives_json():
+    result = registered(room(2), room(3) + 0.02)
+    again = Registration.from_dict(json.loads(json.dumps(result.to_dict(), allow_nan=False)))
+    np.testing.assert_array_equal(again.transform, result.transform)
+    assert again.to_dict() == result.to_dict()
+    assert Registration.none().to_dict()["residual"] is None
+
+
+def test_points_are_taken_into_the_frame_of_the_before_cloud():
+    result = registered(room(2), room(3) + 0.02)
+    np.testing.assert_allclose(result.apply(np.ones((1, 3))), (result.transform @ [1, 1, 1, 1])[None, :3])
+    assert Registration.none().apply(points := np.ones((2, 3))) is points
+
+
+def test_volumetric_clouds_that_were_rotated_are_in_doubt():
+    """Their components agree on no displacement."""
+    scene = random_scene(jax.random.key(3), appeared=1, disappeared=1, points=400)
+    rotated = scene.after @ motion([0, 0, 0], 20)[:3, :3].T
+    result = registered(scene.before, rotated)
+    assert not result.applied and result.confidence < 0.1
+    assert registered(scene.before, scene.after).confidence > 0.9
+
+
+def mixture(means, sizes):
+    means = np.array(means, float)
+    covariances = np.array(sizes, float)[:, None, None] ** 2 * np.eye(3)
+    return GaussianMixture(np.full(len(means), 1 / len(means)), means, covariances, np.ones(len(means), bool))
+
+
+def test_consensus_is_that_of_the_greater_mass():
+    before = mixture([[0, 0, 0], [3, 0, 0], [0, 3, 0], [5, 5, 5]], [0.2, 0.3, 0.25, 0.4])
+    after = mixture([[0.1, 0, 0], [3.1, 0, 0], [0.1, 3, 0], [4, 5, 5]], [0.2, 0.3, 0.25, 0.4])
+    found = consensus_displacement(before, after, 4000.0, 4000.0)
+    np.testing.assert_allclose(found.displacement, [-0.1, 0, 0], atol=1e-9)
+    assert found.share == pytest.approx(0.75)
+    assert (found.standard_error > 0.001).all() and (found.standard_error < 0.02).all()
+
+
+def test_no_component_of_the_same_shape_means_no_consensus():
+    found = consensus_displacement(mixture([[0, 0, 0]], [0.1]), mixture([[0, 0, 0]], [0.5]), 100.0, 100.0)
+    assert found.share == 0 and (found.displacement == 0).all() and np.isinf(found.standard_error).all()

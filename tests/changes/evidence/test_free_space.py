@@ -1,0 +1,196 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from gmmjax.changes.evidence.free_space import Observed, Survey, observation
+from gmmjax.clouds import SensorViews
+from tests.changes.rooms import around, box, looking, scanned
+
+MARGIN = 0.03
+OBJECT = box((0.25, 0.2, 0), (0.3, 0.25, 0.3))
+FURNITURE = [box((-0.5, 0.1, 0), (0.2, 0.2, 0.4))]
+VIEWS = around(6)
+
+
+def inside(points, corners, by):
+    return ((points > corners[0] + by) & (points < corners[1] - by)).all(axis=1)
+
+
+@pytest.fixture(scope="module")
+def surveys():
+    """A room with an object and without it, and which points of the first are the object's."""
+    before = scanned(VIEWS, [*FURNITURE, OBJECT], noise=0.004, seed=1, voxel=0.015)
+    after = scanned(VIEWS, FURNITURE, noise=0.004, seed=2, voxel=0.015)
+    return before, after, inside(before, OBJECT, -0.02) & (before[:, 2] > MARGIN + 0.01)
+
+
+def wall(distance, half=1.0, spacing=0.01):
+    """A square wall across the z axis, as a camera at the origin sees it."""
+    steps = np.arange(-half, half, spacing)
+    x, y = (grid.ravel() for grid in np.meshgrid(steps, steps))
+    return np.stack([x, y, np.full_like(x, distance)], axis=1)
+
+
+def one_camera(field_of_view=(60.0, 60.0), max_range=5.0):
+    return SensorViews(np.eye(4)[None], field_of_view, max_range)
+
+
+def observed(points, cloud, views, margin):
+    return observation(points, Survey(cloud, views), margin)
+
+
+def test_before_on_and_behind_a_wall():
+    depths = np.array([0.3, 1.0, 1.9, 1.985, 2.0, 2.02, 2.1, 3.0])
+    places = np.stack([np.full_like(depths, 0.1), np.zeros_like(depths), depths], axis=1)
+    seen = observed(places, wall(2.0), one_camera(), MARGIN)
+    assert seen.tolist() == [1, 1, 1, 0, 0, 0, -1, -1]
+    assert (Observed.free, Observed.surface, Observed.unobserved) == (1, 0, -1)
+
+
+def test_outside_the_view_nothing_is_known():
+    places = np.array([[0, 0, -1.0], [1.5, 0, 1], [0, -1.5, 1], [0, 0, 1]])
+    assert observed(places, wall(2.0, half=4.0, spacing=0.02), one_camera(), MARGIN).tolist() == [-1, -1, -1, 1]
+    beyond_range = one_camera(max_range=0.9)
+    assert observed(places[-1:], wall(2.0), beyond_range, MARGIN).tolist() == [-1]
+
+
+def test_no_return_is_no_evidence():
+    hole = wall(2.0)
+    hole = hole[np.linalg.norm(hole[:, :2], axis=1) > 0.4]
+    places = np.array([[0, 0, 1.0], [0.4, 0, 1.0]])
+    assert observed(places, hole, one_camera(), MARGIN).tolist() == [-1, 1]
+
+
+def test_what_stands_in_front_hides():
+    screen = wall(1.0, half=0.2, spacing=0.02)
+    places = np.array([[0, 0, 1.5], [0.1, 0.1, 1.5], [0.6, 0, 1.5], [0, 0, 0.5]])
+    cloud = np.concatenate([wall(2.0), screen])
+    assert observed(places, cloud, one_camera(), MARGIN).tolist() == [-1, -1, 1, 1]
+
+
+def test_a_stray_point_in_the_air_hides_nothing():
+    stray = np.array([[0.0, 0.0, 0.8], [0.2, 0.1, 1.0]])
+    places = np.array([[0, 0, 1.5], [0.02, 0.02, 1.2], [0.3, 0.15, 1.5]])
+    assert observed(places, np.concatenate([wall(2.0, spacing=0.02), stray]), one_camera(), MARGIN).tolist() == [
+        1,
+        1,
+        1,
+    ]
+
+
+@pytest.mark.parametrize("spacing", [0.01, 0.02, 0.04])
+def test_near_and_sparse_surfaces_do_not_leak(spacing):
+    """Through the gaps between the points of a near screen the wall behind can be seen, but not by a sensor."""
+    screen = wall(0.5, half=0.3, spacing=spacing)
+    places = np.random.default_rng(0).uniform([-0.4, -0.4, 0.8], [0.4, 0.4, 1.8], (500, 3))
+    cloud = np.concatenate([screen, wall(2.0, half=1.2)])
+    assert (observed(places, cloud, one_camera(), MARGIN) == Observed.unobserved).all()
+
+
+def test_a_grazing_floor_is_not_free():
+    """The floor seen from 10 degrees above it, a little misregistered, and with a hole in it."""
+    views = SensorViews(np.stack([looking((-1.8, 0, 0.32), (0, 0, 0.0))]), (60.0, 30.0), 6.0)
+    room = (np.array([-2.0, -2.0, 0.0]), np.array([2.0, 2.0, 1.5]))
+    floor = scanned(views, room=room, noise=0.003, pixels=(400, 240), voxel=0.01)
+    floor = floor[floor[:, 2] < 0.05]
+    holed = floor[np.linalg.norm(floor[:, :2] - [0.3, 0.0], axis=1) > 0.15]
+    shifted = floor + np.array([0.008, 0.008, 0.012])
+    for cloud in (floor, holed):
+        assert (observed(shifted, cloud, views, MARGIN) == Observed.free).mean() < 0.002
+
+
+def test_the_object_is_free_and_the_room_is_not(surveys):
+    before, after, changed = surveys
+    seen = observed(before, after, VIEWS, MARGIN)
+    assert (seen[changed] == Observed.free).mean() > 0.95
+    assert (seen[~inside(before, OBJECT, -0.05)] == Observed.free).mean() < 1e-3
+    # What the object hid comes out, and the survey with the object had not seen it.
+    uncovered = inside(after, box((0.25, 0.2, -0.1), (0.22, 0.17, 0.2)), 0)
+    assert uncovered.sum() > 50
+    assert (observed(after[uncovered], before, VIEWS, MARGIN) != Observed.free).all()
+
+
+def test_small_and_low_objects_are_free():
+    small, low = box((0.2, -0.2, 0), (0.06, 0.06, 0.08)), box((-0.2, 0.3, 0), (0.2, 0.15, 0.04))
+    before = scanned(VIEWS, [small, low], noise=0.002, seed=1, voxel=0.01)
+    after = scanned(VIEWS, [], noise=0.002, seed=2, voxel=0.01)
+    for corners in (small, low):
+        top = inside(before, corners, -0.01) & (before[:, 2] > 0.03)
+        assert (observed(before[top], after, VIEWS, 0.02) == Observed.free).mean() > 0.8
+
+
+@settings(max_examples=8)
+@given(st.integers(0, 2**32 - 1))
+def test_rigid_motion_changes_nothing(surveys, seed):
+    before, after, _ = surveys
+    generator = np.random.default_rng(seed)
+    motion = np.eye(4)
+    motion[:3, :3] = Rotation.random(random_state=int(seed)).as_matrix()
+    motion[:3, 3] = generator.normal(0, 10, 3)
+
+    def moved(points):
+        return points @ motion[:3, :3].T + motion[:3, 3]
+
+    here = observed(before, after, VIEWS, MARGIN)
+    there = observed(moved(before), moved(after), VIEWS.moved(motion), MARGIN)
+    # A few points lie on the edge of a bin or of the margin, and rounding decides.
+    assert (here != there).sum() <= 3
+
+
+@settings(max_examples=8)
+@given(st.permutations(range(6)), st.integers(0, 2**32 - 1))
+def test_order_changes_nothing(surveys, order, seed):
+    before, after, _ = surveys
+    generator = np.random.default_rng(seed)
+    points, others = generator.permutation(len(before)), generator.permutation(len(after))
+    views = SensorViews(VIEWS.poses[order], VIEWS.field_of_view, VIEWS.max_range)
+    here = observed(before, after, VIEWS, MARGIN)
+    np.testing.assert_array_equal(here[points], observed(before[points], after[others], views, MARGIN))
+
+
+def test_more_views_never_know_less(surveys):
+    before, after, _ = surveys
+    known = np.full(len(before), Observed.unobserved)
+    for count in range(1, 7):
+        views = SensorViews(VIEWS.poses[:count], VIEWS.field_of_view, VIEWS.max_range)
+        seen = observed(before, after, views, MARGIN)
+        assert (seen[known != Observed.unobserved] == known[known != Observed.unobserved]).all()
+        known = seen
+
+
+def test_a_turning_scanner_sees_all_around():
+    pose = looking((0.0, 0.1, 0.8), (1.0, 0.1, 0.8))
+    views = SensorViews(pose[None], (360.0, 170.0), 10.0)
+    walls = scanned(around(10, height=0.75, radius=0.01, target=(0, 0, 0.75)), noise=0.002, seed=3, voxel=0.02)
+    floor = scanned(VIEWS, noise=0.002, seed=3, voxel=0.02)
+    generator = np.random.default_rng(1)
+    places = generator.uniform([-0.85, -0.85, 0.15], [0.85, 0.85, 0.7], (2000, 3))
+    seen = observed(places, np.concatenate([walls, floor]), views, MARGIN)
+    assert (seen == Observed.free).mean() > 0.97
+    outside = generator.uniform([1.1, -0.9, 0.2], [1.4, 0.9, 0.7], (200, 3))
+    assert (observed(outside, np.concatenate([walls, floor]), views, MARGIN) == Observed.unobserved).all()
+
+
+def test_empty_clouds():
+    nothing = np.zeros((0, 3))
+    assert observed(nothing, wall(2.0), one_camera(), MARGIN).shape == (0,)
+    assert (observed(wall(1.0), nothing, one_camera(), MARGIN) == Observed.unobserved).all()
+    assert observed(np.array([[0, 0, 1.0]]), np.array([[0, 0, 2.0]]), one_camera(), MARGIN).tolist() == [1]
+
+
+def test_real_pairs(scan_pairs):
+    from gmmjax.clouds import read_cloud
+
+    for folder in scan_pairs:
+        if not (folder / "unseen_before.npy").is_file():
+            continue
+        clouds = {side: read_cloud(folder / f"{side}.ply").points for side in ("before", "after")}
+        for side, other in (("before", "after"), ("after", "before")):
+            truth, unseen = (np.load(folder / f"{name}_{side}.npy") for name in ("truth", "unseen"))
+            seen = observed(clouds[side], clouds[other], SensorViews.at_origin(clouds[other]), 0.01)
+            free = seen == Observed.free
+            assert free[(truth >= 0) & ~unseen].mean() > 0.75
+            assert free[(truth < 0) & ~unseen].mean() < 1e-3
+            assert free[unseen].mean() < 5e-3

@@ -1,0 +1,83 @@
+import numpy as np
+import pytest
+
+from gmmjax.changes.evidence.free_space import Survey
+from gmmjax.changes.evidence.view_checks import check_views
+from gmmjax.clouds import SensorViews, read_cloud
+from gmmjax.errors import InputError
+from tests.changes.rooms import around, box, scanned
+
+VIEWS = around(8)
+
+
+@pytest.fixture(scope="module")
+def cloud():
+    furniture = [box((0.3, 0.2, 0), (0.4, 0.3, 0.4)), box((-0.5, -0.3, 0), (0.3, 0.3, 0.6))]
+    return scanned(VIEWS, furniture, noise=0.005, voxel=0.015)
+
+
+def with_poses(poses, max_range=4.0):
+    return SensorViews(poses, VIEWS.field_of_view, max_range)
+
+
+def contradiction(name, views, points):
+    return check_views(name, Survey(points, views))
+
+
+def test_right_views_pass(cloud):
+    assert contradiction("views_before", VIEWS, cloud) is None
+    assert contradiction("views_before", with_poses(VIEWS.poses[::2]), cloud) is None
+    single = with_poses(VIEWS.poses[:1])
+    assert contradiction("views_before", single, scanned(single, noise=0.005)) is None
+
+
+def test_right_views_of_real_frames_pass(scan_pairs):
+    for folder in scan_pairs:
+        points = read_cloud(folder / "before.ply").points
+        if (points[:, 2] > 0).all():
+            assert contradiction("views_before", SensorViews.at_origin(points), points) is None
+
+
+def test_a_turning_scanner_passes(cloud):
+    points = scanned(around(12, height=0.75, radius=0.01, target=(0, 0, 0.7)), noise=0.003, voxel=0.02)
+    pose = np.eye(4)
+    pose[:3, 3] = [0, 0, 0.75]
+    assert contradiction("views_after", SensorViews(pose[None], (360.0, 179.0), 5.0), points) is None
+
+
+def shifted(x, y, z):
+    poses = VIEWS.poses.copy()
+    poses[:, :3, 3] += [x, y, z]
+    return poses
+
+
+@pytest.mark.parametrize(
+    "poses", [shifted(50, 0, 0), VIEWS.poses @ np.diag([-1.0, 1, -1, 1]), shifted(1000, 1000, 1300)]
+)
+def test_views_that_see_nothing(cloud, poses):
+    with pytest.raises(InputError, match="views_after: none of the 8 view"):
+        contradiction("views_after", with_poses(poses, max_range=0.9), cloud)
+
+
+@pytest.mark.parametrize(
+    ("poses", "max_range", "reason"),
+    [
+        (VIEWS.poses, 1.2, "further than max_range=1.2"),
+        (shifted(0, 0, 2.7), 4.0, "further than max_range=4"),
+        (np.linalg.inv(VIEWS.poses), 5.0, "behind or beside"),
+        (VIEWS.poses[:1], 4.0, "behind or beside"),
+        (shifted(0.9, 0, 0), 4.0, "behind or beside"),
+    ],
+)
+def test_contradictions(cloud, poses, max_range, reason):
+    message = contradiction("views_before", with_poses(poses, max_range), cloud)
+    assert message is not None
+    assert message.startswith("views_before: ")
+    assert "not used as evidence" in message
+    assert reason in message
+
+
+def test_points_that_the_views_cannot_have_seen(cloud):
+    """From outside the room everything is in the field of view, and most of it behind a wall."""
+    views = SensorViews(shifted(2.2, 0, -0.3), (140.0, 140.0), 6.0)
+    assert "hidden by others" in contradiction("views_after", views, cloud)

@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+
+from gmmjax import DetectionConfig, InputError, InputWarning, PointCloud
+from gmmjax.changes.prepare.checking import check_comparable, check_pair
+
+CONFIG = DetectionConfig()
+BOX = (-9.0, -9.0, -9.0, 9.0, 9.0, 9.0)
+CLOUD = np.random.default_rng(0).normal(size=(300, 3))
+
+
+@pytest.mark.parametrize(
+    ("before", "message"),
+    [
+        (CLOUD + 1j, "before: must be real numbers, not complex128"),
+        (CLOUD > 0, "before: must be real numbers, not bool"),
+        (CLOUD.astype(object), "before: must be real numbers, not object"),
+        (np.array([[10**400, 1, 2]] * 20), "before: must be real numbers, not object"),
+        (np.zeros((20, 3), "M8[s]"), "before: must be real numbers, not datetime64"),
+        (1e200 * CLOUD, "before: the points extend over 6.*another unit"),
+        (1e-300 * CLOUD, "before: the points extend over 6.*another unit"),
+        (np.concatenate([CLOUD, [[1e300, 0, 0]]]), "before: the points extend over 1e.300.*stray points out with crop"),
+        (np.concatenate([CLOUD, [[1.7e308, 0, 0], [-1.7e308, 0, 0]]]), "before: the points extend over inf"),
+        (np.repeat(np.eye(3), 100, axis=0), "before: its 300 points lie in 3 places only"),
+        (np.concatenate([np.zeros((2000, 3)), CLOUD[:2]]), "before: its 2002 points lie in 3 places only"),
+    ],
+)
+def test_what_cannot_be_computed_with_is_refused(before, message):
+    with pytest.raises(InputError, match=message):
+        check_pair(before, CLOUD, CONFIG)
+
+
+def test_a_stray_point_can_be_cropped():
+    stray = np.concatenate([CLOUD, [[1e300, 0, 0]]])
+    checked, _ = check_pair(stray, CLOUD, DetectionConfig(crop=BOX))
+    assert checked.cropped == 1 and len(checked.points) == 300
+
+
+def test_values_return_to_the_rows_of_the_caller():
+    rows = np.insert(CLOUD, [0, 7], [[np.nan, 0, 0], [50, 0, 0]], axis=0)
+    checked, other = check_pair(rows, CLOUD, DetectionConfig(crop=BOX))
+    x = checked.to_rows(checked.points[:, 0], np.nan)
+    expected = rows[:, 0].copy()
+    expected[[0, 8]] = np.nan
+    np.testing.assert_array_equal(x, expected)
+    np.testing.assert_array_equal(checked.points, other.points)
+    assert checked.diagnostics(PointCloud.from_rows(rows))["cropped"] == 1
+
+
+def test_clouds_of_other_units_cannot_be_compared():
+    scan = np.random.default_rng(1).uniform(size=(2000, 3))
+    with pytest.raises(InputError, match=r"before cloud extends over 0\.99.*after cloud over 99.*same unit"):
+        check_comparable(scan, 1000 * scan, (scan, 1000 * scan), 30.0)
+    with pytest.raises(InputError, match="nothing can be compared"):
+        check_comparable(scan, scan, (scan[:2], scan), 0.01)
+    check_comparable(scan, scan, (scan, scan), 0.01)
+
+
+def test_suspicious_extents_are_warned_of():
+    with pytest.warns(InputWarning, match=r"differ 200-fold in extent"):
+        check_pair(CLOUD, 200 * CLOUD, CONFIG)
+    with pytest.warns(InputWarning, match="do not overlap"):
+        check_pair(CLOUD, CLOUD + 100, CONFIG)

@@ -1,0 +1,65 @@
+import numpy as np
+import pytest
+
+from gmmjax.changes.differences import difference_scale, local_difference
+from gmmjax.geometry.local_surface import LocalSurface
+from tests.mixtures.examples import random_rotation
+
+
+def floor(seed, count=4000, noise=0.005, height=0.0):
+    random = np.random.default_rng(seed)
+    return np.column_stack([random.uniform(0, 1, (count, 2)), height + noise * random.standard_normal(count)])
+
+
+def difference(points, other):
+    return local_difference(LocalSurface.of(points), LocalSurface.of(other))
+
+
+def test_averages_see_an_offset_below_the_noise():
+    same, raised = difference(floor(0), floor(1)), difference(floor(0), floor(1, height=0.01))
+    assert np.median(raised.offset) == pytest.approx(0.01, abs=0.001)
+    assert np.median(same.offset) < 0.002
+    # Single points do not: their scatter is of the size of the offset.
+    assert np.median(raised.distance) < 1.5 * np.median(same.distance)
+
+
+def test_usual_offset_is_the_noise_of_the_means():
+    one, other = difference(floor(2), floor(3)), difference(floor(3), floor(2))
+    scale = difference_scale(one, other)
+    expected = 0.005 * np.sqrt(1 / 8 + 1 / 16)
+    assert scale.offset == pytest.approx(expected, rel=0.25)
+    assert np.median(one.noise) == pytest.approx(expected, rel=0.25)
+
+
+def test_the_less_changed_cloud_sets_the_scale():
+    random = np.random.default_rng(4)
+    crowded = np.concatenate([floor(5), random.uniform(0, 1, (6000, 3)) + np.array([0, 0, 0.5])])
+    scale = difference_scale(difference(floor(6), crowded), difference(crowded, floor(6)))
+    assert scale.offset < 0.004
+
+
+def test_thickness_and_spacing_are_those_of_the_other_cloud():
+    found = difference(floor(7, noise=0.001), floor(8, noise=0.005, count=10_000))
+    assert np.median(found.thickness) == pytest.approx(0.005, rel=0.3)
+    # 10,000 points on a square metre are 1 cm apart on a grid.
+    assert 0.006 < np.median(found.spacing) < 0.0125
+
+
+def test_a_rigid_motion_changes_nothing():
+    rotation, shift = random_rotation(), np.array([3.0, -2, 1])
+    points, other = floor(9), floor(10)
+    here, there = difference(points, other), difference(points @ rotation.T + shift, other @ rotation.T + shift)
+    np.testing.assert_allclose(there.offset, here.offset, atol=1e-9)
+    np.testing.assert_allclose(there.distance, here.distance, atol=1e-9)
+
+
+def test_two_points_work():
+    few = np.array([[0.0, 0, 0], [1, 0, 0]])
+    assert np.isfinite(np.concatenate(difference(few, few))).all()
+
+
+def test_equal_planes_have_a_scale_that_can_be_divided_by():
+    flat = LocalSurface.of(np.column_stack([np.random.default_rng(0).uniform(size=(300, 2)), np.zeros(300)]))
+    differences = local_difference(flat, flat), local_difference(flat, flat)
+    usual = difference_scale(*differences)
+    assert usual.distance == 0 and 0 < usual.offset < 1e-5 * np.median(differences[0].spacing) + 1e-12

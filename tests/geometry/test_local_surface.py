@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+
+from gmmjax.geometry.local_surface import LocalSurface, evenly_chosen, local_planes
+from tests.changes.scanned_objects import motion, placed
+
+
+def slope(seed=0, count=3000, noise=0.002):
+    """A plane x + z = 1 with some noise across it."""
+    random = np.random.default_rng(seed)
+    x, y, across = *random.uniform(0, 1, (2, count)), noise * random.standard_normal(count)
+    return np.stack([x + across, y, 1 - x + across], axis=1)
+
+
+def test_planes_and_means_are_those_of_the_surface():
+    surface = LocalSurface.of(slope())
+    assert np.median(np.abs(surface.normals @ [2**-0.5, 0, 2**-0.5])) > 0.99
+    means = surface.means(np.arange(len(surface)))
+    off = np.abs(means[:, 0] + means[:, 2] - 1)
+    single = np.abs(surface.points[:, 0] + surface.points[:, 2] - 1)
+    assert np.median(off) < 0.5 * np.median(single)
+
+
+def test_a_moved_surface_is_that_of_the_moved_points():
+    way = motion(0.7, [1, -2, 3])
+    moved, again = LocalSurface.of(slope()).moved(way), LocalSurface.of(placed(slope(), way))
+    np.testing.assert_allclose(moved.points, again.points, atol=1e-12)
+    np.testing.assert_allclose(moved.centres, again.centres, atol=1e-9)
+    np.testing.assert_allclose(np.abs((moved.normals * again.normals).sum(axis=1)), 1, atol=1e-6)
+    np.testing.assert_allclose(moved.variances, again.variances, atol=1e-12)
+    places = again.points[:50] + 0.001
+    np.testing.assert_array_equal(moved.nearest(places), again.nearest(places))
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_a_few_points_have_a_surface_too(count):
+    surface = LocalSurface.of(slope(count=count))
+    assert surface.neighbours.shape == (count, count)
+    assert np.isfinite(surface.means(np.arange(count))).all() and np.isfinite(surface.normals).all()
+
+
+def test_chosen_evenly():
+    np.testing.assert_array_equal(evenly_chosen(5, 9), np.arange(5))
+    np.testing.assert_array_equal(evenly_chosen(9, 3), [0, 4, 8])
+
+
+def test_planes_of_exact_planes():
+    random = np.random.default_rng(11)
+    normal = np.array([0.6, 0.0, 0.8])
+    flat = random.normal(size=(5, 20, 3))
+    flat -= np.einsum("nki,i->nk", flat, normal)[..., None] * normal - 2 * normal
+    centres, normals, variances = local_planes(flat)
+    np.testing.assert_allclose(np.abs(normals @ normal), 1)
+    np.testing.assert_allclose(centres @ normal, 2)
+    np.testing.assert_allclose(variances[:, 0], 0, atol=1e-12)
