@@ -34,13 +34,13 @@ class InputWarning(UserWarning):
     """An input that can be used but looks wrong, such as two clouds in different units."""
 
 
-LARGEST_SEED = 2**63 - 1
-"""Random keys are made of 64-bit integers."""
+LARGEST_INTEGER = 2**63 - 1
+"""That a 64-bit integer can be: whole numbers in files and settings, and the seeds that random keys are made of."""
 
 
 def check_seed(name: str, seed: int) -> None:
     """Raises an `InputError` that names the argument, unless a random key can be made of the seed."""
-    if not 0 <= seed <= LARGEST_SEED:
+    if not 0 <= seed <= LARGEST_INTEGER:
         raise InputError(f"{name} {seed} must be at least 0 and below 2^63")
 
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from gmmjax.clouds import atomic_write
-from gmmjax.clouds.files import MOST_SETTINGS, MOST_WHOLE, read_bytes, read_json
-from gmmjax.errors import InputError, InputWarning, shown
+from gmmjax.clouds.files import MOST_SETTINGS, read_bytes, read_json
+from gmmjax.errors import LARGEST_INTEGER, InputError, InputWarning, shown
 from gmmjax.surveys.intrinsics import Intrinsics
 
 NAMES = ("fx", "fy", "cx", "cy", "width", "height")
@@ -111,7 +111,7 @@ def _of_matrix(matrix: np.ndarray) -> dict[str, float]:
 
 
 def _pixels(value: Any) -> int:
-    if not _is_number(value) or not abs(value) <= MOST_WHOLE or value != int(value):
+    if not _is_number(value) or not abs(value) <= LARGEST_INTEGER or value != int(value):
         raise InputError(f"a size of {shown(value)} pixels must be a whole number")
     return int(value)
 
