@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 
 from gmmjax.clouds import atomic_write
 from gmmjax.clouds.files import MOST_SETTINGS, read_bytes, read_json
-from gmmjax.errors import LARGEST_INTEGER, InputError, InputWarning, shown
+from gmmjax.errors import LARGEST_INTEGER, InputError, shown, warn
 from gmmjax.surveys.intrinsics import Intrinsics
 
 NAMES = ("fx", "fy", "cx", "cy", "width", "height")
@@ -47,11 +46,7 @@ def read_intrinsics(path: str | os.PathLike[str]) -> Intrinsics:
             "camera_info"
         )
     if any(_is_number(value) and value != 0 for value in _items(content.get("D"))):
-        warnings.warn(
-            f"{source}: has coefficients of distortion, which are not applied; give depth images without distortion",
-            InputWarning,
-            stacklevel=2,
-        )
+        warn(f"{source}: has coefficients of distortion, which are not applied; give depth images without distortion")
     try:
         fx, fy, cx, cy = (_number(name, numbers[name]) for name in NAMES[:4])
         return Intrinsics(fx, fy, cx, cy, _pixels(numbers["width"]), _pixels(numbers["height"]))
