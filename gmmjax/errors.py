@@ -1,7 +1,12 @@
 """What gmmjax raises and warns with: the message names the file or argument, and the remedy."""
 
+import os
 import reprlib
+import sys
+import warnings
 from collections.abc import Sequence
+from pathlib import Path
+from types import FrameType
 
 # Characters of a message: more than any that we compose, less than what a file may hold in place of a name.
 LONGEST = 1500
@@ -34,13 +39,33 @@ class InputWarning(UserWarning):
     """An input that can be used but looks wrong, such as two clouds in different units."""
 
 
-LARGEST_SEED = 2**63 - 1
-"""Random keys are made of 64-bit integers."""
+def warn(message: str) -> None:
+    """Gives an `InputWarning` that points to the user's line: the one that called gmmjax."""
+    warnings.warn(message, InputWarning, stacklevel=_levels_to_the_caller(sys._getframe()))
+
+
+def _levels_to_the_caller(frame: FrameType | None) -> int:
+    """The `stacklevel`, in this frame, of the one that called the package first.
+
+    Python 3.12 has `skip_file_prefixes`, which stops at the first frame outside, such as a context manager of the
+    standard library between two functions of the package.
+    """
+    package = f"{Path(__file__).parent}{os.sep}"
+    level = outermost = 1
+    while frame is not None:
+        if frame.f_code.co_filename.startswith(package):
+            outermost = level
+        frame, level = frame.f_back, level + 1
+    return outermost + 1
+
+
+LARGEST_INTEGER = 2**63 - 1
+"""That a 64-bit integer can be: whole numbers in files and settings, and the seeds that random keys are made of."""
 
 
 def check_seed(name: str, seed: int) -> None:
     """Raises an `InputError` that names the argument, unless a random key can be made of the seed."""
-    if not 0 <= seed <= LARGEST_SEED:
+    if not 0 <= seed <= LARGEST_INTEGER:
         raise InputError(f"{name} {seed} must be at least 0 and below 2^63")
 
 

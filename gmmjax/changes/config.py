@@ -7,8 +7,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from gmmjax.clouds.files import MOST_WHOLE
-from gmmjax.errors import InputError, check_choice, shown
+from gmmjax.errors import LARGEST_INTEGER, InputError, check_choice, shown
 from gmmjax.mixtures import Prior
 
 Method = Literal["joint", "greedy", "transport"]
@@ -209,5 +208,5 @@ def _checked_crop(crop: Any) -> tuple[float, ...]:
 
 
 def _check_least(name: str, value: object, least: int) -> None:
-    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= MOST_WHOLE:
+    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= LARGEST_INTEGER:
         raise InputError(f"{name}={shown(value)} must be a whole number of at least {least} and below 2^63")

@@ -16,9 +16,6 @@ from gmmjax.geometry.neighbours import nearest_neighbours
 MEDIAN_TO_DEVIATION = 1.4826
 # k points that fill a disc of radius r evenly are r sqrt(pi / k) apart, with a spread of r / sqrt 2 about its centre.
 SPACING_PER_SPREAD = np.sqrt(2 * np.pi / PLANE_NEIGHBOURS)
-# In spacings: surfaces without noise, such as computed planes, are compared no finer than this. Otherwise the rounding
-# of their coordinates (1e-9 m in a country's grid) would look like an offset, and 0 would be divided by 0.
-FINEST_OFFSET = 1e-6
 
 
 class LocalDifference(NamedTuple):
@@ -77,11 +74,21 @@ def local_difference(
     )
 
 
-def difference_scale(before: LocalDifference, after: LocalDifference) -> DifferenceScale:
-    """The usual distances and offsets, from the medians of the cloud in which less has changed."""
+def difference_scale(
+    before: LocalDifference, after: LocalDifference, *, finest_offset: float = 1e-6
+) -> DifferenceScale:
+    """The usual distances and offsets, from the medians of the cloud in which less has changed.
+
+    Args:
+        before: of each point of the before cloud to the after cloud.
+        after: of each point of the after cloud to the before cloud.
+        finest_offset: in spacings: surfaces without noise, such as computed planes, are compared no finer than this.
+            Chosen: above the rounding of coordinates, 1e-9 m in a country's grid. 0: that rounding looks like an
+            offset, and where there is none 0 is divided by 0.
+    """
     sides = (before, after)
     offset = MEDIAN_TO_DEVIATION * min(float(np.median(side.offset)) for side in sides)
-    finest = FINEST_OFFSET * max(float(np.median(side.spacing)) for side in sides)
+    finest = finest_offset * max(float(np.median(side.spacing)) for side in sides)
     return DifferenceScale(
         distance=min(float(np.median(side.distance)) for side in sides),
         offset=max(offset, finest),

@@ -8,7 +8,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from gmmjax.errors import InputError, one_line
+from gmmjax.errors import LARGEST_INTEGER, InputError, one_line
 
 # Bytes of the largest settings, intrinsics and records that are parsed, all of which have kilobytes: a parser needs
 # some twenty times the memory, and TOML's minutes for some megabytes. Without a limit a wrong file fills the memory.
@@ -16,8 +16,6 @@ MOST_JSON = 1 << 26
 MOST_SETTINGS = 1 << 18
 # Dots in a line of TOML, such as in six decimal numbers: memory grows with the square of a dotted key's length.
 MOST_DOTS = 200
-# Whole numbers of more bits cannot become floats or elements of arrays.
-MOST_WHOLE = 2**63 - 1
 
 KINDS = {
     stat.S_IFIFO: "a pipe",
@@ -171,7 +169,7 @@ def _no_constant(name: str) -> Any:
 
 def _whole_number(digits: str) -> int:
     # int() takes time that grows with the square of the length.
-    if len(digits) > 20 or abs(number := int(digits)) > MOST_WHOLE:
+    if len(digits) > 20 or abs(number := int(digits)) > LARGEST_INTEGER:
         raise ValueError(f"the number {digits[:20]}... of {len(digits)} digits is too large")
     return number
 
@@ -190,5 +188,5 @@ def _check_whole_numbers(settings: dict[str, Any]) -> None:
             waiting.extend(value.values())
         elif isinstance(value, list):
             waiting.extend(value)
-        elif isinstance(value, int) and abs(value) > MOST_WHOLE:
+        elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
             raise ValueError(f"a whole number of {value.bit_length()} bits is too large")

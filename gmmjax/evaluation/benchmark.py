@@ -159,7 +159,7 @@ def _named_warnings(label: str) -> Iterator[None]:
         yield
     for warning in caught:
         about = f"{label}: " if issubclass(warning.category, InputWarning) else ""
-        warnings.warn(f"{about}{warning.message}", warning.category, stacklevel=2)
+        warnings.warn_explicit(f"{about}{warning.message}", warning.category, warning.filename, warning.lineno)
 
 
 def _message(error: Exception) -> str:

@@ -28,7 +28,7 @@ def without_unobserved(
     if working.volumetric:
         return labels_before, labels_after
     clouds = working.before, working.after
-    surveys = Survey(clouds[0].points, pair.before.views), Survey(clouds[1].points, pair.after.views)
+    surveys = Survey.of(clouds[0].points, pair.before.views), Survey.of(clouds[1].points, pair.after.views)
     differences = [local_difference(surveys[own].surface, surveys[1 - own].surface) for own in (0, 1)]
     scales = surface.SurfaceScales.of(working.spacing, difference_scale(*differences))
     kept = []

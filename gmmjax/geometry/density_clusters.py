@@ -6,11 +6,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-# Points and neighbouring cells that are compared at a time: what bounds the memory.
-CHUNK = 500_000
 
-
-def density_clusters(points: Float[np.ndarray, "n d"], radius: float, neighbours: int) -> Int[np.ndarray, " n"]:
+def density_clusters(
+    points: Float[np.ndarray, "n d"], radius: float, neighbours: int, *, chunk: int = 500_000
+) -> Int[np.ndarray, " n"]:
     """The clusters of DBSCAN (Ester et al. 1996).
 
     A point with at least `neighbours` points within the radius, itself counted, is a core point; core points within
@@ -20,6 +19,8 @@ def density_clusters(points: Float[np.ndarray, "n d"], radius: float, neighbours
         points: coordinates.
         radius: in the unit of the points, positive.
         neighbours: points that make a core point.
+        chunk: points that are looked up in neighbouring cells at a time: bounds the memory, about 100 bytes each, and
+            does not change the clusters.
 
     Returns:
         For each point the number of its cluster, counted in the order of the points, or -1.
@@ -32,7 +33,7 @@ def density_clusters(points: Float[np.ndarray, "n d"], radius: float, neighbours
     core = np.flatnonzero(distances[:, 0] <= radius)
     if not len(core):
         return labels
-    labels[core] = _connected(points[core], radius)
+    labels[core] = _connected(points[core], radius, chunk)
     others = np.flatnonzero(labels < 0)
     distances, nearest = cKDTree(points[core]).query(points[others], distance_upper_bound=radius, workers=-1)
     near = np.isfinite(distances)
@@ -40,7 +41,7 @@ def density_clusters(points: Float[np.ndarray, "n d"], radius: float, neighbours
     return labels
 
 
-def _connected(points: Float[np.ndarray, "n d"], radius: float) -> Int[np.ndarray, " n"]:
+def _connected(points: Float[np.ndarray, "n d"], radius: float, chunk: int) -> Int[np.ndarray, " n"]:
     """The groups of points that are within the radius of each other, numbered in the order of the points.
 
     The points are gathered in cells whose diagonal is the radius (Gunawan 2013): those of one cell are one group, and
@@ -52,7 +53,7 @@ def _connected(points: Float[np.ndarray, "n d"], radius: float) -> Int[np.ndarra
     cells, cell = np.unique(np.floor((points - np.median(points, axis=0)) / side), axis=0, return_inverse=True)
     cell = cell.reshape(-1)
     pairs, apart = _neighbouring(cells)
-    links = _Links(points, cell, len(cells), radius)
+    links = _Links(points, cell, len(cells), radius, chunk)
     # The nearest cells first, and by one point of each: most of the others are in one group by then.
     for distance in np.unique(apart):
         links.join(pairs[apart == distance], most_points=1)
@@ -81,10 +82,10 @@ class _Links:
     """
 
     def __init__(
-        self, points: Float[np.ndarray, "n d"], cell: Int[np.ndarray, " n"], cells: int, radius: float
+        self, points: Float[np.ndarray, "n d"], cell: Int[np.ndarray, " n"], cells: int, radius: float, chunk: int
     ) -> None:
         self.groups = np.arange(cells)
-        self._points, self._radius = points, radius
+        self._points, self._radius, self._chunk = points, radius, chunk
         self._members = np.argsort(cell, kind="stable")
         self._counts = np.bincount(cell, minlength=cells)
         self._starts = np.cumsum(self._counts) - self._counts
@@ -106,7 +107,7 @@ class _Links:
             smaller = self._counts[pairs[:, 0]] <= self._counts[pairs[:, 1]]
             pairs = np.where(smaller[:, None], pairs, pairs[:, ::-1])
             tried = np.minimum(self._counts[pairs[:, 0]], most_points)
-            taken = max(1, int(np.searchsorted(np.cumsum(tried), CHUNK, side="right")))
+            taken = max(1, int(np.searchsorted(np.cumsum(tried), self._chunk, side="right")))
             near = self._near(pairs[:taken], tried[:taken])
             self._merge(pairs[:taken][near])
             pairs = pairs[taken:]

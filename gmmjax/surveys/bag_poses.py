@@ -1,6 +1,5 @@
 """Poses in the messages of a bag: of stamped poses and odometry, and of the transforms on /tf and /tf_static."""
 
-import warnings
 from array import array
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -9,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
-from gmmjax.errors import InputError, InputWarning
+from gmmjax.errors import InputError, warn
 from gmmjax.surveys.point_cloud2 import header_time
 from gmmjax.surveys.trajectory import Trajectory
 from gmmjax.surveys.transforms import Edge, TransformTree
@@ -99,11 +98,7 @@ def _trajectory(samples: Sequence[float], source: str) -> Trajectory:
     if not usable.any():
         raise InputError(f"{source}: none of {len(rows)} messages has a pose; choose another topic")
     if not usable.all():
-        warnings.warn(
-            f"{source}: {int((~usable).sum())} of {len(rows)} poses are NaN or have no rotation and are left out",
-            InputWarning,
-            stacklevel=2,
-        )
+        warn(f"{source}: {int((~usable).sum())} of {len(rows)} poses are NaN or have no rotation and are left out")
         rows = rows[usable]
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
     poses[:, :3, :3] = Rotation.from_quat(rows[:, 4:]).as_matrix()

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from gmmjax.clouds.files import MOST_WHOLE, read_bytes, require_file
-from gmmjax.errors import InputError, one_line, shown
+from gmmjax.clouds.files import read_bytes, require_file
+from gmmjax.errors import LARGEST_INTEGER, InputError, one_line, shown
 from gmmjax.surveys.bag_poses import POSE_TYPES, TF_TYPES, frame_name, frames_of_pose, pose_trajectory, transform_tree
 from gmmjax.surveys.frame import Frame
 from gmmjax.surveys.point_cloud2 import decode_frame, header_time
@@ -380,10 +380,10 @@ def _check_metadata(reader: Any) -> None:
             raise ValueError(
                 f"a topic's name or type is no text: {shown(connection.topic)}, {shown(connection.msgtype)}"
             )
-        if not (isinstance(connection.msgcount, int) and 0 <= connection.msgcount <= MOST_WHOLE):
+        if not (isinstance(connection.msgcount, int) and 0 <= connection.msgcount <= LARGEST_INTEGER):
             raise ValueError(f"{connection.topic} has {shown(connection.msgcount)} messages")
     for time in (reader.start_time, reader.end_time):
-        if not (isinstance(time, int) and 0 <= time <= MOST_WHOLE):
+        if not (isinstance(time, int) and 0 <= time <= LARGEST_INTEGER):
             raise ValueError(f"it starts or ends at {shown(time)} ns")
 
 

@@ -3,7 +3,6 @@
 import io
 import os
 import re
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from jaxtyping import Float64
 from gmmjax.clouds import atomic_write
 from gmmjax.clouds.arrays import load_arrays
 from gmmjax.clouds.files import read_bytes, require_file
-from gmmjax.errors import InputError, InputWarning, one_line
+from gmmjax.errors import InputError, one_line, warn
 from gmmjax.surveys.frame import Frame
 from gmmjax.surveys.intrinsics import Intrinsics
 
@@ -171,9 +170,7 @@ def _check_depths(depth: Float64[np.ndarray, "h w"], unit: float, source: str) -
     if not len(returned):
         raise InputError(f"{source}: no pixel has a return; give another image")
     if (middle := float(np.median(returned))) > FARTHEST:
-        warnings.warn(
+        warn(
             f"{source}: half of the depths are beyond {middle:.4g} m with a unit of {unit} m; if the numbers are "
-            f"millimetres, give --depth-unit {MILLIMETRE}",
-            InputWarning,
-            stacklevel=3,
+            f"millimetres, give --depth-unit {MILLIMETRE}"
         )

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -12,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from gmmjax.clouds import atomic_write
-from gmmjax.clouds.files import MOST_SETTINGS, MOST_WHOLE, read_bytes, read_json
-from gmmjax.errors import InputError, InputWarning, shown
+from gmmjax.clouds.files import MOST_SETTINGS, read_bytes, read_json
+from gmmjax.errors import LARGEST_INTEGER, InputError, shown, warn
 from gmmjax.surveys.intrinsics import Intrinsics
 
 NAMES = ("fx", "fy", "cx", "cy", "width", "height")
@@ -47,11 +46,7 @@ def read_intrinsics(path: str | os.PathLike[str]) -> Intrinsics:
             "camera_info"
         )
     if any(_is_number(value) and value != 0 for value in _items(content.get("D"))):
-        warnings.warn(
-            f"{source}: has coefficients of distortion, which are not applied; give depth images without distortion",
-            InputWarning,
-            stacklevel=2,
-        )
+        warn(f"{source}: has coefficients of distortion, which are not applied; give depth images without distortion")
     try:
         fx, fy, cx, cy = (_number(name, numbers[name]) for name in NAMES[:4])
         return Intrinsics(fx, fy, cx, cy, _pixels(numbers["width"]), _pixels(numbers["height"]))
@@ -111,7 +106,7 @@ def _of_matrix(matrix: np.ndarray) -> dict[str, float]:
 
 
 def _pixels(value: Any) -> int:
-    if not _is_number(value) or not abs(value) <= MOST_WHOLE or value != int(value):
+    if not _is_number(value) or not abs(value) <= LARGEST_INTEGER or value != int(value):
         raise InputError(f"a size of {shown(value)} pixels must be a whole number")
     return int(value)
 

@@ -1,11 +1,9 @@
 """The trajectory of the sensor that took a bag's frames, from whatever poses the bag has."""
 
-import warnings
-
 import numpy as np
 from jaxtyping import Float64
 
-from gmmjax.errors import InputWarning
+from gmmjax.errors import warn
 from gmmjax.surveys.bag_poses import frame_name
 from gmmjax.surveys.bags import Bag
 from gmmjax.surveys.trajectory import MAX_GAP, Trajectory
@@ -53,10 +51,8 @@ def sensor_trajectory(
         return trajectory
     if bag.transforms().connects(body, sensor):
         return trajectory.of_sensor(bag.transforms().fixed_pose(body, sensor))
-    warnings.warn(
+    warn(
         f"{bag.path}: where the sensor {sensor!r} is on the body {body!r} is not known, the poses of {topic} are "
-        "taken for the sensor's own; give its extrinsics (--sensor-on-body) if they are not",
-        InputWarning,
-        stacklevel=2,
+        "taken for the sensor's own; give its extrinsics (--sensor-on-body) if they are not"
     )
     return trajectory

@@ -1,14 +1,13 @@
 """Which pairs are trained on, and which are held back."""
 
 import dataclasses
-import warnings
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from gmmjax.changes import DetectionConfig
-from gmmjax.errors import InputWarning
+from gmmjax.errors import warn
 from gmmjax.tuning.scan_pairs import ReadyPair, ScanPair, ready_pair
 from gmmjax.tuning.settings import TuningSettings
 
@@ -49,11 +48,9 @@ def split_pairs(
         own = dataclasses.replace(pair, truth_before=None, truth_after=None) if unlabelled else pair
         ready.append(ready_pair(own, config, settings.max_points, settings.seed + number))
     if len(pairs) < 3:
-        warnings.warn(
+        warn(
             f"{len(pairs)} pairs are too few to hold one back: the tuned settings are judged by the pairs that they "
-            "were tuned on; give three or more",
-            InputWarning,
-            stacklevel=4,
+            "were tuned on; give three or more"
         )
         training = held_back = list(range(len(pairs)))
     else:

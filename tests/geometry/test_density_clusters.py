@@ -4,7 +4,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.cluster import DBSCAN
 
-from gmmjax.geometry import density_clusters as segments
 from gmmjax.geometry.density_clusters import density_clusters
 
 
@@ -33,11 +32,10 @@ def test_equals_scikit_learn(seed, radius, neighbours):
         assert labels[index] == labels[nearest]
 
 
-def test_clusters_do_not_depend_on_how_the_points_are_chunked(monkeypatch):
+def test_clusters_do_not_depend_on_how_the_points_are_chunked():
     points = groups(5)
     whole = density_clusters(points, 0.4, 4)
-    monkeypatch.setattr(segments, "CHUNK", 7)
-    np.testing.assert_array_equal(density_clusters(points, 0.4, 4), whole)
+    np.testing.assert_array_equal(density_clusters(points, 0.4, 4, chunk=7), whole)
 
 
 def test_clusters_are_numbered_in_the_order_of_the_points():

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gmmjax.changes.registration import Registration
+from gmmjax.changes.align.registration import Registration
 from gmmjax.reporting.summary import (
     HEADINGS,
     answer,

@@ -4,18 +4,36 @@ Mixtures of one cloud from other random starts, or of two samples of one surface
 Gaussians. Optimal transport compares the Gaussians and finds differences where the points are the same.
 """
 
+import dataclasses
+
 import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2
 
 from gmmjax.mixtures import GaussianMixture, WeightedPoints
 
-# Ellipsoids that hold these shares of a Gaussian: the wide one counts most points, the narrow one sees a displacement.
-SHARES = (0.5, 0.9)
+
+@dataclasses.dataclass(frozen=True)
+class CountSettings:
+    """How the point counts of two clouds are compared, and what difference of them is a change.
+
+    Attributes:
+        shares: fractions of a Gaussian's probability mass inside the ellipsoids that points are counted in. Chosen: the
+            wide one counts most of the points, the narrow one sees small displacements. One alone: the other is missed.
+        significance: standard deviations of the counts, at least, by which a Gaussian's points must exceed those of the
+            other cloud. Chosen: above what two samples of one scene differ by, as of changes on surfaces. 0: a vote for
+            a Gaussian is believed wherever the other cloud has no more points.
+    """
+
+    shares: tuple[float, ...] = (0.5, 0.9)
+    significance: float = 4.0
 
 
 def count_significance(
-    mixtures: GaussianMixture, own: WeightedPoints, other: WeightedPoints
+    mixtures: GaussianMixture,
+    own: WeightedPoints,
+    other: WeightedPoints,
+    settings: CountSettings = CountSettings(),
 ) -> Float[np.ndarray, "r k"]:
     """By how many standard deviations the points in each Gaussian's place exceed those that the other cloud has there.
 
@@ -26,11 +44,12 @@ def count_significance(
         mixtures: of the own cloud, with a leading axis of r restarts; NumPy leaves.
         own: all points of that cloud, outliers too: what is stray in the one cloud need not be so in the other.
         other: all points of the other cloud.
+        settings: the ellipsoids.
 
     Returns:
-        The greater excess of two ellipsoids, for each restart and slot; 0 in dead slots.
+        The greatest excess of the ellipsoids, for each restart and slot; 0 in dead slots.
     """
-    counts, there = (_counts(mixtures, points) for points in (own, other))
+    counts, there = (_counts(mixtures, points, settings.shares) for points in (own, other))
     density = np.array([_median_ratio(*of_restart) for of_restart in zip(there[0], counts[0], strict=True)])
     expected = there / density[None, :, None]
     variance = counts + expected / density[None, :, None]
@@ -38,9 +57,9 @@ def count_significance(
     return np.asarray(np.where(mixtures.live, excess.max(axis=0), 0.0))
 
 
-def _counts(mixtures: GaussianMixture, points: WeightedPoints) -> Float[np.ndarray, "s r k"]:
+def _counts(mixtures: GaussianMixture, points: WeightedPoints, shares: tuple[float, ...]) -> Float[np.ndarray, "s r k"]:
     """The points within each ellipsoid of each Gaussian."""
-    limits = chi2.ppf(SHARES, mixtures.means.shape[-1])
+    limits = chi2.ppf(shares, mixtures.means.shape[-1])
     counts = np.zeros((len(limits), *mixtures.live.shape))
     for restart, slot in np.argwhere(mixtures.live):
         factor = np.linalg.cholesky(mixtures.covariances[restart, slot])

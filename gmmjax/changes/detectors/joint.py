@@ -1,7 +1,6 @@
 """Changes by one mixture for both clouds: registration, fit, segments with evidence, moved objects."""
 
 import dataclasses
-import warnings
 from typing import Any, NamedTuple
 
 import jax
@@ -19,14 +18,14 @@ from gmmjax.changes.fit.joint_problem import SETTINGS, JointProblem, joint_probl
 from gmmjax.changes.differences import difference_scale, local_difference
 from gmmjax.changes.objects.moved import with_moved
 from gmmjax.changes.align.registration import registered_pair
-from gmmjax.changes.registration import Registration
+from gmmjax.changes.align.registration import Registration
 from gmmjax.changes.prepare.resolution import WorkingCloud, WorkingPair
 from gmmjax.changes.evidence.surface import SurfaceCloud, SurfaceScales, surface_changes
 from gmmjax.changes.objects.surface_changes import surface_consensus
 from gmmjax.changes.evidence.view_checks import check_views
 from gmmjax.changes.objects.volumetric_changes import restart_weights, volumetric_changes
 from gmmjax.clouds import PointCloud, SensorViews
-from gmmjax.errors import InputWarning
+from gmmjax.errors import warn
 from gmmjax.mixtures import FitStatus
 
 # The kind of a change in the before and in the after cloud.
@@ -71,8 +70,8 @@ def joint_changes(
     if views_after is not None and registration.applied:
         views_after = views_after.moved(registration.transform)
     surveys = (
-        _with_usable_views("views_before", Survey.of(surfaces[0], views_before)),
-        _with_usable_views("views_after", Survey.of(surfaces[1], views_after)),
+        _with_usable_views("views_before", Survey(surfaces[0], views_before)),
+        _with_usable_views("views_after", Survey(surfaces[1], views_after)),
     )
     clock.lap("registration")
     report("Fitting the mixtures", 0.25)
@@ -113,8 +112,8 @@ def _with_usable_views(name: str, survey: Survey) -> Survey:
     contradiction = None if survey.views is None else check_views(name, survey)
     if contradiction is None:
         return survey
-    warnings.warn(contradiction, InputWarning, stacklevel=4)
-    return Survey(survey.points)
+    warn(contradiction)
+    return Survey(survey.surface)
 
 
 def _warn_about_registration(registration: Registration) -> None:
@@ -123,13 +122,11 @@ def _warn_about_registration(registration: Registration) -> None:
         return
     residual = "" if registration.residual is None else f", at a residual of {registration.residual:.3g}"
     overlap = 0.0 if registration.overlap is None else registration.overlap
-    warnings.warn(
+    warn(
         f"the registration is in doubt (confidence {registration.confidence:.0%}), so the probabilities of all changes "
         f"are lowered: {overlap:.0%} of the points of one cloud have a counterpart in the other{residual}. Are both of "
         "the same place, in the same unit, and rotated by less than 30 degrees? crop leaves out what only one cloud "
-        "has, registration='never' takes clouds that are registered already as they are",
-        InputWarning,
-        stacklevel=4,
+        "has, registration='never' takes clouds that are registered already as they are"
     )
 
 

@@ -15,10 +15,9 @@ from gmmjax.changes.change import Changes, Kind
 from gmmjax.changes.progress import Clock, Progress
 from gmmjax.changes.config import DetectionConfig, Kinds
 from gmmjax.changes.objects.consensus import CloudConsensus, cloud_consensus, merged, votes_of_pairs
-from gmmjax.changes.detectors.count_significance import count_significance
+from gmmjax.changes.detectors.count_significance import CountSettings, count_significance
 from gmmjax.changes.detectors.greedy_removal import remove_changed
 from gmmjax.changes.prepare.separate_clouds import PreparedCloud, PreparedPair, prepare_pair
-from gmmjax.changes.objects.surface_changes import LEAST_SIGNIFICANCE
 from gmmjax.changes.detectors.unmatched_mass import unmatched_shares
 from gmmjax.clouds import PointCloud
 from gmmjax.errors import ComputationError
@@ -204,14 +203,15 @@ def _consensus(
     votes: np.ndarray,
     kind: Kind,
     config: DetectionConfig,
+    settings: CountSettings = CountSettings(),
 ) -> CloudConsensus:
     """The changes of the first cloud, by the votes for the Gaussians in whose place it has significantly more points.
 
     The mixtures differ between restarts, and between samples of one scene; a change must show in the counts, too.
     """
     own, other = clouds
-    significance = count_significance(mixtures, own.counted, other.counted)
-    votes = np.where(significance >= LEAST_SIGNIFICANCE, votes, 0.0)
+    significance = count_significance(mixtures, own.counted, other.counted, settings)
+    votes = np.where(significance >= settings.significance, votes, 0.0)
     reference = int(np.argmin(fits.message_length))
     return cloud_consensus(own.points, mixtures, votes, significance, reference, kind, config.threshold)
 

@@ -39,26 +39,25 @@ class Survey:
     """One cloud, and where it was seen from; what is derived from them is kept, for the next question.
 
     Attributes:
-        points: of the cloud.
+        surface: the cloud, with the planes through the points' neighbourhoods.
         views: where it was taken from, or None where that is not known.
     """
 
-    points: Float64[np.ndarray, "n 3"]
+    surface: LocalSurface
     views: SensorViews | None = None
-    _images: dict[int, list[tuple[Camera, DepthImage]]] = dataclasses.field(default_factory=dict, repr=False)
+    _images: dict[int, list[tuple[Camera, DepthImage]]] = dataclasses.field(
+        default_factory=dict, init=False, repr=False
+    )
 
     @classmethod
-    def of(cls, surface: LocalSurface, views: SensorViews | None) -> "Survey":
-        """A survey whose planes are known already."""
-        survey = cls(surface.points, views)
-        # Where `cached_property` keeps it.
-        survey.__dict__["surface"] = surface
-        return survey
+    def of(cls, points: Float64[np.ndarray, "n 3"], views: SensorViews | None = None) -> "Survey":
+        """The survey of a cloud of at least one point, whose planes are computed."""
+        return cls(LocalSurface.of(points), views)
 
-    @functools.cached_property
-    def surface(self) -> LocalSurface:
-        """The planes through the points' neighbourhoods."""
-        return LocalSurface.of(self.points)
+    @property
+    def points(self) -> Float64[np.ndarray, "n 3"]:
+        """The points of the cloud."""
+        return self.surface.points
 
     @functools.cached_property
     def spacing(self) -> Float64[np.ndarray, " n"]:
@@ -83,15 +82,6 @@ class Survey:
             self._images[view] = [(camera, DepthImage.of(points, spacing, camera)) for camera in cameras(self.views)]
         return self._images[view]
 
-    def moved(self, transform: Float64[np.ndarray, "4 4"]) -> "Survey":
-        """The survey after a rigid motion; what its views see is the same."""
-        surface = self.surface.moved(transform)
-        views = None if self.views is None else self.views.moved(transform)
-        moved = Survey(surface.points, views, self._images)
-        # Where `cached_property` keeps it: it need not be computed again.
-        moved.__dict__["surface"] = surface
-        return moved
-
 
 def observation(points: Float64[np.ndarray, "n 3"], survey: Survey, margin: float) -> Int8[np.ndarray, " n"]:
     """What a survey knows of the places of points of another one.
@@ -111,7 +101,7 @@ def observation(points: Float64[np.ndarray, "n 3"], survey: Survey, margin: floa
         A value of `Observed` for each of the points.
     """
     result = np.full(len(points), Observed.unobserved, np.int8)
-    if not len(points) or not len(survey.points):
+    if not len(points):
         return result
     near = np.isfinite(survey.surface.tree.query(points, distance_upper_bound=margin, workers=-1)[0])
     result[near] = Observed.surface

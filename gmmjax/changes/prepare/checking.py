@@ -1,7 +1,6 @@
 """The two clouds as given, checked: finite, enough, inside the crop box, and in one unit."""
 
 import dataclasses
-import warnings
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from gmmjax.changes.config import DetectionConfig
 from gmmjax.clouds import PointCloud, crop_box
 from gmmjax.clouds.canonical import canonical_order, first_of_equals
 from gmmjax.clouds.coordinates import as_points
-from gmmjax.errors import InputError, InputWarning
+from gmmjax.errors import InputError, warn
 from gmmjax.mixtures import parameters_per_component
 
 SMALLEST_CLOUD = parameters_per_component(3) + 1
@@ -150,16 +149,12 @@ def _warn_about_extents(before: np.ndarray, after: np.ndarray) -> None:
     extent_before, extent_after = np.ptp(before, axis=0).max(), np.ptp(after, axis=0).max()
     ratio = max(extent_before, extent_after) / min(extent_before, extent_after)
     if ratio > SUSPICIOUS_SCALE:
-        warnings.warn(
+        warn(
             f"the clouds differ {ratio:.4g}-fold in extent ({extent_before:.4g} before, {extent_after:.4g} after): "
-            "is one in millimetres and the other in metres? Both must have the same unit",
-            InputWarning,
-            stacklevel=2,
+            "is one in millimetres and the other in metres? Both must have the same unit"
         )
     if (before.max(axis=0) < after.min(axis=0)).any() or (after.max(axis=0) < before.min(axis=0)).any():
-        warnings.warn(
+        warn(
             "the extents of the clouds do not overlap at all, so what is found means little: are both in the same "
-            "frame, and in the same unit?",
-            InputWarning,
-            stacklevel=2,
+            "frame, and in the same unit?"
         )

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from gmmjax import DetectionConfig
 from gmmjax.changes.align.component_displacement import consensus_displacement
 from gmmjax.changes.align.registration import ConfidenceModel, SurfaceFit, registered_pair
-from gmmjax.changes.registration import Registration
+from gmmjax.changes.align.registration import Registration
 from gmmjax.mixtures import GaussianMixture
 from gmmjax.scenes import random_scene
 

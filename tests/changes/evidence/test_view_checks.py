@@ -21,7 +21,7 @@ def with_poses(poses, max_range=4.0):
 
 
 def contradiction(name, views, points):
-    return check_views(name, Survey(points, views))
+    return check_views(name, Survey.of(points, views))
 
 
 def test_right_views_pass(cloud):

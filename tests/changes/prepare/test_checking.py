@@ -1,7 +1,11 @@
+import inspect
+import linecache
+import warnings
+
 import numpy as np
 import pytest
 
-from gmmjax import DetectionConfig, InputError, InputWarning, PointCloud
+from gmmjax import DetectionConfig, InputError, InputWarning, PointCloud, detect_changes
 from gmmjax.changes.prepare.checking import check_comparable, check_pair
 
 CONFIG = DetectionConfig()
@@ -61,3 +65,16 @@ def test_suspicious_extents_are_warned_of():
         check_pair(CLOUD, 200 * CLOUD, CONFIG)
     with pytest.warns(InputWarning, match="do not overlap"):
         check_pair(CLOUD, CLOUD + 100, CONFIG)
+
+
+@pytest.mark.parametrize("method", ["joint", "greedy"])
+def test_warnings_point_to_the_line_of_the_caller(method):
+    scan = np.random.default_rng(1).uniform(size=(2000, 3))
+    # Without the wrapper that checks shapes in tests, which is a caller, too.
+    detect = inspect.unwrap(detect_changes)
+    with warnings.catch_warnings(record=True) as caught, pytest.raises(InputError, match="same unit"):
+        warnings.simplefilter("always")
+        detect(scan, 1000 * scan, method=method)  # the line of the caller
+    assert [warning.category for warning in caught] == [InputWarning]
+    assert caught[0].filename == __file__
+    assert "the line of the caller" in linecache.getline(__file__, caught[0].lineno)
