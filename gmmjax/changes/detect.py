@@ -6,11 +6,11 @@ from typing import Any
 from jaxtyping import ArrayLike
 
 from gmmjax.changes.change import Changes
-from gmmjax.changes.progress import Progress
+from gmmjax.changes.progress import Progress, silent
 from gmmjax.changes.config import DetectionConfig, Method
-from gmmjax.changes.detectors.joint import joint_changes
-from gmmjax.changes.detectors.separate import separate_changes
+from gmmjax.changes.detectors import DETECTORS, Scan
 from gmmjax.clouds import PointCloud, SensorViews
+from gmmjax.pair import Pair
 
 
 def detect_changes(
@@ -53,10 +53,8 @@ def detect_changes(
             views that contradict their cloud, which then are not used.
     """
     config = _overridden(config or DetectionConfig(), method=method, restarts=restarts, seed=seed)
-    report = progress or (lambda stage, share: None)
-    if config.method != "joint":
-        return separate_changes(before, after, config, report)
-    return joint_changes(before, after, _views(before, views_before), _views(after, views_after), config, report)
+    scans = Pair(Scan(before, _views(before, views_before)), Scan(after, _views(after, views_after)))
+    return DETECTORS[config.method].of(config).changes(scans, progress or silent)
 
 
 def _overridden(config: DetectionConfig, **settings: Any) -> DetectionConfig:

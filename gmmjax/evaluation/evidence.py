@@ -3,12 +3,14 @@
 import numpy as np
 from jaxtyping import Int
 
-from gmmjax.changes.evidence import surface
-from gmmjax.changes.config import DetectionConfig
+from gmmjax.changes.candidates import Candidates
+from gmmjax.changes.differences import LocalDifference, differences
+from gmmjax.changes.evidence.examination import without_evidence
 from gmmjax.changes.evidence.free_space import Survey
-from gmmjax.changes.differences import difference_scale, local_difference
 from gmmjax.changes.prepare.resolution import WorkingCloud, working_pair
 from gmmjax.evaluation.labelled_pair import LabelledPair
+from gmmjax.geometry.local_surface import LocalSurface
+from gmmjax.pair import Pair, each
 
 
 def without_unobserved(
@@ -24,19 +26,20 @@ def without_unobserved(
         labels_before: per point -1 or the number of a change.
         labels_after: the same for the after cloud.
     """
-    working = working_pair(pair.before.points, pair.after.points, DetectionConfig())
+    working = working_pair(Pair(pair.before.points, pair.after.points))
     if working.volumetric:
         return labels_before, labels_after
-    clouds = working.before, working.after
-    surveys = Survey.of(clouds[0].points, pair.before.views), Survey.of(clouds[1].points, pair.after.views)
-    differences = [local_difference(surveys[own].surface, surveys[1 - own].surface) for own in (0, 1)]
-    scales = surface.SurfaceScales.of(working.spacing, difference_scale(*differences))
-    kept = []
-    for own, labels in enumerate((labels_before, labels_after)):
-        cloud = surface.SurfaceCloud(clouds[own].points, differences[own], np.zeros((1, len(clouds[own].points))))
-        dropped, _ = surface.put_to_evidence(cloud, _voxel_labels(clouds[own], labels), surveys[1 - own], scales)
-        kept.append(np.where(dropped[clouds[own].member], -1, labels))
-    return kept[0], kept[1]
+    surfaces = working.clouds.map(lambda cloud: LocalSurface.of(cloud.points))
+    surveys = each(Survey, surfaces, (pair.before.views, pair.after.views))
+    measured = differences(surfaces, working.spacing)
+
+    def kept(cloud: WorkingCloud, difference: LocalDifference, labels: np.ndarray, other: Survey) -> np.ndarray:
+        nothing = np.zeros((1, len(cloud.points)))
+        segments = Candidates(cloud.points, difference, nothing, _voxel_labels(cloud, labels))
+        rejected, _ = without_evidence(segments, other, measured.limits)
+        return np.where(rejected[cloud.member], -1, labels)
+
+    return each(kept, working.clouds, measured.local, (labels_before, labels_after), surveys.swapped)
 
 
 def _voxel_labels(cloud: WorkingCloud, labels: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:

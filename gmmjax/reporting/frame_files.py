@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from gmmjax.clouds import atomic_write, write_ply
-from gmmjax.geometry.local_surface import moved_points
+from gmmjax.geometry.rigid import transformed
 from gmmjax.clouds.pcd_writing import viewpoint_of, write_pcd
 from gmmjax.errors import InputError
 from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder
@@ -163,7 +163,7 @@ def _write_npz(path: Path, frame: Frame, pose: Pose | None) -> None:
 
 
 def _in_world(points: Float64[np.ndarray, "n 3"], pose: Pose | None) -> Float64[np.ndarray, "n 3"]:
-    return points if pose is None else moved_points(points, pose)
+    return points if pose is None else transformed(points, pose)
 
 
 def _compact(points: Float64[np.ndarray, "n 3"]) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from jaxtyping import Float64, Int64
 
 from gmmjax.clouds import SensorViews
-from gmmjax.geometry.local_surface import moved_points
+from gmmjax.geometry.rigid import transformed
 from gmmjax.errors import InputError
 from gmmjax.surveys.frame import Frame
 from gmmjax.surveys.placed_frames import PlacedFrames, Sight, cropped
@@ -101,5 +101,5 @@ def _inside(
     points: Float64[np.ndarray, "n 3"], pose: Float64[np.ndarray, "4 4"], bounds: npt.ArrayLike | None
 ) -> Float64[np.ndarray, "k 3"]:
     """The points of a frame in the world, those that are in the bounds."""
-    moved = moved_points(points, pose)
+    moved = transformed(points, pose)
     return moved[cropped(moved, bounds)]

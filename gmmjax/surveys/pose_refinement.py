@@ -9,8 +9,10 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from gmmjax.clouds import voxel_grid
-from gmmjax.geometry.local_surface import LocalSurface, evenly_chosen, moved_points
+from gmmjax.geometry.icp import geman_mcclure, offset_derivatives
+from gmmjax.geometry.local_surface import LocalSurface, evenly_chosen
 from gmmjax.geometry.neighbours import nearest_neighbours
+from gmmjax.geometry.rigid import transformed
 
 # The planes of a frame go through the means of voxels of this size, metres.
 VOXEL = 0.03
@@ -94,7 +96,7 @@ def _overlapping_pairs(frames: Sequence[_Planes], poses: Float64[np.ndarray, "v 
     pairs = []
     for index, frame in enumerate(frames):
         chosen = evenly_chosen(len(frame.centres), OVERLAP_SAMPLE)
-        places = moved_points(frame.centres[chosen], poses[index])
+        places = transformed(frame.centres[chosen], poses[index])
         overlaps = np.zeros(len(frames))
         for other, planes in enumerate(frames):
             if other != index and len(places):
@@ -112,12 +114,12 @@ def _matches(
     first, second = (frames[index] for index in pair)
     own, other = (poses[index] for index in pair)
     chosen = evenly_chosen(len(first.centres), SAMPLE)
-    places = moved_points(first.centres[chosen], own)
+    places = transformed(first.centres[chosen], own)
     distances, nearest = nearest_neighbours(second.tree, _in_sensor(places, other), 1)
     normals = second.normals[nearest[:, 0]] @ other[:3, :3].T
     alike = np.abs((normals * (first.normals[chosen] @ own[:3, :3].T)).sum(axis=1)) > ALIKE
     kept = np.flatnonzero(alike & (distances[:, 0] < FARTHEST * reach))
-    feet = moved_points(second.centres[nearest[kept, 0]], other)
+    feet = transformed(second.centres[nearest[kept, 0]], other)
     return _Matches(places[kept], normals[kept], ((places[kept] - feet) * normals[kept]).sum(axis=1))
 
 
@@ -133,10 +135,10 @@ def _step(
     matrix, gradient = np.zeros((count, 6, count, 6)), np.zeros((count, 6))
     for pair in pairs:
         places, normals, offsets = _matches(frames, pair, poses, reach)
-        weights = 1 / (1 + (offsets / reach) ** 2) ** 2
+        weights = geman_mcclure(offsets / reach)
         # The offset grows as the first frame moves along the normal, and falls as the second one does.
         slopes = [
-            sign * np.concatenate([np.cross(places - poses[index, :3, 3], normals), normals], axis=1)
+            sign * offset_derivatives(places, normals, poses[index, :3, 3])
             for sign, index in zip((1, -1), pair, strict=True)
         ]
         for index, own in zip(pair, slopes, strict=True):

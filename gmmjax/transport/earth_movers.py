@@ -2,14 +2,13 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float
 
 from gmmjax._host import is_numpy, to_numpy
 from gmmjax._typing import Array, Scalar
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.transport.exact import exact_transport
-from gmmjax.transport.ground_cost import bures_wasserstein, euclidean
+from gmmjax.transport.ground_cost import GROUND_COSTS, GroundCost
 from gmmjax.transport.result import TransportResult
 from gmmjax.transport.sinkhorn import sinkhorn
 
@@ -19,7 +18,7 @@ def earth_movers_distance(
     after: GaussianMixture,
     *,
     solver: str = "exact",
-    ground_cost: str = "euclidean",
+    ground_cost: str | GroundCost = "euclidean",
     epsilon: Scalar | None = None,
 ) -> TransportResult:
     """Solve (2.21) between the components of two mixtures, with their weights as masses; `cost` is the EMD (2.22).
@@ -33,7 +32,7 @@ def earth_movers_distance(
         after: the mixture of the second survey, in the same unit and dimension.
         solver: "exact" for the linear programme, "sinkhorn" for the entropic one.
         ground_cost: "euclidean" for the distance between means (the thesis's), "bures_wasserstein" for that between
-            Gaussians, shape included.
+            Gaussians, shape included; or a function of the two mixtures.
         epsilon: entropy of the Sinkhorn solver, in the unit of the means; by default 5 % of the mean ground cost.
 
     Returns:
@@ -49,7 +48,9 @@ def earth_movers_distance(
             "give two mixtures of the same dimension."
         )
     check_choice("solver", solver, ("exact", "sinkhorn"))
-    check_choice("ground_cost", ground_cost, ("euclidean", "bures_wasserstein"))
+    if isinstance(ground_cost, str):
+        check_choice("ground_cost", ground_cost, tuple(GROUND_COSTS))
+        ground_cost = GROUND_COSTS[ground_cost]
     if epsilon is not None and solver != "sinkhorn":
         raise InputError('epsilon is of use to solver="sinkhorn" only: leave it out, or choose that solver.')
     if is_numpy(before, after, epsilon):
@@ -59,17 +60,10 @@ def earth_movers_distance(
 
 
 def _earth_movers_distance(
-    before: GaussianMixture, after: GaussianMixture, solver: str, ground_cost: str, epsilon: Scalar | None
+    before: GaussianMixture, after: GaussianMixture, solver: str, ground_cost: GroundCost, epsilon: Scalar | None
 ) -> TransportResult:
-    cost = _ground_cost(before, after, ground_cost)
+    cost = ground_cost(before, after)
     masses = [jnp.where(mixture.live, mixture.weights, 0) for mixture in (before, after)]
     if solver == "sinkhorn":
         return sinkhorn(masses[0], masses[1], cost, epsilon=epsilon)
     return exact_transport(masses[0], masses[1], cost)
-
-
-def _ground_cost(before: GaussianMixture, after: GaussianMixture, name: str) -> Float[Array, "k0 k1"]:
-    means = jnp.asarray(before.means), jnp.asarray(after.means)
-    if name == "euclidean":
-        return euclidean(*means)
-    return bures_wasserstein(means[0], jnp.asarray(before.covariances), means[1], jnp.asarray(after.covariances))

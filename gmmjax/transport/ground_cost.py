@@ -1,4 +1,10 @@
-"""Distances between the components of two mixtures."""
+"""Distances between the components of two mixtures: the ground costs of optimal transport.
+
+A ground cost is a function of two mixtures, for `earth_movers_distance` and the detectors to take; `GROUND_COSTS` has
+those that are known by a name.
+"""
+
+from collections.abc import Callable, Mapping
 
 import jax
 import jax.numpy as jnp
@@ -6,6 +12,27 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax._typing import Array
+from gmmjax.mixtures.mixture import GaussianMixture
+
+GroundCost = Callable[[GaussianMixture, GaussianMixture], Float[Array, "k0 k1"]]
+"""From two mixtures to the cost [k0, k1] of a unit of mass between each two components; finite in dead slots, too."""
+
+
+def distance_of_means(before: GaussianMixture, after: GaussianMixture) -> Float[Array, "k0 k1"]:
+    """Distances between the means of two mixtures' components: the thesis's ground cost (2.2.3)."""
+    return euclidean(jnp.asarray(before.means), jnp.asarray(after.means))
+
+
+def bures_wasserstein_distance(before: GaussianMixture, after: GaussianMixture) -> Float[Array, "k0 k1"]:
+    """Distances between two mixtures' components, shape included; see `bures_wasserstein`."""
+    moments = (jnp.asarray(leaf) for own in (before, after) for leaf in (own.means, own.covariances))
+    return bures_wasserstein(*moments)
+
+
+GROUND_COSTS: Mapping[str, GroundCost] = {
+    "euclidean": distance_of_means,
+    "bures_wasserstein": bures_wasserstein_distance,
+}
 
 
 def euclidean(means_before: Float[Array, "k0 d"], means_after: Float[Array, "k1 d"]) -> Float[Array, "k0 k1"]:

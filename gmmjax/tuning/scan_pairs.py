@@ -10,14 +10,16 @@ from jaxtyping import ArrayLike, Bool, Float, Int
 from gmmjax._typing import Array
 from gmmjax.changes.prepare.checking import CheckedCloud, check_pair
 from gmmjax.changes.config import DetectionConfig
+from gmmjax.changes.detectors import JointDetector
 from gmmjax.changes.fit.joint_mixture import SourcedPoints
 from gmmjax.changes.fit.joint_problem import joint_problem
-from gmmjax.changes.align.registration import registered_pair
+from gmmjax.changes.align.alignment import aligned
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.errors import InputError
 from gmmjax.mixtures import Prior, WeightedPoints
 from gmmjax.mixtures.frame import Frame
+from gmmjax.pair import Pair
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -103,7 +105,7 @@ def ready_pair(pair: ScanPair, config: DetectionConfig, max_points: int, seed: i
         InputError: clouds that cannot be compared, or truth that does not fit them; it names the pair.
     """
     try:
-        checked = check_pair(pair.before, pair.after, config)
+        checked = check_pair(Pair(pair.before, pair.after), config.crop)
         truths = [
             _rows("truth_before", pair.truth_before, checked[0], "iu"),
             _rows("truth_after", pair.truth_after, checked[1], "iu"),
@@ -114,9 +116,9 @@ def ready_pair(pair: ScanPair, config: DetectionConfig, max_points: int, seed: i
         ]
     except InputError as error:
         raise InputError(f"{pair.name}: {error}") from error
-    registered = registered_pair(checked[0].points, checked[1].points, config)
-    working = registered.pair
-    problem = joint_problem(working, registered.registration, config)
+    placed = aligned(checked.map(lambda cloud: cloud.points), config.seed, JointDetector.of(config).align)
+    working = placed.working
+    problem = joint_problem(working, placed.registration, config)
     frame = Frame.of(problem.points.points)
     framed = SourcedPoints(frame.enter(problem.points.points), problem.points.after)
     generator = np.random.default_rng(seed)
@@ -125,7 +127,7 @@ def ready_pair(pair: ScanPair, config: DetectionConfig, max_points: int, seed: i
     if not pair.labelled and not len(left):
         # Held-out points are needed: half are fitted, half are judged.
         fitted, left = np.array_split(order, 2)
-    clouds = (working.before, working.after)
+    clouds = working.clouds
     judged = []
     for side, (cloud, truth, unjudged) in enumerate(zip(clouds, truths, ignored, strict=True)):
         labels = _label(cloud, truth, unjudged)

@@ -15,6 +15,8 @@ from jaxtyping import Complex, Float, Int
 from scipy.spatial.transform import Rotation
 
 from gmmjax.geometry.local_surface import LocalSurface
+from gmmjax.geometry.rigid import rotation_about
+from gmmjax.pair import Pair
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,16 +61,15 @@ class CoarseTransforms(NamedTuple):
 
 
 def coarse_transforms(
-    before: LocalSurface, after: LocalSurface, settings: CoarseSettings = CoarseSettings()
+    surfaces: Pair[LocalSurface], settings: CoarseSettings = CoarseSettings()
 ) -> CoarseTransforms:
     """Transforms of the after cloud that may register it to the before cloud.
 
     Args:
-        before: the surface of the before cloud.
-        after: that of the after cloud.
+        surfaces: of both clouds.
         settings: of the search.
     """
-    own, other = (_sampled(surface, settings.points, seed) for seed, surface in enumerate((before, after)))
+    own, other = (_sampled(surface, settings.points, seed) for seed, surface in enumerate(surfaces))
     grid = _Grid.around(own[0], other[0], settings)
     spectrum = grid.spectrum(own[0] - grid.before, own[1])
     found: list[tuple[float, Float[np.ndarray, "4 4"]]] = []
@@ -77,7 +78,7 @@ def coarse_transforms(
         points, normals = (np.einsum("ij,nj->ni", rotation, rows) for rows in (other[0] - grid.after, other[1]))
         rotated = grid.spectrum(points, normals)
         for score, translation in grid.translations(spectrum, rotated, settings.translations):
-            found.append((score, _transform(rotation, grid.after, grid.before + translation)))
+            found.append((score, rotation_about(rotation, grid.after, grid.before + translation)))
     found.sort(key=lambda hypothesis: -hypothesis[0])
     return CoarseTransforms([transform for _, transform in found[: settings.hypotheses]], grid.edge)
 
@@ -86,13 +87,6 @@ def _sampled(surface: LocalSurface, size: int, seed: int) -> tuple[Float[np.ndar
     """Centres and normals of some of the points, in random order."""
     chosen = np.random.default_rng(seed).permutation(len(surface))[:size]
     return surface.centres[chosen], surface.normals[chosen]
-
-
-def _transform(rotation: np.ndarray, centre: np.ndarray, destination: np.ndarray) -> Float[np.ndarray, "4 4"]:
-    """The rotation about a centre that is brought to its destination."""
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = rotation, destination - rotation @ centre
-    return transform
 
 
 def normal_space_sample(

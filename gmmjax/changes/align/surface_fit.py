@@ -8,11 +8,8 @@ from jaxtyping import Float, Float64, Int
 
 from gmmjax.geometry.local_surface import MEAN_NEIGHBOURS, PLANE_NEIGHBOURS, LocalSurface
 from gmmjax.geometry.rigid import rotated, transformed
+from gmmjax.geometry.statistics import MEDIAN_TO_DEVIATION
 from gmmjax.pair import Pair
-
-# Standard deviation of a normal distribution by its median absolute deviation.
-MEDIAN_TO_DEVIATION = 1.4826
-
 
 @dataclasses.dataclass(frozen=True)
 class FitScoreSettings:

@@ -1,1 +1,17 @@
-""""""
+"""The detectors: the joint mixture, and the thesis's two. A new one is a module here and an entry in `DETECTORS`."""
+
+from collections.abc import Mapping
+
+from gmmjax.changes.detectors.detector import AbstractChangeDetector as AbstractChangeDetector
+from gmmjax.changes.detectors.detector import AbstractDetector as AbstractDetector
+from gmmjax.changes.detectors.detector import Detection as Detection
+from gmmjax.changes.detectors.detector import Scan as Scan
+from gmmjax.changes.detectors.greedy import GreedyDetector as GreedyDetector
+from gmmjax.changes.detectors.joint import JointDetector as JointDetector
+from gmmjax.changes.detectors.transport import TransportDetector as TransportDetector
+
+DETECTORS: Mapping[str, type[AbstractChangeDetector]] = {
+    "joint": JointDetector,
+    "greedy": GreedyDetector,
+    "transport": TransportDetector,
+}

@@ -15,7 +15,7 @@ from gmmjax._typing import Array
 from gmmjax.changes.config import Kinds
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.transport import TransportStatus, exact_transport
-from gmmjax.transport.ground_cost import euclidean
+from gmmjax.transport.ground_cost import GroundCost, distance_of_means
 
 # An improvement counts from this share of the ground cost on: less is rounding, not change.
 SMALLEST_GAIN = 1e-9
@@ -48,7 +48,12 @@ class _State(NamedTuple):
     valid: JaxArray
 
 
-def remove_changed(before: GaussianMixture, after: GaussianMixture, kinds: Kinds = "both") -> Removals:
+def remove_changed(
+    before: GaussianMixture,
+    after: GaussianMixture,
+    kinds: Kinds = "both",
+    ground_cost: GroundCost = distance_of_means,
+) -> Removals:
     """Algorithm 1: greedily removes the Gaussian whose removal lowers the EMD between the mixtures most.
 
     It goes on until no removal lowers the distance. The weights that are left in a mixture are renormalised after each
@@ -64,19 +69,22 @@ def remove_changed(before: GaussianMixture, after: GaussianMixture, kinds: Kinds
         before: mixture of the before cloud, k0 slots.
         after: mixture of the after cloud, k1 slots. At least one Gaussian is left in either.
         kinds: "appeared", "disappeared" or "both".
+        ground_cost: between the components; the thesis's is the distance of the means.
 
     Under `vmap` pair follows pair where a compiled kernel solves the transport: none waits for the one with the most
     removals.
     """
-    remove = functools.partial(_removal, kinds=kinds)
+    remove = functools.partial(_removal, kinds=kinds, ground_cost=ground_cost)
     if native.used():
         remove = sequential_vmap(remove)
     removals: Removals = remove(before, after)
     return removals
 
 
-def _removal(before: GaussianMixture, after: GaussianMixture, kinds: Kinds) -> Removals:
-    cost = euclidean(before.means, after.means)
+def _removal(
+    before: GaussianMixture, after: GaussianMixture, kinds: Kinds, ground_cost: GroundCost
+) -> Removals:
+    cost = ground_cost(before, after)
     slots_before = len(before.weights)
 
     def distance(kept_before: JaxArray, kept_after: JaxArray, start: JaxArray | None) -> tuple[JaxArray, ...]:

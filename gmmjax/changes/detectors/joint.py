@@ -1,119 +1,107 @@
-"""Changes by one mixture for both clouds: registration, fit, segments with evidence, moved objects."""
+"""Changes by one mixture for both clouds: the pipeline of the default method."""
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import ArrayLike, Bool, Float, Int
+from jaxtyping import Int
 
-from gmmjax.changes.change import Changes, Kind
-from gmmjax.changes.prepare.checking import CheckedCloud, check_pair
-from gmmjax.changes.progress import Clock, Progress
+from gmmjax.changes.align.alignment import AlignedPair, AlignSettings, aligned
+from gmmjax.changes.candidates import CandidateSettings, candidates
+from gmmjax.changes.change import Changes
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.objects.consensus import CloudConsensus, merged
+from gmmjax.changes.detectors.detector import AbstractChangeDetector, Scan
+from gmmjax.changes.differences import DifferenceSettings, differences
+from gmmjax.changes.evidence.examination import EvidenceSettings, examined
 from gmmjax.changes.evidence.free_space import Survey
+from gmmjax.changes.evidence.view_checks import usable_views
 from gmmjax.changes.fit.joint_fit import JointFits, fit_joint_restarts, mixtures_distance, point_excess
 from gmmjax.changes.fit.joint_problem import SETTINGS, JointProblem, joint_problem
-from gmmjax.changes.differences import difference_scale, local_difference
+from gmmjax.changes.objects.found import Found, surfaces_found, volumes_found
 from gmmjax.changes.objects.moved import with_moved
-from gmmjax.changes.align.registration import registered_pair
-from gmmjax.changes.align.registration import Registration
-from gmmjax.changes.prepare.resolution import WorkingCloud, WorkingPair
-from gmmjax.changes.evidence.surface import SurfaceCloud, SurfaceScales, surface_changes
-from gmmjax.changes.objects.surface_changes import surface_consensus
-from gmmjax.changes.evidence.view_checks import check_views
-from gmmjax.changes.objects.volumetric_changes import restart_weights, volumetric_changes
-from gmmjax.clouds import PointCloud, SensorViews
+from gmmjax.changes.prepare.checking import NAMES, CheckedCloud, check_pair
+from gmmjax.changes.prepare.resolution import WorkingCloud
+from gmmjax.changes.progress import Clock, Progress, silent
+from gmmjax.changes.registration import Registration
+from gmmjax.clouds import SensorViews
 from gmmjax.errors import warn
 from gmmjax.mixtures import FitStatus
-
-# The kind of a change in the before and in the after cloud.
-KINDS: tuple[Kind, Kind] = ("disappeared", "appeared")
+from gmmjax.pair import Pair, each
 
 
-class _Detected(NamedTuple):
-    """What was found in both clouds; `noise` is the usual offset between unchanged surfaces."""
+@dataclasses.dataclass(frozen=True)
+class JointDetector(AbstractChangeDetector):
+    """One mixture for both clouds, each component with its share of either; on scans with distances and evidence.
 
-    before: CloudConsensus
-    after: CloudConsensus
-    unobserved_before: Bool[np.ndarray, " n0"]
-    unobserved_after: Bool[np.ndarray, " n1"]
-    noise: float
+    Attributes:
+        config: what the user set; it is kept with the result.
+        align: how the clouds are brought into one frame.
+        differences: from which distance and offset on a point of a scan is surely changed.
+        candidates: which points look changed, and how they are gathered.
+        evidence: when a candidate is a change.
+    """
 
-    def believed(self, confidence: float) -> "_Detected":
-        """With all probabilities multiplied by the confidence in the registration."""
-        if confidence == 1:
-            return self
-        return self._replace(
-            before=_with_confidence(self.before, confidence), after=_with_confidence(self.after, confidence)
+    config: DetectionConfig = DetectionConfig()
+    align: AlignSettings = AlignSettings()
+    differences: DifferenceSettings = DifferenceSettings()
+    candidates: CandidateSettings = CandidateSettings()
+    evidence: EvidenceSettings = EvidenceSettings()
+
+    @classmethod
+    def of(cls, config: DetectionConfig) -> "JointDetector":
+        """The detector with a user's settings."""
+        return cls(
+            config,
+            align=AlignSettings(mode=config.registration, voxel_size=config.voxel_size),
+            candidates=CandidateSettings(threshold=config.threshold),
+            evidence=EvidenceSettings(needed=config.evidence),
         )
 
+    def changes(self, scans: Pair[Scan], report: Progress = silent) -> Changes:
+        """The record of what changed, stage by stage: prepare, align, fit, differences, candidates, evidence, objects."""
+        clock = Clock(report)
+        clock.start("preparation", "Reading the scales of the clouds", 0.0)
+        prepared = check_pair(scans.map(lambda scan: scan.cloud), self.config.crop)
+        clock.start("registration", "Registering the clouds", 0.1)
+        pair = aligned(prepared.map(lambda cloud: cloud.points), self.config.seed, self.align)
+        _warn_about_registration(pair.registration)
+        surveys = _surveys(pair, scans)
+        clock.start("fits", "Fitting the mixtures", 0.25)
+        problem = joint_problem(pair.working, pair.registration, self.config)
+        fits = _fit(problem, self.config, report)
+        clock.start("changes", "Looking for changes", 0.75)
+        if pair.working.volumetric:
+            found = volumes_found(pair.points, problem, fits, self.config.threshold)
+        else:
+            found = self._found_on_surfaces(pair, surveys, fits)
+        found = found.of_kinds(self.config.kinds).believed(pair.registration.confidence)
+        items, labels = found.merged()
+        clock.start("moved", "Looking for moved objects", 0.9)
+        if not pair.working.volumetric:
+            working_labels = each(_of_working_points, pair.working.clouds, labels)
+            items = with_moved(items, pair.surfaces, working_labels, found.registration_error)
+        clock.finish()
+        diagnostics = _diagnostics(scans, prepared, pair, fits, problem, surveys, clock)
+        return found.record(prepared, items, labels, mixtures_distance(fits), self.config, diagnostics, pair.registration)
 
-def joint_changes(
-    before: ArrayLike | PointCloud,
-    after: ArrayLike | PointCloud,
-    views_before: SensorViews | None,
-    views_after: SensorViews | None,
-    config: DetectionConfig,
-    report: Progress,
-) -> Changes:
-    """Changes by the joint mixture. Arguments, errors and warnings as in `detect_changes`."""
-    clock = Clock()
-    report("Reading the scales of the clouds", 0.0)
-    checked = check_pair(before, after, config)
-    clock.lap("preparation")
-    report("Registering the clouds", 0.1)
-    pair, *surfaces, registration = registered_pair(checked[0].points, checked[1].points, config)
-    _warn_about_registration(registration)
-    registered = checked[0].points, registration.apply(checked[1].points)
-    if views_after is not None and registration.applied:
-        views_after = views_after.moved(registration.transform)
-    surveys = (
-        _with_usable_views("views_before", Survey(surfaces[0], views_before)),
-        _with_usable_views("views_after", Survey(surfaces[1], views_after)),
+    def _found_on_surfaces(self, pair: AlignedPair, surveys: Pair[Survey], fits: JointFits) -> Found:
+        points = pair.surfaces.map(lambda surface: surface.points)
+        excess = Pair(point_excess(fits, points.before, False), point_excess(fits, points.after, True))
+        measured = differences(pair.surfaces, pair.working.spacing, self.differences)
+        looks_changed = candidates(points, measured, excess, self.candidates)
+        evident = examined(looks_changed, surveys, measured.limits, self.evidence)
+        return surfaces_found(pair, measured, evident)
+
+
+def _surveys(pair: AlignedPair, scans: Pair[Scan]) -> Pair[Survey]:
+    """Both clouds with their views in the before frame, where these do not contradict them."""
+    views = scans.map(lambda scan: scan.views)
+    if views.after is not None and pair.registration.applied:
+        views = views._replace(after=views.after.moved(pair.registration.transform))
+    return each(
+        lambda name, surface, views: usable_views(f"views_{name}", Survey(surface, views)), NAMES, pair.surfaces, views
     )
-    clock.lap("registration")
-    report("Fitting the mixtures", 0.25)
-    problem = joint_problem(pair, registration, config)
-    fits = _fit(problem, config, report)
-    clock.lap("fits")
-    report("Looking for changes", 0.75)
-    if pair.volumetric:
-        detected = _volumetric(registered, problem, fits, config)
-    else:
-        detected = _surface(registered, pair, fits, surveys, config)
-    detected = _of_kinds(detected, config).believed(registration.confidence)
-    items, labels_before, labels_after = merged(detected.before, detected.after)
-    clock.lap("changes")
-    report("Looking for moved objects", 0.9)
-    if not pair.volumetric:
-        of_working = _of_working_points(pair.before, labels_before), _of_working_points(pair.after, labels_after)
-        items = with_moved(items, surveys[0].surface, surveys[1].surface, *of_working, detected.noise)
-    clock.lap("moved")
-    report("Done", 1.0)
-    return Changes(
-        labels_before=checked[0].to_rows(labels_before, -1),
-        labels_after=checked[1].to_rows(labels_after, -1),
-        probability_before=checked[0].to_rows(detected.before.probability, 0.0),
-        probability_after=checked[1].to_rows(detected.after.probability, 0.0),
-        unobserved_before=checked[0].to_rows(detected.unobserved_before, False),
-        unobserved_after=checked[1].to_rows(detected.unobserved_after, False),
-        items=items,
-        emd=mixtures_distance(fits),
-        config=config,
-        diagnostics=_diagnostics((before, after), checked, pair, fits, problem, surveys, clock),
-        registration=registration,
-    )
-
-
-def _with_usable_views(name: str, survey: Survey) -> Survey:
-    """The survey, without its views where they contradict the cloud."""
-    contradiction = None if survey.views is None else check_views(name, survey)
-    if contradiction is None:
-        return survey
-    warn(contradiction)
-    return Survey(survey.surface)
 
 
 def _warn_about_registration(registration: Registration) -> None:
@@ -146,80 +134,28 @@ def _fit(problem: JointProblem, config: DetectionConfig, report: Progress) -> Jo
     )
 
 
-def _volumetric(
-    registered: tuple[Float[np.ndarray, "n0 3"], Float[np.ndarray, "n1 3"]],
-    problem: JointProblem,
-    fits: JointFits,
-    config: DetectionConfig,
-) -> _Detected:
-    weights = restart_weights(fits, comparable=len(problem.points.after) <= problem.max_points)
-    found = [
-        volumetric_changes(points, fits, weights, kind, config.threshold)
-        for points, kind in zip(registered, KINDS, strict=True)
-    ]
-    nothing = [np.zeros(len(points), bool) for points in registered]
-    return _Detected(found[0], found[1], nothing[0], nothing[1], noise=0.0)
-
-
-def _surface(
-    registered: tuple[Float[np.ndarray, "n0 3"], Float[np.ndarray, "n1 3"]],
-    pair: WorkingPair,
-    fits: JointFits,
-    surveys: tuple[Survey, Survey],
-    config: DetectionConfig,
-) -> _Detected:
-    clouds = (pair.before, pair.after)
-    differences = [local_difference(surveys[i].surface, surveys[1 - i].surface) for i in (0, 1)]
-    usual = difference_scale(*differences)
-    scales = SurfaceScales.of(pair.spacing, usual)
-    known = [
-        SurfaceCloud(cloud.points, difference, point_excess(fits, cloud.points, kind == "appeared"))
-        for cloud, difference, kind in zip(clouds, differences, KINDS, strict=True)
-    ]
-    segments = surface_changes((known[0], known[1]), surveys, scales, config)
-    found = [surface_consensus(registered[i], clouds[i].member, known[i], segments[i], usual, KINDS[i]) for i in (0, 1)]
-    unobserved = [segments[i].unobserved[clouds[i].member] for i in (0, 1)]
-    return _Detected(found[0], found[1], unobserved[0], unobserved[1], noise=usual.offset)
-
-
 def _of_working_points(cloud: WorkingCloud, labels: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
     working = np.empty(len(cloud.points), int)
     working[cloud.member] = labels
     return working
 
 
-def _of_kinds(detected: _Detected, config: DetectionConfig) -> _Detected:
-    """Without the changes of the kind that is not looked for."""
-    before = _none(detected.before) if config.kinds == "appeared" else detected.before
-    after = _none(detected.after) if config.kinds == "disappeared" else detected.after
-    return detected._replace(before=before, after=after)
-
-
-def _with_confidence(found: CloudConsensus, confidence: float) -> CloudConsensus:
-    items = [dataclasses.replace(change, probability=confidence * change.probability) for change in found.items]
-    return CloudConsensus(confidence * found.probability, found.labels, items)
-
-
-def _none(found: CloudConsensus) -> CloudConsensus:
-    return CloudConsensus(np.zeros_like(found.probability), np.full_like(found.labels, -1), [])
-
-
 def _diagnostics(
-    given: tuple[ArrayLike | PointCloud, ArrayLike | PointCloud],
-    checked: tuple[CheckedCloud, CheckedCloud],
-    pair: WorkingPair,
+    scans: Pair[Scan],
+    prepared: Pair[CheckedCloud],
+    pair: AlignedPair,
     fits: JointFits,
     problem: JointProblem,
-    surveys: tuple[Survey, Survey],
+    surveys: Pair[Survey],
     clock: Clock,
 ) -> dict[str, Any]:
     """Plain values for the record and the report."""
+    clouds = each(_cloud_diagnostics, scans, prepared, pair.working.clouds, surveys.map(lambda survey: survey.views))
     return {
-        "before": _cloud_diagnostics(given[0], checked[0], pair.before, surveys[0].views),
-        "after": _cloud_diagnostics(given[1], checked[1], pair.after, surveys[1].views),
-        "voxel_size": pair.voxel_size,
-        "spacing": pair.spacing,
-        "volumetric": pair.volumetric,
+        **clouds._asdict(),
+        "voxel_size": pair.working.voxel_size,
+        "spacing": pair.working.spacing,
+        "volumetric": pair.working.volumetric,
         "tolerance": float(problem.prior.tolerance),
         "components": fits.joint.mixture.live.sum(axis=1).tolist(),
         "message_length": np.round(fits.message_length, 3).tolist(),
@@ -233,10 +169,10 @@ def _diagnostics(
 
 
 def _cloud_diagnostics(
-    given: ArrayLike | PointCloud, cloud: CheckedCloud, working: WorkingCloud, views: SensorViews | None
+    scan: Scan, cloud: CheckedCloud, working: WorkingCloud, views: SensorViews | None
 ) -> dict[str, Any]:
     return {
-        **cloud.diagnostics(given),
+        **cloud.diagnostics(scan.cloud),
         "points_compared": len(working.points),
         "views": 0 if views is None else len(views),
     }

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from gmmjax._typing import Array, Scalar
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.transport import TransportStatus, partial_transport
-from gmmjax.transport.ground_cost import bures_wasserstein
+from gmmjax.transport.ground_cost import GroundCost, bures_wasserstein_distance
 
 
 class Unmatched(eqx.Module):
@@ -33,6 +33,7 @@ def unmatched_shares(
     points_before: Scalar,
     points_after: Scalar,
     penalty: Scalar | None = None,
+    ground_cost: GroundCost = bures_wasserstein_distance,
 ) -> Unmatched:
     """Matches the Gaussians' point counts at the least cost, where leaving a point unmatched costs `penalty`.
 
@@ -46,8 +47,9 @@ def unmatched_shares(
         points_after: observations in the after cloud.
         penalty: in the unit of the means; mass is matched over at most twice this distance. None: 0.4 of the median
             standard deviation of the Gaussians.
+        ground_cost: between the components; by default the Bures-Wasserstein distance.
     """
-    cost = bures_wasserstein(before.means, before.covariances, after.means, after.covariances)
+    cost = ground_cost(before, after)
     masses_before = jnp.asarray(before.weights) * points_before
     masses_after = jnp.asarray(after.weights) * points_after
     ratio = density_ratio(masses_before, masses_after, cost)

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float64, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.evidence.coverage_edge import MOST_COVERED, NEAR, at_observed_edge
-from gmmjax.geometry.planes import NEIGHBOURS, LocalPlanes, Plane, planes_of
+from gmmjax.geometry.planes import Plane, PlaneSettings, plane_surface, planes_of
 from gmmjax.clouds import voxel_grid
 from gmmjax.geometry.neighbours import nearest_neighbours
 
@@ -89,7 +89,7 @@ class Surroundings(NamedTuple):
 
     def flatness(self, points: Float64[np.ndarray, "n 3"]) -> float:
         """How far from a plane points may be that are as noisy as these."""
-        noise = LocalPlanes.of(points).noise
+        noise = plane_surface(points).thickness
         return min(self.tolerance, max(NOISE_DEVIATIONS * noise, LEAST_SPACINGS * self.spacing))
 
 
@@ -146,10 +146,9 @@ def _common_planes(
     """The planes that hold most of those points that the other cloud has too, at the same place of their surface."""
     if not len(points):
         return []
-    local = LocalPlanes.of(points)
-    distances, neighbours = nearest_neighbours(around.other, points, NEIGHBOURS)
-    heights = np.abs(np.einsum("nki,ni->nk", around.other.data[neighbours] - points[:, None], local.normals))
+    surface = plane_surface(points)
+    distances, neighbours = nearest_neighbours(around.other, points, PlaneSettings().neighbours)
+    heights = np.abs(np.einsum("nki,ni->nk", around.other.data[neighbours] - points[:, None], surface.normals))
     along = distances**2 - heights**2
     both = ((heights <= around.tolerance) & (along <= (NEAR * around.spacing) ** 2)).any(axis=1)
-    kept = LocalPlanes(local.normals[both], local.offsets[both], local.noise)
-    return planes_of(points[both], flatness, least_width, LEAST_SHARE, kept)
+    return planes_of(surface, flatness, least_width, LEAST_SHARE, both)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.spatial import cKDTree
 
-from gmmjax.geometry.planes import planes_of
+from gmmjax.geometry.planes import plane_surface, planes_of
 from gmmjax.clouds import voxel_grid
 
 # The segment is thinned to voxels of so many spacings, and is laid in so few planes as hold so many of them each.
@@ -45,7 +45,7 @@ def at_observed_edge(
     """
     at_edge = np.zeros(len(segment), bool)
     thinned = voxel_grid(segment, VOXEL * spacing).points
-    for wall in planes_of(thinned, flatness, 0.0, LEAST_SHARE):
+    for wall in planes_of(plane_surface(thinned), flatness, 0.0, LEAST_SHARE):
         on_wall = wall.distance(segment) <= flatness
         if not on_wall.any():
             continue

@@ -79,7 +79,7 @@ class Survey:
         if view not in self._images:
             points = self.views.in_camera(self.points[~self.stray], view)
             spacing = self.spacing[~self.stray]
-            self._images[view] = [(camera, DepthImage.of(points, spacing, camera)) for camera in cameras(self.views)]
+            self._images[view] = [(camera, DepthImage.of(points, spacing, camera)) for camera in cameras(self.views.field_of_view)]
         return self._images[view]
 
 

@@ -7,8 +7,9 @@ when it comes, the shelf disappears. But what stands on a surface shows that the
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
-from gmmjax.geometry.planes import LocalPlanes, Plane, planes_of
+from gmmjax.geometry.planes import Plane, plane_surface, planes_of
 from gmmjax.clouds import voxel_grid
+from gmmjax.pair import Pair, each
 
 # A support is flat: one plane holds this share of its voxels, which have an edge of so many spacings.
 FLAT_SHARE, VOXEL = 0.75, 2.0
@@ -22,31 +23,28 @@ LEAST_TOUCHING, BESIDE_SPACINGS = 8, 5.0
 
 
 def supports(
-    before: Float64[np.ndarray, "n 3"],
-    after: Float64[np.ndarray, "m 3"],
-    labels_before: Int[np.ndarray, " n"],
-    labels_after: Int[np.ndarray, " m"],
-    spacing: float,
-) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " m"]]:
+    points: Pair[Float64[np.ndarray, "_ 3"]], labels: Pair[Int[np.ndarray, " _"]], spacing: float
+) -> Pair[Bool[np.ndarray, " _"]]:
     """The points of the segments of either cloud that a segment of the other one stands on.
 
     Of two flat segments that could stand on each other neither is taken for a support.
 
     Args:
-        before: points of one cloud.
-        after: points of the other.
-        labels_before: -1, or the number of the segment that a point belongs to.
-        labels_after: the same for `after`.
+        points: of both clouds.
+        labels: -1, or the number of the segment that a point belongs to.
         spacing: distance of neighbouring points on a surface.
     """
-    gone = {int(label): before[labels_before == label] for label in np.unique(labels_before[labels_before >= 0])}
-    new = {int(label): after[labels_after == label] for label in np.unique(labels_after[labels_after >= 0])}
+    gone, new = each(_segments, points, labels)
     under = {(i, j) for i, segment in gone.items() for j, change in new.items() if _supports(segment, change, spacing)}
     over = {(i, j) for i, change in gone.items() for j, segment in new.items() if _supports(segment, change, spacing)}
-    return (
-        np.isin(labels_before, [i for i, _ in under - over]),
-        np.isin(labels_after, [j for _, j in over - under]),
+    return Pair(
+        np.isin(labels.before, [i for i, _ in under - over]),
+        np.isin(labels.after, [j for _, j in over - under]),
     )
+
+
+def _segments(points: np.ndarray, labels: np.ndarray) -> dict[int, np.ndarray]:
+    return {int(label): points[labels == label] for label in np.unique(labels[labels >= 0])}
 
 
 def _supports(segment: Float64[np.ndarray, "n 3"], change: Float64[np.ndarray, "m 3"], spacing: float) -> bool:
@@ -57,9 +55,9 @@ def _supports(segment: Float64[np.ndarray, "n 3"], change: Float64[np.ndarray, "
 
 def _flat(segment: Float64[np.ndarray, "n 3"], spacing: float) -> tuple[Plane | None, float]:
     """The plane that most of a segment lies on, if there is one, and how far from it its points may be."""
-    noise = NOISE_DEVIATIONS * LocalPlanes.of(segment).noise
+    noise = NOISE_DEVIATIONS * plane_surface(segment).thickness
     thinned = voxel_grid(segment, VOXEL * spacing).points
-    planes = planes_of(thinned, max(noise, spacing / 2), 0.0, FLAT_SHARE)
+    planes = planes_of(plane_surface(thinned), max(noise, spacing / 2), 0.0, FLAT_SHARE)
     return (planes[0] if planes else None), noise
 
 

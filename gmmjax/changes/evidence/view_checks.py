@@ -5,7 +5,7 @@ from jaxtyping import Bool, Float64
 
 from gmmjax.changes.evidence.free_space import Survey
 from gmmjax.clouds import SensorViews
-from gmmjax.errors import InputError
+from gmmjax.errors import InputError, warn
 
 # Every point of a cloud was seen from somewhere. So many may still lie outside of all views (noise, or three quarters
 # of the poses left out: 4 to 5 %) or be hidden in all of them (1 % in surveys of many frames; 2 to 6 % in single
@@ -14,6 +14,26 @@ MOST_OUTSIDE = 0.08
 MOST_HIDDEN = 0.15
 # A point is hidden when something lies this many spacings in front of it; nearer, it is the same slanted surface.
 HIDDEN_SPACINGS = 8.0
+
+
+def usable_views(name: str, survey: Survey) -> Survey:
+    """The survey, without its views where they contradict the cloud.
+
+    Args:
+        name: the argument that the views came in, for the message.
+        survey: a cloud of at least one point.
+
+    Raises:
+        InputError: the views see none of the points.
+
+    Warns:
+        InputWarning: the views contradict the cloud.
+    """
+    contradiction = None if survey.views is None else check_views(name, survey)
+    if contradiction is None:
+        return survey
+    warn(contradiction)
+    return Survey(survey.surface)
 
 
 def check_views(name: str, survey: Survey) -> str | None:

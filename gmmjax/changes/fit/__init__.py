@@ -1,1 +1,1 @@
-""""""
+"""Stage: one mixture is fitted to both clouds."""

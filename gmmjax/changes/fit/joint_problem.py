@@ -58,7 +58,7 @@ def joint_problem(pair: WorkingPair, registration: Registration, config: Detecti
     Raises:
         InputError: more components than points.
     """
-    clouds = (pair.before, pair.after)
+    clouds = pair.clouds
     points = np.concatenate([cloud.points for cloud in clouds])
     # The density of a scan is an accident of where the sensor stood: on surfaces every voxel counts the same.
     masses = [cloud.mass if pair.volumetric else np.ones(len(cloud.mass)) for cloud in clouds]
@@ -87,7 +87,7 @@ def _tolerance(pair: WorkingPair, registration: Registration) -> float:
 
 
 def _components(pair: WorkingPair, config: DetectionConfig) -> int:
-    points = len(pair.before.points) + len(pair.after.points)
+    points = sum(len(cloud.points) for cloud in pair.clouds)
     if config.max_components is not None:
         if config.max_components > points:
             raise InputError(

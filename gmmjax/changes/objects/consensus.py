@@ -12,14 +12,15 @@ from gmmjax._programs import kept_jit
 from gmmjax._typing import Array
 from gmmjax.changes.change import Box, Change, Kind
 from gmmjax.mixtures import GaussianMixture, parameters_per_component
+from gmmjax.pair import Pair
 
 # Points labelled in one pass: one compiled shape for clouds of every size.
 CHUNK = 16384
 SMALLEST_CHANGE = parameters_per_component(3) + 1
 
 
-class CloudConsensus(NamedTuple):
-    """What all restarts together say of one cloud.
+class CloudChanges(NamedTuple):
+    """The changes of one cloud.
 
     Attributes:
         probability: per point, the mean over all pairs of restarts of the vote of its Gaussian.
@@ -31,6 +32,15 @@ class CloudConsensus(NamedTuple):
     labels: Int[np.ndarray, " n"]
     items: list[Change]
 
+    def none(self) -> "CloudChanges":
+        """No changes of the same points."""
+        return CloudChanges(np.zeros_like(self.probability), np.full_like(self.labels, -1), [])
+
+    def believed(self, confidence: float) -> "CloudChanges":
+        """With all probabilities multiplied by a confidence."""
+        items = [dataclasses.replace(change, probability=confidence * change.probability) for change in self.items]
+        return CloudChanges(confidence * self.probability, self.labels, items)
+
 
 def cloud_consensus(
     points: Float[np.ndarray, "n 3"],
@@ -40,7 +50,7 @@ def cloud_consensus(
     reference: int,
     kind: Kind,
     threshold: float,
-) -> CloudConsensus:
+) -> CloudChanges:
     """Averages the votes point by point; the Gaussians of one restart, the reference, tell the changes apart.
 
     A Gaussian of the reference is a change when its points' mean probability reaches the threshold; the change consists
@@ -71,7 +81,7 @@ def cloud_consensus(
         change = change_of(points[members], kind, vote, significance[reference, component])
         gaussian = mixtures.means[reference, component], mixtures.covariances[reference, component]
         items.append(dataclasses.replace(change, mean=np.asarray(gaussian[0]), covariance=np.asarray(gaussian[1])))
-    return CloudConsensus(probability, labels, items)
+    return CloudChanges(probability, labels, items)
 
 
 def change_of(points: Float[np.ndarray, "n 3"], kind: Kind, probability: float, significance: float) -> Change:
@@ -88,17 +98,16 @@ def change_of(points: Float[np.ndarray, "n 3"], kind: Kind, probability: float, 
     )
 
 
-def merged(
-    before: CloudConsensus, after: CloudConsensus
-) -> tuple[tuple[Change, ...], Int[np.ndarray, " n0"], Int[np.ndarray, " n1"]]:
+def merged(changes: Pair[CloudChanges]) -> tuple[tuple[Change, ...], Pair[Int[np.ndarray, " _"]]]:
     """The changes of both clouds in one list, most probable and then largest first, and the labels that refer to it."""
-    items = before.items + after.items
+    items = changes.before.items + changes.after.items
     order = sorted(range(len(items)), key=lambda index: (-items[index].probability, -items[index].points))
     # One more entry, so that the label -1 stays -1.
     place = np.full(len(items) + 1, -1)
     place[order] = np.arange(len(items))
-    shifted = np.where(after.labels >= 0, after.labels + len(before.items), -1)
-    return tuple(items[index] for index in order), place[before.labels], place[shifted]
+    after = changes.after.labels
+    shifted = np.where(after >= 0, after + len(changes.before.items), -1)
+    return tuple(items[index] for index in order), Pair(place[changes.before.labels], place[shifted])
 
 
 def component_labels(points: Float[np.ndarray, "n 3"], mixtures: GaussianMixture) -> Int[np.ndarray, "r n"]:

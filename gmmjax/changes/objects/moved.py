@@ -13,6 +13,7 @@ from gmmjax.changes.change import Change
 from gmmjax.changes.objects.rigid_match import matches_about, rigid_matches, settled_match
 from gmmjax.changes.objects.upright import Ground, grounds, standing_motions, stays_standing, top_of
 from gmmjax.geometry.local_surface import LocalSurface, evenly_chosen
+from gmmjax.pair import Pair, each
 
 # Points of a change that are held against another change.
 MOST_POINTS = 4000
@@ -89,33 +90,30 @@ class Match(NamedTuple):
 
 def with_moved(
     items: tuple[Change, ...],
-    before: LocalSurface,
-    after: LocalSurface,
-    labels_before: Int[np.ndarray, " n0"],
-    labels_after: Int[np.ndarray, " n1"],
+    surfaces: Pair[LocalSurface],
+    labels: Pair[Int[np.ndarray, " _"]],
     noise: float,
 ) -> tuple[Change, ...]:
     """The changes, where every pair of a disappeared and an appeared one that are one object has become "moved".
 
     Args:
         items: the changes of both clouds.
-        before: the before cloud.
-        after: the after cloud, aligned to it.
-        labels_before: the change of each point of the before cloud, or -1.
-        labels_after: the same for the after cloud.
-        noise: standard deviation of the offset between local means of one surface, as in `DifferenceScale`.
+        surfaces: of both clouds, registered.
+        labels: the change of each point, or -1.
+        noise: standard deviation of the offset between local means of one surface: the registration error of
+            `DetectionLimits`.
     """
     gone = [index for index, change in enumerate(items) if change.kind == "disappeared"]
     new = [index for index, change in enumerate(items) if change.kind == "appeared"]
     if not gone or not new:
         return items
-    of_gone = {i: _part(before, labels_before == i) for i in gone}
-    of_new = {j: _part(after, labels_after == j) for j in new}
-    background = np.concatenate([before.points[labels_before < 0], after.points[labels_after < 0]])
+    of_gone = {i: _part(surfaces.before, labels.before == i) for i in gone}
+    of_new = {j: _part(surfaces.after, labels.after == j) for j in new}
+    background = np.concatenate(each(lambda surface, labels: surface.points[labels < 0], surfaces, labels))
     ground = dict(zip([*gone, *new], grounds([*of_gone.values(), *of_new.values()], background, noise), strict=True))
     matches: dict[tuple[int, int], Match] = {}
     for i, j in ((i, j) for i in gone for j in new if _alike(items[i], items[j])):
-        match = best_match(of_gone[i], of_new[j], before, after, noise, (ground[i], ground[j]))
+        match = best_match(Pair(of_gone[i], of_new[j]), surfaces, noise, Pair(ground[i], ground[j]))
         if match is not None and match.one_object:
             matches[i, j] = match
     moved = list(items)
@@ -146,12 +144,10 @@ def _alike(gone: Change, new: Change) -> bool:
 
 
 def best_match(
-    gone: LocalSurface,
-    new: LocalSurface,
-    before: LocalSurface,
-    after: LocalSurface,
+    parts: Pair[LocalSurface],
+    surfaces: Pair[LocalSurface],
     noise: float,
-    stood_on: tuple[Ground | None, Ground | None] = (None, None),
+    stood_on: Pair[Ground | None] = Pair(None, None),
 ) -> Match | None:
     """The motion that lays what is gone best onto what is new.
 
@@ -160,56 +156,48 @@ def best_match(
     sunk into the floor.
 
     Args:
-        gone: a part of the before cloud.
-        new: a part of the after cloud.
-        before: the before cloud.
-        after: the after cloud, aligned to it.
+        parts: what is gone of the before cloud, and what is new of the after cloud.
+        surfaces: of both clouds, registered.
         noise: of `with_moved`.
         stood_on: what either stands on, where that is known.
 
     Returns:
         The match; None where no motion keeps the object standing.
     """
-    motions, standing, same_top = _motions(gone, new, noise, stood_on)
+    motions, standing, same_top = _motions(parts, noise, stood_on)
     if not motions:
         return None
-    matches = [_match(gone, new, motion, before, after, noise, FEW_TESTED) for motion in motions]
+    matches = [_match(parts, motion, surfaces, noise, FEW_TESTED) for motion in motions]
     matches.sort(key=lambda match: match.merit, reverse=True)
     if min(matches[0].there.contradicted, matches[0].back.contradicted) > HOPELESS:
         return matches[0]
-    settled = [settled_match(gone, new, match.transform, noise) for match in matches[:BEST]]
-    judged = [_match(gone, new, motion, before, after, noise, TESTED) for motion in settled]
+    settled = [settled_match(*parts, match.transform, noise) for match in matches[:BEST]]
+    judged = [_match(parts, motion, surfaces, noise, TESTED) for motion in settled]
     best = max(judged, key=lambda match: match.merit)
     return best._replace(standing=standing, same_top=same_top)
 
 
 def _motions(
-    gone: LocalSurface, new: LocalSurface, noise: float, stood_on: tuple[Ground | None, Ground | None]
+    parts: Pair[LocalSurface], noise: float, stood_on: Pair[Ground | None]
 ) -> tuple[list[Float[np.ndarray, "4 4"]], bool, bool]:
     """The motions that are tried, whether they keep the object standing, and whether both have the same top."""
     first, second = stood_on
     if first is None or second is None:
-        return rigid_matches(gone, new, noise, MOTIONS), False, False
-    tops = top_of(gone, first, noise), top_of(new, second, noise)
+        return rigid_matches(*parts, noise, MOTIONS), False, False
+    tops = top_of(parts.before, first, noise), top_of(parts.after, second, noise)
     same_top = False
     if tops[0] is not None and tops[1] is not None:
         if abs(tops[0].height - tops[1].height) > OTHER_HEIGHT * noise:
             return [], True, False
         same_top = tops[0].like(tops[1], noise)
-    middle, reach = new.points.mean(axis=0), SAME_HEIGHT * noise
-    found = matches_about(gone, new, standing_motions(gone, new, first, second), noise, STANDING_MOTIONS)
+    middle, reach = parts.after.points.mean(axis=0), SAME_HEIGHT * noise
+    found = matches_about(*parts, standing_motions(*parts, first, second), noise, STANDING_MOTIONS)
     return [motion for motion in found if stays_standing(motion, first, second, middle, reach)], True, same_top
 
 
 def _match(
-    gone: LocalSurface,
-    new: LocalSurface,
-    motion: np.ndarray,
-    before: LocalSurface,
-    after: LocalSurface,
-    noise: float,
-    tested: int,
+    parts: Pair[LocalSurface], motion: np.ndarray, surfaces: Pair[LocalSurface], noise: float, tested: int
 ) -> Match:
-    there = agreement(gone.moved(motion), new, after, noise, tested)
-    back = agreement(new.moved(np.linalg.inv(motion)), gone, before, noise, tested)
+    there = agreement(parts.before.moved(motion), parts.after, surfaces.after, noise, tested)
+    back = agreement(parts.after.moved(np.linalg.inv(motion)), parts.before, surfaces.before, noise, tested)
     return Match(motion, there, back)

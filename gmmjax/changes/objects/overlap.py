@@ -45,19 +45,13 @@ def agreement(placed: LocalSurface, other: LocalSurface, scene: LocalSurface, no
     """
     chosen = evenly_chosen(len(placed), tested)
     points, means = placed.points[chosen], placed.means(chosen)
-    spacing = max(_spacing(placed), _spacing(other))
+    spacing = max(placed.nearest_distance, other.nearest_distance)
     both = np.concatenate([placed.points, other.points])
     heights = _heights(means, other, (both.min(axis=0) + both.max(axis=0)) / 2)
     covered = _lies_on(points, heights, other, noise, spacing)
     elsewhere = _lies_on(points, _heights(means, scene, means.mean(axis=0)), scene, noise, spacing)
     seen = (heights > -ON_IT * noise) & (other.beyond_hull(means) > ON_IT * noise)
     return Agreement(float(covered.mean()), float((seen & ~covered & ~elsewhere).mean()))
-
-
-def _spacing(surface: LocalSurface) -> float:
-    """Median distance to the nearest neighbour."""
-    nearest = surface.points[surface.neighbours[:, min(1, surface.neighbours.shape[1] - 1)]]
-    return float(np.median(np.linalg.norm(nearest - surface.points, axis=1)))
 
 
 def _heights(

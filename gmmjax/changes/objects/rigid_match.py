@@ -8,13 +8,14 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from gmmjax.geometry.icp import settled
-from gmmjax.geometry.local_surface import LocalSurface, evenly_chosen, moved_points
+from gmmjax.geometry.icp import IcpSettings, point_to_plane_icp
+from gmmjax.geometry.local_surface import LocalSurface, evenly_chosen
 from gmmjax.geometry.neighbours import nearest_neighbours
+from gmmjax.geometry.rigid import least_squares_transform, rigid_transform, transformed
 
 # Points that are laid onto the other object: at first, and to settle.
 COARSE_SAMPLE, FINE_SAMPLE = 200, 500
-COARSE_STEPS, FINE_STEPS = 12, 12
+COARSE_STEPS = 12
 FEWEST = 6
 # Starts: turns about each axis of the frame by so many steps of a full turn.
 TURNS = 12
@@ -25,7 +26,7 @@ SAME_MOTION = 0.5
 # In standard deviations of the offsets.
 FIRST_REACH, LAST_REACH = 16.0, 3.0
 # The best are settled once more, on more points.
-LAST_SAMPLE, LAST_FIRST_REACH, LAST_STEPS = 2000, 4.0, 10
+LAST_SAMPLE, LAST_FIRST_REACH, LAST_ICP = 2000, 4.0, IcpSettings(steps=10)
 
 
 class _Start(NamedTuple):
@@ -47,9 +48,9 @@ def rigid_matches(
         noise: standard deviation of the offset between local means of one surface, as in `DifferenceScale`.
         count: of motions.
     """
-    to_origin, back = np.eye(4), np.eye(4)
-    to_origin[:3, 3], back[:3, 3] = -source.points.mean(axis=0), target.points.mean(axis=0)
-    turns = [np.block([[turn, np.zeros((3, 1))], [np.zeros((1, 3)), 1.0]]) for turn in _turns()]
+    to_origin = rigid_transform(translation=-source.points.mean(axis=0))
+    back = rigid_transform(translation=target.points.mean(axis=0))
+    turns = [rigid_transform(turn) for turn in _turns()]
     return _promising(source, target, [back @ turn @ to_origin for turn in turns], ANYWHERE, noise, count)
 
 
@@ -73,7 +74,7 @@ def settled_match(
 ) -> Float[np.ndarray, "4 4"]:
     """One of these motions, settled on more of the points."""
     means = source.means(evenly_chosen(len(source), LAST_SAMPLE))
-    return settled(means, target, motion, LAST_FIRST_REACH * noise, LAST_REACH * noise, LAST_STEPS)
+    return point_to_plane_icp(means, target, motion, LAST_FIRST_REACH * noise, LAST_REACH * noise, LAST_ICP)
 
 
 def _promising(
@@ -92,7 +93,7 @@ def _promising(
     starts = [_closest_points(few[0], few[1], trees[1], motion, reach, size) for motion in motions]
     starts = _distinct(sorted(starts, key=lambda start: start.distance), few[0], SAME_MOTION * reach)
     means, reaches = source.means(evenly_chosen(len(source), FINE_SAMPLE)), (FIRST_REACH * noise, LAST_REACH * noise)
-    return [settled(means, target, start.transform, *reaches, FINE_STEPS) for start in starts[:count]]
+    return [point_to_plane_icp(means, target, start.transform, *reaches) for start in starts[:count]]
 
 
 def _distinct(starts: Sequence[_Start], points: np.ndarray, apart: float) -> list[_Start]:
@@ -101,7 +102,7 @@ def _distinct(starts: Sequence[_Start], points: np.ndarray, apart: float) -> lis
     kept: list[_Start] = []
     places: list[np.ndarray] = []
     for start in starts:
-        placed = moved_points(few, start.transform)
+        placed = transformed(few, start.transform)
         if all(np.linalg.norm(placed - other, axis=1).max() > apart for other in places):
             kept.append(start)
             places.append(placed)
@@ -114,25 +115,15 @@ def _closest_points(
     """Closest points, kept where they are within a reach that shrinks from the given size to the points' spacing."""
     transform = motion
     for step in range(COARSE_STEPS):
-        placed = moved_points(source, transform)
+        placed = transformed(source, transform)
         distances, nearest = tree.query(placed, distance_upper_bound=max(reach, size * 0.5 ** (step / 2)))
         near = np.isfinite(distances)
         if near.sum() < FEWEST:
             return _Start(transform, 2 * reach)
-        transform = _kabsch(source[near], target[nearest[near]])
-    placed = moved_points(source, transform)
+        transform = least_squares_transform(source[near], target[nearest[near]])
+    placed = transformed(source, transform)
     there, back = tree.query(placed)[0], cKDTree(placed).query(target)[0]
     return _Start(transform, float(sum(np.minimum(distances, reach).mean() for distances in (there, back))))
-
-
-def _kabsch(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """The rigid motion of least squares (Kabsch 1976)."""
-    source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
-    left, _, right = np.linalg.svd((target - target_mean).T @ (source - source_mean))
-    transform = np.eye(4)
-    transform[:3, :3] = left @ np.diag([1, 1, np.sign(np.linalg.det(left @ right))]) @ right
-    transform[:3, 3] = target_mean - transform[:3, :3] @ source_mean
-    return transform
 
 
 def _turns() -> list[np.ndarray]:

@@ -8,6 +8,7 @@ from jaxtyping import Float, Float64
 from scipy.spatial.transform import Rotation
 
 from gmmjax.geometry.local_surface import LocalSurface, evenly_chosen
+from gmmjax.geometry.rigid import rotation_about
 
 # The background touches an object that comes within so many of the object's spacings.
 TOUCHING = 4.0
@@ -134,16 +135,12 @@ def standing_motions(
     motions = []
     for start, goal in zip(_feet(source, first), _feet(target, second), strict=True):
         for turn in turns:
-            motion = np.eye(4)
-            motion[:3, :3] = turn.as_matrix()
-            motion[:3, 3] = goal - motion[:3, :3] @ start
-            motions.append(motion)
+            motions.append(rotation_about(turn.as_matrix(), start, goal))
     return motions
 
 
 def _surroundings(part: LocalSurface, background: Float64[np.ndarray, "n 3"]) -> _Surroundings:
-    beside = part.points[part.neighbours[:, min(1, part.neighbours.shape[1] - 1)]]
-    reach = TOUCHING * float(np.median(np.linalg.norm(beside - part.points, axis=1)))
+    reach = TOUCHING * part.nearest_distance
     # Twice as far, so that the planes of what touches have their neighbours.
     distances = part.tree.query(background, distance_upper_bound=2 * reach, workers=-1)[0]
     near = np.isfinite(distances)

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.changes.change import Change, Kind
-from gmmjax.changes.objects.consensus import SMALLEST_CHANGE, CloudConsensus, change_of
+from gmmjax.changes.objects.consensus import SMALLEST_CHANGE, CloudChanges, change_of
 from gmmjax.changes.fit.joint_fit import JointFits, component_excess
 
 # A component's points must exceed what the other cloud has there by so many standard deviations of the counts.
@@ -30,7 +30,7 @@ def volumetric_changes(
     weights: Float[np.ndarray, " r"],
     kind: Kind,
     threshold: float,
-) -> CloudConsensus:
+) -> CloudChanges:
     """The changes of one cloud whose points fill volumes.
 
     Each point gets the posterior that it is of a component which changed, averaged over the restarts. The components of
@@ -57,7 +57,7 @@ def volumetric_changes(
             continue
         labels[members] = len(items)
         items.append(change_of(points[members], kind, float(probability[members].mean()), significance))
-    return CloudConsensus(probability, labels, items)
+    return CloudChanges(probability, labels, items)
 
 
 def _significance(count: int, share: float) -> float:

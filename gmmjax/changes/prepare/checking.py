@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
-from gmmjax.changes.config import DetectionConfig
 from gmmjax.clouds import PointCloud, crop_box
 from gmmjax.clouds.canonical import canonical_order, first_of_equals
 from gmmjax.clouds.coordinates import as_points
 from gmmjax.errors import InputError, warn
 from gmmjax.mixtures import parameters_per_component
+from gmmjax.pair import Pair, each
 
 SMALLEST_CLOUD = parameters_per_component(3) + 1
 # Two clouds of one scene differ in extent by what one of them missed, hardly by more than this.
@@ -19,6 +19,9 @@ SUSPICIOUS_SCALE = 100.0
 # Extents from one over this to this, in the unit of the clouds: sixth powers of a length, as in the determinant of a
 # covariance, and of a thousandth of it stay within the range of float64, 1e-308 to 1e308.
 LARGEST_EXTENT = 1e45
+
+# What messages call the two clouds: the arguments that they came in.
+NAMES = Pair("before", "after")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,14 +58,13 @@ class CheckedCloud:
 
 
 def check_pair(
-    before: ArrayLike | PointCloud, after: ArrayLike | PointCloud, config: DetectionConfig
-) -> tuple[CheckedCloud, CheckedCloud]:
+    clouds: Pair[ArrayLike | PointCloud], crop: tuple[float, ...] | None = None
+) -> Pair[CheckedCloud]:
     """Checks the two clouds and crops them.
 
     Args:
-        before: coordinates [n0, 3] or a `PointCloud`, in any unit.
-        after: coordinates [n1, 3] or a `PointCloud`, in the same unit.
-        config: has the crop box.
+        clouds: coordinates [n, 3] or a `PointCloud`, in one unit, whichever that is.
+        crop: box that is looked at: x, y and z of its lower and then of its upper corner; None: all.
 
     Raises:
         InputError: a cloud that is not of real numbers [n, 3], has too few points or only equal ones, or an extent that
@@ -71,46 +73,42 @@ def check_pair(
     Warns:
         InputWarning: extents that do not overlap, or that differ so much that the units must differ.
     """
-    checked = _checked("before", before, config), _checked("after", after, config)
-    _warn_about_extents(checked[0].points, checked[1].points)
+    checked = each(lambda name, cloud: _checked(name, cloud, crop), NAMES, clouds)
+    _warn_about_extents(checked.before.points, checked.after.points)
     return checked
 
 
 def check_comparable(
-    before: Float[np.ndarray, "n0 3"],
-    after: Float[np.ndarray, "n1 3"],
-    compared: tuple[Float[np.ndarray, "m0 3"], Float[np.ndarray, "m1 3"]],
-    resolution: float,
+    points: Pair[Float[np.ndarray, "_ 3"]], compared: Pair[Float[np.ndarray, "_ 3"]], resolution: float
 ) -> None:
     """Checks that both clouds have an extent at the resolution that they are compared at.
 
     Args:
-        before: the points of the before cloud.
-        after: those of the after cloud.
+        points: of both clouds.
         compared: what they were reduced to.
         resolution: voxel size or spacing of the sparser one, in their unit.
 
     Raises:
         InputError: one cloud is but a few points, or smaller than the spacing of the other.
     """
-    extents = [float(np.ptp(points, axis=0).max()) for points in (before, after)]
-    if min(len(points) for points in compared) >= SMALLEST_CLOUD and min(extents) > resolution:
+    extents = points.map(lambda cloud: float(np.ptp(cloud, axis=0).max()))
+    if min(len(cloud) for cloud in compared) >= SMALLEST_CLOUD and min(extents) > resolution:
         return
     raise InputError(
         f"before and after: nothing can be compared, because at a resolution of {resolution:.4g} one of them is hardly "
-        f"more than a point: the before cloud extends over {extents[0]:.4g}, the after cloud over {extents[1]:.4g}. "
+        f"more than a point: the before cloud extends over {extents.before:.4g}, the after cloud over {extents.after:.4g}. "
         "Give both in the same unit, leave stray points out with crop, or give a smaller voxel_size"
     )
 
 
-def _checked(name: str, cloud: ArrayLike | PointCloud, config: DetectionConfig) -> CheckedCloud:
+def _checked(name: str, cloud: ArrayLike | PointCloud, crop: tuple[float, ...] | None) -> CheckedCloud:
     coordinates = cloud.points if isinstance(cloud, PointCloud) else as_points(cloud, name)
     label = f"{name} ({cloud.source})" if isinstance(cloud, PointCloud) and cloud.source else name
     finite = np.asarray(np.isfinite(coordinates).all(axis=1))
-    used = finite if config.crop is None else finite & _inside(coordinates, config.crop)
+    used = finite if crop is None else finite & _inside(coordinates, crop)
     rows = np.flatnonzero(used)
     points = coordinates[rows]
-    _check_points(label, points, config)
+    _check_points(label, points, crop)
     order = canonical_order(points)
     points, rows = points[order], rows[order]
     places = int(first_of_equals(points).sum())
@@ -122,11 +120,11 @@ def _checked(name: str, cloud: ArrayLike | PointCloud, config: DetectionConfig) 
     return CheckedCloud(points, rows, len(coordinates), int(finite.sum() - used.sum()))
 
 
-def _check_points(label: str, points: np.ndarray, config: DetectionConfig) -> None:
+def _check_points(label: str, points: np.ndarray, crop: tuple[float, ...] | None) -> None:
     if len(points) < SMALLEST_CLOUD:
         raise InputError(
             f"{label}: has {len(points)} point{'s' * (len(points) != 1)} with finite coordinates"
-            f"{'' if config.crop is None else ' inside the crop box'}; "
+            f"{'' if crop is None else ' inside the crop box'}; "
             f"at least {SMALLEST_CLOUD} are needed to fit a Gaussian"
         )
     # Halves, so that the difference of two numbers of either sign is finite.

@@ -5,13 +5,14 @@ import dataclasses
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from gmmjax.changes.prepare.checking import SMALLEST_CLOUD, CheckedCloud, check_comparable, check_pair
+from gmmjax.changes.prepare.checking import NAMES, SMALLEST_CLOUD, CheckedCloud, check_comparable, check_pair
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.prepare.resolution import common_voxel_size, usual_spacing
 from gmmjax.clouds import PointCloud, statistical_outliers, voxel_grid
 from gmmjax.clouds.canonical import first_of_equals
 from gmmjax.errors import InputError
 from gmmjax.mixtures import WeightedPoints
+from gmmjax.pair import Pair, each
 
 DEFAULT_COMPONENTS = 25
 POINTS_PER_COMPONENT = 10
@@ -36,20 +37,16 @@ class PreparedCloud(CheckedCloud):
 class PreparedPair:
     """Both clouds, and what was derived from them: the voxels' edge (None: not reduced) and K_max."""
 
-    before: PreparedCloud
-    after: PreparedCloud
+    clouds: Pair[PreparedCloud]
     voxel_size: float | None
     max_components: int
 
 
-def prepare_pair(
-    before: ArrayLike | PointCloud, after: ArrayLike | PointCloud, config: DetectionConfig
-) -> PreparedPair:
+def prepare_pair(clouds: Pair[ArrayLike | PointCloud], config: DetectionConfig) -> PreparedPair:
     """Checks, filters and reduces the two clouds.
 
     Args:
-        before: coordinates [n0, 3] or a `PointCloud`, in any unit.
-        after: coordinates [n1, 3] or a `PointCloud`, in the same unit.
+        clouds: coordinates [n, 3] or a `PointCloud`, in one unit, whichever that is.
         config: crop box, outlier filter, voxels and K_max.
 
     Raises:
@@ -59,20 +56,21 @@ def prepare_pair(
     Warns:
         InputWarning: extents that do not overlap, or that differ so much that the units must differ.
     """
-    checked = dict(zip(("before", "after"), check_pair(before, after, config), strict=True))
-    inliers = {name: _inliers(cloud.points, config) for name, cloud in checked.items()}
-    kept = {name: cloud.points[inliers[name]] for name, cloud in checked.items()}
-    size = config.voxel_size or common_voxel_size(kept["before"], kept["after"], config.max_points)
-    prepared = {}
-    for name, cloud in checked.items():
-        weighted, stray = reduced(kept[name], size), cloud.points[~inliers[name]]
-        prepared[name] = PreparedCloud(
+    checked = check_pair(clouds, config.crop)
+    inlying = checked.map(lambda cloud: _inliers(cloud.points, config))
+    kept = each(lambda cloud, inliers: cloud.points[inliers], checked, inlying)
+    size = config.voxel_size or common_voxel_size(kept, config.max_points)
+
+    def prepared(cloud: CheckedCloud, inliers: np.ndarray) -> PreparedCloud:
+        weighted, stray = reduced(cloud.points[inliers], size), cloud.points[~inliers]
+        return PreparedCloud(
             **vars(cloud), weighted=weighted, counted=_with_points(weighted, stray), outliers=len(stray)
         )
-    fitted = prepared["before"].weighted.points, prepared["after"].weighted.points
-    resolution = max(size or 0.0, *(usual_spacing(points) for points in fitted))
-    check_comparable(kept["before"], kept["after"], fitted, resolution)
-    return PreparedPair(**prepared, voxel_size=size, max_components=_max_components(prepared, config))
+
+    both = each(prepared, checked, inlying)
+    fitted = both.map(lambda cloud: cloud.weighted.points)
+    check_comparable(kept, fitted, max(size or 0.0, *fitted.map(usual_spacing)))
+    return PreparedPair(both, size, _max_components(both, config))
 
 
 def _inliers(points: np.ndarray, config: DetectionConfig) -> np.ndarray:
@@ -106,8 +104,8 @@ def default_components(points: int) -> int:
     return max(1, min(DEFAULT_COMPONENTS, points // POINTS_PER_COMPONENT))
 
 
-def _max_components(prepared: dict[str, PreparedCloud], config: DetectionConfig) -> int:
-    smallest, name = min((len(cloud.weighted.mass), name) for name, cloud in prepared.items())
+def _max_components(prepared: Pair[PreparedCloud], config: DetectionConfig) -> int:
+    smallest, name = min((len(cloud.weighted.mass), name) for name, cloud in zip(NAMES, prepared, strict=True))
     if config.max_components is None:
         return default_components(smallest)
     if config.max_components > smallest:

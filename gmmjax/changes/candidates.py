@@ -1,0 +1,131 @@
+"""The stage that gathers points which look changed in segments: the candidates for changes."""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import cKDTree
+
+from gmmjax.changes.differences import DetectionLimits, Differences, LocalDifference
+from gmmjax.geometry.density_clusters import density_clusters
+from gmmjax.pair import Pair, each
+
+
+@dataclasses.dataclass(frozen=True)
+class CandidateSettings:
+    """Which points look changed, and how they are gathered.
+
+    Attributes:
+        threshold: probability from which on a point belongs to a candidate.
+        first_distance: fraction of the limit of the distance up to which its probability is 0.
+        core_probability: of the nearly sure points that clusters are made of. At the threshold: a slight
+            misregistration chains half a scene to one cluster.
+        smallest_core: number of such points that a candidate has, at least.
+        cluster_radius: within which such points are neighbours, in spacings (the radius of DBSCAN).
+        cluster_neighbours: of a core point, itself counted (the minimum of DBSCAN).
+        growth: a candidate takes in points that reach the threshold within this many radii.
+    """
+
+    threshold: float = 0.5
+    first_distance: float = 0.3
+    core_probability: float = 0.9
+    smallest_core: int = 20
+    cluster_radius: float = 5.0
+    cluster_neighbours: int = 8
+    growth: float = 2.0
+
+
+class Candidates(NamedTuple):
+    """The candidates of one cloud.
+
+    Attributes:
+        points: of the cloud, at the working resolution.
+        difference: of each to the other cloud.
+        probability: for each restart, that the point is changed.
+        labels: -1, or the number of the candidate.
+    """
+
+    points: Float[np.ndarray, "n 3"]
+    difference: LocalDifference
+    probability: Float[np.ndarray, "r n"]
+    labels: Int[np.ndarray, " n"]
+
+
+def candidates(
+    points: Pair[Float[np.ndarray, "_ 3"]],
+    differences: Differences,
+    excess: Pair[Float[np.ndarray, "r _"]],
+    settings: CandidateSettings = CandidateSettings(),
+) -> Pair[Candidates]:
+    """The candidates of both clouds.
+
+    Args:
+        points: at the working resolution.
+        differences: of the clouds from each other.
+        excess: for each restart the posterior of the joint mixture that the point is of what only its cloud has.
+        settings: which points look changed.
+    """
+    limits = differences.limits
+
+    def of_cloud(points: np.ndarray, difference: LocalDifference, excess: np.ndarray) -> Candidates:
+        probability = changed_probability(difference, excess, limits, settings)
+        labels = clusters_with_core(points, probability.mean(axis=0), limits.spacing, settings)
+        return Candidates(points, difference, probability, labels)
+
+    return each(of_cloud, points, differences.local, excess)
+
+
+def changed_probability(
+    difference: LocalDifference,
+    excess: Float[np.ndarray, "r n"],
+    limits: DetectionLimits,
+    settings: CandidateSettings = CandidateSettings(),
+) -> Float[np.ndarray, "r n"]:
+    """For each restart the greatest of three: the mixture's posterior, and what distance and offset say.
+
+    The mixture sees differences of density and extended changes; the distance sees small objects, for which it cannot
+    spare a Gaussian; the offset sees thin ones, which are nearer to the other surface than its points to each other.
+
+    Args:
+        difference: of each point to the other cloud.
+        excess: the mixture's posterior.
+        limits: of distances and offsets.
+        settings: where the probability by distance begins.
+    """
+    by_distance = difference.distance / limits.local_distance(difference)
+    by_distance = np.clip((by_distance - settings.first_distance) / (1 - settings.first_distance), 0, 1)
+    by_offset = np.clip(difference.offset / limits.local_offset(difference), 0, 1)
+    return np.maximum(excess, np.maximum(by_distance, by_offset)[None])
+
+
+def clusters_with_core(
+    points: Float[np.ndarray, "n 3"],
+    probability: Float[np.ndarray, " n"],
+    spacing: float,
+    settings: CandidateSettings = CandidateSettings(),
+) -> Int[np.ndarray, " n"]:
+    """Density clusters of nearly sure points, with the points beside them that reach the threshold.
+
+    Args:
+        points: of one cloud.
+        probability: that each is changed.
+        spacing: of neighbouring points.
+        settings: of the clusters.
+
+    Returns:
+        For each point -1, or the number of its cluster.
+    """
+    threshold, radius = settings.threshold, settings.cluster_radius * spacing
+    labels = np.full(len(points), -1)
+    core = np.flatnonzero(probability >= max(settings.core_probability, threshold))
+    labels[core] = density_clusters(points[core], radius, settings.cluster_neighbours)
+    counts = np.bincount(labels[labels >= 0], minlength=1)
+    labels[np.isin(labels, np.flatnonzero(counts < settings.smallest_core))] = -1
+    core, others = np.flatnonzero(labels >= 0), np.flatnonzero((labels < 0) & (probability >= threshold))
+    if len(core):
+        tree = cKDTree(points[core])
+        distances, nearest = tree.query(points[others], distance_upper_bound=settings.growth * radius, workers=-1)
+        near = np.isfinite(distances)
+        labels[others[near]] = labels[core[nearest[near]]]
+    return labels

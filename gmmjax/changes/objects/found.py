@@ -1,0 +1,132 @@
+"""The stage that makes objects of what was found in both clouds: kinds, confidence, one list."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int
+
+from gmmjax.changes.align.alignment import AlignedPair
+from gmmjax.changes.change import Change, Changes, Kind
+from gmmjax.changes.config import DetectionConfig, Kinds
+from gmmjax.changes.differences import Differences
+from gmmjax.changes.evidence.examination import Examined
+from gmmjax.changes.fit.joint_fit import JointFits
+from gmmjax.changes.fit.joint_problem import JointProblem
+from gmmjax.changes.objects.consensus import CloudChanges, merged
+from gmmjax.changes.objects.surface_changes import surface_changes
+from gmmjax.changes.objects.volumetric_changes import restart_weights, volumetric_changes
+from gmmjax.changes.prepare.checking import CheckedCloud
+from gmmjax.changes.registration import Registration
+from gmmjax.pair import Pair, each
+
+# The kind of a change in the before and in the after cloud.
+KINDS: Pair[Kind] = Pair("disappeared", "appeared")
+
+
+class Found(NamedTuple):
+    """What was found in both clouds.
+
+    Attributes:
+        changes: of all points of either cloud.
+        unobserved: per point whether the other survey did not see its place.
+        registration_error: standard deviation of the offset between unchanged surfaces; 0 where there are none.
+    """
+
+    changes: Pair[CloudChanges]
+    unobserved: Pair[Bool[np.ndarray, " _"]]
+    registration_error: float = 0.0
+
+    def of_kinds(self, kinds: Kinds) -> "Found":
+        """Without the changes of the kind that is not looked for."""
+        looked_for = Pair(kinds != "appeared", kinds != "disappeared")
+        return self._replace(
+            changes=each(lambda own, kept: own if kept else own.none(), self.changes, looked_for)
+        )
+
+    def believed(self, confidence: float) -> "Found":
+        """With all probabilities multiplied by the confidence in the registration."""
+        if confidence == 1:
+            return self
+        return self._replace(changes=self.changes.map(lambda own: own.believed(confidence)))
+
+    def merged(self) -> tuple[tuple[Change, ...], Pair[Int[np.ndarray, " _"]]]:
+        """The changes of both clouds in one list, and the labels that refer to it."""
+        return merged(self.changes)
+
+    def record(
+        self,
+        clouds: Pair[CheckedCloud],
+        items: tuple[Change, ...],
+        labels: Pair[Int[np.ndarray, " _"]],
+        emd: float,
+        config: DetectionConfig,
+        diagnostics: Mapping[str, Any],
+        registration: Registration | None = None,
+    ) -> Changes:
+        """The record, with a value for each row that the caller gave.
+
+        Args:
+            clouds: whose rows these are.
+            items: the changes.
+            labels: per point -1, or the index of its change.
+            emd: earth mover's distance between the mixtures.
+            config: the settings that were used.
+            diagnostics: what was measured on the way.
+            registration: of the after cloud; None: none was made.
+        """
+        of_rows = each(lambda cloud, own: cloud.to_rows(own, -1), clouds, labels)
+        probability = each(lambda cloud, own: cloud.to_rows(own.probability, 0.0), clouds, self.changes)
+        unobserved = each(lambda cloud, own: cloud.to_rows(own, False), clouds, self.unobserved)
+        return Changes(
+            labels_before=of_rows.before,
+            labels_after=of_rows.after,
+            probability_before=probability.before,
+            probability_after=probability.after,
+            unobserved_before=unobserved.before,
+            unobserved_after=unobserved.after,
+            items=items,
+            emd=emd,
+            config=config,
+            diagnostics=diagnostics,
+            registration=registration or Registration.none(),
+        )
+
+
+def surfaces_found(pair: AlignedPair, differences: Differences, evident: Pair[Examined]) -> Found:
+    """The changes of scans: the candidates that the evidence left, where they are significant.
+
+    Args:
+        pair: both clouds, registered.
+        differences: of the working points from the other cloud.
+        evident: the candidates of the working points that the evidence left.
+    """
+    members = pair.working.clouds.map(lambda cloud: cloud.member)
+    limits = differences.limits
+
+    def of_cloud(points: np.ndarray, member: np.ndarray, difference: Any, own: Examined, kind: Kind) -> CloudChanges:
+        return surface_changes(points, member, difference, own, limits, kind)
+
+    return Found(
+        each(of_cloud, pair.points, members, differences.local, evident, KINDS),
+        each(lambda own, member: own.unobserved[member], evident, members),
+        limits.registration_error,
+    )
+
+
+def volumes_found(
+    points: Pair[Float64[np.ndarray, "_ 3"]], problem: JointProblem, fits: JointFits, threshold: float
+) -> Found:
+    """The changes of clouds that fill volumes: the components that one cloud has and the other has not.
+
+    Args:
+        points: all points of both clouds, registered.
+        problem: that was fitted.
+        fits: the joint mixtures.
+        threshold: probability from which on a point is changed.
+    """
+    weights = restart_weights(fits, comparable=len(problem.points.after) <= problem.max_points)
+    return Found(
+        each(lambda own, kind: volumetric_changes(own, fits, weights, kind, threshold), points, KINDS),
+        points.map(lambda own: np.zeros(len(own), bool)),
+    )
