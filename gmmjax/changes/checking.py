@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
 from gmmjax.changes.config import DetectionConfig
+from gmmjax.changes.registration_record import Registration
 from gmmjax.clouds import PointCloud, crop_box
 from gmmjax.clouds.canonical import canonical_order, first_of_equals
 from gmmjax.clouds.coordinates import as_points
@@ -69,11 +70,33 @@ def check_pair(
             is too large or too small for float64.
 
     Warns:
-        InputWarning: extents that do not overlap, or that differ so much that the units must differ.
+        InputWarning: extents that differ so much that the units must differ.
     """
     checked = _checked("before", before, config), _checked("after", after, config)
     _warn_about_extents(checked[0].points, checked[1].points)
     return checked
+
+
+def check_overlap(
+    before: Float[np.ndarray, "n0 3"], after: Float[np.ndarray, "n1 3"], registration: Registration | None = None
+) -> None:
+    """Checks that clouds have a place in common, unless a registration that is not in doubt brought them together.
+
+    Args:
+        before: the points of the before cloud.
+        after: those of the after cloud, in the frame that they were given in.
+        registration: of the after cloud; None: none was made.
+
+    Warns:
+        InputWarning: extents that do not overlap.
+    """
+    if registration is not None and registration.applied and not registration.in_doubt:
+        return
+    if (before.max(axis=0) < after.min(axis=0)).any() or (after.max(axis=0) < before.min(axis=0)).any():
+        warn(
+            "the extents of the clouds do not overlap at all, so what is found means little: are both in the same "
+            "frame, and in the same unit?"
+        )
 
 
 def check_comparable(
@@ -152,9 +175,4 @@ def _warn_about_extents(before: np.ndarray, after: np.ndarray) -> None:
         warn(
             f"the clouds differ {ratio:.4g}-fold in extent ({extent_before:.4g} before, {extent_after:.4g} after): "
             "is one in millimetres and the other in metres? Both must have the same unit"
-        )
-    if (before.max(axis=0) < after.min(axis=0)).any() or (after.max(axis=0) < before.min(axis=0)).any():
-        warn(
-            "the extents of the clouds do not overlap at all, so what is found means little: are both in the same "
-            "frame, and in the same unit?"
         )

@@ -49,8 +49,8 @@ def detect_changes(
         ComputationError: no restart gave a mixture, or no pair of separate mixtures could be compared.
 
     Warns:
-        InputWarning: extents that do not overlap, or differ as if in another unit; clouds that overlap too little;
-            views that contradict their cloud, which then are not used.
+        InputWarning: extents that differ as if in another unit; extents that do not overlap, where no registration is
+            made or it is in doubt; a registration in doubt; views that contradict their cloud, which are not used.
     """
     config = _overridden(config or DetectionConfig(), method=method, restarts=restarts, seed=seed)
     report = progress or (lambda stage, share: None)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Bool, Float, Int
 
 from gmmjax.changes.change import Changes, Kind
-from gmmjax.changes.checking import CheckedCloud, check_pair
+from gmmjax.changes.checking import CheckedCloud, check_overlap, check_pair
 from gmmjax.changes.clock import Clock, Progress
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.consensus import CloudConsensus, merged
@@ -65,6 +65,7 @@ def joint_changes(
     clock.lap("preparation")
     report("Registering the clouds", 0.1)
     pair, *surfaces, registration = registered_pair(checked[0].points, checked[1].points, config)
+    check_overlap(checked[0].points, checked[1].points, registration)
     _warn_about_registration(registration)
     registered = checked[0].points, registration.apply(checked[1].points)
     if views_after is not None and registration.applied:

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from gmmjax.changes.checking import SMALLEST_CLOUD, CheckedCloud, check_comparable, check_pair
+from gmmjax.changes.checking import SMALLEST_CLOUD, CheckedCloud, check_comparable, check_overlap, check_pair
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.scales import common_voxel_size, usual_spacing
 from gmmjax.clouds import PointCloud, statistical_outliers, voxel_grid
@@ -60,6 +60,7 @@ def prepare_pair(
         InputWarning: extents that do not overlap, or that differ so much that the units must differ.
     """
     checked = dict(zip(("before", "after"), check_pair(before, after, config), strict=True))
+    check_overlap(checked["before"].points, checked["after"].points)
     inliers = {name: _inliers(cloud.points, config) for name, cloud in checked.items()}
     kept = {name: cloud.points[inliers[name]] for name, cloud in checked.items()}
     size = config.voxel_size or common_voxel_size(kept["before"], kept["after"], config.max_points)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Bool, Float, Int
 
 from gmmjax._typing import Array
-from gmmjax.changes.checking import CheckedCloud, check_pair
+from gmmjax.changes.checking import CheckedCloud, check_overlap, check_pair
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.joint_mixture import SourcedPoints
 from gmmjax.changes.joint_problem import joint_problem
@@ -115,6 +115,7 @@ def ready_pair(pair: ScanPair, config: DetectionConfig, max_points: int, seed: i
     except InputError as error:
         raise InputError(f"{pair.name}: {error}") from error
     registered = registered_pair(checked[0].points, checked[1].points, config)
+    check_overlap(checked[0].points, checked[1].points, registered.registration)
     working = registered.pair
     problem = joint_problem(working, registered.registration, config)
     frame = Frame.of(problem.points.points)
