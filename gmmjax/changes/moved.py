@@ -141,7 +141,7 @@ def _partners(misfits: dict[tuple[int, int], float]) -> list[tuple[int, int]]:
 
 def _alike(gone: Change, new: Change) -> bool:
     extents = np.array([gone.box.extent[0], new.box.extent[0]])
-    counts = np.array([gone.points, new.points])
+    counts = np.array([gone.point_count, new.point_count])
     return bool(extents.max() <= MOST_EXTENT_RATIO * extents.min() and counts.max() <= MOST_COUNT_RATIO * counts.min())
 
 

@@ -145,7 +145,7 @@ def test_record_is_consistent(laboratory, of_laboratory, tmp_path):
         assert not (getattr(changes, f"unobserved_{side}") & (labels >= 0)).any()
     for index, change in enumerate(changes.items):
         side = "after" if change.kind == "appeared" else "before"
-        assert (getattr(changes, f"labels_{side}") == index).sum() == change.points
+        assert (getattr(changes, f"labels_{side}") == index).sum() == change.point_count
         assert change.significance >= 4
     json.dumps(changes.to_dict(), allow_nan=False)
     assert Changes.load(changes.save(tmp_path)).to_dict() == changes.to_dict()
