@@ -26,9 +26,9 @@ def simulated_pair(folder: Path) -> tuple[Path, Path]:
 
 
 def report(changes: Changes) -> None:
-    for label, change in enumerate(changes.items):
+    for label, change in enumerate(changes):
         centre = np.round(change.mean, 2).tolist()
-        print(f"{label}: {change.kind} at {centre}, {change.points} points, probability {change.probability:.2f}")
+        print(f"{label}: {change.kind} at {centre}, {change.point_count} points, probability {change.probability:.2f}")
     for side, labels in (("before", changes.labels_before), ("after", changes.labels_after)):
         print(f"{side}: {(labels >= 0).sum()} of {len(labels)} points changed")
 
@@ -39,7 +39,7 @@ def main(before: Path, after: Path, folder: Path) -> None:
     changes = detect_changes(read_cloud(before), read_cloud(after), config=config)
     report(changes)
     changes.save(folder / "result")
-    assert len(Changes.load(folder / "result").items) == len(changes.items)
+    assert len(Changes.load(folder / "result")) == len(changes)
 
 
 if __name__ == "__main__":

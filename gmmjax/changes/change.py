@@ -2,15 +2,15 @@
 
 import dataclasses
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, get_args, overload
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.align.registration import Registration
+from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.storage import (
     LABELS_FILE,
     POINT_ARRAYS,
@@ -82,7 +82,7 @@ class Change:
         probability: that it is a change, averaged over the restarts.
         significance: by how many standard deviations its points exceed what the other cloud has in its place, given the
             counting noise and the registration error.
-        points: how many points of the clouds belong to it.
+        point_count: how many points of the clouds belong to it.
         mean: mean of its Gaussian, in the unit of the clouds.
         covariance: covariance of its Gaussian.
         box: around its points.
@@ -93,7 +93,7 @@ class Change:
     kind: Kind
     probability: float
     significance: float
-    points: int
+    point_count: int
     mean: Float[np.ndarray, "3"]
     covariance: Float[np.ndarray, "3 3"]
     box: Box
@@ -106,7 +106,7 @@ class Change:
             "kind": self.kind,
             "probability": self.probability,
             "significance": self.significance,
-            "points": self.points,
+            "point_count": self.point_count,
             "mean": self.mean.tolist(),
             "covariance": self.covariance.tolist(),
             "box": self.box.to_dict(),
@@ -128,7 +128,7 @@ class Change:
             kind=content["kind"],
             probability=float(_finite(content["probability"], ())),
             significance=float(_finite(content["significance"], ())),
-            points=_whole(content["points"]),
+            point_count=_whole(content["point_count"]),
             mean=_finite(content["mean"], (3,)),
             covariance=_finite(content["covariance"], (3, 3)),
             box=Box.from_dict(content["box"]),
@@ -139,7 +139,9 @@ class Change:
 
 @dataclasses.dataclass(frozen=True)
 class Changes:
-    """What changed between two clouds.
+    """What changed between two clouds: a sequence of `Change`, most probable first.
+
+    `len(changes)`, `changes[0]` and `for change in changes` are those of `items`; a record without changes is false.
 
     Labels and probabilities are for all points as the caller gave them, in their order. Means, boxes and motions are in
     the frame of the before cloud; `registration` takes the after cloud into it.
@@ -152,7 +154,7 @@ class Changes:
         unobserved_before: per point whether the survey of the after cloud did not see its place: hidden, out of view or
             beyond its edge. Nothing is known of a change there.
         unobserved_after: per point whether the survey of the before cloud did not see its place.
-        items: the changes, most probable first.
+        items: the changes, most probable first; `changes[label]` is the one that points with this label belong to.
         emd: earth mover's distance between the mixtures of the two clouds, mean over the restarts (unit of the clouds).
         config: the settings that were used.
         diagnostics: what was derived and measured on the way: points dropped and filtered, voxel size, components and
@@ -171,6 +173,21 @@ class Changes:
     config: DetectionConfig
     diagnostics: Mapping[str, Any]
     registration: Registration = dataclasses.field(default_factory=Registration.none)
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[Change]:
+        return iter(self.items)
+
+    @overload
+    def __getitem__(self, label: int) -> Change: ...
+
+    @overload
+    def __getitem__(self, label: slice) -> tuple[Change, ...]: ...
+
+    def __getitem__(self, label: int | slice) -> Change | tuple[Change, ...]:
+        return self.items[label]
 
     def to_dict(self) -> dict[str, Any]:
         """The changes without the per-point arrays, as plain numbers, strings, lists and dictionaries (for JSON).

@@ -6,9 +6,9 @@ from typing import Any
 from jaxtyping import ArrayLike
 
 from gmmjax.changes.change import Changes
-from gmmjax.changes.progress import Progress, silent
 from gmmjax.changes.config import DetectionConfig, Method
 from gmmjax.changes.detectors import DETECTORS, Scan
+from gmmjax.changes.progress import Progress, silent
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.pair import Pair
 
@@ -49,8 +49,8 @@ def detect_changes(
         ComputationError: no restart gave a mixture, or no pair of separate mixtures could be compared.
 
     Warns:
-        InputWarning: extents that do not overlap, or differ as if in another unit; clouds that overlap too little;
-            views that contradict their cloud, which then are not used.
+        InputWarning: extents that differ as if in another unit; extents that do not overlap, where no registration is
+            made or it is in doubt; a registration in doubt; views that contradict their cloud, which are not used.
     """
     config = _overridden(config or DetectionConfig(), method=method, restarts=restarts, seed=seed)
     scans = Pair(Scan(before, _views(before, views_before)), Scan(after, _views(after, views_after)))

@@ -1,3 +1,3 @@
-"""The command line: `gmmjax detect`, `fit`, `simulate gaussians`, `evaluate gaussians`, `demo`."""
+"""The command line, `gmmjax`: one module for each command of `application.COMMANDS`."""
 
 from gmmjax.cli.application import main as main

@@ -74,7 +74,7 @@ def write_ply(
 
     Args:
         path: the file to write.
-        points: finite coordinates [N, 3] in metres.
+        points: finite coordinates [N, 3], in any unit.
         colors: red, green and blue [N, 3], uint8.
         fields: scalars [N] by name.
         comments: lines for the header.

@@ -19,7 +19,7 @@ class PointCloud:
     Build one with `PointCloud.from_rows`, which drops and counts the rows with NaN or inf.
 
     Attributes:
-        points: coordinates in metres, all finite.
+        points: coordinates, all finite, in any unit.
         rows: the row of the source that each point came from, so that results can refer to the source.
         colors: red, green and blue, or None.
         fields: further scalars per point, by name, as read (label, probability, intensity, ...).
@@ -63,7 +63,7 @@ class PointCloud:
         """The cloud of those rows whose three coordinates are finite.
 
         Args:
-            points: real coordinates [N, 3] in metres.
+            points: real coordinates [N, 3], in any unit.
             colors: red, green and blue [N, 3], uint8.
             fields: scalars [N] by name.
             source: the file that the rows came from, for messages.

@@ -31,7 +31,7 @@ def read_cloud(path: str | os.PathLike[str]) -> PointCloud:
     .gltf, .glb) with the extra `open3d`. Rows with NaN or inf are left out and counted in `rows_dropped`.
 
     Args:
-        path: the file; coordinates in metres.
+        path: the file; its coordinates may be in any unit.
 
     Returns:
         The cloud, with at least one point.

@@ -24,7 +24,7 @@ class VoxelGrid:
     """The occupied voxels of a cloud, in the order of their x, then y, then z index.
 
     Attributes:
-        points: the mean of each voxel's points, metres.
+        points: the mean of each voxel's points, in their unit.
         mass: how many points each voxel has.
         voxel_of_point: the voxel of each point of the cloud.
     """
@@ -34,7 +34,7 @@ class VoxelGrid:
     voxel_of_point: Int64[np.ndarray, " n"]
 
     def scatter(self, points: npt.ArrayLike) -> Float64[np.ndarray, "m 3 3"]:
-        """The covariance of each voxel's points about their mean, square metres.
+        """The covariance of each voxel's points about their mean, in the square of their unit.
 
         Args:
             points: the cloud of which this is the grid, [n, 3].
@@ -52,8 +52,8 @@ def voxel_grid(points: npt.ArrayLike, size: float) -> VoxelGrid:
     """Gather points in cubes whose common corner is the cloud's lowest x, y and z.
 
     Args:
-        points: coordinates [N, 3], metres, finite.
-        size: the edge of a cube, metres.
+        points: coordinates [N, 3], in any unit, finite.
+        size: the edge of a cube, in the unit of the points.
 
     Returns:
         The occupied voxels.
@@ -80,12 +80,12 @@ def voxel_size_for(points: npt.ArrayLike, max_voxels: int) -> float:
     The number of voxels falls with the size but for small ripples, so that a size below the answer may fit too.
 
     Args:
-        points: coordinates [N, 3], metres, finite.
+        points: coordinates [N, 3], in any unit, finite.
         max_voxels: the highest number of occupied voxels.
 
     Returns:
-        The size in metres, with which `voxel_grid` gives at most `max_voxels` voxels. Where the cloud has no more
-        points than that, the smallest size that `voxel_grid` takes.
+        The size, in the unit of the points, with which `voxel_grid` gives at most `max_voxels` voxels. Where the cloud
+        has no more points than that, the smallest size that `voxel_grid` takes.
 
     Raises:
         InputError: points that are not finite [N, 3] or all at the same place, or `max_voxels` below 1.
@@ -137,7 +137,7 @@ def _offsets(coordinates: Float64[np.ndarray, "n 3"]) -> tuple[Float64[np.ndarra
     with np.errstate(over="ignore"):
         offsets = columns - corner[:, None]
     if not np.isfinite(offsets.max()):
-        raise InputError("points: the cloud is larger than a float64 can hold; check its unit, coordinates are metres")
+        raise InputError("points: the cloud is larger than a float64 can hold; check its unit")
     return corner, offsets
 
 

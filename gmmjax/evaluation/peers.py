@@ -14,8 +14,8 @@ from scipy.spatial import cKDTree
 
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.prepare.resolution import WorkingPair, working_pair
-from gmmjax.geometry.density_clusters import density_clusters
 from gmmjax.errors import InputError
+from gmmjax.geometry.density_clusters import density_clusters
 
 # Lengths in units of the clouds' reach, which `Scale` describes. Each is the one of a coarse series that gave the best
 # F1 over artificial scenes, simulated rooms and real scans together (docs/results.md): one that suits a single kind of

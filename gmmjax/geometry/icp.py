@@ -116,7 +116,10 @@ def geman_mcclure(residuals: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]
 
 
 def offset_derivatives(
-    points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], centre: Float[np.ndarray, " 3"], size: float = 1.0
+    points: Float[np.ndarray, "n 3"],
+    normals: Float[np.ndarray, "n 3"],
+    centre: Float[np.ndarray, " 3"],
+    size: float = 1.0,
 ) -> Float64[np.ndarray, "n 6"]:
     """Derivatives of the offsets along the normals by a rotation about the centre, times the size, and a translation."""
     return np.concatenate([np.cross((points - centre) / size, normals), normals], axis=1)

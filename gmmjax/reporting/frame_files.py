@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float64
 
 from gmmjax.clouds import atomic_write, write_ply
-from gmmjax.geometry.rigid import transformed
 from gmmjax.clouds.pcd_writing import viewpoint_of, write_pcd
 from gmmjax.errors import InputError
+from gmmjax.geometry.rigid import transformed
 from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder
 from gmmjax.surveys import Frame
 

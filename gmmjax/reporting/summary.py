@@ -100,7 +100,7 @@ def _cells(label: int, change: Change) -> tuple[str, ...]:
     kind = change.kind if change.partner is None else f"{change.kind} (with {change.partner})"
     centre = ", ".join(f"{value:.{digits}f}" for value in change.mean)
     size = " × ".join(f"{value:.{digits}f}" for value in change.box.extent)
-    return str(label), kind, percent(change.probability), f"{change.points:,}", centre, size
+    return str(label), kind, percent(change.probability), f"{change.point_count:,}", centre, size
 
 
 def _decimals(extent: np.ndarray) -> int:

@@ -8,8 +8,8 @@ import numpy.typing as npt
 from jaxtyping import Float64, Int64
 
 from gmmjax.clouds import SensorViews
-from gmmjax.geometry.rigid import transformed
 from gmmjax.errors import InputError
+from gmmjax.geometry.rigid import transformed
 from gmmjax.surveys.frame import Frame
 from gmmjax.surveys.placed_frames import PlacedFrames, Sight, cropped
 from gmmjax.surveys.pose_refinement import refined_poses

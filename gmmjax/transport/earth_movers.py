@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from gmmjax._host import is_numpy, to_numpy
-from gmmjax._typing import Array, Scalar
+from gmmjax._typing import Scalar
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.transport.exact import exact_transport

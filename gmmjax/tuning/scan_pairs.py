@@ -8,12 +8,12 @@ import numpy as np
 from jaxtyping import ArrayLike, Bool, Float, Int
 
 from gmmjax._typing import Array
-from gmmjax.changes.prepare.checking import CheckedCloud, check_pair
+from gmmjax.changes.align.alignment import aligned
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.detectors import JointDetector
 from gmmjax.changes.fit.joint_mixture import SourcedPoints
 from gmmjax.changes.fit.joint_problem import joint_problem
-from gmmjax.changes.align.alignment import aligned
+from gmmjax.changes.prepare.checking import CheckedCloud, check_overlap, check_pair
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.errors import InputError
@@ -117,6 +117,7 @@ def ready_pair(pair: ScanPair, config: DetectionConfig, max_points: int, seed: i
     except InputError as error:
         raise InputError(f"{pair.name}: {error}") from error
     placed = aligned(checked.map(lambda cloud: cloud.points), config.seed, JointDetector.of(config).align)
+    check_overlap(checked, placed.registration)
     working = placed.working
     problem = joint_problem(working, placed.registration, config)
     frame = Frame.of(problem.points.points)

@@ -24,8 +24,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gmmjax import Changes, DetectionConfig, detect_changes, read_cloud
-from gmmjax.geometry.local_surface import moved_points
 from gmmjax.errors import InputWarning
+from gmmjax.geometry.local_surface import moved_points
 from gmmjax.scenes import laboratory_scene
 from tests.benchmarks.displaced_scenes import Scene, hall, table
 

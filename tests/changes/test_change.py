@@ -72,6 +72,23 @@ def test_what_is_saved_is_loaded(tmp_path):
         assert loaded.items[0].significance == 6.5
 
 
+def test_changes_are_a_sequence():
+    changes = example()
+    one, other = changes.items[0], dataclasses.replace(changes.items[0], point_count=7)
+    two = dataclasses.replace(changes, items=(one, other))
+    assert len(two) == 2 and list(two) == [one, other]
+    assert two[0] is one and two[-1] is other and two[1:] == (other,) and one in two
+    assert two[int(changes.labels_after[0])] is one
+    with pytest.raises(IndexError):
+        two[2]
+
+
+def test_no_changes_are_false():
+    nothing = dataclasses.replace(example(), items=())
+    assert not nothing and len(nothing) == 0 and list(nothing) == []
+    assert example()
+
+
 def test_dictionary_is_json_with_a_schema_version():
     content = json.loads(json.dumps(example().to_dict(), allow_nan=False))
     assert content["schema_version"] == 3
@@ -112,7 +129,7 @@ def test_damaged_records_are_named(tmp_path, file, content, message):
         ('"emd": 0.25', '"emd": ' + "9" * 5000, "5000 digits"),
         ('"emd": 0.25', '"emd": ' + "[" * 5000, "nested too deeply"),
         ('"kind": "moved"', '"kind": "vanished"', "kind 'vanished' is none of appeared, disappeared, moved"),
-        ('"points": 40', '"points": -1', "-1 must be a whole number"),
+        ('"point_count": 40', '"point_count": -1', "-1 must be a whole number"),
         ('"partner": 0', '"partner": 7', "a partner beyond the 1 changes"),
         ('"partner": 0', '"partner": 0.5', "0.5 must be a whole number"),
         ('"box": {', '"box": null, "other": {', "not a complete record"),

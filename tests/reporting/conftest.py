@@ -12,7 +12,7 @@ def change(kind, points, partner=None, probability=0.97):
         kind=kind,
         probability=probability,
         significance=9.0,
-        points=len(points),
+        point_count=len(points),
         mean=points.mean(axis=0),
         covariance=np.cov(points.T),
         box=Box.around(points),

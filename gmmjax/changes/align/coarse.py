@@ -60,9 +60,7 @@ class CoarseTransforms(NamedTuple):
     accuracy: float
 
 
-def coarse_transforms(
-    surfaces: Pair[LocalSurface], settings: CoarseSettings = CoarseSettings()
-) -> CoarseTransforms:
+def coarse_transforms(surfaces: Pair[LocalSurface], settings: CoarseSettings = CoarseSettings()) -> CoarseTransforms:
     """Transforms of the after cloud that may register it to the before cloud.
 
     Args:

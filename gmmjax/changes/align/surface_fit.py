@@ -11,6 +11,7 @@ from gmmjax.geometry.rigid import rotated, transformed
 from gmmjax.geometry.statistics import MEDIAN_TO_DEVIATION
 from gmmjax.pair import Pair
 
+
 @dataclasses.dataclass(frozen=True)
 class FitScoreSettings:
     """Which points a transform is judged by.

@@ -7,10 +7,10 @@ import numpy as np
 
 from gmmjax.changes.align.component_displacement import consensus_displacement
 from gmmjax.changes.align.confidence import ConfidenceModel
+from gmmjax.changes.align.registration import Registration
 from gmmjax.changes.align.surface_fit import random_sample, surface_fit
 from gmmjax.changes.config import RegistrationMode
 from gmmjax.changes.prepare.resolution import WorkingCloud, WorkingPair
-from gmmjax.changes.align.registration import Registration
 from gmmjax.geometry.local_surface import LocalSurface
 from gmmjax.geometry.rigid import rigid_transform
 from gmmjax.mixtures import FitSettings, GaussianMixture, best_fit, fit_restarts
@@ -78,9 +78,7 @@ def registered_volumes(
     )
 
 
-def _mixtures(
-    clouds: Pair[WorkingCloud], seed: int, settings: VolumeRegistrationSettings
-) -> Pair[GaussianMixture]:
+def _mixtures(clouds: Pair[WorkingCloud], seed: int, settings: VolumeRegistrationSettings) -> Pair[GaussianMixture]:
     def mixture(cloud: WorkingCloud, key: jax.Array) -> GaussianMixture:
         points = cloud.points[random_sample(len(cloud.points), settings.component_points)]
         fits = fit_restarts(

@@ -81,9 +81,7 @@ def remove_changed(
     return removals
 
 
-def _removal(
-    before: GaussianMixture, after: GaussianMixture, kinds: Kinds, ground_cost: GroundCost
-) -> Removals:
+def _removal(before: GaussianMixture, after: GaussianMixture, kinds: Kinds, ground_cost: GroundCost) -> Removals:
     cost = ground_cost(before, after)
     slots_before = len(before.weights)
 

@@ -20,7 +20,7 @@ from gmmjax.changes.fit.joint_fit import JointFits, fit_joint_restarts, mixtures
 from gmmjax.changes.fit.joint_problem import SETTINGS, JointProblem, joint_problem
 from gmmjax.changes.objects.found import Found, surfaces_found, volumes_found
 from gmmjax.changes.objects.moved import with_moved
-from gmmjax.changes.prepare.checking import NAMES, CheckedCloud, check_pair
+from gmmjax.changes.prepare.checking import NAMES, CheckedCloud, check_overlap, check_pair
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.changes.progress import Clock, Progress, silent
 from gmmjax.changes.registration import Registration
@@ -65,6 +65,7 @@ class JointDetector(AbstractChangeDetector):
         prepared = check_pair(scans.map(lambda scan: scan.cloud), self.config.crop)
         clock.start("registration", "Registering the clouds", 0.1)
         pair = aligned(prepared.map(lambda cloud: cloud.points), self.config.seed, self.align)
+        check_overlap(prepared, pair.registration)
         _warn_about_registration(pair.registration)
         surveys = _surveys(pair, scans)
         clock.start("fits", "Fitting the mixtures", 0.25)
@@ -83,7 +84,9 @@ class JointDetector(AbstractChangeDetector):
             items = with_moved(items, pair.surfaces, working_labels, found.registration_error)
         clock.finish()
         diagnostics = _diagnostics(scans, prepared, pair, fits, problem, surveys, clock)
-        return found.record(prepared, items, labels, mixtures_distance(fits), self.config, diagnostics, pair.registration)
+        return found.record(
+            prepared, items, labels, mixtures_distance(fits), self.config, diagnostics, pair.registration
+        )
 
     def _found_on_surfaces(self, pair: AlignedPair, surveys: Pair[Survey], fits: JointFits) -> Found:
         points = pair.surfaces.map(lambda surface: surface.points)

@@ -11,9 +11,9 @@ from jaxtyping import Bool, Float64, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.evidence.coverage_edge import MOST_COVERED, NEAR, at_observed_edge
-from gmmjax.geometry.planes import Plane, PlaneSettings, plane_surface, planes_of
 from gmmjax.clouds import voxel_grid
 from gmmjax.geometry.neighbours import nearest_neighbours
+from gmmjax.geometry.planes import Plane, PlaneSettings, plane_surface, planes_of
 
 # Unchanged points this near to a segment (in spacings) are beside it; where they have no plane that it continues, the
 # next distance is tried: a wall goes on behind what hides it.

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.spatial import cKDTree
 
-from gmmjax.geometry.planes import plane_surface, planes_of
 from gmmjax.clouds import voxel_grid
+from gmmjax.geometry.planes import plane_surface, planes_of
 
 # The segment is thinned to voxels of so many spacings, and is laid in so few planes as hold so many of them each.
 VOXEL = 2.0

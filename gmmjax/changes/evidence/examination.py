@@ -174,7 +174,9 @@ def hidden_parts(
     """
     parts = np.full(len(labels), -1)
     hidden = np.flatnonzero((labels >= 0) & (observed == Observed.unobserved))
-    parts[hidden] = density_clusters(points[hidden], settings.cluster_radius * limits.spacing, settings.cluster_neighbours)
+    parts[hidden] = density_clusters(
+        points[hidden], settings.cluster_radius * limits.spacing, settings.cluster_neighbours
+    )
     return parts
 
 

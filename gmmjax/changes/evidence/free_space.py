@@ -7,8 +7,8 @@ import functools
 import numpy as np
 from jaxtyping import Bool, Float64, Int8
 
-from gmmjax.geometry.depth_image import Camera, DepthImage, cameras
 from gmmjax.clouds import SensorViews
+from gmmjax.geometry.depth_image import Camera, DepthImage, cameras
 from gmmjax.geometry.local_surface import LocalSurface
 
 # The distance to this neighbour is the spacing of points on a surface: exact on a square grid, and right on average
@@ -79,7 +79,9 @@ class Survey:
         if view not in self._images:
             points = self.views.in_camera(self.points[~self.stray], view)
             spacing = self.spacing[~self.stray]
-            self._images[view] = [(camera, DepthImage.of(points, spacing, camera)) for camera in cameras(self.views.field_of_view)]
+            self._images[view] = [
+                (camera, DepthImage.of(points, spacing, camera)) for camera in cameras(self.views.field_of_view)
+            ]
         return self._images[view]
 
 

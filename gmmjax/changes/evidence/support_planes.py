@@ -7,8 +7,8 @@ when it comes, the shelf disappears. But what stands on a surface shows that the
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
-from gmmjax.geometry.planes import Plane, plane_surface, planes_of
 from gmmjax.clouds import voxel_grid
+from gmmjax.geometry.planes import Plane, plane_surface, planes_of
 from gmmjax.pair import Pair, each
 
 # A support is flat: one plane holds this share of its voxels, which have an edge of so many spacings.

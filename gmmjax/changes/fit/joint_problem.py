@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 
+from gmmjax.changes.align.registration import Registration
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.fit.joint_mixture import SourcedPoints, joint_prior
-from gmmjax.changes.align.registration import Registration
 from gmmjax.changes.prepare.resolution import WorkingPair
 from gmmjax.errors import InputError
 from gmmjax.mixtures import FitSettings, Prior, WeightedPoints

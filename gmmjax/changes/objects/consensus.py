@@ -91,7 +91,7 @@ def change_of(points: Float[np.ndarray, "n 3"], kind: Kind, probability: float, 
         kind=kind,
         probability=probability,
         significance=float(significance),
-        points=len(points),
+        point_count=len(points),
         mean=mean,
         covariance=(points - mean).T @ (points - mean) / len(points),
         box=Box.around(points),
@@ -101,7 +101,7 @@ def change_of(points: Float[np.ndarray, "n 3"], kind: Kind, probability: float, 
 def merged(changes: Pair[CloudChanges]) -> tuple[tuple[Change, ...], Pair[Int[np.ndarray, " _"]]]:
     """The changes of both clouds in one list, most probable and then largest first, and the labels that refer to it."""
     items = changes.before.items + changes.after.items
-    order = sorted(range(len(items)), key=lambda index: (-items[index].probability, -items[index].points))
+    order = sorted(range(len(items)), key=lambda index: (-items[index].probability, -items[index].point_count))
     # One more entry, so that the label -1 stays -1.
     place = np.full(len(items) + 1, -1)
     place[order] = np.arange(len(items))

@@ -40,9 +40,7 @@ class Found(NamedTuple):
     def of_kinds(self, kinds: Kinds) -> "Found":
         """Without the changes of the kind that is not looked for."""
         looked_for = Pair(kinds != "appeared", kinds != "disappeared")
-        return self._replace(
-            changes=each(lambda own, kept: own if kept else own.none(), self.changes, looked_for)
-        )
+        return self._replace(changes=each(lambda own, kept: own if kept else own.none(), self.changes, looked_for))
 
     def believed(self, confidence: float) -> "Found":
         """With all probabilities multiplied by the confidence in the registration."""

@@ -8,8 +8,8 @@ from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.objects.overlap import Agreement, agreement
 from gmmjax.changes.change import Change
+from gmmjax.changes.objects.overlap import Agreement, agreement
 from gmmjax.changes.objects.rigid_match import matches_about, rigid_matches, settled_match
 from gmmjax.changes.objects.upright import Ground, grounds, standing_motions, stays_standing, top_of
 from gmmjax.geometry.local_surface import LocalSurface, evenly_chosen
@@ -139,7 +139,7 @@ def _partners(misfits: dict[tuple[int, int], float]) -> list[tuple[int, int]]:
 
 def _alike(gone: Change, new: Change) -> bool:
     extents = np.array([gone.box.extent[0], new.box.extent[0]])
-    counts = np.array([gone.points, new.points])
+    counts = np.array([gone.point_count, new.point_count])
     return bool(extents.max() <= MOST_EXTENT_RATIO * extents.min() and counts.max() <= MOST_COUNT_RATIO * counts.min())
 
 

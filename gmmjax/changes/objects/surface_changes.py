@@ -4,9 +4,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from gmmjax.changes.change import Change, Kind
-from gmmjax.changes.objects.consensus import CloudChanges, change_of
 from gmmjax.changes.differences import DetectionLimits, LocalDifference
 from gmmjax.changes.evidence.examination import Examined
+from gmmjax.changes.objects.consensus import CloudChanges, change_of
 
 # A change exceeds the counting noise and the registration error by so many standard deviations.
 LEAST_SIGNIFICANCE = 4.0

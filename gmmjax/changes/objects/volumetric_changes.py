@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.changes.change import Change, Kind
-from gmmjax.changes.objects.consensus import SMALLEST_CHANGE, CloudChanges, change_of
 from gmmjax.changes.fit.joint_fit import JointFits, component_excess
+from gmmjax.changes.objects.consensus import SMALLEST_CHANGE, CloudChanges, change_of
 
 # A component's points must exceed what the other cloud has there by so many standard deviations of the counts.
 LEAST_SIGNIFICANCE = 5.0

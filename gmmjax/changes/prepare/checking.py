@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
+from gmmjax.changes.registration import Registration
 from gmmjax.clouds import PointCloud, crop_box
 from gmmjax.clouds.canonical import canonical_order, first_of_equals
 from gmmjax.clouds.coordinates import as_points
@@ -57,9 +58,7 @@ class CheckedCloud:
         }
 
 
-def check_pair(
-    clouds: Pair[ArrayLike | PointCloud], crop: tuple[float, ...] | None = None
-) -> Pair[CheckedCloud]:
+def check_pair(clouds: Pair[ArrayLike | PointCloud], crop: tuple[float, ...] | None = None) -> Pair[CheckedCloud]:
     """Checks the two clouds and crops them.
 
     Args:
@@ -71,11 +70,31 @@ def check_pair(
             is too large or too small for float64.
 
     Warns:
-        InputWarning: extents that do not overlap, or that differ so much that the units must differ.
+        InputWarning: extents that differ so much that the units must differ.
     """
     checked = each(lambda name, cloud: _checked(name, cloud, crop), NAMES, clouds)
     _warn_about_extents(checked.before.points, checked.after.points)
     return checked
+
+
+def check_overlap(clouds: Pair[CheckedCloud], registration: Registration | None = None) -> None:
+    """Checks that clouds have a place in common, unless a registration that is not in doubt brought them together.
+
+    Args:
+        clouds: both, in the frames that they were given in.
+        registration: of the after cloud; None: none was made.
+
+    Warns:
+        InputWarning: extents that do not overlap.
+    """
+    if registration is not None and registration.applied and not registration.in_doubt:
+        return
+    before, after = clouds.map(lambda cloud: cloud.points)
+    if (before.max(axis=0) < after.min(axis=0)).any() or (after.max(axis=0) < before.min(axis=0)).any():
+        warn(
+            "the extents of the clouds do not overlap at all, so what is found means little: are both in the same "
+            "frame, and in the same unit?"
+        )
 
 
 def check_comparable(
@@ -150,9 +169,4 @@ def _warn_about_extents(before: np.ndarray, after: np.ndarray) -> None:
         warn(
             f"the clouds differ {ratio:.4g}-fold in extent ({extent_before:.4g} before, {extent_after:.4g} after): "
             "is one in millimetres and the other in metres? Both must have the same unit"
-        )
-    if (before.max(axis=0) < after.min(axis=0)).any() or (after.max(axis=0) < before.min(axis=0)).any():
-        warn(
-            "the extents of the clouds do not overlap at all, so what is found means little: are both in the same "
-            "frame, and in the same unit?"
         )

@@ -5,8 +5,15 @@ import dataclasses
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from gmmjax.changes.prepare.checking import NAMES, SMALLEST_CLOUD, CheckedCloud, check_comparable, check_pair
 from gmmjax.changes.config import DetectionConfig
+from gmmjax.changes.prepare.checking import (
+    NAMES,
+    SMALLEST_CLOUD,
+    CheckedCloud,
+    check_comparable,
+    check_overlap,
+    check_pair,
+)
 from gmmjax.changes.prepare.resolution import common_voxel_size, usual_spacing
 from gmmjax.clouds import PointCloud, statistical_outliers, voxel_grid
 from gmmjax.clouds.canonical import first_of_equals
@@ -57,6 +64,7 @@ def prepare_pair(clouds: Pair[ArrayLike | PointCloud], config: DetectionConfig) 
         InputWarning: extents that do not overlap, or that differ so much that the units must differ.
     """
     checked = check_pair(clouds, config.crop)
+    check_overlap(checked)
     inlying = checked.map(lambda cloud: _inliers(cloud.points, config))
     kept = each(lambda cloud, inliers: cloud.points[inliers], checked, inlying)
     size = config.voxel_size or common_voxel_size(kept, config.max_points)

@@ -28,7 +28,7 @@ def test_finds_what_is_gone_and_what_is_new(scene, changes):
     assert scores.f1 == 1 and scores.point_f1 > 0.97
     assert sorted(change.kind for change in changes.items) == ["appeared", "disappeared"]
     for change in changes.items:
-        assert change.probability == 1 and change.points > 230
+        assert change.probability == 1 and change.point_count > 230
     gone = next(change for change in changes.items if change.kind == "disappeared")
     assert np.linalg.norm(gone.mean - scene.mixture_before.means[0]) < 0.1
     assert changes.emd > 0.1
@@ -45,7 +45,7 @@ def test_record_is_consistent(scene, changes):
         assert (probability[labels >= 0] >= 0.5).all()
     for index, change in enumerate(changes.items):
         labels = changes.labels_after if change.kind == "appeared" else changes.labels_before
-        assert (labels == index).sum() == change.points
+        assert (labels == index).sum() == change.point_count
     assert changes.diagnostics["before"]["points"] == 1250
     assert set(changes.diagnostics["seconds"]) == {"preparation", "fits", "comparison", "labels"}
 
@@ -100,8 +100,8 @@ def test_settings_reach_the_detection(scene):
 
 def test_backwards_in_time_appeared_is_disappeared(scene, changes):
     swapped = detect_changes(scene.after, scene.before, method="transport", config=CONFIG)
-    kinds = {change.kind: change.points for change in changes.items}
-    backwards = {change.kind: change.points for change in swapped.items}
+    kinds = {change.kind: change.point_count for change in changes.items}
+    backwards = {change.kind: change.point_count for change in swapped.items}
     assert backwards == {"appeared": kinds["disappeared"], "disappeared": kinds["appeared"]}
     np.testing.assert_array_equal(swapped.probability_before, changes.probability_after)
     np.testing.assert_array_equal(swapped.probability_after, changes.probability_before)

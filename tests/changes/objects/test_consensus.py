@@ -33,7 +33,7 @@ def test_probability_is_the_mean_vote_of_a_points_gaussians():
     np.testing.assert_allclose(consensus.probability, np.repeat([0.0, 0.75], 40))
     np.testing.assert_array_equal(consensus.labels, np.repeat([-1, 0], 40))
     (change,) = consensus.items
-    assert change.kind == "appeared" and change.points == 40 and change.probability == 0.75
+    assert change.kind == "appeared" and change.point_count == 40 and change.probability == 0.75
     assert change.significance == 8.0
     np.testing.assert_array_equal(change.mean, [10, 0, 0])
     assert (np.abs(change.box.centre - np.array([10, 0, 0])) < 1).all()

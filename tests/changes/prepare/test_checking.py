@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from gmmjax import DetectionConfig, InputError, InputWarning, PointCloud, detect_changes
-from gmmjax.changes.prepare.checking import check_comparable, check_pair
+from gmmjax.changes.prepare.checking import check_comparable, check_overlap, check_pair
+from gmmjax.changes.registration import Registration
 
 CONFIG = DetectionConfig()
 BOX = (-9.0, -9.0, -9.0, 9.0, 9.0, 9.0)
@@ -63,8 +64,24 @@ def test_clouds_of_other_units_cannot_be_compared():
 def test_suspicious_extents_are_warned_of():
     with pytest.warns(InputWarning, match=r"differ 200-fold in extent"):
         check_pair(CLOUD, 200 * CLOUD, CONFIG)
+
+
+def test_disjoint_extents_are_warned_of():
     with pytest.warns(InputWarning, match="do not overlap"):
-        check_pair(CLOUD, CLOUD + 100, CONFIG)
+        check_overlap(CLOUD, CLOUD + 100)
+    with pytest.warns(InputWarning, match="do not overlap"):
+        check_overlap(CLOUD + np.array([0, 100, 0]), CLOUD)
+    check_overlap(CLOUD, CLOUD + 0.1)
+
+
+@pytest.mark.parametrize(("applied", "confidence"), [(False, 1.0), (True, 0.5), (False, 0.0)])
+def test_a_registration_that_is_missing_or_in_doubt_leaves_the_warning(applied, confidence):
+    with pytest.warns(InputWarning, match="do not overlap"):
+        check_overlap(CLOUD, CLOUD + 100, Registration(np.eye(4), applied=applied, confidence=confidence))
+
+
+def test_disjoint_extents_that_registration_brings_together_are_none():
+    check_overlap(CLOUD, CLOUD + 100, Registration(np.eye(4), applied=True))
 
 
 @pytest.mark.parametrize("method", ["joint", "greedy"])
