@@ -2,9 +2,9 @@
 
 import jax
 import numpy as np
-from gmmjax.changes.align.registration import registered_pair
 
 from gmmjax import DetectionConfig
+from gmmjax.changes.registration import registered_pair
 from gmmjax.scenes import laboratory_scene
 
 config = DetectionConfig()

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any, Generic, NamedTuple, TypeVar
 
-Held = TypeVar("Held")
+Held = TypeVar("Held", covariant=True)
 Made = TypeVar("Made")
 
 

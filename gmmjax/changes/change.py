@@ -9,8 +9,8 @@ from typing import Any, Literal, get_args, overload
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from gmmjax.changes.align.registration import Registration
 from gmmjax.changes.config import DetectionConfig
+from gmmjax.changes.registration import Registration
 from gmmjax.changes.storage import (
     LABELS_FILE,
     POINT_ARRAYS,

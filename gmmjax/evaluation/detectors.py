@@ -1,19 +1,18 @@
 """Every detector that can be scored, ours and the peers, by its name."""
 
 import dataclasses
-import functools
 from collections.abc import Callable
-from typing import Literal, NamedTuple, cast, get_args
+from typing import Literal, cast, get_args
 
-import numpy as np
-from jaxtyping import Int
-
-from gmmjax.changes import Changes, DetectionConfig, detect_changes
+from gmmjax.changes import DETECTORS, AbstractDetector, DetectionConfig, Scan
+from gmmjax.changes import Detection as Detection
 from gmmjax.changes.config import Method
+from gmmjax.changes.progress import Progress, silent
 from gmmjax.errors import check_choice
 from gmmjax.evaluation.evidence import without_unobserved
 from gmmjax.evaluation.labelled_pair import LabelledPair
-from gmmjax.evaluation.peers import PEERS, Candidates, has_m3c2, peer_labels
+from gmmjax.evaluation.peers import PEERS, coordinates, has_m3c2
+from gmmjax.pair import Pair
 
 # After the name of a detector: its segments are put to the evidence test of "joint", which has it built in and can
 # leave it out.
@@ -35,23 +34,25 @@ Name = Literal[
 NAMES: tuple[Name, ...] = get_args(Name)
 
 
-class Detection(NamedTuple):
-    """What a detector found in a pair.
+Detector = Callable[[LabelledPair], Detection]
+"""From a pair to what is found in it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class EvidenceDetector(AbstractDetector):
+    """A detector whose segments are put to the evidence test of "joint".
 
     Attributes:
-        labels_before: per point -1 or the number of a change.
-        labels_after: the same for the after cloud.
-        moved: changes of the before and of the after cloud that are reported as one object.
-        changes: the full record, of our detectors.
+        detector: without the test.
     """
 
-    labels_before: Int[np.ndarray, " n0"]
-    labels_after: Int[np.ndarray, " n1"]
-    moved: tuple[tuple[int, int], ...] = ()
-    changes: Changes | None = None
+    detector: AbstractDetector
 
-
-Detector = Callable[[LabelledPair], Detection]
+    def detect(self, scans: Pair[Scan], report: Progress = silent) -> Detection:
+        """What the detector finds, where the other survey looked."""
+        found = self.detector.detect(scans, report)
+        views = scans.map(lambda scan: scan.views)
+        return Detection(*without_unobserved(coordinates(scans), views, Pair(found.labels_before, found.labels_after)))
 
 
 def detector(name: str, config: DetectionConfig = DetectionConfig()) -> Detector:
@@ -68,11 +69,15 @@ def detector(name: str, config: DetectionConfig = DetectionConfig()) -> Detector
     if name.endswith(WITHOUT_EVIDENCE):
         config = dataclasses.replace(config, evidence=False)
     bare = name.removesuffix(WITH_EVIDENCE).removesuffix(WITHOUT_EVIDENCE)
-    if bare in PEERS:
-        found: Detector = functools.partial(_peer, PEERS[bare])
-    else:
-        found = functools.partial(_ours, cast(Method, bare), config)
-    return functools.partial(_with_evidence, found) if name.endswith(WITH_EVIDENCE) else found
+    found = PEERS[bare] if bare in PEERS else _ours(bare, config)
+    return on_pairs(EvidenceDetector(found) if name.endswith(WITH_EVIDENCE) else found)
+
+
+def on_pairs(detector: AbstractDetector) -> Detector:
+    """The detector as a function of a labelled pair, whose truth it does not look at."""
+    return lambda pair: detector.detect(
+        Pair(Scan(pair.before.points, pair.before.views), Scan(pair.after.points, pair.after.views))
+    )
 
 
 def available(*, evidence: bool = True) -> tuple[Name, ...]:
@@ -85,30 +90,5 @@ def available(*, evidence: bool = True) -> tuple[Name, ...]:
     return tuple(name for name in runnable if evidence or not name.endswith((WITH_EVIDENCE, WITHOUT_EVIDENCE)))
 
 
-def _ours(method: Method, config: DetectionConfig, pair: LabelledPair) -> Detection:
-    before, after = pair.before, pair.after
-    changes = detect_changes(
-        before.points,
-        after.points,
-        method=method,
-        config=config,
-        views_before=before.views,
-        views_after=after.views,
-    )
-    return Detection(changes.labels_before, changes.labels_after, _moved(changes), changes)
-
-
-def _moved(changes: Changes) -> tuple[tuple[int, int], ...]:
-    """The moved changes of the before cloud, each with its partner in the after cloud."""
-    moved = [index for index, change in enumerate(changes.items) if change.kind == "moved"]
-    gone = [index for index in moved if (changes.labels_before == index).any()]
-    return tuple((index, partner) for index in gone if (partner := changes.items[index].partner) is not None)
-
-
-def _peer(candidates: Candidates, pair: LabelledPair) -> Detection:
-    return Detection(*peer_labels(candidates, pair.before.points, pair.after.points))
-
-
-def _with_evidence(found: Detector, pair: LabelledPair) -> Detection:
-    detection = found(pair)
-    return Detection(*without_unobserved(pair, detection.labels_before, detection.labels_after))
+def _ours(method: str, config: DetectionConfig) -> AbstractDetector:
+    return DETECTORS[method].of(dataclasses.replace(config, method=cast(Method, method)))

@@ -1,36 +1,36 @@
 """The evidence test of the joint method, for the segments of any detector."""
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from gmmjax.changes.candidates import Candidates
 from gmmjax.changes.differences import LocalDifference, differences
 from gmmjax.changes.evidence.examination import without_evidence
 from gmmjax.changes.evidence.free_space import Survey
 from gmmjax.changes.prepare.resolution import WorkingCloud, working_pair
-from gmmjax.evaluation.labelled_pair import LabelledPair
+from gmmjax.clouds import SensorViews
 from gmmjax.geometry.local_surface import LocalSurface
 from gmmjax.pair import Pair, each
 
 
 def without_unobserved(
-    pair: LabelledPair, labels_before: Int[np.ndarray, " n0"], labels_after: Int[np.ndarray, " n1"]
-) -> tuple[Int[np.ndarray, " n0"], Int[np.ndarray, " n1"]]:
+    points: Pair[Float[np.ndarray, "_ 3"]], views: Pair[SensorViews | None], labels: Pair[Int[np.ndarray, " _"]]
+) -> Pair[Int[np.ndarray, " _"]]:
     """The labels without those segments that the other survey cannot speak about.
 
     With the other survey's views it must have seen that there was nothing; without them the segment must not only
     continue the surfaces beside it. Clouds that fill volumes hide nothing: all their segments stay.
 
     Args:
-        pair: the clouds, and where they were seen from if that is known.
-        labels_before: per point -1 or the number of a change.
-        labels_after: the same for the after cloud.
+        points: of both clouds.
+        views: where they were seen from, if that is known.
+        labels: per point -1 or the number of a change.
     """
-    working = working_pair(Pair(pair.before.points, pair.after.points))
+    working = working_pair(points)
     if working.volumetric:
-        return labels_before, labels_after
+        return labels
     surfaces = working.clouds.map(lambda cloud: LocalSurface.of(cloud.points))
-    surveys = each(Survey, surfaces, (pair.before.views, pair.after.views))
+    surveys = each(Survey, surfaces, views)
     measured = differences(surfaces, working.spacing)
 
     def kept(cloud: WorkingCloud, difference: LocalDifference, labels: np.ndarray, other: Survey) -> np.ndarray:
@@ -39,7 +39,7 @@ def without_unobserved(
         rejected, _ = without_evidence(segments, other, measured.limits)
         return np.where(rejected[cloud.member], -1, labels)
 
-    return each(kept, working.clouds, measured.local, (labels_before, labels_after), surveys.swapped)
+    return each(kept, working.clouds, measured.local, labels, surveys.swapped)
 
 
 def _voxel_labels(cloud: WorkingCloud, labels: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:

@@ -1,1 +1,1 @@
-"""Geometry of points and scanned surfaces: rigid transforms, ICP, local planes, clusters, depth images. NumPy, SciPy."""
+"""Geometry of points and scanned surfaces: rigid transforms, ICP, local planes, clusters, depth images."""

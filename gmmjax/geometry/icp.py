@@ -1,4 +1,4 @@
-"""Robust point-to-plane ICP: the rigid transform that registers one surface to another from a start that is nearly right.
+"""Robust point-to-plane ICP: the rigid transform that registers one surface to another from a close start.
 
 Chen and Medioni (1992), with the weights of Geman and McClure, whose scale shrinks from step to step, so that points
 without a counterpart lose their influence, and the extrapolation of Besl and McKay (1992, accelerated ICP).
@@ -121,7 +121,7 @@ def offset_derivatives(
     centre: Float[np.ndarray, " 3"],
     size: float = 1.0,
 ) -> Float64[np.ndarray, "n 6"]:
-    """Derivatives of the offsets along the normals by a rotation about the centre, times the size, and a translation."""
+    """Derivatives of the offsets along the normals by a rotation vector, times the size, and a translation."""
     return np.concatenate([np.cross((points - centre) / size, normals), normals], axis=1)
 
 

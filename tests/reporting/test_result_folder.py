@@ -5,9 +5,9 @@ import tomllib
 
 import numpy as np
 import pytest
-from gmmjax.changes.align.registration import Registration
 
 from gmmjax.changes import Changes, DetectionConfig
+from gmmjax.changes.registration import Registration
 from gmmjax.clouds import read_cloud
 from gmmjax.errors import InputError
 from gmmjax.reporting import write_result

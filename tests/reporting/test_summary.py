@@ -2,8 +2,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from gmmjax.changes.align.registration import Registration
 
+from gmmjax.changes.registration import Registration
 from gmmjax.reporting.summary import (
     HEADINGS,
     answer,

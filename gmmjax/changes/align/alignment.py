@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
-from gmmjax.changes.align.registration import Registration
 from gmmjax.changes.align.surfaces import (
     RoughRegistration,
     SurfaceRegistrationSettings,
@@ -16,6 +15,7 @@ from gmmjax.changes.align.surfaces import (
 from gmmjax.changes.align.volumes import VolumeRegistrationSettings, registered_volumes
 from gmmjax.changes.config import RegistrationMode
 from gmmjax.changes.prepare.resolution import WorkingPair, working_pair
+from gmmjax.changes.registration import Registration
 from gmmjax.geometry.local_surface import LocalSurface
 from gmmjax.geometry.rigid import transformed
 from gmmjax.pair import Pair

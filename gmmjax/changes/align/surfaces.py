@@ -9,10 +9,10 @@ from jaxtyping import Float, Float64
 
 from gmmjax.changes.align.coarse import coarse_transforms, normal_space_sample
 from gmmjax.changes.align.confidence import ConfidenceModel
-from gmmjax.changes.align.registration import Registration
 from gmmjax.changes.align.surface_fit import FitScoreSettings, SurfaceFit, random_sample, surface_fit
 from gmmjax.changes.config import RegistrationMode
 from gmmjax.changes.prepare.resolution import working_pair
+from gmmjax.changes.registration import Registration
 from gmmjax.geometry.icp import IcpSettings, determined_part, point_to_plane_icp
 from gmmjax.geometry.local_surface import PLANE_NEIGHBOURS, LocalSurface, evenly_chosen
 from gmmjax.geometry.rigid import transformed

@@ -7,10 +7,10 @@ import numpy as np
 
 from gmmjax.changes.align.component_displacement import consensus_displacement
 from gmmjax.changes.align.confidence import ConfidenceModel
-from gmmjax.changes.align.registration import Registration
 from gmmjax.changes.align.surface_fit import random_sample, surface_fit
 from gmmjax.changes.config import RegistrationMode
 from gmmjax.changes.prepare.resolution import WorkingCloud, WorkingPair
+from gmmjax.changes.registration import Registration
 from gmmjax.geometry.local_surface import LocalSurface
 from gmmjax.geometry.rigid import rigid_transform
 from gmmjax.mixtures import FitSettings, GaussianMixture, best_fit, fit_restarts

@@ -59,7 +59,7 @@ class JointDetector(AbstractChangeDetector):
         )
 
     def changes(self, scans: Pair[Scan], report: Progress = silent) -> Changes:
-        """The record of what changed, stage by stage: prepare, align, fit, differences, candidates, evidence, objects."""
+        """What changed: prepare, align, fit, differences, candidates, evidence, objects."""
         clock = Clock(report)
         clock.start("preparation", "Reading the scales of the clouds", 0.0)
         prepared = check_pair(scans.map(lambda scan: scan.cloud), self.config.crop)

@@ -122,7 +122,7 @@ class AbstractSeparateDetector(AbstractChangeDetector):
             devices=None,
             progress=lambda: report("Fitting the mixtures", 0.15 + 0.65 * next(done) / (2 * restarts)),
         )
-        return each(_finite, NAMES, both)
+        return each(_finite, NAMES, Pair(*both))
 
     def _compacted(self, fits: Pair[Fit], max_components: int) -> Pair[GaussianMixture]:
         """The mixtures of all restarts in the smallest common number of slots."""
@@ -187,7 +187,8 @@ def _diagnostics(
     scans: Pair[Scan], pair: PreparedPair, fits: Pair[Fit], votes: _Votes, clock: Clock, config: DetectionConfig
 ) -> dict[str, Any]:
     """Plain values for the record and the report."""
-    clouds = each(lambda *of_cloud: _cloud_diagnostics(*of_cloud, config), scans, pair.clouds, fits)
+    restarts = config.number_of_restarts()
+    clouds = each(lambda *of_cloud: _cloud_diagnostics(restarts, *of_cloud), scans, pair.clouds, fits)
     return {
         **clouds._asdict(),
         "voxel_size": pair.voxel_size,
@@ -200,12 +201,12 @@ def _diagnostics(
     }
 
 
-def _cloud_diagnostics(scan: Scan, cloud: PreparedCloud, fits: Fit, config: DetectionConfig) -> dict[str, Any]:
+def _cloud_diagnostics(restarts: int, scan: Scan, cloud: PreparedCloud, fits: Fit) -> dict[str, Any]:
     return {
         **cloud.diagnostics(scan.cloud),
         "outliers": cloud.outliers,
         "points_fitted": len(cloud.weighted.mass),
-        "restarts_failed": config.number_of_restarts() - len(fits.steps),
+        "restarts_failed": restarts - len(fits.steps),
         "components": fits.mixture.live.sum(axis=1).tolist(),
         "message_length": np.round(fits.message_length, 3).tolist(),
         "steps": fits.steps.tolist(),

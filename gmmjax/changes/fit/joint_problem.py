@@ -4,10 +4,10 @@ import dataclasses
 
 import numpy as np
 
-from gmmjax.changes.align.registration import Registration
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.fit.joint_mixture import SourcedPoints, joint_prior
 from gmmjax.changes.prepare.resolution import WorkingPair
+from gmmjax.changes.registration import Registration
 from gmmjax.errors import InputError
 from gmmjax.mixtures import FitSettings, Prior, WeightedPoints
 from gmmjax.mixtures.map_fits import default_noise_floor

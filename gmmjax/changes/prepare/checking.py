@@ -115,8 +115,9 @@ def check_comparable(
         return
     raise InputError(
         f"before and after: nothing can be compared, because at a resolution of {resolution:.4g} one of them is hardly "
-        f"more than a point: the before cloud extends over {extents.before:.4g}, the after cloud over {extents.after:.4g}. "
-        "Give both in the same unit, leave stray points out with crop, or give a smaller voxel_size"
+        f"more than a point: the before cloud extends over {extents.before:.4g}, the after cloud over "
+        f"{extents.after:.4g}. Give both in the same unit, leave stray points out with crop, or give a smaller "
+        "voxel_size"
     )
 
 

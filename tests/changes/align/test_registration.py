@@ -3,11 +3,11 @@ import json
 import jax
 import numpy as np
 import pytest
-from gmmjax.changes.align.registration import ConfidenceModel, Registration, SurfaceFit, registered_pair
 from scipy.spatial.transform import Rotation
 
 from gmmjax import DetectionConfig
 from gmmjax.changes.align.component_displacement import consensus_displacement
+from gmmjax.changes.registration import ConfidenceModel, Registration, SurfaceFit, registered_pair
 from gmmjax.mixtures import GaussianMixture
 from gmmjax.scenes import random_scene
 
