@@ -33,8 +33,8 @@ def write_pcd(
 
     Args:
         path: the file to write.
-        points: finite coordinates [N, 3] in any unit, in no order; or an ordered frame [H, W, 3], with NaN where a pixel
-            has no return.
+        points: finite coordinates [N, 3] in any unit, in no order; or an ordered frame [H, W, 3], with NaN where a
+            pixel has no return.
         viewpoint: where the sensor stood in the frame of the points: position x, y, z and orientation as a unit
             quaternion w, x, y, z. `viewpoint_of` makes one of a pose. The default is for points in the coordinates of
             the sensor.

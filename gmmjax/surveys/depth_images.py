@@ -3,6 +3,7 @@
 import io
 import os
 import re
+import warnings
 from pathlib import Path
 from typing import Any
 
