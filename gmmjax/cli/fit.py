@@ -73,16 +73,9 @@ def fit(
             found = _best_fit(weighted, method, max_components, restarts, seed, progress)
         except InputError as error:
             raise InputError(f"{cloud}: {error}") from error
-        settings = {
-            "method": method,
-            "max_components": max_components,
-            "restarts": restarts,
-            "seed": seed,
-            "points": len(read),
-            "rows_dropped": read.rows_dropped,
-            "points_fitted": len(weighted.mass),
-            "voxel_size": voxel_size,
-        }
+        given = {"method": method, "max_components": max_components, "restarts": restarts, "seed": seed}
+        counts = {"points": len(read), "rows_dropped": read.rows_dropped, "points_fitted": len(weighted.mass)}
+        settings = {**given, **counts, "voxel_size": voxel_size}
         write_mixture(out, found, source=str(cloud), settings=settings, overwrite=overwrite)
     if not quiet:
         console.print_fit(found, read)

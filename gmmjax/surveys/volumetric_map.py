@@ -87,22 +87,12 @@ def volumetric_map(
         InputError: Open3D cannot be loaded, a frame is in no order or of no pinhole camera, none is covered by the
             trajectory, or nothing was seen by enough of them in bounds and in range.
     """
-    check_choice("surface", surface, get_args(Surface))
-    if not 0 < voxel_size < np.inf:
-        raise InputError(f"voxel_size={voxel_size} must be positive, in metres; 0.01 (1 cm) is usual")
-    if least_frames < 1:
-        raise InputError(f"least_frames={least_frames} must be at least 1")
-    cropped(np.zeros((0, 3)), bounds)
+    _check(surface, voxel_size, least_frames, bounds)
     open3d = load_open3d("a volumetric map")
-    placed = PlacedFrames(frames, trajectory, every=every, max_gap=max_gap)
-    sight = Sight(None, max_range)
+    placed, sight = PlacedFrames(frames, trajectory, every=every, max_gap=max_gap), Sight(None, max_range)
     with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
         volume = _Volume(open3d, voxel_size)
-        for frame, pose in placed:
-            depth = frame.depth_image()
-            depth.flat[frame.cloud.rows[~sight.of(frame)]] = np.nan
-            depth[lone_pixels(depth)] = np.nan
-            volume.integrate(depth, frame.intrinsics().matrix(), pose)
+        volume.integrate_frames(placed, sight)
         points, normals = volume.surface(surface, least_frames)
     inside = cropped(points, bounds)
     if not inside.any():
@@ -122,6 +112,16 @@ def volumetric_map(
     )
 
 
+def _check(surface: str, voxel_size: float, least_frames: int, bounds: npt.ArrayLike | None) -> None:
+    """What can be wrong before a frame is read."""
+    check_choice("surface", surface, get_args(Surface))
+    if not 0 < voxel_size < np.inf:
+        raise InputError(f"voxel_size={voxel_size} must be positive, in metres; 0.01 (1 cm) is usual")
+    if least_frames < 1:
+        raise InputError(f"least_frames={least_frames} must be at least 1")
+    cropped(np.zeros((0, 3)), bounds)
+
+
 class _Volume:
     """Open3D's grid of voxel blocks, with a signed distance and a weight in each voxel."""
 
@@ -133,6 +133,14 @@ class _Volume:
         )
         self._empty = True
         self._truncation = max(TRUNCATION_VOXELS, LEAST_TRUNCATION / voxel_size)
+
+    def integrate_frames(self, placed: PlacedFrames, sight: Sight) -> None:
+        """Adds the frames, without the pixels that are out of sight and those that stand alone."""
+        for frame, pose in placed:
+            depth = frame.depth_image()
+            depth.flat[frame.cloud.rows[~sight.of(frame)]] = np.nan
+            depth[lone_pixels(depth)] = np.nan
+            self.integrate(depth, frame.intrinsics().matrix(), pose)
 
     def integrate(
         self, depth: Float64[np.ndarray, "h w"], camera: Float64[np.ndarray, "3 3"], pose: Float64[np.ndarray, "4 4"]

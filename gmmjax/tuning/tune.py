@@ -147,24 +147,33 @@ def tune(
     search = Search(split, names, loss, settings, optimiser or optax.adam(settings.learning_rate))
     state = search.first_state() if resume is None else resume
     checkpoint(state)
-    stopped: Stop = "steps"
-    while state.steps < settings.steps:
-        progress(described(state, names, loss), 0.05 + 0.85 * state.steps / settings.steps)
-        following = search.step(state)
-        if following is None:
-            stopped = "not finite"
-            break
-        state = following
-        checkpoint(state)
-        if state.steps - least(state.losses[..., HELD_BACK])[0] >= settings.patience:
-            stopped = "patience"
-            break
+    state, stopped = _searched(search, state, settings, checkpoint, progress)
     progress("Centring the settings", 0.9)
     result = _result(search, state, config, stopped)
     if loss in LABELLED:
         result = _judged_by_detection(result, pairs, config, progress)
     progress("Done", 1.0)
     return result if result.improved else dataclasses.replace(result, config=config)
+
+
+def _searched(
+    search: Search,
+    state: TuningState,
+    settings: TuningSettings,
+    checkpoint: Callable[[TuningState], None],
+    progress: Callable[[str, float], None],
+) -> tuple[TuningState, Stop]:
+    """The last state of the course from this one on, and why it ends there."""
+    while state.steps < settings.steps:
+        progress(described(state, search.names, search.loss), 0.05 + 0.85 * state.steps / settings.steps)
+        following = search.step(state)
+        if following is None:
+            return state, "not finite"
+        state = following
+        checkpoint(state)
+        if state.steps - least(state.losses[..., HELD_BACK])[0] >= settings.patience:
+            return state, "patience"
+    return state, "steps"
 
 
 def _judged_by_detection(
