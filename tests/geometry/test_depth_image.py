@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gmmjax.changes.depth_image import Camera, DepthImage, cameras
 from gmmjax.clouds import SensorViews
+from gmmjax.geometry.depth_image import Camera, DepthImage, cameras
 
 HALF_ANGLES = np.radians([30.0, 20.0])
 FORWARD = Camera(np.eye(3), HALF_ANGLES)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from gmmjax.changes.observed_edge import at_observed_edge
+from gmmjax.changes.evidence.coverage_edge import at_observed_edge
 from tests.mixtures.examples import random_rotation
 
 SPACING = 0.02
