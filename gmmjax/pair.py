@@ -1,14 +1,16 @@
 """What belongs to the earlier and to the later of two clouds, as one value."""
 
-from collections.abc import Callable
-from typing import Any, Generic, NamedTuple, TypeVar
+import dataclasses
+from collections.abc import Callable, Iterator
+from typing import Any, Generic, TypeVar
 
 Held = TypeVar("Held", covariant=True)
 Made = TypeVar("Made")
 
 
-class Pair(NamedTuple, Generic[Held]):
-    """Something of the before cloud, and the same of the after cloud.
+@dataclasses.dataclass(frozen=True, slots=True)
+class Pair(Generic[Held]):
+    """Something of the before cloud, and the same of the after cloud; iterates over the two.
 
     Attributes:
         before: of the before cloud.
@@ -17,6 +19,10 @@ class Pair(NamedTuple, Generic[Held]):
 
     before: Held
     after: Held
+
+    def __iter__(self) -> Iterator[Held]:
+        yield self.before
+        yield self.after
 
     def map(self, function: Callable[[Held], Made]) -> "Pair[Made]":
         """The function's value for either side."""
@@ -28,6 +34,6 @@ class Pair(NamedTuple, Generic[Held]):
         return Pair(self.after, self.before)
 
 
-def each(function: Callable[..., Made], *pairs: tuple[Any, Any]) -> Pair[Made]:
+def each(function: Callable[..., Made], *pairs: Pair[Any]) -> Pair[Made]:
     """The function's value for each side, with that side of every pair as arguments."""
-    return Pair(function(*(pair[0] for pair in pairs)), function(*(pair[1] for pair in pairs)))
+    return Pair(function(*(pair.before for pair in pairs)), function(*(pair.after for pair in pairs)))

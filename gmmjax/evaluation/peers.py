@@ -118,7 +118,7 @@ class VoxelDetector(AbstractPeer):
         """The points in voxels that are empty in the other cloud."""
         leaf = self.leaf * scale.reach
         origin = np.minimum(*points.map(lambda cloud: cloud.min(axis=0)))
-        voxels = np.floor((np.concatenate(points) - origin) / leaf).astype(np.int64)
+        voxels = np.floor((np.concatenate([*points]) - origin) / leaf).astype(np.int64)
         numbers = np.unique(voxels, axis=0, return_inverse=True)[1].ravel()
         number = Pair(*np.split(numbers, [len(points.before)]))
         return each(lambda own, other: ~np.isin(own, other), number, number.swapped)

@@ -95,10 +95,9 @@ def _with_transform(
     registered = Pair(points.before, registration.apply(points.after))
     if pair.voxel_size is not None:
         pair = pair.with_after_of(registered.after)
-        return AlignedPair(
-            registered, pair, surfaces._replace(after=LocalSurface.of(pair.clouds.after.points)), registration
-        )
+        surfaces = Pair(surfaces.before, LocalSurface.of(pair.clouds.after.points))
+        return AlignedPair(registered, pair, surfaces, registration)
     # What is left to be transformed after the rough registration.
     left = registration.transform @ np.linalg.inv(rough.transform)
-    surfaces = surfaces._replace(after=surfaces.after.moved(left))
+    surfaces = Pair(surfaces.before, surfaces.after.moved(left))
     return AlignedPair(registered, pair.with_after(surfaces.after.points), surfaces, registration)

@@ -90,4 +90,4 @@ def _mixtures(clouds: Pair[WorkingCloud], seed: int, settings: VolumeRegistratio
         )
         return best_fit(fits).mixture
 
-    return each(mixture, clouds, tuple(jax.random.split(jax.random.key(seed), 2)))
+    return each(mixture, clouds, Pair(*jax.random.split(jax.random.key(seed), 2)))

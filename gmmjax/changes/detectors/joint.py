@@ -101,7 +101,7 @@ def _surveys(pair: AlignedPair, scans: Pair[Scan]) -> Pair[Survey]:
     """Both clouds with their views in the before frame, where these do not contradict them."""
     views = scans.map(lambda scan: scan.views)
     if views.after is not None and pair.registration.applied:
-        views = views._replace(after=views.after.moved(pair.registration.transform))
+        views = Pair(views.before, views.after.moved(pair.registration.transform))
     return each(
         lambda name, surface, views: usable_views(f"views_{name}", Survey(surface, views)), NAMES, pair.surfaces, views
     )
@@ -155,7 +155,8 @@ def _diagnostics(
     """Plain values for the record and the report."""
     clouds = each(_cloud_diagnostics, scans, prepared, pair.working.clouds, surveys.map(lambda survey: survey.views))
     return {
-        **clouds._asdict(),
+        "before": clouds.before,
+        "after": clouds.after,
         "voxel_size": pair.working.voxel_size,
         "spacing": pair.working.spacing,
         "volumetric": pair.working.volumetric,

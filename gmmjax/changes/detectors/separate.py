@@ -190,7 +190,8 @@ def _diagnostics(
     restarts = config.number_of_restarts()
     clouds = each(lambda *of_cloud: _cloud_diagnostics(restarts, *of_cloud), scans, pair.clouds, fits)
     return {
-        **clouds._asdict(),
+        "before": clouds.before,
+        "after": clouds.after,
         "voxel_size": pair.voxel_size,
         "max_components": pair.max_components,
         "pairs_of_restarts": votes.pairs,

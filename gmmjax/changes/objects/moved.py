@@ -109,7 +109,7 @@ def with_moved(
         return items
     of_gone = {i: _part(surfaces.before, labels.before == i) for i in gone}
     of_new = {j: _part(surfaces.after, labels.after == j) for j in new}
-    background = np.concatenate(each(lambda surface, labels: surface.points[labels < 0], surfaces, labels))
+    background = np.concatenate([*each(lambda surface, labels: surface.points[labels < 0], surfaces, labels)])
     ground = dict(zip([*gone, *new], grounds([*of_gone.values(), *of_new.values()], background, noise), strict=True))
     matches: dict[tuple[int, int], Match] = {}
     for i, j in ((i, j) for i in gone for j in new if _alike(items[i], items[j])):

@@ -59,12 +59,12 @@ class WorkingPair:
     def with_after_of(self, points: Float[np.ndarray, "n 3"]) -> "WorkingPair":
         """The pair with an after cloud that is made of all these points, in voxels of the same edge."""
         after = _working_cloud(points, self.voxel_size)
-        return dataclasses.replace(self, clouds=self.clouds._replace(after=after))
+        return dataclasses.replace(self, clouds=Pair(self.clouds.before, after))
 
     def with_after(self, points: Float[np.ndarray, "m 3"]) -> "WorkingPair":
         """The pair with the after cloud's points moved to these."""
         after = dataclasses.replace(self.clouds.after, points=points)
-        return dataclasses.replace(self, clouds=self.clouds._replace(after=after))
+        return dataclasses.replace(self, clouds=Pair(self.clouds.before, after))
 
 
 def working_pair(
