@@ -1,7 +1,7 @@
 """What all detectors have in common: two scans in, a detection out."""
 
 import abc
-from typing import NamedTuple, Self
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import ArrayLike, Int
@@ -11,6 +11,9 @@ from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.progress import Progress, silent
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.pair import Pair
+
+
+Own = TypeVar("Own", bound="AbstractChangeDetector")
 
 
 class Scan(NamedTuple):
@@ -68,7 +71,7 @@ class AbstractChangeDetector(AbstractDetector):
 
     @classmethod
     @abc.abstractmethod
-    def of(cls, config: DetectionConfig) -> Self:
+    def of(cls: type[Own], config: DetectionConfig) -> Own:
         """The detector with a user's settings."""
 
     @abc.abstractmethod

@@ -23,9 +23,11 @@ class GreedyDetector(AbstractSeparateDetector):
 
     ground_cost: GroundCost = distance_of_means
 
-    def compare(self, before: GaussianMixture, after: GaussianMixture, points: Pair[float]) -> Compared:
+    def compare(self, mixtures: Pair[GaussianMixture], points: Pair[float]) -> Compared:
         """Algorithm 1 for all pairs of restarts; see `AbstractSeparateDetector.compare`."""
-        compared: Compared = _greedy_pairs(before, after, kinds=self.config.kinds, ground_cost=self.ground_cost)
+        compared: Compared = _greedy_pairs(
+            mixtures.before, mixtures.after, kinds=self.config.kinds, ground_cost=self.ground_cost
+        )
         return compared
 
 

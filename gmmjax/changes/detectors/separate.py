@@ -3,7 +3,7 @@
 import abc
 import dataclasses
 from collections.abc import Callable
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -23,6 +23,8 @@ from gmmjax.errors import ComputationError
 from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior
 from gmmjax.mixtures.map_fits import default_noise_floor, fits_of
 from gmmjax.pair import Pair, each
+
+Own = TypeVar("Own", bound="AbstractSeparateDetector")
 
 Compared = tuple[Bool[Array, "r0 r1 k0"], Bool[Array, "r0 r1 k1"], Float[Array, "r0 r1"], Bool[Array, "r0 r1"]]
 """For each pair of restarts which Gaussians changed, the earth mover's distance, and whether it could be compared."""
@@ -71,17 +73,16 @@ class AbstractSeparateDetector(AbstractChangeDetector):
     patience: float = 0.25
 
     @classmethod
-    def of(cls, config: DetectionConfig) -> Self:
+    def of(cls: type[Own], config: DetectionConfig) -> Own:
         """The detector with a user's settings."""
         return cls(config)
 
     @abc.abstractmethod
-    def compare(self, before: GaussianMixture, after: GaussianMixture, points: Pair[float]) -> Compared:
+    def compare(self, mixtures: Pair[GaussianMixture], points: Pair[float]) -> Compared:
         """Compares every pair of restarts.
 
         Args:
-            before: mixtures of the before cloud, with a leading axis of restarts, in float64.
-            after: those of the after cloud.
+            mixtures: of both clouds, with a leading axis of restarts, in float64.
             points: observations in either cloud.
         """
 
@@ -136,7 +137,7 @@ class AbstractSeparateDetector(AbstractChangeDetector):
         """Every pair of restarts at once."""
         points = pair.clouds.map(lambda cloud: float(cloud.weighted.mass.sum()))
         with jax.enable_x64(True):
-            compared = self.compare(*mixtures, points)
+            compared = self.compare(mixtures, points)
             changed_before, changed_after, emd, valid = (np.asarray(part) for part in compared)
         if not valid.any():
             raise ComputationError("no pair of restarts could be compared: the transport problems were not solved")

@@ -25,12 +25,13 @@ class TransportDetector(AbstractSeparateDetector):
 
     ground_cost: GroundCost = bures_wasserstein_distance
 
-    def compare(self, before: GaussianMixture, after: GaussianMixture, points: Pair[float]) -> Compared:
+    def compare(self, mixtures: Pair[GaussianMixture], points: Pair[float]) -> Compared:
         """Partial transport for all pairs of restarts; see `AbstractSeparateDetector.compare`."""
         compared: Compared = _transport_pairs(
-            before,
-            after,
-            *points,
+            mixtures.before,
+            mixtures.after,
+            points.before,
+            points.after,
             self.config.penalty,
             threshold=self.config.threshold,
             kinds=self.config.kinds,
