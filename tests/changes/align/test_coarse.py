@@ -3,8 +3,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.align.coarse import CoarseSettings, coarse_transforms, normal_space_sample
-from gmmjax.geometry.local_surface import LocalSurface, moved_points
-from tests.changes.test_registration import motion, room
+from gmmjax.geometry.local_surface import LocalSurface
+from gmmjax.geometry.rigid import transformed
+from gmmjax.pair import Pair
+from tests.changes.align.test_alignment import motion, room
 
 
 @pytest.fixture(scope="module")
@@ -15,7 +17,7 @@ def rooms():
 def left(transform, true, points):
     """Mean distance between where the points should be and where they are, and the angle in degrees."""
     total = transform @ true
-    distance = np.linalg.norm(moved_points(points, total) - points, axis=1).mean()
+    distance = np.linalg.norm(transformed(points, total) - points, axis=1).mean()
     return distance, np.degrees(Rotation.from_matrix(total[:3, :3]).magnitude())
 
 
@@ -23,7 +25,7 @@ def left(transform, true, points):
 def test_the_best_is_within_a_voxel_or_two_of_the_truth(rooms, shift, degrees):
     before, after = rooms
     true = motion(shift, degrees)
-    found = coarse_transforms(before, LocalSurface.of(moved_points(after, true)))
+    found = coarse_transforms(Pair(before, LocalSurface.of(transformed(after, true))))
     distance, angle = left(found.transforms[0], true, after)
     assert distance < 2 * found.accuracy and angle < 8
     assert found.accuracy < 0.15
@@ -32,9 +34,9 @@ def test_the_best_is_within_a_voxel_or_two_of_the_truth(rooms, shift, degrees):
 def test_any_unit_will_do(rooms):
     before, after = rooms
     true = motion((0.3, 0.1, -0.2), 20.0)
-    moved = moved_points(after, true)
-    metres = coarse_transforms(before, LocalSurface.of(moved))
-    millimetres = coarse_transforms(LocalSurface.of(1000 * before.points), LocalSurface.of(1000 * moved))
+    moved = transformed(after, true)
+    metres = coarse_transforms(Pair(before, LocalSurface.of(moved)))
+    millimetres = coarse_transforms(Pair(LocalSurface.of(1000 * before.points), LocalSurface.of(1000 * moved)))
     assert millimetres.accuracy == pytest.approx(1000 * metres.accuracy)
     for one, other in zip(metres.transforms, millimetres.transforms, strict=True):
         np.testing.assert_allclose(one[:3, :3], other[:3, :3], atol=1e-9)
@@ -42,7 +44,7 @@ def test_any_unit_will_do(rooms):
 
 
 def test_all_are_rigid_and_as_many_as_asked_for(rooms):
-    found = coarse_transforms(rooms[0], LocalSurface.of(rooms[1]), CoarseSettings(hypotheses=5, rotations=3))
+    found = coarse_transforms(Pair(rooms[0], LocalSurface.of(rooms[1])), CoarseSettings(hypotheses=5, rotations=3))
     assert len(found.transforms) == 5
     for transform in found.transforms:
         np.testing.assert_allclose(transform[:3, :3] @ transform[:3, :3].T, np.eye(3), atol=1e-12)

@@ -5,11 +5,11 @@ import warnings
 import numpy as np
 import pytest
 
-from gmmjax import DetectionConfig, InputError, InputWarning, PointCloud, detect_changes
+from gmmjax import InputError, InputWarning, PointCloud, detect_changes
 from gmmjax.changes.prepare.checking import check_comparable, check_overlap, check_pair
 from gmmjax.changes.registration import Registration
+from gmmjax.pair import Pair
 
-CONFIG = DetectionConfig()
 BOX = (-9.0, -9.0, -9.0, 9.0, 9.0, 9.0)
 CLOUD = np.random.default_rng(0).normal(size=(300, 3))
 
@@ -32,18 +32,18 @@ CLOUD = np.random.default_rng(0).normal(size=(300, 3))
 )
 def test_what_cannot_be_computed_with_is_refused(before, message):
     with pytest.raises(InputError, match=message):
-        check_pair(before, CLOUD, CONFIG)
+        check_pair(Pair(before, CLOUD))
 
 
 def test_a_stray_point_can_be_cropped():
     stray = np.concatenate([CLOUD, [[1e300, 0, 0]]])
-    checked, _ = check_pair(stray, CLOUD, DetectionConfig(crop=BOX))
+    checked, _ = check_pair(Pair(stray, CLOUD), BOX)
     assert checked.cropped == 1 and len(checked.points) == 300
 
 
 def test_values_return_to_the_rows_of_the_caller():
     rows = np.insert(CLOUD, [0, 7], [[np.nan, 0, 0], [50, 0, 0]], axis=0)
-    checked, other = check_pair(rows, CLOUD, DetectionConfig(crop=BOX))
+    checked, other = check_pair(Pair(rows, CLOUD), BOX)
     x = checked.to_rows(checked.points[:, 0], np.nan)
     expected = rows[:, 0].copy()
     expected[[0, 8]] = np.nan
@@ -55,33 +55,37 @@ def test_values_return_to_the_rows_of_the_caller():
 def test_clouds_of_other_units_cannot_be_compared():
     scan = np.random.default_rng(1).uniform(size=(2000, 3))
     with pytest.raises(InputError, match=r"before cloud extends over 0\.99.*after cloud over 99.*same unit"):
-        check_comparable(scan, 1000 * scan, (scan, 1000 * scan), 30.0)
+        check_comparable(Pair(scan, 1000 * scan), Pair(scan, 1000 * scan), 30.0)
     with pytest.raises(InputError, match="nothing can be compared"):
-        check_comparable(scan, scan, (scan[:2], scan), 0.01)
-    check_comparable(scan, scan, (scan, scan), 0.01)
+        check_comparable(Pair(scan, scan), Pair(scan[:2], scan), 0.01)
+    check_comparable(Pair(scan, scan), Pair(scan, scan), 0.01)
 
 
 def test_suspicious_extents_are_warned_of():
     with pytest.warns(InputWarning, match=r"differ 200-fold in extent"):
-        check_pair(CLOUD, 200 * CLOUD, CONFIG)
+        check_pair(Pair(CLOUD, 200 * CLOUD))
+
+
+def check_overlap_of(before, after, *registration):
+    check_overlap(check_pair(Pair(before, after)), *registration)
 
 
 def test_disjoint_extents_are_warned_of():
     with pytest.warns(InputWarning, match="do not overlap"):
-        check_overlap(CLOUD, CLOUD + 100)
+        check_overlap_of(CLOUD, CLOUD + 100)
     with pytest.warns(InputWarning, match="do not overlap"):
-        check_overlap(CLOUD + np.array([0, 100, 0]), CLOUD)
-    check_overlap(CLOUD, CLOUD + 0.1)
+        check_overlap_of(CLOUD + np.array([0, 100, 0]), CLOUD)
+    check_overlap_of(CLOUD, CLOUD + 0.1)
 
 
 @pytest.mark.parametrize(("applied", "confidence"), [(False, 1.0), (True, 0.5), (False, 0.0)])
 def test_a_registration_that_is_missing_or_in_doubt_leaves_the_warning(applied, confidence):
     with pytest.warns(InputWarning, match="do not overlap"):
-        check_overlap(CLOUD, CLOUD + 100, Registration(np.eye(4), applied=applied, confidence=confidence))
+        check_overlap_of(CLOUD, CLOUD + 100, Registration(np.eye(4), applied=applied, confidence=confidence))
 
 
 def test_disjoint_extents_that_registration_brings_together_are_none():
-    check_overlap(CLOUD, CLOUD + 100, Registration(np.eye(4), applied=True))
+    check_overlap_of(CLOUD, CLOUD + 100, Registration(np.eye(4), applied=True))
 
 
 @pytest.mark.parametrize("method", ["joint", "greedy"])

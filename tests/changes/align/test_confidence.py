@@ -1,0 +1,16 @@
+import pytest
+
+from gmmjax.changes.align.confidence import ConfidenceModel
+from gmmjax.changes.align.surface_fit import SurfaceFit
+
+
+def test_confidence_falls_with_everything_that_speaks_against_a_transform():
+    model, good = ConfidenceModel(), SurfaceFit(score=0.8, overlap=0.9, residual=0.001, noise=0.001)
+    sure = model.of_surfaces(good, 0.5, False)
+    assert sure > 0.99
+    assert model.of_surfaces(good._replace(residual=0.01), 0.9, True) < 0.5
+    assert model.of_surfaces(good._replace(overlap=0.1), 0.5, True) < 0.5
+    assert model.of_surfaces(good, 1.0, False) == pytest.approx(0.5, abs=0.01)
+    # Along a plane any transform fits as well as the frame that the clouds were given in.
+    assert model.of_surfaces(good, 1.0, True) > 0.95
+    assert model.of_surfaces(SurfaceFit(0.0, 0.0, float("inf"), float("inf")), 0.0, True) == 0
