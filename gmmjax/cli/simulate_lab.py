@@ -45,7 +45,7 @@ def simulate_lab(
         quiet: print nothing but errors.
     """
     from gmmjax.reporting import console
-    from gmmjax.reporting.lab_files import check_lab_folder, write_lab
+    from gmmjax.thesis.report.laboratory_files import check_lab_folder, write_lab
 
     check_seed("--seed", seed)
     check_lab_folder(out, overwrite=overwrite)
