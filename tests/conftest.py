@@ -24,8 +24,7 @@ with install_import_hook("gmmjax", "beartype.beartype"):
     import gmmjax.reporting.frame_files
     import gmmjax.scenes
     import gmmjax.surveys
-    import gmmjax.thesis.report.chapter_files
-    import gmmjax.thesis.report.laboratory_files
+    import gmmjax.thesis.report
     import gmmjax.tuning  # noqa: F401
 
 import warnings

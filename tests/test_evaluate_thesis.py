@@ -60,7 +60,7 @@ def test_bad_options_are_named(flags, message, tmp_path, capsys):
 
 def test_a_folder_of_another_run_is_refused(tmp_path, capsys):
     from gmmjax.thesis.chapter4 import Plan
-    from gmmjax.thesis.report.chapter_files import open_folder
+    from gmmjax.thesis.report import open_folder
 
     open_folder(tmp_path / "a", Plan())
     assert main([*COMMAND, "--out", str(tmp_path / "a")]) == 2

@@ -43,8 +43,7 @@ def evaluate_thesis(
         quiet: print nothing but errors.
     """
     from gmmjax.reporting import console
-    from gmmjax.thesis.report.chapter_files import open_folder, write_results
-    from gmmjax.thesis.report.console import print_thesis
+    from gmmjax.thesis.report import open_folder, print_thesis, write_results
 
     check_seed("--first-seed", first_seed)
     if not parts:

@@ -11,7 +11,7 @@ from gmmjax.errors import InputError
 from gmmjax.scenes.ray_casting import UNLABELLED, Solid
 
 # Half the inner side of the room, and where objects may stand, metres.
-INNER, STANDING = 1.1, 0.78
+ROOM_HALF_WIDTH, STANDING = 1.1, 0.78
 ROBOT = "robot"
 KINDS = (ROBOT, "bag", "drum", "box", "stack")
 # Share of the objects that are put on the shelf where they fit.
@@ -112,7 +112,7 @@ def _on_shelf(
     yaw = float(np.pi / 2 if parts[0].extent[0] > parts[0].extent[1] else 0.0) + random.uniform(-0.1, 0.1)
     deep, wide = sorted(parts[0].extent[:2])
     free = max(0.0, (shelf.extent[1] - wide) / 2)
-    x = -INNER + deep / 2 + 0.1 * wide + random.uniform(0.0, 0.03)
+    x = -ROOM_HALF_WIDTH + deep / 2 + 0.1 * wide + random.uniform(0.0, 0.03)
     place = np.array([x, shelf.centre[1] + random.uniform(-free, free)])
     radius = float(np.hypot(deep, wide)) / 2
     if not all(np.linalg.norm(place - other) > radius + reach for other, reach in taken):

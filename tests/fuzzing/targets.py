@@ -44,7 +44,7 @@ from gmmjax.surveys import (
     write_depth_image,
     write_intrinsics,
 )
-from gmmjax.thesis.chapter4.journal import Journal
+from gmmjax.thesis.chapter4 import Journal
 from gmmjax.thesis.chapter4.records import Unit
 from gmmjax.tuning import TuningState
 from tests.fuzzing.mutations import mutated, mutated_archive, mutated_png

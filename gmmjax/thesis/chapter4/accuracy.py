@@ -1,4 +1,4 @@
-"""Accuracy with true negatives, for which things are counted that did not change (thesis 4.6, figures 4.9 to 4.12)."""
+"""Confusion counts with true negatives, the unchanged things of a scene (thesis 4.6, figures 4.9 to 4.12)."""
 
 import dataclasses
 from typing import Literal
@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Int
 
 from gmmjax.errors import InputError
-from gmmjax.evaluation.labelled_pair import LabelledCloud, LabelledPair
-from gmmjax.evaluation.scores import FALSE, score_labelled_pair, segment_truth
+from gmmjax.evaluation import LabelledCloud, LabelledPair, false_segments, score_labelled_pair
 
-# Of the points, from where on a report and a change overlap.
+# Least fraction of a segment's points that changed for it to overlap a change, and of a change's points in true
+# positives for it to be found.
 OVERLAP = 0.1
 
 
@@ -18,15 +18,15 @@ OVERLAP = 0.1
 class Confusion:
     """Counts over one or many pairs; add them before dividing (micro average).
 
-    Segments and changes are as in `Scores`. A true negative is a thing that did not change, in one of the two clouds,
-    and that holds the largest part of no false segment. Things are Gaussians, objects, walls.
+    Segments and changes are as in `Scores`. Things are Gaussians, objects and walls. A true negative is a thing of one
+    of the two clouds that did not change, and that no false segment has most of its points on.
 
     Attributes:
         true_positives: detected segments that are a change.
         false_positives: detected segments that are none.
         found: true changes that were found.
-        missed: true changes that were not.
-        true_negatives: unchanged things that no false segment lies in.
+        missed: true changes that were not found.
+        true_negatives: unchanged things without a false segment.
     """
 
     true_positives: int = 0
@@ -42,18 +42,18 @@ class Confusion:
     @property
     def accuracy(self) -> float:
         """(TP + TN) / (TP + TN + FP + FN); 1 where there was nothing to count."""
-        right = self.true_positives + self.true_negatives
-        return _share(right, right + self.false_positives + self.missed)
+        correct = self.true_positives + self.true_negatives
+        return _fraction(correct, correct + self.false_positives + self.missed)
 
     @property
     def precision(self) -> float:
         """True positives by detected segments; 1 where nothing was detected."""
-        return _share(self.true_positives, self.true_positives + self.false_positives)
+        return _fraction(self.true_positives, self.true_positives + self.false_positives)
 
     @property
     def recall(self) -> float:
         """Found changes by changes; 1 where there was none to find."""
-        return _share(self.found, self.found + self.missed)
+        return _fraction(self.found, self.found + self.missed)
 
     @property
     def f1(self) -> float:
@@ -64,10 +64,10 @@ class Confusion:
 def confusion(
     pair: LabelledPair, labels_before: Int[np.ndarray, " n0"], labels_after: Int[np.ndarray, " n1"]
 ) -> Confusion:
-    """What of a pair was rightly and wrongly reported as changed, in both clouds together.
+    """The confusion counts of a pair, of both clouds together.
 
     Args:
-        pair: with the things that its points belong to.
+        pair: with the thing of each point.
         labels_before: per point -1 or the id of a detected change.
         labels_after: the same for the after cloud.
 
@@ -91,15 +91,15 @@ def opposite_confusion(
     labels_after: Int[np.ndarray, " n1"],
     kind: Literal["appeared", "disappeared"],
 ) -> Confusion:
-    """The reports of one type alone, in a pair in which only changes of the other type happened (thesis 4.7).
+    """The confusion counts of one type of change, in a pair with changes of the other type only (thesis 4.7).
 
-    Every report counts as a false positive; the accuracy is TN / (TN + FP).
+    Every detected segment is a false positive; the accuracy is TN / (TN + FP).
 
     Args:
-        pair: with the things that its points belong to; without changes of this type.
+        pair: with the thing of each point; without changes of this type.
         labels_before: per point -1 or the id of a detected change.
         labels_after: the same for the after cloud.
-        kind: the type that did not happen.
+        kind: the type that did not occur.
 
     Raises:
         InputError: the pair has no things, or changes of this type.
@@ -116,13 +116,13 @@ def opposite_confusion(
 def overlap_confusion(
     pair: LabelledPair, labels_before: Int[np.ndarray, " n0"], labels_after: Int[np.ndarray, " n1"]
 ) -> Confusion:
-    """As the thesis counts (4.6): a report that overlaps a change is a true positive.
+    """The confusion counts as in the thesis (4.6): a segment that overlaps a change is a true positive.
 
-    It overlaps it when a tenth of its points changed; a change is found when a tenth of its points lie in true
-    positives.
+    A segment overlaps a change when a tenth of its points changed; a change is found when a tenth of its points lie in
+    true positives.
 
     Args:
-        pair: with the things that its points belong to.
+        pair: with the thing of each point.
         labels_before: per point -1 or the id of a detected change.
         labels_after: the same for the after cloud.
 
@@ -135,18 +135,18 @@ def overlap_confusion(
 def _overlaps(name: str, cloud: LabelledCloud, labels: Int[np.ndarray, " n"]) -> Confusion:
     changed, counted = cloud.truth >= 0, ~np.isin(cloud.truth, list(cloud.not_counted))
     segments = {int(number): labels == number for number in np.unique(labels[labels >= 0])}
-    right = [number for number, own in segments.items() if changed[own].mean() >= OVERLAP]
-    false = [number for number in segments if number not in right]
-    # Those that are only of changes that nobody is asked to find are neither.
-    true = [number for number in right if (changed & counted)[segments[number]].any()]
+    overlapping = [number for number, own in segments.items() if changed[own].mean() >= OVERLAP]
+    false = [number for number in segments if number not in overlapping]
+    # Segments that overlap only changes that are not counted are neither true nor false.
+    true = [number for number in overlapping if (changed & counted)[segments[number]].any()]
     in_true = np.isin(labels, true)
-    changes = [in_true[cloud.truth == number].mean() for number in np.unique(cloud.truth[changed & counted])]
-    found = sum(bool(share >= OVERLAP) for share in changes)
+    fractions = [in_true[cloud.truth == number].mean() for number in np.unique(cloud.truth[changed & counted])]
+    found = sum(bool(fraction >= OVERLAP) for fraction in fractions)
     return Confusion(
         true_positives=len(true),
         false_positives=len(false),
         found=found,
-        missed=len(changes) - found,
+        missed=len(fractions) - found,
         true_negatives=_true_negatives(name, cloud, np.where(np.isin(labels, false), labels, -1)),
     )
 
@@ -154,25 +154,22 @@ def _overlaps(name: str, cloud: LabelledCloud, labels: Int[np.ndarray, " n"]) ->
 def _true_negatives(name: str, cloud: LabelledCloud, labels: Int[np.ndarray, " n"]) -> int:
     if cloud.things is None:
         raise InputError(f"{name}: has no things; accuracy needs to know the thing that each point belongs to")
-    false = [segment for segment, truth in segment_truth(labels, cloud).items() if truth == FALSE]
-    return len(
-        _unchanged_things(cloud.things, cloud.truth)
-        - {_largest_part(cloud.things[labels == segment]) for segment in false}
-    )
+    reported = {_most_frequent(cloud.things[labels == segment]) for segment in false_segments(labels, cloud)}
+    return len(_unchanged_things(cloud.things, cloud.truth) - reported)
 
 
 def _unchanged_things(things: Int[np.ndarray, " n"], truth: Int[np.ndarray, " n"]) -> set[int]:
-    """The things most of whose points did not change."""
+    """The things of whose points more than half did not change."""
     points = np.bincount(things[things >= 0])
     unchanged = np.bincount(things[(things >= 0) & (truth < 0)], minlength=len(points))
     return set(np.flatnonzero(2 * unchanged > points).tolist())
 
 
-def _largest_part(things: Int[np.ndarray, " n"]) -> int:
-    """The thing that most of a segment's points belong to."""
+def _most_frequent(things: Int[np.ndarray, " n"]) -> int:
     numbers, counts = np.unique(things, return_counts=True)
     return int(numbers[counts.argmax()])
 
 
-def _share(part: int, whole: int) -> float:
+def _fraction(part: int, whole: int) -> float:
+    """1 where there is nothing to count."""
     return part / whole if whole else 1.0

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple, get_args
 
 from gmmjax.errors import ComputationError, InputError
-from gmmjax.evaluation.benchmark import Failure
+from gmmjax.evaluation import Failure
 from gmmjax.thesis.chapter4 import clustering, filtering, gaussians, grid, surveys
 from gmmjax.thesis.chapter4.journal import Journal
 from gmmjax.thesis.chapter4.records import Headline, Outcome, Plan, Table, Unit, Work
@@ -32,14 +32,14 @@ _PARTS: dict[PartName, _Part] = {
 
 @dataclasses.dataclass(frozen=True)
 class PartResult:
-    """What came out of a part.
+    """The results of a part.
 
     Attributes:
         name: of the part.
         tables: the numbers of its figures.
         headlines: its lines of the summary.
         outcomes: the results of its units, for the pictures.
-        notes: what could not be run here.
+        notes: on what could not be run here.
     """
 
     name: PartName
@@ -51,12 +51,12 @@ class PartResult:
 
 @dataclasses.dataclass(frozen=True)
 class ThesisResults:
-    """What came out of the chapter.
+    """The results of the chapter.
 
     Attributes:
-        plan: how much was run.
-        parts: those that were asked for, and those that are complete from earlier.
-        failures: units that failed; they are left out, and tried again the next time.
+        plan: extent of the run.
+        parts: the requested parts, and those that are complete from earlier runs.
+        failures: units that failed; they are left out, and run again the next time.
     """
 
     plan: Plan
@@ -71,13 +71,13 @@ def run_chapter(
     *,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> ThesisResults:
-    """Runs what is not in the journal yet, and gathers the results.
+    """Runs the units that are not in the journal yet, and collects the results.
 
     Args:
-        plan: how much is run.
-        parts: of the chapter.
-        journal: keeps the result of each unit as soon as it is there.
-        progress: called with what is being done and the share of the units that are done.
+        plan: extent of the run.
+        parts: parts of the chapter to run.
+        journal: of this run; each result is added as soon as it is computed.
+        progress: called with a description of the current unit and the fraction of the units that are done.
 
     Raises:
         ComputationError: every unit failed.
@@ -100,7 +100,7 @@ def run_chapter(
 def _run(unit: Unit, journal: Journal) -> Failure | None:
     try:
         result = unit.run()
-    # Whatever is wrong with this unit, there are the others.
+    # A failure of one unit must not prevent the others.
     except Exception as error:
         kind = "" if isinstance(error, InputError | ComputationError) else f"{type(error).__name__}: "
         return Failure(f"{unit.part}, {unit.label}", unit.method, f"{kind}{error}")

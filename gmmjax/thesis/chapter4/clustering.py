@@ -15,12 +15,12 @@ from gmmjax.scenes import fixed_scene
 from gmmjax.thesis.chapter4.records import Cell, Headline, Outcome, Plan, Table, Unit, Work
 
 PART = "clustering"
-# The clouds by the number of their Gaussians.
+# The clouds and the true number of their Gaussians.
 CLOUDS: Mapping[str, int] = {"4 Gaussians": 4, "7 Gaussians": 7}
 ANNIHILATION, GRID, CHANGES = "annihilation", "grid search", "changes"
 RESTARTS, COMPONENTS = 8, range(3, 10)
 ONE_START, BEST = "annihilation, one start", f"annihilation, best of {RESTARTS}"
-# In the thesis's words.
+# The thesis's results, in its words.
 THESIS = {
     (ANNIHILATION, "4 Gaussians"): "right nearly every time",
     (ANNIHILATION, "7 Gaussians"): "right nearly every time",
@@ -30,7 +30,7 @@ THESIS = {
 
 
 def work(plan: Plan) -> Work:
-    """Both clouds of each seed, clustered in both ways; of the first one also the changes, which figure 4.1 shows."""
+    """Both clouds of each seed, clustered by both methods; of the first seed also the changes shown in figure 4.1."""
     units = []
     for seed in plan.seeds(plan.clustering_seeds):
         for cloud in CLOUDS:
@@ -45,7 +45,7 @@ def work(plan: Plan) -> Work:
 
 
 def fixed_cloud(cloud: str, seed: int) -> Float[np.ndarray, "n 3"]:
-    """One of the clouds: the fixed scene before, or with three Gaussians more after.
+    """One of the clouds: the fixed scene before, or after, with three more Gaussians.
 
     Args:
         cloud: a name in `CLOUDS`.
@@ -56,7 +56,7 @@ def fixed_cloud(cloud: str, seed: int) -> Float[np.ndarray, "n 3"]:
 
 
 def tables(outcomes: Sequence[Outcome]) -> list[Table]:
-    """Figure 4.1 for annihilation, 4.2 for the grid search: how often the number of Gaussians was right."""
+    """Figure 4.1 for annihilation, 4.2 for the grid search: numbers of Gaussians found, and how many are correct."""
     annihilation = [
         row
         for cloud in CLOUDS
@@ -73,7 +73,7 @@ def tables(outcomes: Sequence[Outcome]) -> list[Table]:
 
 
 def headlines(outcomes: Sequence[Outcome]) -> list[Headline]:
-    """How often each way finds the right number."""
+    """How often each method finds the correct number."""
     annihilation, grid = tables(outcomes)
     return [
         Headline(
@@ -89,7 +89,7 @@ def headlines(outcomes: Sequence[Outcome]) -> list[Headline]:
 
 
 def mixture_of(result: Mapping[str, Any]) -> GaussianMixture:
-    """The mixture of a unit's result."""
+    """The mixture in a unit's result."""
     weights, means, covariances = (np.array(result["mixture"][name]) for name in ("weights", "means", "covariances"))
     return GaussianMixture(weights, means, covariances, np.ones(len(weights), bool))
 
@@ -132,7 +132,7 @@ def _grid_search(cloud: str, seed: int) -> dict[str, Any]:
 
 
 def _changes(seed: int) -> dict[str, Any]:
-    """The Gaussians that the published algorithm finds to have appeared."""
+    """The Gaussians that appeared according to the published algorithm."""
     config = DetectionConfig(method="greedy", kinds="appeared", restarts=1)
     clouds = (fixed_cloud(cloud, seed) for cloud in CLOUDS)
     items = detect_changes(*clouds, config=config).items

@@ -11,25 +11,25 @@ from jaxtyping import Bool, Int
 from gmmjax.changes import DetectionConfig
 from gmmjax.clouds import statistical_outliers
 from gmmjax.errors import InputError
-from gmmjax.evaluation.detectors import Detection, detector
-from gmmjax.evaluation.labelled_pair import LabelledCloud, LabelledPair, PairSource
-from gmmjax.thesis.chapter4 import surveys
+from gmmjax.evaluation import Detection, LabelledCloud, LabelledPair, PairSource, detector
 from gmmjax.thesis.chapter4.accuracy import confusion
-from gmmjax.thesis.chapter4.measures import KINDS, PUBLISHED, as_text, measured, published
+from gmmjax.thesis.chapter4.measures import CHANGE_TYPES, PUBLISHED, as_text, measured, published
 from gmmjax.thesis.chapter4.records import Cell, Headline, LastPair, Outcome, Plan, Table, Unit, Work
 from gmmjax.thesis.chapter4.survey_pairs import survey_sources
+from gmmjax.thesis.chapter4.surveys import METHODS
+from gmmjax.thesis.laboratory import VOXEL_SIZE
 
 PART = "filtering"
 WITHOUT, WITH = "voxel filter only", "voxel and outlier filter"
 CLOUDS = "clouds"
-# The thesis does not say which it used; these are usual.
+# The thesis does not give its settings of the filter; these are common ones.
 FILTER: Mapping[str, Any] = {"neighbours": 20, "ratio": 2.0}
-# Points of each cloud in the picture, and outliers among them at the most.
+# Number of points of each cloud in the picture, and largest number of outliers that are added to them.
 DRAWN, OUTLIERS = 3000, 600
 
 
 def work(plan: Plan) -> Work:
-    """Both methods on localised maps, without and with the filter; of the first seed also the clouds themselves."""
+    """Both methods on localised maps, without and with the filter; for the picture the clouds of the first seed."""
     seeds = plan.seeds(plan.filtering_seeds)
     try:
         pairs = survey_sources(seeds, "localised")
@@ -40,8 +40,8 @@ def work(plan: Plan) -> Work:
     units = [Unit(PART, "localised maps", plan.first_seed, CLOUDS, FILTER, picture)]
     for seed, source in zip(seeds, pairs, strict=True):
         for condition in (WITHOUT, WITH):
-            for method in surveys.METHODS:
-                settings = {"voxel_size": surveys.VOXEL, **(FILTER if condition == WITH else {})}
+            for method in METHODS:
+                settings = {"voxel_size": VOXEL_SIZE, **(FILTER if condition == WITH else {})}
                 run = functools.partial(_run, load, source, method, condition == WITH)
                 units.append(Unit(PART, condition, seed, method, settings, run))
     return Work(units)
@@ -51,7 +51,7 @@ def tables(outcomes: Sequence[Outcome]) -> list[Table]:
     """The measures of each method without and with the filter."""
     rows: list[dict[str, Cell]] = []
     for condition in (WITHOUT, WITH):
-        for method in surveys.METHODS:
+        for method in METHODS:
             own = [outcome for outcome in outcomes if (outcome.condition, outcome.method) == (condition, method)]
             rows.append({"filters": condition, "method": method, **measured(own)})
     return [Table("4.6", "localised maps, without and with the outlier filter", tuple(rows))]
@@ -68,7 +68,7 @@ def headlines(outcomes: Sequence[Outcome]) -> list[Headline]:
 
 
 def without_outliers(pair: LabelledPair) -> tuple[LabelledPair, Bool[np.ndarray, " n0"], Bool[np.ndarray, " n1"]]:
-    """The pair as the outlier filter leaves it, and which points of either cloud are kept.
+    """The pair without its outliers, and which points of each cloud are kept.
 
     Args:
         pair: the clouds.
@@ -79,10 +79,10 @@ def without_outliers(pair: LabelledPair) -> tuple[LabelledPair, Bool[np.ndarray,
 
 
 def _run(load: LastPair, source: PairSource, method: str, filtered: bool) -> dict[str, Any]:
-    """Scored on all points: what the filter took away is reported as unchanged."""
+    """The confusion counts on all points: those that the filter removes are labelled unchanged."""
     pair = load(source)
-    # The filter stands before either method, in place of the one that separate fits bring along.
-    config = DetectionConfig(voxel_size=surveys.VOXEL, outlier_neighbours=0)
+    # The filter precedes both methods, in place of the one that is part of detection by separate fits.
+    config = DetectionConfig(voxel_size=VOXEL_SIZE, outlier_neighbours=0)
     detect = detector(method, config) if method != PUBLISHED else functools.partial(_published, source, config)
     if not filtered:
         found = detect(pair)
@@ -94,8 +94,8 @@ def _run(load: LastPair, source: PairSource, method: str, filtered: bool) -> dic
 
 
 def _published(source: PairSource, config: DetectionConfig, pair: LabelledPair) -> Detection:
-    """The published algorithm, told which kind of change happened."""
-    return published(pair, [kind for kind in KINDS if kind == source.condition], config)
+    """The published algorithm, told which type of change occurred."""
+    return published(pair, [kind for kind in CHANGE_TYPES if kind == source.condition], config)
 
 
 def _of_all_points(
@@ -121,7 +121,7 @@ def _part(cloud: LabelledCloud, kept: Bool[np.ndarray, " n"]) -> LabelledCloud:
 
 
 def _picture(load: LastPair, source: PairSource) -> dict[str, Any]:
-    """Some points of both clouds from above, millimetres, which of them the filter keeps and which are changed."""
+    """A sample of the points of both clouds from above, millimetres; which of them the filter keeps, which changed."""
     pair = load(source)
     _, *kept = without_outliers(pair)
     picture = {}

@@ -5,12 +5,19 @@ import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from gmmjax.evaluation.detectors import Detector, detector
-from gmmjax.evaluation.gaussians import Condition, gaussian_pair
-from gmmjax.evaluation.labelled_pair import PairSource
+from gmmjax.evaluation import Condition, Detector, PairSource, detector, gaussian_pair
 from gmmjax.scenes import OVERLAPS
 from gmmjax.thesis.chapter4.accuracy import confusion
-from gmmjax.thesis.chapter4.measures import KINDS, PUBLISHED, THESIS, Kind, as_text, measured, printed, published
+from gmmjax.thesis.chapter4.measures import (
+    CHANGE_TYPES,
+    PUBLISHED,
+    THESIS,
+    ChangeType,
+    as_text,
+    measured,
+    printed,
+    published,
+)
 from gmmjax.thesis.chapter4.records import Cell, Headline, LastPair, Outcome, Plan, Table, Unit, Work
 
 PART = "gaussians"
@@ -22,7 +29,7 @@ THESIS_F1 = {ONE_KIND: 0.80, BOTH_KINDS: 0.52}
 
 
 def work(plan: Plan) -> Work:
-    """Every method on every pair. The published algorithm is told which kinds of change there are, the others not."""
+    """Every method on every pair. Only the published algorithm is told which types of change occur."""
     load, units = LastPair(), []
     for condition in CONDITIONS:
         kinds = _kinds(condition)
@@ -37,7 +44,7 @@ def work(plan: Plan) -> Work:
 
 
 def tables(outcomes: Sequence[Outcome]) -> list[Table]:
-    """A row for each method and condition, then the sums over one kind and both kinds of change, and the thesis."""
+    """A row for each method and condition, then for all conditions with one type and with both, then the thesis's."""
     rows: list[dict[str, Cell]] = []
     for method in METHODS:
         own = [outcome for outcome in outcomes if outcome.method == method]
@@ -52,7 +59,7 @@ def tables(outcomes: Sequence[Outcome]) -> list[Table]:
 
 
 def headlines(outcomes: Sequence[Outcome]) -> list[Headline]:
-    """F1 where one kind of change occurs and where both do."""
+    """F1 over the conditions with one type of change, and with both."""
     (table,) = tables(outcomes)
     return [
         Headline("4.9", f"F1, {row['condition']} of change", str(row["method"]), as_text(row), f"{value:.2f}")
@@ -62,13 +69,13 @@ def headlines(outcomes: Sequence[Outcome]) -> list[Headline]:
     ]
 
 
-def _kinds(condition: Condition) -> tuple[Kind, ...]:
+def _kinds(condition: Condition) -> tuple[ChangeType, ...]:
     numbers = {"appeared": condition.appeared, "disappeared": condition.disappeared}
-    return tuple(kind for kind in KINDS if numbers[kind])
+    return tuple(kind for kind in CHANGE_TYPES if numbers[kind])
 
 
 def _groups() -> Mapping[str, list[str]]:
-    """The conditions with one kind of change, and those with both."""
+    """The conditions with one type of change, and those with both."""
     return {
         name: [str(condition) for condition in CONDITIONS if len(_kinds(condition)) == number]
         for number, name in enumerate((ONE_KIND, BOTH_KINDS), start=1)

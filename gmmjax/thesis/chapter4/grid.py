@@ -33,7 +33,7 @@ def tables(outcomes: Sequence[Outcome]) -> list[Table]:
 
 
 def headlines(outcomes: Sequence[Outcome]) -> list[Headline]:
-    """The model with the lowest of all scores, and what each criterion would choose."""
+    """The model with the lowest score of each criterion."""
     (table,) = tables(outcomes)
     lines = []
     for cloud in CLOUDS:
@@ -53,7 +53,7 @@ def _scores(cloud: str, seed: int) -> dict[str, Any]:
 
 
 def _finite(scores: Any) -> list[list[float | None]]:
-    """Scores by covariance type and number; None where every fit failed, for which JSON has no number."""
+    """Scores by covariance type and number; None where every fit failed, since JSON has no NaN."""
     return [[score if np.isfinite(score) else None for score in row] for row in np.asarray(scores).tolist()]
 
 

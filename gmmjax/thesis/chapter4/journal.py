@@ -1,4 +1,4 @@
-"""The results of finished units, one line each, kept while the work goes on."""
+"""The journal of a run: the results of finished units on disk, from which an interrupted run resumes."""
 
 import json
 import os
@@ -6,23 +6,23 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-from gmmjax.clouds.files import parse_json, read_bytes
+from gmmjax.clouds import parse_json, read_bytes
 from gmmjax.errors import InputError
 from gmmjax.thesis.chapter4.records import Unit
 
 
 class Journal:
-    """A file of JSON lines: each has the key of a unit, its result, and a checksum of both.
+    """A file of JSON lines, each with the key of a unit, its result, and a checksum of both.
 
-    A unit is added as soon as it is done, and reaches the disk. When the work is interrupted while a line is written,
-    that line alone is lost.
+    A line is flushed to disk before the next unit begins. Only a line that was interrupted while it was written is
+    lost.
     """
 
     def __init__(self, path: Path) -> None:
-        """Reads what is there.
+        """Reads the file.
 
         Args:
-            path: of the file; it need not be there yet.
+            path: of the file, which need not exist.
 
         Raises:
             InputError: a line before the last one is damaged, or the file cannot be read.
@@ -47,11 +47,11 @@ class Journal:
         return unit.key in self._results
 
     def result(self, unit: Unit) -> dict[str, Any]:
-        """The result of a unit that is done."""
+        """The result of a unit that is in the journal."""
         return self._results[unit.key]
 
     def add(self, unit: Unit, result: dict[str, Any]) -> None:
-        """Keeps the result of a unit.
+        """Appends the result of a unit.
 
         Raises:
             InputError: the file cannot be written.
@@ -67,7 +67,7 @@ class Journal:
             raise InputError(
                 f"{self._path}: cannot be written ({error.strerror}); free some space, and the same command goes on"
             ) from error
-        # As it will be read: tuples are lists.
+        # The same as after reading: tuples become lists.
         self._results[unit.key] = json.loads(line)["result"]
 
     def _read(self, line: bytes, number: int) -> None:
@@ -84,5 +84,5 @@ class Journal:
 
 
 def _checksum(key: str, result: dict[str, Any]) -> int:
-    """Of what JSON keeps, so that it is the same before it is written and after it is read."""
+    """CRC-32 of the JSON text, so that it is the same before writing and after reading."""
     return zlib.crc32(json.dumps([key, result]).encode())

@@ -1,33 +1,32 @@
-"""Accuracy, precision, recall and F1 as the cells of a table, and the algorithm of the thesis as it was published."""
+"""Accuracy, precision, recall and F1 as the cells of a table, and the published algorithm of the thesis."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from gmmjax.changes import DetectionConfig, detect_changes
-from gmmjax.evaluation.detectors import Detection
-from gmmjax.evaluation.labelled_pair import LabelledPair
+from gmmjax.evaluation import Detection, LabelledPair
 from gmmjax.thesis.chapter4.accuracy import Confusion
 from gmmjax.thesis.chapter4.records import Cell, Outcome
 
-Kind = Literal["appeared", "disappeared"]
-KINDS: tuple[Kind, ...] = ("appeared", "disappeared")
+ChangeType = Literal["appeared", "disappeared"]
+CHANGE_TYPES: tuple[ChangeType, ...] = get_args(ChangeType)
 MEASURES = ("accuracy", "precision", "recall", "f1")
 COUNTS = ("true_positives", "false_positives", "found", "missed", "true_negatives")
-# The rows of the thesis's own numbers, and of its algorithm run here.
+# The methods of the rows with the thesis's numbers, and with its algorithm run here.
 THESIS, PUBLISHED = "thesis", "published"
 
 
-def single_run(pair: LabelledPair, kind: Kind, config: DetectionConfig) -> Detection:
-    """One run of Algorithm 1 for one kind of change, as the thesis runs it: one fit of either cloud, no vote.
+def single_run(pair: LabelledPair, kind: ChangeType, config: DetectionConfig) -> Detection:
+    """One run of Algorithm 1 for one type of change, as in the thesis: one fit of each cloud, no consensus.
 
-    For disappearances the clouds change places (section 4.5.1).
+    For disappearances the clouds are exchanged (section 4.5.1).
 
     Args:
         pair: the clouds.
-        kind: of change that is looked for.
-        config: settings but for the method, the kind and the restarts.
+        kind: type of change to detect.
+        config: settings; method, kinds and restarts are replaced.
     """
     settings = {**config.to_dict(), "method": "greedy", "kinds": kind, "restarts": 1}
     changes = detect_changes(pair.before.points, pair.after.points, config=DetectionConfig.from_dict(settings))
@@ -35,14 +34,14 @@ def single_run(pair: LabelledPair, kind: Kind, config: DetectionConfig) -> Detec
 
 
 def published(
-    pair: LabelledPair, kinds: Sequence[Kind] = KINDS, config: DetectionConfig = DetectionConfig()
+    pair: LabelledPair, kinds: Sequence[ChangeType] = CHANGE_TYPES, config: DetectionConfig = DetectionConfig()
 ) -> Detection:
-    """The published algorithm: a single run for each kind of change that it is told to look for.
+    """The published algorithm: a single run for each type of change that it is told to detect.
 
     Args:
         pair: the clouds.
-        kinds: of change; for both there are two runs, neither of which sees what the other one removed.
-        config: settings but for the method, the kind and the restarts.
+        kinds: types of change; for both there are two independent runs.
+        config: settings; method, kinds and restarts are replaced.
     """
     labels_before, labels_after = (np.full(len(cloud.points), -1) for cloud in (pair.before, pair.after))
     for kind in kinds:
@@ -55,22 +54,22 @@ def published(
 
 
 def confusion_of(outcomes: Sequence[Outcome], name: str = "all") -> Confusion:
-    """The counts of that name in the results, added."""
+    """The sum of the counts of that name in the results."""
     return sum((Confusion(**outcome.result[name]) for outcome in outcomes), Confusion())
 
 
 def measured(outcomes: Sequence[Outcome]) -> dict[str, Cell]:
-    """How many pairs there are, the four measures of all of them together, and the counts that these are made of."""
+    """The columns of a row: number of pairs, the four measures over all of them, and the counts behind these."""
     counts = confusion_of(outcomes)
     measures = {name: round(getattr(counts, name), 4) if outcomes else None for name in MEASURES}
     return {"pairs": len(outcomes), **measures, **{name: getattr(counts, name) for name in COUNTS}}
 
 
 def printed(**values: float) -> dict[str, Cell]:
-    """The columns of `measured` with the numbers that the thesis gives."""
+    """The columns of `measured` with the thesis's numbers; None: it gives none."""
     return {"pairs": None, **{name: values.get(name) for name in MEASURES}, **dict.fromkeys(COUNTS)}
 
 
 def as_text(row: Mapping[str, Any], measure: str = "f1") -> str:
-    """A measure of a row as text; a dash where it is not known."""
+    """A measure of a row as text; a dash where it is None."""
     return "–" if row[measure] is None else f"{row[measure]:.2f}"

@@ -1,4 +1,4 @@
-"""What the parts of chapter 4 are made of: how much is run, the units of the work, and the tables that come out."""
+"""The records of chapter 4: the extent of a run, its units of work and their outcomes, the tables made of these."""
 
 import csv
 import dataclasses
@@ -7,21 +7,21 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
-from gmmjax.evaluation.labelled_pair import LabelledPair, PairSource
+from gmmjax.evaluation import LabelledPair, PairSource
 
 Cell: TypeAlias = str | int | float | bool | None
 
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """How much is run.
+    """The extent of a run.
 
     Attributes:
-        first_seed: of everything; the others follow on.
-        clustering_seeds: clouds of four and of seven Gaussians that are clustered.
-        trials: pairs of each condition of figure 4.9.
-        survey_seeds: pairs of each kind of survey.
-        filtering_seeds: pairs of localised maps with and without the outlier filter.
+        first_seed: first seed of every experiment; the others are consecutive.
+        clustering_seeds: number of clouds of four and of seven Gaussians to cluster.
+        trials: number of pairs of each condition of figure 4.9.
+        survey_seeds: number of pairs of each kind of survey.
+        filtering_seeds: number of pairs of localised maps with and without the outlier filter.
     """
 
     first_seed: int = 0
@@ -36,21 +36,21 @@ class Plan:
         return cls(first_seed, clustering_seeds=3, trials=1, survey_seeds=1, filtering_seeds=1)
 
     def seeds(self, count: int) -> range:
-        """So many seeds from the first one on."""
+        """A number of consecutive seeds from the first one on."""
         return range(self.first_seed, self.first_seed + count)
 
 
 @dataclasses.dataclass(frozen=True)
 class Unit:
-    """A piece of the work whose result is kept as soon as it is there.
+    """A unit of work, whose result is written to the journal as soon as it is computed.
 
     Attributes:
-        part: of the chapter.
-        condition: what the data are.
+        part: name of the part of the chapter.
+        condition: description of the data.
         seed: of the data.
-        method: what is done with them.
-        settings: of the method, plain values.
-        run: gives the result, as plain values.
+        method: name of the method that is applied to them.
+        settings: of the method, as JSON values.
+        run: computes the result, as JSON values.
     """
 
     part: str
@@ -62,7 +62,7 @@ class Unit:
 
     @property
     def key(self) -> str:
-        """What the result depends on, as JSON."""
+        """Everything that the result depends on, as JSON."""
         return json.dumps([self.part, self.condition, self.seed, self.method, self.settings], sort_keys=True)
 
     @property
@@ -73,7 +73,7 @@ class Unit:
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """The result of a unit: the same fields, and plain values."""
+    """The result of a unit, as JSON values, with the unit's fields."""
 
     condition: str
     seed: int
@@ -84,7 +84,7 @@ class Outcome:
 
 @dataclasses.dataclass(frozen=True)
 class Work:
-    """The units of a part, and what cannot be run here."""
+    """The units of a part, and notes on what cannot be run here."""
 
     units: Sequence[Unit]
     notes: tuple[str, ...] = ()
@@ -95,9 +95,9 @@ class Table:
     """The numbers of a figure.
 
     Attributes:
-        figure: of the thesis, such as "4.9".
-        title: what the numbers are.
-        rows: with the same columns; None: not known.
+        figure: number of the figure in the thesis, such as "4.9".
+        title: of the table.
+        rows: all with the same columns; None: not known.
     """
 
     figure: str
@@ -125,14 +125,14 @@ class Table:
 
 @dataclasses.dataclass(frozen=True)
 class Headline:
-    """One line of the summary: what the thesis says, and what comes out here.
+    """One line of the summary: a result of the thesis beside that of this run.
 
     Attributes:
-        figure: of the thesis.
-        measure: what is compared.
-        method: that it was measured of here.
-        here: the figure here.
-        thesis: that of the thesis; empty: it gives none.
+        figure: number of the figure in the thesis.
+        measure: the quantity that is compared.
+        method: the method that was run here.
+        here: the value in this run.
+        thesis: the value in the thesis; empty: it gives none.
     """
 
     figure: str
@@ -143,7 +143,7 @@ class Headline:
 
 
 class LastPair:
-    """Loads pairs, and keeps the last one: the units of one pair follow each other."""
+    """Loads pairs, and keeps the last one: the units of one pair are consecutive."""
 
     def __init__(self) -> None:
         self._last: tuple[PairSource, LabelledPair] | None = None

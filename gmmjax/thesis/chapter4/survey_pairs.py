@@ -1,25 +1,24 @@
-"""The runs of the thesis's laboratory as labelled pairs: single frames, volumetric maps and localised maps."""
+"""Surveys of the thesis's laboratory as labelled pairs: single frames, volumetric maps and localised maps."""
 
 import functools
 from collections.abc import Sequence
 
 import numpy as np
 
-from gmmjax.clouds.mesh import load_open3d
+from gmmjax.clouds import load_open3d
 from gmmjax.errors import check_choice
-from gmmjax.evaluation.labelled_pair import LabelledCloud, LabelledPair, PairSource
-from gmmjax.thesis.laboratory.pairs import KINDS, CloudKind, LabCloud, lab_pair
-from gmmjax.thesis.laboratory.runs import PRESETS, RunName
+from gmmjax.evaluation import LabelledCloud, LabelledPair, PairSource
+from gmmjax.thesis.laboratory import CLOUD_KINDS, PRESETS, CloudKind, LabCloud, RunName, lab_pair
 
-# Objects come, or go; both at once is a matter of other tables.
-ONE_KIND = [runs for runs in PRESETS["thesis"] if "run5" in runs]
+# Pairs in which objects only appear or only disappear: in run 5 there are none.
+ONE_TYPE = [runs for runs in PRESETS["thesis"] if "run5" in runs]
 
 
 def survey_sources(seeds: Sequence[int], kind: CloudKind) -> list[PairSource]:
-    """A pair of runs of figure 3.6 for each seed, by turns: from run 5, in which nothing stands, to another; then back.
+    """A pair of runs of figure 3.6 for each seed, in turn: from run 5, without objects, to each other run, and back.
 
     Args:
-        seeds: of the scenes.
+        seeds: of the surveys.
         kind: of the clouds.
 
     Returns:
@@ -28,10 +27,10 @@ def survey_sources(seeds: Sequence[int], kind: CloudKind) -> list[PairSource]:
     Raises:
         InputError: an unknown kind; volumetric maps where Open3D is not installed.
     """
-    check_choice("kind", kind, KINDS)
+    check_choice("kind", kind, tuple(CLOUD_KINDS))
     if kind == "volumetric":
         load_open3d("simulating volumetric maps")
-    return [_source(seed, kind, ONE_KIND[seed % len(ONE_KIND)]) for seed in seeds]
+    return [_source(seed, kind, ONE_TYPE[seed % len(ONE_TYPE)]) for seed in seeds]
 
 
 def _source(seed: int, kind: CloudKind, runs: tuple[RunName, RunName]) -> PairSource:

@@ -1,4 +1,4 @@
-"""Figures 4.10 and 4.12: frames and maps of the laboratory, and reports of what did not happen (thesis 4.6.2, 4.7)."""
+"""Figures 4.10 and 4.12: frames and maps of the laboratory, and false changes of the opposite type (4.6.2, 4.7)."""
 
 import dataclasses
 import functools
@@ -7,14 +7,13 @@ from typing import Any
 
 from gmmjax.changes import DetectionConfig
 from gmmjax.errors import InputError
-from gmmjax.evaluation.detectors import detector
-from gmmjax.evaluation.labelled_pair import PairSource
+from gmmjax.evaluation import PairSource, detector
 from gmmjax.thesis.chapter4.accuracy import confusion, opposite_confusion, overlap_confusion
 from gmmjax.thesis.chapter4.measures import (
-    KINDS,
+    CHANGE_TYPES,
     PUBLISHED,
     THESIS,
-    Kind,
+    ChangeType,
     as_text,
     confusion_of,
     measured,
@@ -23,19 +22,12 @@ from gmmjax.thesis.chapter4.measures import (
 )
 from gmmjax.thesis.chapter4.records import Cell, Headline, LastPair, Outcome, Plan, Table, Unit, Work
 from gmmjax.thesis.chapter4.survey_pairs import survey_sources
-from gmmjax.thesis.laboratory.pairs import CloudKind
+from gmmjax.thesis.laboratory import CLOUD_KINDS, VOXEL_SIZE, CloudKind
 
 PART = "surveys"
-CLOUD_KINDS: Mapping[CloudKind, str] = {
-    "frame": "single frames",
-    "volumetric": "volumetric maps",
-    "localised": "localised maps",
-}
 METHODS = ("joint", PUBLISHED)
-# The column of F1 as the thesis counts.
+# The column of F1 by the thesis's counts, `overlap_confusion`.
 OVERLAP = "f1_by_overlap"
-# The leaf size of the thesis's voxel filter, metres (3.1.6).
-VOXEL = 0.01
 THESIS_MEASURES: Mapping[CloudKind, dict[str, float]] = {
     "frame": {"f1": 0.70, "recall": 1.0},
     "volumetric": {"f1": 0.74, "precision": 0.81},
@@ -45,7 +37,7 @@ THESIS_OPPOSITE: Mapping[CloudKind, float] = {"frame": 0.94, "volumetric": 0.87,
 
 
 def work(plan: Plan) -> Work:
-    """Both methods on every pair of every kind of survey that can be made here."""
+    """Both methods on every pair of every kind of survey that can be simulated here."""
     load, units, notes = LastPair(), [], []
     for kind, name in CLOUD_KINDS.items():
         seeds = plan.seeds(plan.survey_seeds)
@@ -56,7 +48,7 @@ def work(plan: Plan) -> Work:
             continue
         for seed, source in zip(seeds, pairs, strict=True):
             for method in METHODS:
-                settings = {"voxel_size": VOXEL, "restarts": 1} if method == PUBLISHED else {}
+                settings = {"voxel_size": VOXEL_SIZE, "restarts": 1} if method == PUBLISHED else {}
                 run = functools.partial(_run, load, source, method)
                 units.append(Unit(PART, name, seed, method, settings, run))
     return Work(units, tuple(notes))
@@ -83,7 +75,7 @@ def tables(outcomes: Sequence[Outcome]) -> list[Table]:
 
 
 def headlines(outcomes: Sequence[Outcome]) -> list[Headline]:
-    """F1 in both ways of counting and the accuracy of the opposite type, for each kind of survey."""
+    """F1 by segments and by overlap, and the accuracy of the opposite type, for each kind of survey."""
     lines = []
     measures, opposite = tables(outcomes)
     for table, measure, words in (
@@ -102,23 +94,23 @@ def headlines(outcomes: Sequence[Outcome]) -> list[Headline]:
 
 
 def _run(load: LastPair, source: PairSource, method: str) -> dict[str, Any]:
-    """The counts of the reports that were asked for, and of those of the type that did not happen.
+    """The confusion counts of the type of change that occurred, and of the opposite type.
 
-    The published algorithm is told which of the two happened; its run for the other one is apart.
+    The published algorithm is told which type occurred; it is run separately for the opposite type.
     """
     pair = load(source)
-    if source.condition not in KINDS:
+    if source.condition not in CHANGE_TYPES:
         raise InputError(f"{source.label}: must be of appearances or of disappearances alone")
-    happened: Kind = "appeared" if source.condition == "appeared" else "disappeared"
-    other: Kind = "disappeared" if happened == "appeared" else "appeared"
+    occurred: ChangeType = "appeared" if source.condition == "appeared" else "disappeared"
+    other: ChangeType = "disappeared" if occurred == "appeared" else "appeared"
     if method == PUBLISHED:
-        config = DetectionConfig(voxel_size=VOXEL)
-        asked, opposite = published(pair, (happened,), config), published(pair, (other,), config)
+        config = DetectionConfig(voxel_size=VOXEL_SIZE)
+        found, opposite = published(pair, (occurred,), config), published(pair, (other,), config)
     else:
-        asked = opposite = detector(method)(pair)
+        found = opposite = detector(method)(pair)
     return {
-        "all": dataclasses.asdict(confusion(pair, asked.labels_before, asked.labels_after)),
-        "overlap": dataclasses.asdict(overlap_confusion(pair, asked.labels_before, asked.labels_after)),
+        "all": dataclasses.asdict(confusion(pair, found.labels_before, found.labels_after)),
+        "overlap": dataclasses.asdict(overlap_confusion(pair, found.labels_before, found.labels_after)),
         "opposite": dataclasses.asdict(
             opposite_confusion(pair, opposite.labels_before, opposite.labels_after, kind=other)
         ),

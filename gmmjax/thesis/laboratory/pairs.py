@@ -1,59 +1,24 @@
-"""Two surveys of the laboratory as two clouds of each kind of the thesis's data, with the truth of every point."""
+"""Two surveys of the laboratory as a pair of clouds, with the true change of every point."""
 
 import dataclasses
-from typing import Literal, get_args
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int
-from scipy.spatial import cKDTree
+from jaxtyping import Bool, Float, Int
 
-from gmmjax.clouds import SensorViews, voxel_grid
+from gmmjax.clouds import SensorViews
 from gmmjax.errors import check_choice
-from gmmjax.scenes.depth_camera import DepthCamera
-from gmmjax.scenes.ray_casting import UNLABELLED, Solid
-from gmmjax.scenes.rigid_motions import looking_at
-from gmmjax.scenes.visibility import seen, uncounted
-from gmmjax.surveys import Frame, localised_map, volumetric_map
-from gmmjax.thesis.laboratory.recording import START, Pattern, Recording, frame_from, recorded_run
-from gmmjax.thesis.laboratory.runs import RUNS, THINGS, Laboratory, RunName, changes, laboratory
+from gmmjax.scenes import UNLABELLED, DepthCamera, Solid, looking_at, uncounted
+from gmmjax.thesis.laboratory.clouds import CLOUD_KINDS, CloudKind, LabCloud, lab_cloud
+from gmmjax.thesis.laboratory.recording import NOISE, START, Pattern, frame_from, recorded_run
+from gmmjax.thesis.laboratory.room import THINGS
+from gmmjax.thesis.laboratory.runs import RUNS, Laboratory, RunName, laboratory_of, object_changes
 
-CloudKind = Literal["frame", "volumetric", "localised"]
-KINDS: tuple[CloudKind, ...] = get_args(CloudKind)
-# The voxel filter's edge (thesis 3.1.6), and that of the volumetric maps, metres.
-VOXEL = 0.01
-# A vertex of a volumetric map is on what most of so many measured points around it are on.
-VOTES = 5
-# Single frames: how far from the object and how high the camera stands, metres, and how far two frames of one place are
-# apart.
-DISTANCE, EYE, APART = 1.3, 0.8, 0.01
-# The camera stays in the room.
-REACH = 0.75
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class LabCloud:
-    """A cloud of the laboratory.
-
-    Attributes:
-        points: metres, in the coordinates of the survey.
-        things: per point the label of what it is on (an index in `THINGS`); -1 where that is nothing.
-        views: where the camera believed to stand.
-        to_scene: rigid motion from the survey's coordinates to the true ones.
-        laboratory: what was surveyed.
-        frame: of a single frame, with its pixels.
-    """
-
-    points: Float64[np.ndarray, "n 3"]
-    things: Int[np.ndarray, " n"]
-    views: SensorViews
-    to_scene: Float64[np.ndarray, "4 4"]
-    laboratory: Laboratory
-    frame: Frame | None = None
-
-    def could_see(self, other: "LabCloud") -> Bool[np.ndarray, " m"]:
-        """Which points of another cloud lie where this survey could see what is there."""
-        places = other.points @ other.to_scene[:3, :3].T + other.to_scene[:3, 3]
-        return seen(places, self.laboratory.solids, self.views.moved(self.to_scene))
+# Single frames: horizontal distance of the camera from the object and its height, metres.
+DISTANCE, EYE_HEIGHT = 1.3, 0.8
+# Standard deviation between the two camera poses of a pair of single frames, metres.
+POSE_DIFFERENCE = 0.01
+# The camera stays within this distance of the room's middle on both horizontal axes, metres.
+CAMERA_REACH = 0.75
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -63,12 +28,13 @@ class LabPair:
     Attributes:
         before: the cloud of the first run.
         after: the cloud of the second run.
-        changes: what happened, by the name of the object: "appeared", "disappeared" or "moved".
+        changes: "appeared", "disappeared" or "moved", by the name of each object that changed.
         truth_before: per point -1, or the label of the object that changed; a moved object has the same in both clouds.
         truth_after: the same for `after`.
-        unseen_before: per point whether the other survey could not see its place.
+        unseen_before: per point whether the other survey did not observe its place.
         unseen_after: the same for `after`.
-        uncounted_before: labels of changed objects that `before` has nearly nothing of that the other could see.
+        uncounted_before: labels of changed objects of which `before` has almost no points that the other survey could
+            observe.
         uncounted_after: the same for `after`.
     """
 
@@ -90,70 +56,31 @@ def lab_pair(kind: CloudKind, runs: tuple[RunName, RunName], seed: int, *, patte
         kind: of the clouds.
         runs: the one before and the one after; the same run twice is surveyed twice.
         seed: of the places of the objects, the paths and the noise.
-        pattern: of the surveys; single frames have none.
+        pattern: of the surveys' paths; not used for single frames.
 
     Raises:
         InputError: an unknown kind, run or pattern; or volumetric maps without Open3D.
     """
-    check_choice("kind", kind, KINDS)
+    check_choice("kind", kind, tuple(CLOUD_KINDS))
     if kind == "frame":
         return lab_frames(runs, seed)
-    again = int(runs[0] == runs[1])
+    repeated = int(runs[0] == runs[1])
     recordings = (
         recorded_run(run, seed, occasion=occasion, pattern=pattern)
-        for run, occasion in zip(runs, (0, again), strict=True)
+        for run, occasion in zip(runs, (0, repeated), strict=True)
     )
-    return compared(*(lab_cloud(recording, kind) for recording in recordings))
+    return with_truth(*(lab_cloud(recording, kind) for recording in recordings))
 
 
 def lab_frames(runs: tuple[RunName, RunName], seed: int) -> LabPair:
-    """Single frames of something that changed between two runs; `lab_pair` of kind "frame"."""
+    """Single frames of an object that changed between two runs; `lab_pair` of kind "frame"."""
     random = np.random.default_rng([seed, *(RUNS.index(run) for run in runs)])
-    return frame_pair(laboratory(runs[0], seed), laboratory(runs[1], seed), random)
+    return _frame_pair(laboratory_of(runs[0], seed), laboratory_of(runs[1], seed), random)
 
 
-def lab_cloud(recording: Recording, kind: Literal["volumetric", "localised"]) -> LabCloud:
-    """A survey as one cloud.
-
-    Args:
-        recording: of the survey.
-        kind: "localised": the points of all frames by the robot's localisation, one for each voxel of 1 cm (thesis
-            3.1.5); "volumetric": the vertices of the surface that all frames agree on (3.1.4), which needs Open3D.
-
-    Raises:
-        InputError: an unknown kind, or Open3D is not there.
-    """
-    check_choice("kind", kind, ("volumetric", "localised"))
-    return _volumetric(recording) if kind == "volumetric" else _localised(recording)
-
-
-def frame_pair(before: Laboratory, after: Laboratory, random: np.random.Generator) -> LabPair:
-    """Single frames of a place where something changed, from nearly the same pose, each in its camera's coordinates.
-
-    Args:
-        before: the laboratory of the first run.
-        after: the laboratory of the second run.
-        random: which change is looked at, how the camera stands, and all noise.
-    """
-    camera = DepthCamera(noise=random.uniform(0.006, 0.01))
-    target = _looked_at(before, after, random)
-    # From the side of the room's middle.
-    inward = -target[:2] / max(float(np.linalg.norm(target[:2])), 1e-9)
-    place = np.clip(target[:2] + DISTANCE * inward, -REACH, REACH) + 0.1 * random.standard_normal(2)
-    clouds = []
-    for surveyed in (before, after):
-        position = np.array([*place, EYE]) + APART / np.sqrt(3) * random.standard_normal(3)
-        aim = target + APART * random.standard_normal(3)
-        pose = looking_at(position, aim)
-        frame, things = frame_from(surveyed, camera, pose, random, START)
-        views = SensorViews(np.eye(4)[None], camera.field_of_view, camera.max_range)
-        clouds.append(LabCloud(frame.cloud.points, things, views, pose, surveyed, frame))
-    return compared(*clouds)
-
-
-def compared(before: LabCloud, after: LabCloud) -> LabPair:
-    """Two clouds of one kind, with what changed from one to the other."""
-    kinds = changes(before.laboratory, after.laboratory)
+def with_truth(before: LabCloud, after: LabCloud) -> LabPair:
+    """Two clouds of one kind, with the objects that changed between their laboratories."""
+    kinds = object_changes(before.laboratory, after.laboratory)
     changed = [THINGS.index(name) for name in kinds]
     truth_before, truth_after = (
         np.where(np.isin(cloud.things, changed), cloud.things, UNLABELLED) for cloud in (before, after)
@@ -164,56 +91,34 @@ def compared(before: LabCloud, after: LabCloud) -> LabPair:
     return LabPair(before, after, kinds, truth_before, truth_after, unseen_before, unseen_after, few_before, few_after)
 
 
-def _changed_solids(laboratory: Laboratory, changed: list[int]) -> list[Solid]:
-    return [solid for solid in laboratory.solids if solid.label in changed]
+def _frame_pair(before: Laboratory, after: Laboratory, random: np.random.Generator) -> LabPair:
+    """Two frames of a change from almost the same pose, each in its camera's coordinates."""
+    camera = DepthCamera(noise=random.uniform(*NOISE))
+    target = _target(before, after, random)
+    # From the middle of the room towards the wall.
+    inward = -target[:2] / max(float(np.linalg.norm(target[:2])), 1e-9)
+    place = np.clip(target[:2] + DISTANCE * inward, -CAMERA_REACH, CAMERA_REACH) + 0.1 * random.standard_normal(2)
+    clouds = []
+    for surveyed in (before, after):
+        position = np.array([*place, EYE_HEIGHT]) + POSE_DIFFERENCE / np.sqrt(3) * random.standard_normal(3)
+        aim = target + POSE_DIFFERENCE * random.standard_normal(3)
+        pose = looking_at(position, aim)
+        frame, things = frame_from(surveyed, camera, pose, random, START)
+        views = SensorViews(np.eye(4)[None], camera.field_of_view, camera.max_range)
+        clouds.append(LabCloud(frame.cloud.points, things, views, pose, surveyed, frame))
+    return with_truth(*clouds)
 
 
-def _looked_at(before: Laboratory, after: Laboratory, random: np.random.Generator) -> np.ndarray:
-    """The middle of something that changed; of the room's back wall where nothing did."""
+def _target(before: Laboratory, after: Laboratory, random: np.random.Generator) -> Float[np.ndarray, "3"]:
+    """The middle of a random object that changed; without changes a point at the back wall."""
     places = [
         run.objects[name][:3, 3]
-        for name, kind in changes(before, after).items()
-        for run, there in ((before, kind != "appeared"), (after, kind != "disappeared"))
-        if there
+        for name, kind in object_changes(before, after).items()
+        for run, present in ((before, kind != "appeared"), (after, kind != "disappeared"))
+        if present
     ]
     return places[int(random.integers(len(places)))] if places else np.array([0.0, 0.9, 0.4])
 
 
-def _localised(recording: Recording) -> LabCloud:
-    laid = localised_map(recording.frames, recording.localised.of_sensor(recording.sensor_on_body))
-    grid = voxel_grid(laid.points, VOXEL)
-    things = np.concatenate(recording.things)
-    return LabCloud(
-        grid.points,
-        _votes(things, grid.voxel_of_point, len(grid.mass)),
-        _views(recording, laid.poses),
-        np.linalg.inv(recording.misregistration),
-        recording.laboratory,
-    )
-
-
-def _volumetric(recording: Recording) -> LabCloud:
-    trajectory = recording.adjusted.of_sensor(recording.sensor_on_body)
-    surface = volumetric_map(recording.frames, trajectory, voxel_size=VOXEL)
-    measured = localised_map(recording.frames, trajectory)
-    neighbours = cKDTree(measured.points).query(surface.points, VOTES)[1]
-    voters = np.repeat(np.arange(len(surface.points)), VOTES)
-    things = np.concatenate(recording.things)[neighbours.ravel()]
-    return LabCloud(
-        surface.points,
-        _votes(things, voters, len(surface.points)),
-        _views(recording, measured.poses),
-        np.linalg.inv(recording.misregistration),
-        recording.laboratory,
-    )
-
-
-def _views(recording: Recording, poses: np.ndarray) -> SensorViews:
-    return SensorViews(poses, recording.camera.field_of_view, recording.camera.max_range)
-
-
-def _votes(labels: np.ndarray, place: np.ndarray, places: int) -> np.ndarray:
-    """For each place the label that most of its points have."""
-    numbers = np.unique(labels)
-    votes = [np.bincount(place[labels == number], minlength=places) for number in numbers]
-    return numbers[np.argmax(votes, axis=0)]
+def _changed_solids(laboratory: Laboratory, changed: list[int]) -> list[Solid]:
+    return [solid for solid in laboratory.solids if solid.label in changed]

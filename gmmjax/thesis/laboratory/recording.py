@@ -1,4 +1,4 @@
-"""A robot's survey of the laboratory with its depth camera: frames, times, and poses as it believes them."""
+"""A robot's survey of the laboratory with its depth camera: frames with their times, and its estimated trajectories."""
 
 import dataclasses
 from typing import Literal, get_args
@@ -8,29 +8,30 @@ from jaxtyping import Float64, Int
 from scipy.spatial.transform import Rotation
 
 from gmmjax.errors import InputError, check_choice
-from gmmjax.scenes.depth_camera import DepthCamera
-from gmmjax.scenes.rigid_motions import looking_at, small_motion
+from gmmjax.scenes import DepthCamera, looking_at, small_motion
 from gmmjax.surveys import Frame, Trajectory
-from gmmjax.thesis.laboratory.runs import RUNS, Laboratory, RunName, laboratory
+from gmmjax.thesis.laboratory.runs import RUNS, Laboratory, RunName, laboratory_of
 
 Pattern = Literal["geometric", "panoramic"]
 FRAMES = 16
-# 2022-05-05, 12:00 UTC.
+# Time of the first survey, 2022-05-05, 12:00 UTC, and the time between two surveys, seconds.
 START, DAY = 1_651_752_000.0, 86_400.0
-# Of the robot between two frames, and of its poses, seconds.
+# Time between two frames, and between two poses of a trajectory, seconds.
 FRAME_PERIOD, POSE_PERIOD = 2.0, 0.1
+# Range noise of the camera at 2 m: smallest and largest standard deviation, metres.
+NOISE = (0.006, 0.01)
 SENSOR_FRAME, BODY_FRAME, WORLD_FRAME = "haz_cam", "body", "world"
 
 
 @dataclasses.dataclass(frozen=True)
 class PoseNoise:
-    """How wrong believed poses are. Standard deviations, metres and degrees.
+    """Errors of estimated poses: standard deviations, metres and degrees.
 
     Attributes:
-        drift: of what changes slowly along the survey, as a random walk that is the same at both ends.
-        drift_angle: the same of the orientation.
-        jitter: of each pose by itself.
-        jitter_angle: the same of the orientation.
+        drift: of the position's slow drift along the survey, which is periodic: the same at both ends.
+        drift_angle: of the orientation's slow drift.
+        jitter: of the position's independent error at each pose.
+        jitter_angle: of the orientation's independent error.
     """
 
     drift: float
@@ -39,14 +40,15 @@ class PoseNoise:
     jitter_angle: float
 
 
-# By the robot's localisation in a map (thesis 3.1.5), and after bundle adjustment (3.1.4).
+# Of the robot's localisation in a map (thesis 3.1.5), and of bundle adjustment (3.1.4).
 LOCALISED = PoseNoise(drift=0.006, drift_angle=0.2, jitter=0.002, jitter_angle=0.06)
 ADJUSTED = PoseNoise(drift=0.002, drift_angle=0.06, jitter=0.0005, jitter_angle=0.02)
 
-# A survey's world is so far off the true one: two surveys are up to 2 cm and 0.5 degrees apart.
-ASTRAY, TURNED = (0.005, 0.01), 0.25
+# Registration error of a survey: range of the translation, metres, and largest rotation, degrees. Two surveys are up to
+# 2 cm and 0.5 degrees apart.
+SURVEY_TRANSLATION, SURVEY_ROTATION = (0.005, 0.01), 0.25
 
-# The camera on the body: it looks along the body's x axis, whose z axis points down.
+# Extrinsics, camera to body: the camera looks along the body's x axis; the body's z axis points down.
 SENSOR_ON_BODY = np.array([[0.0, 0.0, 1.0, 0.13], [1.0, 0.0, 0.0, 0.04], [0.0, 1.0, 0.0, -0.08], [0.0, 0.0, 0.0, 1.0]])
 
 
@@ -55,15 +57,15 @@ class Recording:
     """One survey, as the robot recorded it, with the truth.
 
     Attributes:
-        laboratory: what was surveyed.
-        camera: that it was surveyed with.
+        laboratory: the laboratory that was surveyed.
+        camera: the depth camera.
         frames: ordered, in the camera's coordinates, with their times.
-        things: for each frame the label of what every point is on; -1 for flying pixels.
-        poses: where the camera truly was at each frame, camera to world.
-        localised: the body's poses by the robot's localisation.
-        adjusted: the body's poses after bundle adjustment.
-        sensor_on_body: the camera's extrinsics.
-        misregistration: where the survey believes to be: true world to the survey's world.
+        things: for each frame the label of the thing that every point lies on; -1 for flying pixels.
+        poses: true pose of the camera at each frame, camera to world.
+        localised: trajectory of the body by the robot's localisation.
+        adjusted: trajectory of the body after bundle adjustment.
+        sensor_on_body: the camera's extrinsics, camera to body.
+        misregistration: registration error of the survey: true world to the survey's world.
     """
 
     laboratory: Laboratory
@@ -80,68 +82,54 @@ class Recording:
 def recorded_run(
     run: RunName, seed: int, *, occasion: int = 0, pattern: Pattern = "geometric", frames: int = FRAMES
 ) -> Recording:
-    """The survey of a run of the laboratory: always the same for these arguments.
+    """A survey of one run of the laboratory, determined by the arguments.
 
     Args:
-        run: a name in `RUNS`.
+        run: name of the run, such as "run1".
         seed: of the places of the objects, the path and the noise.
-        occasion: another one is another survey of the same run.
-        pattern: of the path.
-        frames: of the depth camera.
+        occasion: number of the survey, where one run is surveyed several times.
+        pattern: of the path: "geometric" along the walls, looking across the room; "panoramic" turning at two places.
+        frames: number of depth images.
 
     Raises:
         InputError: an unknown run or pattern, or fewer than four frames.
     """
-    surveyed = laboratory(run, seed)
+    surveyed = laboratory_of(run, seed)
     which = RUNS.index(run) + len(RUNS) * occasion
     start = START + DAY * which
-    return recorded(surveyed, np.random.default_rng([seed, which]), pattern=pattern, frames=frames, start=start)
-
-
-def recorded(
-    laboratory: Laboratory,
-    random: np.random.Generator,
-    *,
-    pattern: Pattern = "geometric",
-    frames: int = FRAMES,
-    start: float = START,
-) -> Recording:
-    """A survey of the laboratory.
-
-    Args:
-        laboratory: what to survey.
-        random: where the path begins, how it is flown, and all noise.
-        pattern: "geometric": along the walls, looking across the room; "panoramic": turning at two places.
-        frames: of the depth camera.
-        start: when the robot sets out, seconds.
-
-    Raises:
-        InputError: an unknown pattern, or fewer than four frames.
-    """
     check_choice("pattern", pattern, get_args(Pattern))
     if frames < 4:
         raise InputError(f"frames={frames} must be at least 4")
-    camera = DepthCamera(noise=random.uniform(0.006, 0.01))
-    stands = _geometric(random, frames) if pattern == "geometric" else _panoramic(random, frames)
+    return _recorded(surveyed, np.random.default_rng([seed, which]), pattern, frames, start)
+
+
+def _recorded(
+    laboratory: Laboratory, random: np.random.Generator, pattern: Pattern, frames: int, start: float
+) -> Recording:
+    """A survey that begins at a time, in seconds."""
+    camera = DepthCamera(noise=random.uniform(*NOISE))
+    waypoints = _geometric(random, frames) if pattern == "geometric" else _panoramic(random, frames)
     times = start + FRAME_PERIOD * (1 + np.arange(frames))
-    stood = Trajectory(times, np.stack(stands))
-    # The camera's frames come a little before or after the robot is where it was sent.
-    seen_at = np.sort(np.clip(times + random.uniform(-0.3, 0.3, frames), times[0], times[-1]))
-    poses, _ = stood.at(seen_at, max_gap=np.inf)
-    measured = [frame_from(laboratory, camera, pose, random, time) for pose, time in zip(poses, seen_at, strict=True)]
-    misregistration = small_motion(random, random.uniform(*ASTRAY), random.uniform(0, TURNED))
+    path = Trajectory(times, np.stack(waypoints))
+    # Frames are taken a little before or after the robot reaches its waypoints.
+    frame_times = np.sort(np.clip(times + random.uniform(-0.3, 0.3, frames), times[0], times[-1]))
+    poses, _ = path.at(frame_times, max_gap=np.inf)
+    measured = [
+        frame_from(laboratory, camera, pose, random, time) for pose, time in zip(poses, frame_times, strict=True)
+    ]
+    misregistration = small_motion(random, random.uniform(*SURVEY_TRANSLATION), random.uniform(0, SURVEY_ROTATION))
     samples = np.arange(times[0] - POSE_PERIOD, times[-1] + 2 * POSE_PERIOD, POSE_PERIOD)
     samples = samples + random.uniform(-0.02, 0.02, len(samples))
-    flown, _ = stood.at(samples, max_gap=np.inf)
-    believed = misregistration @ flown @ np.linalg.inv(SENSOR_ON_BODY)
+    flown, _ = path.at(samples, max_gap=np.inf)
+    body = misregistration @ flown @ np.linalg.inv(SENSOR_ON_BODY)
     return Recording(
         laboratory,
         camera,
         tuple(frame for frame, _ in measured),
         tuple(things for _, things in measured),
         poses,
-        Trajectory(samples, _noisy(random, believed, LOCALISED)),
-        Trajectory(samples, _noisy(random, believed, ADJUSTED)),
+        Trajectory(samples, _noisy(random, body, LOCALISED)),
+        Trajectory(samples, _noisy(random, body, ADJUSTED)),
         SENSOR_ON_BODY,
         misregistration,
     )
@@ -154,7 +142,7 @@ def frame_from(
     random: np.random.Generator,
     time: float,
 ) -> tuple[Frame, Int[np.ndarray, " n"]]:
-    """One frame from a pose (camera to world), and the label of what each of its points is on."""
+    """One frame from a pose (camera to world), and the label of the thing that each of its points lies on."""
     ranges, labels = camera.measured(laboratory.solids, pose, random)
     # Depth cameras measure in single precision.
     points = (camera.directions() * ranges[:, None]).astype(np.float32)
@@ -163,14 +151,14 @@ def frame_from(
 
 
 def _geometric(random: np.random.Generator, frames: int) -> list[np.ndarray]:
-    """Along a rectangle at the walls, looking at the other side of the room (thesis 3.1.2)."""
+    """Camera poses on a rectangle along the walls, looking across the room (thesis 3.1.2)."""
     start = random.uniform(0, 2 * np.pi)
     poses = []
     for index in range(frames):
         angle = start + 2 * np.pi * index / frames
         outward = np.array([np.cos(angle), np.sin(angle)])
         rectangle = 0.62 * outward / np.abs(outward).max()
-        # High and low by turns.
+        # Alternately low and high.
         high = index % 2
         position = np.array([*rectangle, (0.85, 1.25)[high]])
         target = np.array([*(-0.8 * outward), (0.65, 0.2)[high]])
@@ -179,7 +167,7 @@ def _geometric(random: np.random.Generator, frames: int) -> list[np.ndarray]:
 
 
 def _panoramic(random: np.random.Generator, frames: int) -> list[np.ndarray]:
-    """Turning round at two places, looking ahead and down by turns."""
+    """Camera poses at two places, turning about the vertical, looking alternately ahead and down."""
     start = random.uniform(0, 2 * np.pi)
     at_each = (frames + 1) // 2
     poses = []
@@ -198,15 +186,15 @@ def _about(random: np.random.Generator, place: np.ndarray, deviation: float) -> 
 
 
 def _noisy(random: np.random.Generator, poses: np.ndarray, noise: PoseNoise) -> np.ndarray:
-    """The poses, each a little off by its own motion about where the body is."""
-    share = np.linspace(0, 2 * np.pi, len(poses))
-    waves = np.stack([np.sin(share), np.cos(share), np.sin(2 * share), np.cos(2 * share)])
-    # The waves of an axis have the standard deviation 1 together.
+    """The poses with errors of translation and rotation about the body: drift from two harmonics, and jitter."""
+    phase = np.linspace(0, 2 * np.pi, len(poses))
+    waves = np.stack([np.sin(phase), np.cos(phase), np.sin(2 * phase), np.cos(2 * phase)])
+    # The sum of the waves of an axis has standard deviation 1.
     slow = np.einsum("wt,wa->ta", waves, random.standard_normal((4, 6))) / np.sqrt(2)
     fast = random.standard_normal((len(poses), 6))
-    shift = noise.drift * slow[:, :3] + noise.jitter * fast[:, :3]
-    turn = np.radians(noise.drift_angle * slow[:, 3:] + noise.jitter_angle * fast[:, 3:])
+    translation = noise.drift * slow[:, :3] + noise.jitter * fast[:, :3]
+    rotation = np.radians(noise.drift_angle * slow[:, 3:] + noise.jitter_angle * fast[:, 3:])
     noisy = poses.copy()
-    noisy[:, :3, 3] += shift
-    noisy[:, :3, :3] = Rotation.from_rotvec(turn).as_matrix() @ poses[:, :3, :3]
+    noisy[:, :3, 3] += translation
+    noisy[:, :3, :3] = Rotation.from_rotvec(rotation).as_matrix() @ poses[:, :3, :3]
     return noisy

@@ -4,33 +4,29 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from gmmjax.thesis.chapter4 import Outcome, Table
-from gmmjax.thesis.chapter4.clustering import ANNIHILATION, BEST, CLOUDS, GRID, ONE_START
-from gmmjax.thesis.chapter4.filtering import WITH, WITHOUT
-from gmmjax.thesis.chapter4.gaussians import CONDITIONS, METHODS, NUMBERS, THESIS_F1
-from gmmjax.thesis.chapter4.measures import MEASURES, PUBLISHED, THESIS
-from gmmjax.thesis.chapter4.surveys import CLOUD_KINDS
+from gmmjax.thesis.chapter4 import MEASURES, PUBLISHED, THESIS, Outcome, Table, clustering, filtering, gaussians
+from gmmjax.thesis.laboratory import CLOUD_KINDS
 
 Chart = dict[str, Any]
 
-# Okabe and Ito's colours.
+# The colours of Okabe and Ito, who chose them for colour-blind readers.
 MEASURE_COLORS = dict(zip(MEASURES, ("#b9bec5", "#56B4E9", "#E69F00", "#0072B2"), strict=True))
 METHOD_COLORS = {"joint": "#0072B2", PUBLISHED: "#D55E00", THESIS: "#969cac"}
-CLUSTERING_COLORS = {ONE_START: "#56B4E9", BEST: "#0072B2", GRID: "#D55E00"}
+CLUSTERING_COLORS = {clustering.ONE_START: "#56B4E9", clustering.BEST: "#0072B2", clustering.GRID: "#D55E00"}
 TYPE_COLOR, CHOSEN_COLOR = "#b9c7d8", "#D55E00"
 INK, LINE = "#1b1f24", "#e2e5e9"
 FONT = {"family": "system-ui, -apple-system, Segoe UI, Roboto, Helvetica Neue, Arial, sans-serif", "color": INK}
-# Pixels.
+# Height of a row of panels, and of the figure's margins together, pixels.
 PANEL, MARGINS = 190, 110
 
 
 def score_chart(table: Table) -> Chart:
     """Figure 3.9: a column of panels for each cloud, a row for each criterion, a bar for each model."""
-    clouds, criteria = list(CLOUDS), list(dict.fromkeys(row["criterion"] for row in table.rows))
+    clouds, criteria = list(clustering.CLOUDS), list(dict.fromkeys(row["criterion"] for row in table.rows))
     panels = [
         (
             f"{cloud}, {str(criterion).upper()}",
-            [row for row in table.rows if _is(row, cloud=cloud, criterion=criterion)],
+            [row for row in table.rows if _matches(row, cloud=cloud, criterion=criterion)],
         )
         for criterion in criteria
         for cloud in clouds
@@ -57,14 +53,14 @@ def score_chart(table: Table) -> Chart:
 
 
 def found_chart(outcomes: Sequence[Outcome]) -> Chart:
-    """Figures 4.1 and 4.2: how often which number of Gaussians was found."""
+    """Figures 4.1 and 4.2: the fraction of the fits that found each number of Gaussians."""
     traces = []
-    for number, cloud in enumerate(CLOUDS, start=1):
+    for number, cloud in enumerate(clustering.CLOUDS, start=1):
         for method, found in _found(outcomes, cloud).items():
             counts = Counter(found)
             shares = [counts[own] / len(found) for own in sorted(counts)]
             traces.append(_bars(number, sorted(counts), shares, method, CLUSTERING_COLORS[method]))
-    layout = _panels([f"{cloud} in truth" for cloud in CLOUDS], columns=2, rows=1, tall=240)
+    layout = _panels([f"{cloud} in truth" for cloud in clustering.CLOUDS], columns=2, rows=1, tall=240)
     for number in (1, 2):
         layout[_axis("y", number)] |= {
             "range": [0, 1.02],
@@ -77,20 +73,26 @@ def found_chart(outcomes: Sequence[Outcome]) -> Chart:
 
 def condition_chart(table: Table) -> Chart:
     """Figure 4.9: a panel for each method, four bars for each condition; the thesis's F1 as a line."""
-    names = [(condition.overlap, str(condition).removesuffix(condition.overlap).strip()) for condition in CONDITIONS]
+    names = [
+        (condition.overlap, str(condition).removesuffix(condition.overlap).strip())
+        for condition in gaussians.CONDITIONS
+    ]
     order = sorted(range(len(names)), key=lambda place: names[place][0])
     places = [[f"{names[place][0]} overlap" for place in order], [names[place][1] for place in order]]
     traces = []
-    for number, method in enumerate(METHODS, start=1):
+    for number, method in enumerate(gaussians.METHODS, start=1):
         rows = {row["condition"]: row for row in table.rows if row["method"] == method}
-        own = [rows[str(CONDITIONS[place])] for place in order]
+        own = [rows[str(gaussians.CONDITIONS[place])] for place in order]
         traces += [
             _bars(number, places, [row[measure] for row in own], _named(measure), MEASURE_COLORS[measure])
             for measure in MEASURES
         ]
-        said = [list(THESIS_F1.values())[min(NUMBERS[place // 2]) > 0] for place in order]
-        traces.append(_said(number, places, said))
-    return {"data": _once_in_legend(traces), "layout": _share_panels(METHODS, columns=1, rows=len(METHODS))}
+        published_f1 = [list(gaussians.THESIS_F1.values())[min(gaussians.NUMBERS[place // 2]) > 0] for place in order]
+        traces.append(_thesis_marks(number, places, published_f1))
+    return {
+        "data": _once_in_legend(traces),
+        "layout": _share_panels(gaussians.METHODS, columns=1, rows=len(gaussians.METHODS)),
+    }
 
 
 def survey_chart(table: Table) -> Chart:
@@ -101,7 +103,7 @@ def survey_chart(table: Table) -> Chart:
 
 def filter_chart(table: Table) -> Chart:
     """Figure 4.6: a panel for each method, four bars without and with the outlier filter."""
-    return _measure_panels(table, "filters", [WITHOUT, WITH], ("joint", PUBLISHED))
+    return _measure_panels(table, "filters", [filtering.WITHOUT, filtering.WITH], ("joint", PUBLISHED))
 
 
 def opposite_chart(table: Table) -> Chart:
@@ -118,7 +120,7 @@ def opposite_chart(table: Table) -> Chart:
 
 def _measure_panels(table: Table, column: str, groups: Sequence[str], methods: Sequence[str]) -> Chart:
     traces = []
-    # Two lines of words, so that three panels have room for them.
+    # In two lines, so that three panels have room for them.
     places = [group.replace(" ", "<br>", 1) for group in groups]
     for number, method in enumerate(methods, start=1):
         rows = {row[column]: row for row in table.rows if row["method"] == method}
@@ -130,15 +132,15 @@ def _measure_panels(table: Table, column: str, groups: Sequence[str], methods: S
 
 def _found(outcomes: Sequence[Outcome], cloud: str) -> Mapping[str, list[int]]:
     own = [outcome for outcome in outcomes if outcome.condition == cloud]
-    annihilation = [outcome.result for outcome in own if outcome.method == ANNIHILATION]
+    annihilation = [outcome.result for outcome in own if outcome.method == clustering.ANNIHILATION]
     return {
-        ONE_START: [found for result in annihilation for found in result["found"]],
-        BEST: [result["best"] for result in annihilation],
-        GRID: [outcome.result["best"] for outcome in own if outcome.method == GRID],
+        clustering.ONE_START: [found for result in annihilation for found in result["found"]],
+        clustering.BEST: [result["best"] for result in annihilation],
+        clustering.GRID: [outcome.result["best"] for outcome in own if outcome.method == clustering.GRID],
     }
 
 
-def _is(row: Mapping[str, Any], **wanted: Any) -> bool:
+def _matches(row: Mapping[str, Any], **wanted: Any) -> bool:
     return all(row[name] == value for name, value in wanted.items())
 
 
@@ -160,8 +162,8 @@ def _bars(panel: int, x: Sequence[Any], y: Sequence[Any], name: str, color: str)
     }
 
 
-def _said(panel: int, x: Sequence[Any], y: Sequence[float]) -> Chart:
-    """What the thesis says, as a line over each group of bars."""
+def _thesis_marks(panel: int, x: Sequence[Any], y: Sequence[float]) -> Chart:
+    """The thesis's F1, as a line across each group of bars."""
     return {
         "type": "scatter",
         "mode": "markers",
@@ -176,7 +178,7 @@ def _said(panel: int, x: Sequence[Any], y: Sequence[float]) -> Chart:
 
 
 def _once_in_legend(traces: Sequence[Chart]) -> list[Chart]:
-    """Traces of several panels, of which only the first one of each name is in the legend."""
+    """The traces of several panels, of which only the first one of each name is in the legend."""
     seen: set[str] = set()
     once = []
     for trace in traces:
@@ -242,9 +244,9 @@ def panel_title(text: str, x: float, y: float) -> Chart:
     """The heading of a panel.
 
     Args:
-        text: what it says.
-        x: the panel's left edge, as a share of the figure's width.
-        y: its upper edge, as a share of the height.
+        text: of the heading.
+        x: the panel's left edge, as a fraction of the figure's width.
+        y: its upper edge, as a fraction of the height.
     """
     place = {"x": x, "y": y, "xref": "paper", "yref": "paper", "xanchor": "left", "yanchor": "bottom", "yshift": 4}
     return {"text": f"<b>{text}</b>", "showarrow": False, "font": {"size": 14}, **place}

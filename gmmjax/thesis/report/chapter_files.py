@@ -1,31 +1,30 @@
-"""The folder of `gmmjax evaluate thesis`: what it was run with, the results so far, the page and the tables."""
+"""The folder of `gmmjax evaluate thesis`: settings, journal, page and tables."""
 
 import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from gmmjax.clouds import atomic_write
-from gmmjax.clouds.files import read_json
+from gmmjax.clouds import atomic_write, read_json
 from gmmjax.errors import InputError, shown
-from gmmjax.reporting.output_folder import FolderKind, check_output_folder
+from gmmjax.reporting import FolderKind, check_output_folder
 from gmmjax.thesis.chapter4 import Journal, Plan, ThesisResults
 from gmmjax.thesis.report.chapter_page import thesis_html
-from gmmjax.thesis.report.chapter_text import SAID
+from gmmjax.thesis.report.chapter_text import THESIS_TEXT
 
 SCHEMA_VERSION = 1
 SETTINGS, JOURNAL, PAGE = "settings.json", "progress.jsonl", "index.html"
-TABLES = tuple(f"figure-{figure}.csv" for figure in SAID)
+TABLES = tuple(f"figure-{figure}.csv" for figure in THESIS_TEXT)
 FOLDER = FolderKind("run of the thesis", SETTINGS, "thesis", (JOURNAL, PAGE, *TABLES))
 
 
 def open_folder(folder: Path, plan: Plan, *, overwrite: bool = False) -> Journal:
-    """The journal of a folder, which is made where needed, or begun anew.
+    """The journal of a folder, which is created where needed.
 
     Args:
-        folder: of an earlier run with the same plan, or empty, or not there.
-        plan: how much is run.
-        overwrite: begin anew what an earlier run has left.
+        folder: of an earlier run with the same plan, or empty, or none yet.
+        plan: extent of the run.
+        overwrite: delete an earlier run, and begin anew.
 
     Raises:
         InputError: the folder holds something else or a run of another plan, or cannot be written.
@@ -48,7 +47,7 @@ def write_results(folder: Path, results: ThesisResults) -> Sequence[str]:
     """Writes the page and one CSV file for each table.
 
     Args:
-        folder: that `open_folder` has opened.
+        folder: one that `open_folder` has opened.
         results: of `run_chapter`.
 
     Returns:

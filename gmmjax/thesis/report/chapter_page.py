@@ -1,13 +1,10 @@
-"""Chapter 4 again as one HTML page that needs nothing else, not even a network."""
+"""Chapter 4 as one self-contained HTML page."""
 
 from collections.abc import Mapping, Sequence
 from html import escape
 
-from gmmjax.reporting.html_report import CONTENT_POLICY
-from gmmjax.reporting.page_parts import asset, script_json
-from gmmjax.thesis.chapter4 import PartResult, Plan, Table, ThesisResults
-from gmmjax.thesis.chapter4.measures import THESIS
-from gmmjax.thesis.chapter4.records import Cell, Headline
+from gmmjax.reporting import CONTENT_POLICY, asset, script_json
+from gmmjax.thesis.chapter4 import THESIS, Cell, Headline, PartResult, Plan, Table, ThesisResults
 from gmmjax.thesis.report.bar_charts import (
     Chart,
     condition_chart,
@@ -17,10 +14,11 @@ from gmmjax.thesis.report.bar_charts import (
     score_chart,
     survey_chart,
 )
-from gmmjax.thesis.report.chapter_text import METHODS_TEXT, SAID
+from gmmjax.thesis.report.chapter_text import METHODS_TEXT, THESIS_TEXT
 from gmmjax.thesis.report.cloud_plots import View, annihilation_views, grid_views, top_views
 
-# Longer tables are folded.
+_ASSETS = "gmmjax.thesis.report"
+# Tables with more rows are collapsed.
 OPEN_ROWS = 12
 CHARTS = {
     "3.9": score_chart,
@@ -32,7 +30,7 @@ CHARTS = {
 
 
 def thesis_html(results: ThesisResults) -> str:
-    """The figures and tables, each beside what the thesis says.
+    """The figures and tables, each beside the results of the thesis.
 
     Args:
         results: of `run_chapter`.
@@ -51,7 +49,7 @@ def thesis_html(results: ThesisResults) -> str:
 <meta http-equiv="Content-Security-Policy" content="{CONTENT_POLICY}">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>Chapter 4 of the thesis again · gmmjax</title>
-<style>{asset("report.css")}{asset("thesis.css", "gmmjax.thesis.report")}</style>
+<style>{asset("report.css")}{asset("thesis.css", _ASSETS)}</style>
 </head>
 <body>
 <main>
@@ -62,7 +60,7 @@ def thesis_html(results: ThesisResults) -> str:
 </main>
 <script type="application/json" id="charts">{script_json(charts)}</script>
 <script>{get_plotlyjs()}</script>
-<script>{asset("thesis.js", "gmmjax.thesis.report")}</script>
+<script>{asset("thesis.js", _ASSETS)}</script>
 </body>
 </html>
 """
@@ -99,7 +97,7 @@ def _summary(parts: Sequence[PartResult]) -> str:
 
 
 def _summary_row(line: Headline, before: Headline | None) -> str:
-    """A line of the summary; what is as in the line before it is left out."""
+    """A line of the summary; figure and measure are left out where they repeat those of the line before."""
     same = before is not None and (before.figure, before.measure) == (line.figure, line.measure)
     figure = f'<a href="#figure-{line.figure}">{line.figure}</a>'
     texts = ("", "") if same else (figure, escape(line.measure))
@@ -118,7 +116,7 @@ def _part(part: PartResult, charts: dict[str, Chart]) -> str:
 def _section(table: Table, part: PartResult, notes: str, charts: dict[str, Chart]) -> str:
     return f"""<section class="thesis" id="figure-{table.figure}">
 <h2>Figure {table.figure}: {escape(table.title)}</h2>
-<p class="said"><b>The thesis.</b> {escape(SAID[table.figure])}</p>
+<p class="said"><b>The thesis.</b> {escape(THESIS_TEXT[table.figure])}</p>
 {notes}{_pictures(table, part, charts)}
 {_numbers(table)}
 <p class="csv"><a href="{table.file_name}">{table.file_name}</a></p>
@@ -126,7 +124,7 @@ def _section(table: Table, part: PartResult, notes: str, charts: dict[str, Chart
 
 
 def _pictures(table: Table, part: PartResult, charts: dict[str, Chart]) -> str:
-    """The places of a figure's charts, which are added to the charts of the page."""
+    """The elements of a figure's charts; the charts are added to those of the page."""
     if table.figure == "4.1":
         return _views("annihilation", annihilation_views(part.outcomes), charts)
     if table.figure == "4.2":
@@ -170,7 +168,7 @@ def _row(row: Mapping[str, Cell], table: Table) -> str:
 
 
 def _kind(column: str, table: Table) -> str:
-    """The class of a column of words."""
+    """The class of a column of text."""
     return ' class="text"' if any(isinstance(row[column], str) for row in table.rows) else ""
 
 

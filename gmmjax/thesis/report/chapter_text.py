@@ -1,4 +1,4 @@
-"""What the page of chapter 4 says in words: how it is counted, and what the thesis says of each figure."""
+"""The text of the page of chapter 4: the methods and measures, and the results of the thesis by figure."""
 
 from collections.abc import Mapping
 
@@ -14,7 +14,7 @@ METHODS_TEXT = (
     "ones."
 )
 
-SAID: Mapping[str, str] = {
+THESIS_TEXT: Mapping[str, str] = {
     "3.9": (
         "Of the models of three criteria, four types of covariance and 3 to 8 Gaussians the one with the lowest score "
         "is chosen. For the four Gaussians it was a diagonal one with four, by MDL; for the seven a diagonal one with "

@@ -1,4 +1,4 @@
-"""The clouds and mixtures of chapter 4 in pictures, as plain data for plotly.js."""
+"""The clouds and mixtures of chapter 4 as plots in two and three dimensions, as plain data for plotly.js."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -8,9 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from gmmjax.mixtures import GaussianMixture
-from gmmjax.thesis.chapter4 import Outcome
-from gmmjax.thesis.chapter4.clustering import ANNIHILATION, CHANGES, CLOUDS, GRID, fixed_cloud, mixture_of
-from gmmjax.thesis.chapter4.filtering import CLOUDS as FILTERED_CLOUDS
+from gmmjax.thesis.chapter4 import Outcome, clustering, filtering
 from gmmjax.thesis.report.bar_charts import FONT, LINE, Chart, axes_of, panel_title
 
 COLORS = (
@@ -19,14 +17,16 @@ COLORS = (
 GREY, CHANGED = "#b9bec5", "#009E73"
 SIDES = ("before", "after")
 TOP_COLORS = {"before": "#0072B2", "after": "#E69F00", "changed": CHANGED, "outliers": "#D4005A"}
+# Points of each cloud that are drawn.
 DRAWN = 1500
-# Ellipsoids at this many standard deviations.
-REACH = 2.0
+# Semi-axes of the ellipsoids, standard deviations.
+ELLIPSOID_SCALE = 2.0
+# Vertices of an ellipsoid along its two angles.
 LATITUDES, LONGITUDES = 13, 25
 
 
 class View(NamedTuple):
-    """A picture in three dimensions: its heading, what is below it in words, and the data."""
+    """A plot in three dimensions with its heading and caption."""
 
     heading: str
     caption: str
@@ -35,26 +35,26 @@ class View(NamedTuple):
 
 def annihilation_views(outcomes: Sequence[Outcome]) -> list[View]:
     """Figure 4.1: the mixture of four Gaussians, that of seven, and the Gaussians found to have appeared."""
-    views = [_clustered(outcome) for outcome in _first(outcomes, ANNIHILATION)]
-    for outcome in _first(outcomes, CHANGES):
-        mixture = mixture_of(outcome.result)
-        points = _some(fixed_cloud("7 Gaussians", outcome.seed))
+    views = [_clustered(outcome) for outcome in _first(outcomes, clustering.ANNIHILATION)]
+    for outcome in _first(outcomes, clustering.CHANGES):
+        mixture = clustering.mixture_of(outcome.result)
+        points = _some(clustering.fixed_cloud("7 Gaussians", outcome.seed))
         traces = [_points(points, GREY), *_ellipsoids(mixture, [CHANGED] * len(mixture.weights))]
         views.append(View("Changes", f"{len(mixture.weights)} appeared", {"data": traces, "layout": _space()}))
     return views
 
 
 def grid_views(outcomes: Sequence[Outcome]) -> list[View]:
-    """Figure 4.2: what the grid search makes of both clouds, and the first other one that it gets wrong."""
-    first = _first(outcomes, GRID)
-    others = [own for own in outcomes if own.method == GRID and own not in first]
-    wrong = [own for own in others if own.result["best"] != CLOUDS[own.condition] == 7]
+    """Figure 4.2: both clouds as the grid search clusters them, and the first other one with a wrong number."""
+    first = _first(outcomes, clustering.GRID)
+    others = [own for own in outcomes if own.method == clustering.GRID and own not in first]
+    wrong = [own for own in others if own.result["best"] != clustering.CLOUDS[own.condition] == 7]
     return [_clustered(outcome) for outcome in (*first, *wrong[:1])]
 
 
 def top_views(outcomes: Sequence[Outcome]) -> Chart | None:
-    """Figure 4.6: both localised maps from above, without and with the outlier filter; None: there are none."""
-    pictures = [outcome.result for outcome in outcomes if outcome.method == FILTERED_CLOUDS]
+    """Figure 4.6: both localised maps from above, without and with the outlier filter; None: they were not run."""
+    pictures = [outcome.result for outcome in outcomes if outcome.method == filtering.CLOUDS]
     if not pictures:
         return None
     (picture,) = pictures
@@ -68,9 +68,9 @@ def _first(outcomes: Sequence[Outcome], method: str) -> list[Outcome]:
 
 
 def _clustered(outcome: Outcome) -> View:
-    """The points in the colours of the Gaussians that they belong to most."""
-    mixture = mixture_of(outcome.result)
-    points = _some(fixed_cloud(outcome.condition, outcome.seed))
+    """The points in the colour of the Gaussian with the largest responsibility."""
+    mixture = clustering.mixture_of(outcome.result)
+    points = _some(clustering.fixed_cloud(outcome.condition, outcome.seed))
     owners = _owners(mixture, points)
     colors = [COLORS[number % len(COLORS)] for number in range(len(mixture.weights))]
     traces = [_points(points[owners == number], color) for number, color in enumerate(colors)]
@@ -104,7 +104,7 @@ def _ellipsoids(mixture: GaussianMixture, colors: Sequence[str]) -> list[Chart]:
     sphere = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1)
     traces = []
     for mean, covariance, color in zip(mixture.means, mixture.covariances, colors, strict=True):
-        surface = mean + REACH * sphere @ np.linalg.cholesky(covariance).T
+        surface = mean + ELLIPSOID_SCALE * sphere @ np.linalg.cholesky(covariance).T
         places = dict(zip("xyz", np.moveaxis(surface, -1, 0).round(3).tolist(), strict=True))
         look = {"colorscale": [[0, color], [1, color]], "showscale": False, "opacity": 0.3, "hoverinfo": "skip"}
         traces.append({"type": "surface", **look, **places})
@@ -124,7 +124,7 @@ def _space() -> Chart:
 
 
 def _top(picture: Mapping[str, Any], panel: int) -> list[Chart]:
-    """The points of both clouds, those of true changes and the outliers apart; the second panel has no outliers."""
+    """The points of both clouds, of true changes, and outliers as separate traces; the second panel has no outliers."""
     places = np.concatenate([np.array(picture[side]["places"]).reshape(-1, 2) for side in SIDES]) / 1000
     kept, changed = (
         np.concatenate([picture[side][name] for side in SIDES]).astype(bool) for name in ("kept", "changed")

@@ -1,11 +1,11 @@
-"""What `gmmjax evaluate thesis` prints: the summary, and where the results lie."""
+"""The output of `gmmjax evaluate thesis` on the terminal: the summary, and the path of the page."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 from rich.markup import escape
 
-from gmmjax.reporting.console import plain_table, print_note, print_report_hint, print_whole
+from gmmjax.reporting import console
 from gmmjax.thesis.chapter4 import PartResult, ThesisResults
 from gmmjax.thesis.report.chapter_files import PAGE
 
@@ -13,21 +13,21 @@ HEADINGS = ("Figure", "Measure", "Method", "Here", "Thesis")
 
 
 def print_thesis(results: ThesisResults, folder: Path) -> None:
-    """The summary on standard output, what could not be run on standard error.
+    """Prints the summary on standard output, and notes on what could not be run on standard error.
 
     Args:
         results: of `run_chapter`.
-        folder: that holds the page.
+        folder: of the page.
     """
     _print_summary(results.parts)
-    print_report_hint(folder / PAGE)
+    console.print_report_hint(folder / PAGE)
     for part in results.parts:
         for note in part.notes:
-            print_note(note)
+            console.print_note(note)
 
 
 def _print_summary(parts: Sequence[PartResult]) -> None:
-    table = plain_table()
+    table = console.plain_table()
     for heading in HEADINGS:
         table.add_column(heading, justify="right" if heading in HEADINGS[3:] else "left", no_wrap=True)
     last = ("", "")
@@ -35,4 +35,4 @@ def _print_summary(parts: Sequence[PartResult]) -> None:
         about = (line.figure, line.measure)
         table.add_row(*(("", "") if about == last else about), *map(escape, (line.method, line.here, line.thesis)))
         last = about
-    print_whole(table)
+    console.print_whole(table)

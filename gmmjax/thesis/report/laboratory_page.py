@@ -1,4 +1,4 @@
-"""The simulated laboratory as one HTML page: the runs from above, as in figure 3.6 of the thesis, and single frames."""
+"""The simulated laboratory as one HTML page: height maps of the runs, as in figure 3.6 of the thesis, and frames."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -6,23 +6,29 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from gmmjax.thesis.laboratory.pairs import CloudKind, LabCloud, LabPair
-from gmmjax.thesis.laboratory.runs import BAG, BOARD, GEAR_BOX, PANEL, ROBOT, Laboratory
+from gmmjax.thesis.laboratory import (
+    BAG,
+    BOARD,
+    CLOUD_KINDS,
+    GEAR_BOX,
+    PANEL,
+    ROBOT,
+    CloudKind,
+    LabCloud,
+    Laboratory,
+    LabPair,
+)
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-# As the thesis circles them, and two more.
+# Colours of the outlines: those of the thesis's circles, and two more.
 OBJECT_COLORS = {ROBOT: "#D55E00", BAG: "#009E73", GEAR_BOX: "#0072B2", BOARD: "#CC79A7", PANEL: "#E69F00"}
-KIND_TITLES: Mapping[CloudKind, str] = {
-    "volumetric": "volumetric maps",
-    "localised": "localised maps",
-    "frame": "single frames",
-}
-# What is seen from above: half the side, the edge of a cell, and the height that colours end at, metres.
-REACH, CELL, TOP = 1.35, 0.02, 1.3
-# Of depth images, metres.
+# Height maps: half their width, the width of a cell, and the largest height that is shown, metres.
+HALF_WIDTH, CELL, TOP = 1.35, 0.02, 1.3
+# Ends of the colour scale of depth images, metres.
 NEAREST, FARTHEST = 0.3, 3.0
+# Width of a panel, pixels, and depth images in a row.
 PANEL_SIZE, COLUMNS = 260, 5
 SCALE = "Viridis"
 
@@ -38,7 +44,7 @@ def lab_page(maps: Mapping[tuple[str, CloudKind], LabCloud], frames: Mapping[str
     Returns:
         HTML, with plotly.js inside.
     """
-    kinds = [kind for kind in KIND_TITLES if any(other == kind for _, other in maps)]
+    kinds = [kind for kind in CLOUD_KINDS if any(other == kind for _, other in maps)]
     parts = [
         _from_above(kind, {name: cloud for (name, other), cloud in maps.items() if other == kind}) for kind in kinds
     ]
@@ -56,9 +62,9 @@ def lab_page(maps: Mapping[tuple[str, CloudKind], LabCloud], frames: Mapping[str
 
 
 def heights(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "c c"]:
-    """The highest point over each cell of the floor, below the top of the walls; NaN where there is none."""
-    cells = round(2 * REACH / CELL)
-    column, row = ((points[:, axis] + REACH) // CELL for axis in (0, 1))
+    """Largest height of the points in each cell of the floor, below the top of the walls; NaN in empty cells."""
+    cells = round(2 * HALF_WIDTH / CELL)
+    column, row = ((points[:, axis] + HALF_WIDTH) // CELL for axis in (0, 1))
     inside = (column >= 0) & (column < cells) & (row >= 0) & (row < cells) & (points[:, 2] < TOP)
     grid = np.full(cells * cells, -np.inf)
     np.maximum.at(grid, (row * cells + column)[inside].astype(int), points[inside, 2])
@@ -66,8 +72,8 @@ def heights(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "c c"]:
 
 
 def _from_above(kind: CloudKind, clouds: Mapping[str, LabCloud]) -> "Figure":
-    figure = _panels(f"{KIND_TITLES[kind].capitalize()}, from above", list(clouds), 1)
-    middles = (np.arange(round(2 * REACH / CELL)) + 0.5) * CELL - REACH
+    figure = _panels(f"{CLOUD_KINDS[kind].capitalize()}, from above", list(clouds), 1)
+    middles = (np.arange(round(2 * HALF_WIDTH / CELL)) + 0.5) * CELL - HALF_WIDTH
     for number, cloud in enumerate(clouds.values(), 1):
         places = cloud.points @ cloud.to_scene[:3, :3].T + cloud.to_scene[:3, 3]
         image = {"z": np.round(heights(places), 2), "x": middles, "y": middles, "zmin": -0.05, "zmax": TOP}
@@ -86,13 +92,13 @@ def _from_above(kind: CloudKind, clouds: Mapping[str, LabCloud]) -> "Figure":
                 row=1,
                 col=number,
             )
-    figure.update_xaxes(range=[-REACH, REACH], visible=False)
-    figure.update_yaxes(range=[-REACH, REACH], visible=False)
+    figure.update_xaxes(range=[-HALF_WIDTH, HALF_WIDTH], visible=False)
+    figure.update_yaxes(range=[-HALF_WIDTH, HALF_WIDTH], visible=False)
     return figure
 
 
 def _outlines(laboratory: Laboratory) -> dict[str, np.ndarray]:
-    """The foot of the widest part of each object, closed."""
+    """The outline of each object from above, a little enlarged, as a closed polygon."""
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) / 2
     outlines = {}
     for name in laboratory.objects:
@@ -102,7 +108,7 @@ def _outlines(laboratory: Laboratory) -> dict[str, np.ndarray]:
 
 
 def _depth_images(frames: Mapping[str, LabPair]) -> "Figure":
-    """Before above after, `COLUMNS` pairs beside each other."""
+    """Depth images before, with those after below them; `COLUMNS` pairs in a row."""
     titles = list(frames)
     rows = [titles[start : start + COLUMNS] for start in range(0, len(titles), COLUMNS)]
     names = [name for row in rows for name in [*row, *[""] * (2 * min(COLUMNS, len(titles)) - len(row))]]
@@ -127,7 +133,7 @@ def _depth_images(frames: Mapping[str, LabPair]) -> "Figure":
 
 
 def _panels(title: str, titles: Sequence[str], rows: int) -> "Figure":
-    """Panels under their titles, row by row."""
+    """A figure of panels with titles, row by row."""
     from plotly.subplots import make_subplots
 
     columns = len(titles) // rows

@@ -4,7 +4,8 @@ import pytest
 from gmmjax import InputError
 from gmmjax.thesis.chapter4 import survey_pairs
 from gmmjax.thesis.chapter4.survey_pairs import survey_sources
-from gmmjax.thesis.laboratory.runs import ROOM, THINGS
+from gmmjax.thesis.laboratory import THINGS
+from gmmjax.thesis.laboratory.room import ROOM
 
 
 def test_seeds_go_round_the_runs_there_and_back():

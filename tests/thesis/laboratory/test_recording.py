@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from gmmjax import InputError
-from gmmjax.thesis.laboratory.recording import recorded_run
-from gmmjax.thesis.laboratory.runs import THINGS
+from gmmjax.thesis.laboratory import THINGS, recorded_run
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,7 @@ import pytest
 from gmmjax import InputError
 from gmmjax.thesis.chapter4 import PartResult, Plan, Table, ThesisResults
 from gmmjax.thesis.chapter4.records import Unit
-from gmmjax.thesis.report import chapter_files
-from gmmjax.thesis.report.chapter_files import open_folder, write_results
-from gmmjax.thesis.report.console import print_thesis
+from gmmjax.thesis.report import chapter_files, open_folder, print_thesis, write_results
 from tests.thesis.report.test_chapter_page import OUTCOMES, part
 
 PLAN = Plan(3)

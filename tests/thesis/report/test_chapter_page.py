@@ -18,9 +18,9 @@ from gmmjax.thesis.chapter4 import (
     surveys,
 )
 from gmmjax.thesis.chapter4.accuracy import Confusion
+from gmmjax.thesis.report import thesis_html
 from gmmjax.thesis.report.bar_charts import condition_chart, found_chart, score_chart
-from gmmjax.thesis.report.chapter_page import thesis_html
-from gmmjax.thesis.report.chapter_text import SAID
+from gmmjax.thesis.report.chapter_text import THESIS_TEXT
 
 COUNTS = {
     "all": dataclasses.asdict(Confusion(1, 1, 1, 0, 3)),
@@ -86,7 +86,7 @@ def charts_of(page):
 
 
 def test_every_figure_is_on_the_page_beside_what_the_thesis_says(page):
-    for figure, said in SAID.items():
+    for figure, said in THESIS_TEXT.items():
         section = re.search(rf'<section class="thesis" id="figure-{figure}">.*?</section>', page, re.DOTALL)[0]
         assert f"<h2>Figure {figure}: " in section and said in section
         assert f'href="figure-{figure}.csv"' in section

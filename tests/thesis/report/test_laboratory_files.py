@@ -7,10 +7,8 @@ from gmmjax import InputError
 from gmmjax.clouds import read_cloud
 from gmmjax.evaluation import find_pairs
 from gmmjax.surveys import open_bag
-from gmmjax.thesis.laboratory.recording import recorded_run
-from gmmjax.thesis.laboratory.runs import THINGS
-from gmmjax.thesis.report import laboratory_files
-from gmmjax.thesis.report.laboratory_files import write_lab
+from gmmjax.thesis.laboratory import THINGS, recorded_run
+from gmmjax.thesis.report import laboratory_files, write_lab
 
 SMALL = dict(runs=("stacked",), seed=0, kinds=("frame", "localised"), frames=4)
 
