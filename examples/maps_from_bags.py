@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from gmmjax import detect_changes
-from gmmjax.scenes import recorded_run
 from gmmjax.surveys import LocalisedMap, localised_map, open_bag, sensor_trajectory, write_bag
+from gmmjax.thesis.laboratory import recorded_run
 
 
 def simulated_bags(folder: Path) -> list[Path]:

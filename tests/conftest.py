@@ -20,14 +20,11 @@ with install_import_hook("gmmjax", "beartype.beartype"):
     import gmmjax
     import gmmjax.cli
     import gmmjax.evaluation
-    import gmmjax.evaluation.surveys
-    import gmmjax.evaluation.thesis
     import gmmjax.reporting
     import gmmjax.reporting.frame_files
-    import gmmjax.reporting.lab_files
-    import gmmjax.reporting.thesis_files
     import gmmjax.scenes
     import gmmjax.surveys
+    import gmmjax.thesis.report
     import gmmjax.tuning  # noqa: F401
 
 import warnings

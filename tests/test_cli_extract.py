@@ -5,8 +5,8 @@ import pytest
 
 from gmmjax.cli import main
 from gmmjax.clouds import read_cloud, read_views
-from gmmjax.scenes.robot_survey import recorded_run
 from gmmjax.surveys import Frame, write_bag
+from gmmjax.thesis.laboratory import recorded_run
 from tests.surveys.recordings import CLOUDS, POSES, SENSOR_ON_BODY, START, frame, frames, trajectory
 
 

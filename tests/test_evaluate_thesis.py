@@ -5,8 +5,8 @@ import csv
 import pytest
 
 from gmmjax.cli import main
-from gmmjax.evaluation.thesis import filtering, surveys
-from tests.evaluation.thesis.pairs import floor_sources
+from gmmjax.thesis.chapter4 import filtering, surveys
+from tests.thesis.chapter4.pairs import floor_sources
 
 COMMAND = ["evaluate", "thesis", "--quick", "--parts", "surveys", "filtering"]
 
@@ -59,8 +59,8 @@ def test_bad_options_are_named(flags, message, tmp_path, capsys):
 
 
 def test_a_folder_of_another_run_is_refused(tmp_path, capsys):
-    from gmmjax.evaluation.thesis import Plan
-    from gmmjax.reporting.thesis_files import open_folder
+    from gmmjax.thesis.chapter4 import Plan
+    from gmmjax.thesis.report import open_folder
 
     open_folder(tmp_path / "a", Plan())
     assert main([*COMMAND, "--out", str(tmp_path / "a")]) == 2

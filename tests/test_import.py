@@ -80,6 +80,18 @@ def test_the_public_names_are_those_that_type_checkers_see():
         gmmjax.detect_change  # noqa: B018
 
 
+def test_only_the_command_line_imports_the_reproduction_of_the_thesis():
+    package = ROOT / "gmmjax"
+    importing = {
+        path.relative_to(package).parts[0]
+        for path in package.rglob("*.py")
+        if re.search(
+            r"\bgmmjax\.thesis\b.* import |import gmmjax\.thesis|from gmmjax import .*thesis", path.read_text()
+        )
+    }
+    assert importing == {"cli", "thesis"}
+
+
 def test_no_setting_of_jax_is_changed(imported):
     found, _ = imported
     assert found["settings"] > 50

@@ -45,7 +45,7 @@ def simulate_lab(
         quiet: print nothing but errors.
     """
     from gmmjax.reporting import console
-    from gmmjax.reporting.lab_files import check_lab_folder, write_lab
+    from gmmjax.thesis.report import check_lab_folder, write_lab
 
     check_seed("--seed", seed)
     check_lab_folder(out, overwrite=overwrite)
@@ -79,7 +79,7 @@ def simulate_lab(
 
 
 def _has_open3d() -> bool:
-    from gmmjax.clouds.mesh import load_open3d
+    from gmmjax.clouds import load_open3d
 
     try:
         load_open3d("volumetric maps")

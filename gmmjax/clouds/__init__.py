@@ -1,8 +1,12 @@
 """Point clouds on the host: records, readers, a writer, filters and voxels."""
 
 from gmmjax.clouds.atomic import atomic_write as atomic_write
+from gmmjax.clouds.files import parse_json as parse_json
+from gmmjax.clouds.files import read_bytes as read_bytes
+from gmmjax.clouds.files import read_json as read_json
 from gmmjax.clouds.filters import crop_box as crop_box
 from gmmjax.clouds.filters import statistical_outliers as statistical_outliers
+from gmmjax.clouds.mesh import load_open3d as load_open3d
 from gmmjax.clouds.pcd_writing import viewpoint_of as viewpoint_of
 from gmmjax.clouds.pcd_writing import write_pcd as write_pcd
 from gmmjax.clouds.ply import write_ply as write_ply

@@ -28,7 +28,7 @@ class LabelledCloud:
         not_counted: ids of changes that nobody can be asked to find, such as of objects that the other survey could not
             see.
         things: per point the number of what it belongs to: a Gaussian, an object, a wall; negative for points that
-            belong to none. None: not known. Accuracy counts them.
+            belong to none. None: not known. The true negatives of `gmmjax.thesis` are counted in them.
     """
 
     points: Float[np.ndarray, "n 3"]

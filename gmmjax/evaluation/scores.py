@@ -163,6 +163,16 @@ def segment_truth(labels: Int[np.ndarray, " n"], cloud: LabelledCloud) -> dict[i
     return _segment_truth(_Side(labels, cloud.truth, cloud.unseen, cloud.not_counted))
 
 
+def false_segments(labels: Int[np.ndarray, " n"], cloud: LabelledCloud) -> list[int]:
+    """The detected segments of a cloud that are false positives: at least half of their points are unchanged.
+
+    Args:
+        labels: per point -1 or the id of a detected change.
+        cloud: with the truth.
+    """
+    return [segment for segment, truth in segment_truth(labels, cloud).items() if truth == FALSE]
+
+
 def counted_points(cloud: LabelledCloud) -> Bool[np.ndarray, " n"]:
     """The points that help or hurt: all but those of changes that are not counted."""
     return ~np.isin(cloud.truth, list(cloud.not_counted))

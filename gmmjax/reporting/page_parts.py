@@ -5,9 +5,9 @@ from importlib.resources import files
 from typing import Any
 
 
-def asset(name: str) -> str:
-    """The text of a file in `assets/`."""
-    return files("gmmjax.reporting").joinpath("assets", name).read_text(encoding="utf-8")
+def asset(name: str, package: str = "gmmjax.reporting") -> str:
+    """The text of a file in the folder `assets/` of a package."""
+    return files(package).joinpath("assets", name).read_text(encoding="utf-8")
 
 
 def script_json(content: Any) -> str:

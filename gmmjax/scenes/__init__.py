@@ -1,15 +1,21 @@
-"""Scenes with known changes: artificial Gaussians, a simulated room, the thesis's laboratory as a robot surveys it."""
+"""Scenes with known changes: artificial Gaussians, a simulated room; what such rooms are made of, and the camera."""
 
+from gmmjax.scenes.depth_camera import DepthCamera as DepthCamera
 from gmmjax.scenes.gaussians import OVERLAPS as OVERLAPS
 from gmmjax.scenes.gaussians import GaussianScene as GaussianScene
 from gmmjax.scenes.gaussians import Overlap as Overlap
 from gmmjax.scenes.gaussians import fixed_scene as fixed_scene
 from gmmjax.scenes.gaussians import random_scene as random_scene
 from gmmjax.scenes.gaussians import replaced_scene as replaced_scene
-from gmmjax.scenes.lab_clouds import LabCloud as LabCloud
-from gmmjax.scenes.lab_clouds import LabPair as LabPair
-from gmmjax.scenes.lab_clouds import lab_pair as lab_pair
 from gmmjax.scenes.laboratory import LaboratoryScene as LaboratoryScene
 from gmmjax.scenes.laboratory import laboratory_scene as laboratory_scene
-from gmmjax.scenes.robot_survey import Recording as Recording
-from gmmjax.scenes.robot_survey import recorded_run as recorded_run
+from gmmjax.scenes.objects import ROOM_HALF_WIDTH as ROOM_HALF_WIDTH
+from gmmjax.scenes.objects import StandingObject as StandingObject
+from gmmjax.scenes.objects import on_floor as on_floor
+from gmmjax.scenes.objects import standing_at as standing_at
+from gmmjax.scenes.ray_casting import UNLABELLED as UNLABELLED
+from gmmjax.scenes.ray_casting import Solid as Solid
+from gmmjax.scenes.rigid_motions import looking_at as looking_at
+from gmmjax.scenes.rigid_motions import small_motion as small_motion
+from gmmjax.scenes.visibility import seen as seen
+from gmmjax.scenes.visibility import uncounted as uncounted

@@ -15,7 +15,7 @@ from gmmjax.clouds import SensorViews, voxel_grid
 from gmmjax.errors import InputError, check_choice
 from gmmjax.scenes.depth_camera import DepthCamera
 from gmmjax.scenes.gaussians import numpy_generator
-from gmmjax.scenes.objects import INNER, StandingObject, placed_objects
+from gmmjax.scenes.objects import ROOM_HALF_WIDTH, StandingObject, placed_objects
 from gmmjax.scenes.ray_casting import Solid
 from gmmjax.scenes.rigid_motions import looking_at, small_motion
 from gmmjax.scenes.visibility import seen, uncounted
@@ -168,7 +168,7 @@ def _room(random: np.random.Generator, open_front: bool) -> tuple[list[Solid], S
     A single frame looks in from where the front wall would be.
     """
     wall, height = 0.1, random.uniform(1.3, 1.5)
-    middle = INNER + wall / 2
+    middle = ROOM_HALF_WIDTH + wall / 2
     solids = [_solid((0.0, 0.0, -0.05), (2.4, 2.4, 0.1)), _solid((0.0, middle, height / 2 - 0.1), (2.4, wall, height))]
     solids += [_solid((side * middle, 0.0, height / 2 - 0.1), (wall, 2.4, height)) for side in (-1.0, 1.0)]
     if not open_front:
@@ -178,7 +178,7 @@ def _room(random: np.random.Generator, open_front: bool) -> tuple[list[Solid], S
     solids.append(_solid((dock, 0.97, random.uniform(0.42, 0.5)), (0.15, 0.06, 0.15)))
     depth = random.uniform(0.25, 0.4)
     shelf = _solid(
-        (depth / 2 - INNER, random.uniform(-0.4, 0.4), random.uniform(0.55, 0.7)),
+        (depth / 2 - ROOM_HALF_WIDTH, random.uniform(-0.4, 0.4), random.uniform(0.55, 0.7)),
         (depth, random.uniform(0.6, 0.9), 0.03),
     )
     solids.append(shelf)
@@ -190,7 +190,7 @@ def _room(random: np.random.Generator, open_front: bool) -> tuple[list[Solid], S
     if not open_front:
         deep = random.uniform(0.15, 0.25)
         extent = (random.uniform(0.2, 0.4), deep, random.uniform(0.35, 0.6))
-        solids.append(_solid((random.uniform(-0.8, 0.8), deep / 2 - INNER, extent[2] / 2), extent))
+        solids.append(_solid((random.uniform(-0.8, 0.8), deep / 2 - ROOM_HALF_WIDTH, extent[2] / 2), extent))
     return solids, shelf
 
 

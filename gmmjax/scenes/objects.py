@@ -1,4 +1,4 @@
-"""Objects of about 0.3 m, and free places for them in a room."""
+"""Objects of about 0.3 m, and their random placement in a room without collisions."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -10,8 +10,8 @@ from jaxtyping import Float
 from gmmjax.errors import InputError
 from gmmjax.scenes.ray_casting import UNLABELLED, Solid
 
-# Half the inner side of the room, and where objects may stand, metres.
-INNER, STANDING = 1.1, 0.78
+# Half the inner width of the room, and largest distance of an object from its middle on each axis, metres.
+ROOM_HALF_WIDTH, STANDING = 1.1, 0.78
 ROBOT = "robot"
 KINDS = (ROBOT, "bag", "drum", "box", "stack")
 # Share of the objects that are put on the shelf where they fit.
@@ -78,7 +78,13 @@ def _alike(parts: StandingObject, other: StandingObject) -> bool:
 
 
 def standing_at(parts: StandingObject, place: Float[np.ndarray, "3"], yaw: float) -> StandingObject:
-    """An object at the origin, moved: its foot to the place, turned about its own middle."""
+    """An object in another pose.
+
+    Args:
+        parts: the object at the origin of the floor.
+        place: of the middle of its base, metres.
+        yaw: rotation about the vertical, radians.
+    """
     rotation = Solid(np.zeros(3), np.ones(3), yaw).rotation
     return tuple(dataclasses.replace(part, centre=place + rotation @ part.centre, yaw=yaw) for part in parts)
 
@@ -86,9 +92,18 @@ def standing_at(parts: StandingObject, place: Float[np.ndarray, "3"], yaw: float
 def on_floor(
     random: np.random.Generator, parts: StandingObject, room: Sequence[Solid], taken: list[tuple[np.ndarray, float]]
 ) -> StandingObject:
-    """On a free place of the floor, turned at random."""
+    """An object in a random free place on the floor, with a random yaw.
+
+    Args:
+        random: of place and yaw.
+        parts: the object at the origin of the floor.
+        room: solids that it must not touch; the floor is no obstacle.
+        taken: middle and radius of the places of other objects; this one is appended.
+
+    Raises:
+        InputError: no free place was found.
+    """
     radius = (1.0 if parts[0].round else 2**0.5) * max(parts[0].extent[:2]) / 2
-    # The floor itself is no obstacle.
     obstacles = [solid for solid in room if solid.centre[2] > 0]
     gap = 0.05
     for _ in range(10_000):
@@ -112,7 +127,7 @@ def _on_shelf(
     yaw = float(np.pi / 2 if parts[0].extent[0] > parts[0].extent[1] else 0.0) + random.uniform(-0.1, 0.1)
     deep, wide = sorted(parts[0].extent[:2])
     free = max(0.0, (shelf.extent[1] - wide) / 2)
-    x = -INNER + deep / 2 + 0.1 * wide + random.uniform(0.0, 0.03)
+    x = -ROOM_HALF_WIDTH + deep / 2 + 0.1 * wide + random.uniform(0.0, 0.03)
     place = np.array([x, shelf.centre[1] + random.uniform(-free, free)])
     radius = float(np.hypot(deep, wide)) / 2
     if not all(np.linalg.norm(place - other) > radius + reach for other, reach in taken):

@@ -1,4 +1,4 @@
-"""Rigid motions as matrices [4, 4]."""
+"""Rigid transforms of simulated cameras, as matrices [4, 4]."""
 
 import numpy as np
 from jaxtyping import Float
@@ -6,7 +6,12 @@ from scipy.spatial.transform import Rotation
 
 
 def looking_at(position: Float[np.ndarray, "3"], target: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
-    """A camera's pose, upright: x right, y down, z towards the target."""
+    """The pose of an upright camera, camera to world: x right, y down, z towards the target.
+
+    Args:
+        position: of the camera, in the world.
+        target: point on its optical axis; not straight above or below the camera.
+    """
     forward = (target - position) / np.linalg.norm(target - position)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -16,7 +21,13 @@ def looking_at(position: Float[np.ndarray, "3"], target: Float[np.ndarray, "3"])
 
 
 def small_motion(random: np.random.Generator, shift: float, degrees: float) -> Float[np.ndarray, "4 4"]:
-    """A motion of this length and angle in random directions."""
+    """A rigid transform with random rotation axis and direction of translation.
+
+    Args:
+        random: of the axis and the direction.
+        shift: length of the translation.
+        degrees: angle of the rotation.
+    """
     axis, direction = (vector / np.linalg.norm(vector) for vector in random.standard_normal((2, 3)))
     motion = np.eye(4)
     motion[:3, :3] = Rotation.from_rotvec(np.radians(degrees) * axis).as_matrix()

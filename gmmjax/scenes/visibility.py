@@ -1,4 +1,4 @@
-"""What a survey could see of a scene, and what nobody can be asked to find in it."""
+"""The part of a scene that a survey observes, and the changes that cannot be found in it."""
 
 from collections.abc import Sequence
 
@@ -8,14 +8,20 @@ from jaxtyping import Bool, Float, Int
 from gmmjax.clouds import SensorViews
 from gmmjax.scenes.ray_casting import UNLABELLED, Solid, cast
 
-# A point is seen when the first hit on its ray is not nearer than it by more than this, metres.
+# A point is occluded when the first hit on its ray is nearer than the point by more than this, metres.
 HIDDEN_BY = 0.03
-# A change is counted in a cloud when so many of its points are there and less than half of them are unseen.
+# A change is counted in a cloud when it has at least this number of points there, less than half of them unseen.
 LEAST_POINTS = 40
 
 
 def seen(points: Float[np.ndarray, "n 3"], solids: Sequence[Solid], views: SensorViews) -> Bool[np.ndarray, " n"]:
-    """Which places a survey of these solids could see, through or onto."""
+    """Which points lie in the free space or on the surfaces that a survey observes.
+
+    Args:
+        points: in the world, metres.
+        solids: of the scene.
+        views: poses and field of view of the survey's camera.
+    """
     visible = np.zeros(len(points), bool)
     for view in range(len(views)):
         places = views.in_camera(points, view)
@@ -29,10 +35,10 @@ def seen(points: Float[np.ndarray, "n 3"], solids: Sequence[Solid], views: Senso
 
 
 def uncounted(solids: Sequence[Solid], truth: Int[np.ndarray, " n"], unseen: Bool[np.ndarray, " n"]) -> frozenset[int]:
-    """The labels of those solids of which the cloud has too few points, or mostly such as the other survey cannot see.
+    """The labels of changes with too few points in the cloud, or most of whose points the other survey cannot see.
 
     Args:
-        solids: those with a label are changes.
+        solids: of the scene; those with a label are changes.
         truth: per point the label of its change.
         unseen: per point whether the other survey could not see its place.
     """

@@ -4,6 +4,7 @@ from gmmjax.surveys.bag_writing import BagNames as BagNames
 from gmmjax.surveys.bag_writing import write_bag as write_bag
 from gmmjax.surveys.bags import Bag as Bag
 from gmmjax.surveys.bags import Topic as Topic
+from gmmjax.surveys.bags import load_rosbags as load_rosbags
 from gmmjax.surveys.bags import open_bag as open_bag
 from gmmjax.surveys.depth_images import read_depth_frame as read_depth_frame
 from gmmjax.surveys.depth_images import write_depth_image as write_depth_image

@@ -14,10 +14,10 @@ from gmmjax.clouds.files import MOST_SETTINGS, parse_json, read_json, read_toml,
 from gmmjax.clouds.reading import READERS
 from gmmjax.errors import InputError
 from gmmjax.evaluation.labelled_pair import read_pair
-from gmmjax.evaluation.thesis.journal import Journal
 from gmmjax.reporting.mixture_files import read_mixture
 from gmmjax.reporting.tuning_files import read_state
 from gmmjax.surveys import Intrinsics, open_bag, read_depth_frame, read_intrinsics
+from gmmjax.thesis.chapter4 import Journal
 
 CAMERA = Intrinsics(8.0, 8.0, 3.5, 2.5, 8, 6)
 

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gmmjax.evaluation import LabelledCloud, LabelledPair, Scores, score_pair
-from gmmjax.evaluation.scores import FALSE, NEITHER, counted_points, score_labelled_pair, segment_truth
+from gmmjax.evaluation.scores import FALSE, NEITHER, counted_points, false_segments, score_labelled_pair, segment_truth
 
 NOTHING = np.full(4, -1)
 
@@ -72,6 +72,7 @@ def test_a_segment_is_judged_by_what_is_most_of_its_changed_points():
     assert segment_truth(labels(9, 9, 9, 9, -1, -1, -1), cloud) == {9: NEITHER}
     assert segment_truth(labels(9, 9, -1, 9, 9, 9, 9), cloud) == {9: 1}
     assert segment_truth(labels(9, -1, -1, 9, -1, -1, -1), cloud) == {9: FALSE}
+    assert false_segments(labels(9, 7, 7, 9, 8, 8, -1), cloud) == [9]
     np.testing.assert_array_equal(counted_points(cloud), truth != 0)
 
 

@@ -31,8 +31,6 @@ from gmmjax.clouds import (
 from gmmjax.clouds.decoder_process import DecoderProcess
 from gmmjax.errors import InputError
 from gmmjax.evaluation.labelled_pair import read_pair
-from gmmjax.evaluation.thesis.journal import Journal
-from gmmjax.evaluation.thesis.records import Unit
 from gmmjax.reporting.mixture_files import read_mixture
 from gmmjax.reporting.result_folder import RESULT
 from gmmjax.reporting.tuning_files import read_state, write_state
@@ -46,6 +44,8 @@ from gmmjax.surveys import (
     write_depth_image,
     write_intrinsics,
 )
+from gmmjax.thesis.chapter4 import Journal
+from gmmjax.thesis.chapter4.records import Unit
 from gmmjax.tuning import TuningState
 from tests.fuzzing.mutations import mutated, mutated_archive, mutated_png
 
