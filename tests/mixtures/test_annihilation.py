@@ -35,7 +35,7 @@ def test_finds_the_number_of_gaussians(float64, seed):
 def test_joint_step_equals_the_component_wise_sweep_on_overlapping_scenes(float64):
     """The same number of components and the message length within 0.1, where Gaussians lie in one another."""
     for seed in range(4):
-        scene = random_scene(jax.random.key(100 + seed), start=6, overlap="medium", points=500)
+        scene = random_scene(jax.random.key(100 + seed), start=6, overlap="medium", points=250)
         points = scene_points(scene)
         best = {}
         for step in ("joint", "component-wise"):
