@@ -38,7 +38,7 @@ def main(paths: list[Path]) -> None:
         print(f"{path.name}: {laid.frames_used} frames, {len(laid.points)} points, refined: {laid.refined}")
     changes = detect_changes(before.points, after.points, views_before=before.views, views_after=after.views)
     for change in changes:
-        print(f"{change.kind} at {np.round(change.mean, 1).tolist()}, probability {change.probability:.2f}")
+        print(f"{change.kind} at {np.round(change.mean, 2).tolist()}, probability {change.probability:.2f}")
 
 
 if __name__ == "__main__":

@@ -36,11 +36,12 @@ def main() -> None:
     parser.add_argument("--unseen", type=int, default=2, help="seeds to judge by, two scenes each")
     parser.add_argument("--first-seed", type=int, default=100)
     parser.add_argument("--steps", type=int, default=TuningSettings.steps, help="of the optimiser at the most")
+    parser.add_argument("--starts", type=int, default=TuningSettings.starts, help="that the search begins from")
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.training + options.unseen)
     training = [scan_pair(pair) for pair in scenes(seeds[: options.training])]
     lenient = DetectionConfig(concentration=-1.0)
-    settings = TuningSettings(parameters=("concentration",), steps=options.steps)
+    settings = TuningSettings(parameters=("concentration",), steps=options.steps, starts=options.starts)
     result = tune(training, config=lenient, settings=settings)
     print(f"on {len(training)} scenes the loss went from {result.baseline[0]:.3f} to {result.best[0]:.3f}")
     unseen = scenes(seeds[options.training :])

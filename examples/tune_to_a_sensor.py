@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 from gmmjax import DetectionConfig, detect_changes
 from gmmjax.evaluation import LabelledPair, Scores, score_labelled_pair
-from gmmjax.evaluation.gaussians import FAMILIES, gaussian_pair
+from gmmjax.evaluation.gaussians import FAMILIES, POINTS, gaussian_pair
 from gmmjax.evaluation.laboratory import laboratory_pair
 from gmmjax.tuning import TuningSettings, scan_pair, tune
 
@@ -24,15 +24,15 @@ BY_HAND = {
 }
 
 
-def scenes(kind: str, seeds: Sequence[int]) -> list[LabelledPair]:
+def scenes(kind: str, seeds: Sequence[int], points: int = POINTS) -> list[LabelledPair]:
     """Gaussians whose clouds are displaced against each other, or a room surveyed twice; poses unknown."""
     if kind == "gaussians":
-        pairs = [(str(own), gaussian_pair(own, seed)) for seed in seeds for own in FAMILIES["shifted"]]
+        conditions = [dataclasses.replace(own, points=points) for own in FAMILIES["shifted"]]
+        pairs = [(str(own), gaussian_pair(own, seed)) for seed in seeds for own in conditions]
     else:
-        conditions = ("(+1)", "(-1 +1)", "(-2)", "(none)")
-        pairs = [
-            (own, laboratory_pair(own, seed, "normal", "panorama", "unknown")) for seed in seeds for own in conditions
-        ]
+        changes = ("(+1)", "(-1 +1)", "(-2)", "(none)")
+        as_surveyed = ("normal", "panorama", "unknown")
+        pairs = [(own, laboratory_pair(own, seed, *as_surveyed)) for seed in seeds for own in changes]
     return [dataclasses.replace(pair, name=f"{condition}, {pair.name}") for condition, pair in pairs]
 
 
@@ -52,15 +52,17 @@ def main() -> None:
     parser.add_argument("--training", type=int, default=1, help="seeds to train on, four scenes each")
     parser.add_argument("--unseen", type=int, default=1, help="seeds to judge by, four scenes each")
     parser.add_argument("--first-seed", type=int, default=9803)
+    parser.add_argument("--points", type=int, default=POINTS, help="of each Gaussian; rooms have as many as are seen")
     parser.add_argument("--steps", type=int, default=TuningSettings.steps, help="of the optimiser at the most")
+    parser.add_argument("--starts", type=int, default=TuningSettings.starts, help="that the search begins from")
     parser.add_argument("--max-points", type=int, default=TuningSettings.max_points, help="of a fit at the most")
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.training + options.unseen)
-    training = [scan_pair(pair) for pair in scenes(options.scenes, seeds[: options.training])]
-    unseen = scenes(options.scenes, seeds[options.training :])
+    training = [scan_pair(pair) for pair in scenes(options.scenes, seeds[: options.training], options.points)]
+    unseen = scenes(options.scenes, seeds[options.training :], options.points)
     by_hand = BY_HAND[options.scenes]
     wrong = dataclasses.replace(by_hand, noise_floor=by_hand.noise_floor / 3, tolerance=5 * by_hand.tolerance)
-    settings = TuningSettings(steps=options.steps, max_points=options.max_points)
+    settings = TuningSettings(steps=options.steps, starts=options.starts, max_points=options.max_points)
     of_wrong, of_default = tune(training, config=wrong, settings=settings), tune(training, settings=settings)
     rows = {
         "wrong sensor": wrong,

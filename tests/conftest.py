@@ -5,6 +5,8 @@ import tempfile
 
 from jaxtyping import install_import_hook
 
+from tests import xla_flags
+
 # The workers, and the processes that tests start, find in the folder of the first process what one of them compiled.
 # A program is found by what it computes and how it is compiled; a test sees the one that it would compile itself.
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
@@ -12,9 +14,9 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = COMPILED.name
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 
-# Half of the suite's time is LLVM's and XLA's: what a program computes is not optimised further than it must be, to
-# rounding the same. XLA_FLAGS, empty too, has them compiled as they are for users, which `.ci/run` does for a part.
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+# XLA_FLAGS, empty too, has the programs compiled as they are for users, which `.ci/run` does for a part.
+if "XLA_FLAGS" not in os.environ:
+    os.environ["XLA_FLAGS"] = xla_flags.quickest_to_compile()
 
 with install_import_hook("gmmjax", "beartype.beartype"):
     import gmmjax

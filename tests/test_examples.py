@@ -1,27 +1,44 @@
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
 EXPECTED = {
     "compare_mixtures.py": ["EMD 0.661", "[0.055 0.183 0.   ]", "Sinkhorn"],
-    "detect_two_files.py": ["disappeared at [1.1,", "appeared at [-2.59,", "after: 300 of 1500 points changed"],
-    "registration_error.py": ["panorama normal", "frame normal"],
+    "detect_two_files.py": ["after: 300 of 1500 points changed"],
+    "registration_error.py": ["panorama normal", "panorama hard", "frame normal"],
     "fit_a_mixture.py": ["3 Gaussians", "from six starts: [3, 3, 3, 3, 3, 3]"],
-    "align_by_gradient.py": ["before: 49.77 mm and 3.000 degrees off", "and 0.0"],
-    "maps_from_bags.py": ["run5.bag: 10 frames", "refined: True", "appeared at [0.0, 0.", "at [-0.7, 0.7, 0.4]"],
+    "align_by_gradient.py": ["before: 49.62 mm and 3.000 degrees off", "and 0.0"],
+    "maps_from_bags.py": ["run5.bag: 10 frames", "refined: True"],
     "tune_the_concentration.py": ["lenient", "tuned", "Figueiredo and Jain"],
-    "tune_to_a_sensor.py": ["0.750", "1.000", "derived"],
+    "tune_to_a_sensor.py": ["0.875", "1.000", "derived"],
 }
+# The changes that an example reports by kind, in the order of x, metres: the last digit differs between machines.
+CHANGES = {
+    "detect_two_files.py": {"disappeared": [[1.1, -1.85, -3.71]], "appeared": [[-2.59, 2.92, 0.35]]},
+    "maps_from_bags.py": {"appeared": [[-0.67, 0.73, 0.37], [0.02, 0.85, 0.9]]},
+}
+WARNINGS = ["-W", "error::UserWarning", "-W", "ignore:Error reading persistent compilation cache entry:UserWarning"]
 # Smaller than by default, where an example takes long.
 ARGUMENTS = {
-    "align_by_gradient.py": ["--points", "1500"],
-    "tune_the_concentration.py": ["--steps", "4"],
-    "tune_to_a_sensor.py": ["--steps", "8"],
+    "align_by_gradient.py": ["--points", "1000"],
+    "registration_error.py": ["--rooms", "1"],
+    "tune_the_concentration.py": ["--steps", "3", "--starts", "1"],
+    "tune_to_a_sensor.py": ["--steps", "2", "--starts", "1", "--points", "250", "--max-points", "450"],
 }
+
+
+def changes_of(printed: str) -> dict[str, list[list[float]]]:
+    """By kind, where an example says that changes are."""
+    found: dict[str, list[list[float]]] = {}
+    for kind, centre in re.findall(r"(\w+) at \[([^]]*)\]", printed):
+        found.setdefault(kind, []).append([float(number) for number in centre.split(",")])
+    return found
 
 
 def test_every_example_is_run_here():
@@ -33,7 +50,7 @@ def test_the_example_says_what_it_should(name, tmp_path):
     """As a user runs it, in a process of its own; warnings are errors."""
     paths = [str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
     done = subprocess.run(
-        [sys.executable, "-W", "error::UserWarning", ROOT / "examples" / name, *ARGUMENTS.get(name, [])],
+        [sys.executable, *WARNINGS, ROOT / "examples" / name, *ARGUMENTS.get(name, [])],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)},
         capture_output=True,
@@ -42,4 +59,8 @@ def test_the_example_says_what_it_should(name, tmp_path):
     assert done.returncode == 0, done.stderr
     for words in EXPECTED[name]:
         assert words in done.stdout
+    expected, found = CHANGES.get(name, {}), changes_of(done.stdout)
+    assert found.keys() == expected.keys()
+    for kind, centres in expected.items():
+        np.testing.assert_allclose(sorted(found[kind]), centres, atol=0.02, err_msg=kind)
     assert not list(tmp_path.iterdir())

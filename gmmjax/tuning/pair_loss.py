@@ -12,6 +12,7 @@ from jaxtyping import Float, PRNGKeyArray
 from gmmjax._typing import Array
 from gmmjax.changes.fit.joint_mixture import JointMixture, fit_joint_mixture_from_seeds, log_joint
 from gmmjax.changes.fit.joint_problem import AT_REST
+from gmmjax.mixtures import Prior
 from gmmjax.tuning.parameters import with_free_values
 from gmmjax.tuning.posterior import posteriors
 from gmmjax.tuning.scan_pairs import ReadyPair
@@ -61,19 +62,20 @@ def pair_loss(
     """
 
     def of(free: Array) -> tuple[Array, PairLoss]:
-        part = _part(free, pair, key, names, loss)
+        part = _part(with_free_values(pair.prior, names, free), pair, key, loss)
         return part.sums, part
 
     gradients, part = jax.jacrev(of, has_aux=True)(free)
     return part._replace(gradients=gradients)
 
 
-@functools.partial(jax.jit, static_argnames=("names", "loss"))
 def pair_loss_alone(
     free: Float[Array, " p"], pair: ReadyPair, key: PRNGKeyArray, names: tuple[str, ...], loss: Loss
 ) -> PairLoss:
     """`pair_loss` without the gradients."""
-    return _part(free, pair, key, names, loss)
+    prior = with_free_values(pair.prior, names, jnp.asarray(free))
+    # As arrays of one type, the settings have one program whichever of them are tuned, none of them too.
+    return _compiled_part(jax.tree.map(lambda leaf: jnp.asarray(leaf, free.dtype), prior), pair, key, loss)
 
 
 def total_loss(sums: Float[np.ndarray, "n 2"], loss: Loss) -> float:
@@ -92,10 +94,13 @@ def total_gradient(
     return np.asarray(-quotient if loss == "f1" else quotient)
 
 
-def _part(free: Array, pair: ReadyPair, key: PRNGKeyArray, names: tuple[str, ...], loss: Loss) -> PairLoss:
-    prior = pair.frame.enter_prior(with_free_values(pair.prior, names, free))
-    end = fit_joint_mixture_from_seeds(pair.fitted, pair.max_components, prior, key, AT_REST)
+def _part(prior: Prior, pair: ReadyPair, key: PRNGKeyArray, loss: Loss) -> PairLoss:
+    framed = pair.frame.enter_prior(prior)
+    end = fit_joint_mixture_from_seeds(pair.fitted, pair.max_components, framed, key, AT_REST)
     return PairLoss(_sums(end.model, pair, loss), end.message_length)
+
+
+_compiled_part = jax.jit(_part, static_argnames="loss")
 
 
 def _sums(joint: JointMixture, pair: ReadyPair, loss: Loss) -> Float[Array, " 2"]:

@@ -25,8 +25,8 @@ def scene_points(scene):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_finds_the_number_of_gaussians(float64, seed):
-    """Five random Gaussians, of which some overlap, and the seven of the thesis's fixed scene."""
-    random = random_scene(jax.random.key(seed), appeared=0, overlap="medium", points=500)
+    """Five random Gaussians, of which some overlap, and the seven of the thesis's fixed scene; as many points."""
+    random = random_scene(jax.random.key(seed), appeared=0, overlap="medium", points=700)
     assert fit(scene_points(random), jax.random.key(seed)).mixture.count == 5
     fixed = fixed_scene(jax.random.key(seed), points=500)
     assert fit(scene_points(fixed), jax.random.key(seed)).mixture.count == 7
@@ -35,7 +35,7 @@ def test_finds_the_number_of_gaussians(float64, seed):
 def test_joint_step_equals_the_component_wise_sweep_on_overlapping_scenes(float64):
     """The same number of components and the message length within 0.1, where Gaussians lie in one another."""
     for seed in range(4):
-        scene = random_scene(jax.random.key(100 + seed), start=6, overlap="medium", points=500)
+        scene = random_scene(jax.random.key(100 + seed), start=6, overlap="medium", points=250)
         points = scene_points(scene)
         best = {}
         for step in ("joint", "component-wise"):

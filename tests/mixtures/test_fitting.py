@@ -5,10 +5,9 @@ import jax
 import numpy as np
 import pytest
 
-import gmmjax
 from gmmjax import ComputationError, FitSettings, FitStatus, InputError, Prior, fit_mixture
 from gmmjax.scenes import random_scene
-from tests.mixtures.examples import cloud, random_rotation
+from tests.mixtures.examples import random_rotation
 
 KEY = jax.random.key(0)
 
@@ -158,10 +157,6 @@ def test_covariance_types(points):
     diagonal = fit_mixture(points, key=KEY, max_components=12, settings=FitSettings(covariance_type="diagonal"))
     covariances = diagonal.mixture.live_part().covariances
     assert (covariances[:, ~np.eye(3, dtype=bool)] == 0).all()
-
-
-def test_grid_method_is_the_grid_search(points):
-    assert gmmjax.fit_mixture(cloud(points=60), key=KEY, method="grid", max_components=3).mixture.count <= 3
 
 
 @pytest.mark.parametrize(

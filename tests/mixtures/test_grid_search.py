@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 from sklearn.mixture import GaussianMixture as ScikitMixture
 
-from gmmjax import InputError
+from gmmjax import InputError, fit_mixture
 from gmmjax.mixtures import grid_search
 from gmmjax.scenes import fixed_scene
 
 KEY = jax.random.key(0)
 
 
+# Six is the highest number wherever programs are compiled: they are for so many slots, whatever the numbers.
 @pytest.fixture(scope="module")
 def points():
     return fixed_scene(KEY, points=200).before
@@ -43,14 +44,21 @@ def test_bic_is_that_of_scikit_learn(points, search):
 
 
 def test_criteria_can_choose_differently(points):
-    chosen = grid_search(points, key=KEY, components=[4], covariance_types=["spherical", "full"], criterion="aic")
+    chosen = grid_search(points, key=KEY, components=[4, 6], covariance_types=["spherical", "full"], criterion="aic")
     assert chosen.covariance_type == "full"
-    assert chosen.components == (4,)
+    assert chosen.components == (4, 6)
+
+
+def test_method_grid_of_a_fit_searches_from_one_gaussian_up(points, search):
+    """The numbers that the search leaves out are worse."""
+    fit = fit_mixture(points, key=KEY, method="grid", max_components=6, restarts=3)
+    assert fit.mixture.count == 4
+    assert float(fit.message_length) == float(search.fit.message_length)
 
 
 def test_traced_search_equals_the_host_search(points):
     """Under jit and vmap over clouds."""
-    grid = dict(components=(3, 4), covariance_types=("full", "diagonal"), restarts=2)
+    grid = dict(components=(4, 6), covariance_types=("full", "diagonal"), restarts=2)
 
     def search(points):
         return grid_search(points, key=KEY, **grid)

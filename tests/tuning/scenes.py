@@ -7,8 +7,8 @@ from gmmjax.scenes import random_scene
 from gmmjax.tuning import ScanPair, TuningSettings
 
 # One shape for all tests of a folder.
-POINTS = 200
-SETTINGS = TuningSettings(steps=3, starts=2, pairs_per_step=2, max_points=900, learning_rate=0.5)
+POINTS = 100
+SETTINGS = TuningSettings(steps=3, starts=2, pairs_per_step=2, max_points=450, learning_rate=0.5)
 
 
 def gaussian_pair(seed, *, changed=True, labelled=True):

@@ -24,19 +24,27 @@ def posterior(scene, prior=PRIOR, before=None, after=None, **more):
     return joint_posterior(*clouds, prior=prior, key=KEY, volumetric=True, max_components=12, **more)
 
 
-def test_says_what_changed(scene):
+@pytest.fixture(scope="module")
+def run():
+    """The posterior of two clouds, one program for all."""
+    return jax.jit(lambda before, after: posterior(None, before=before, after=after))
+
+
+@pytest.fixture(scope="module")
+def found(scene, run):
     with jax.enable_x64(True):
-        found = jax.jit(lambda: posterior(scene))()
+        return run(jnp.asarray(scene.before), jnp.asarray(scene.after))
+
+
+def test_says_what_changed(scene, found):
     assert found.result == FitStatus.converged
     for probability, truth in ((found.before, scene.truth_before), (found.after, scene.truth_after)):
         assert np.mean((np.asarray(probability) - (truth >= 0)) ** 2) < 0.05
 
 
-def test_a_rigid_motion_of_both_clouds_changes_nothing(scene):
+def test_a_rigid_motion_of_both_clouds_changes_nothing(scene, run, found):
     rotation, shift = random_rotation(3, seed=0), np.array([3.0, -2.0, 1.0])
     with jax.enable_x64(True):
-        run = jax.jit(lambda before, after: posterior(scene, before=before, after=after))
-        found = run(jnp.asarray(scene.before), jnp.asarray(scene.after))
         moved = run(*(jnp.asarray(cloud @ rotation.T + shift) for cloud in (scene.before, scene.after)))
     # The box of the noise component turns with the axes.
     np.testing.assert_allclose(moved.after, found.after, atol=1e-3)
@@ -57,7 +65,8 @@ def test_the_brier_score_has_the_gradient_of_differences(scene):
 
 
 def test_without_polish_there_is_no_gradient(scene):
+    def probability(tolerance):
+        return posterior(scene, joint_prior(0.05, tolerance), settings=FitSettings()).before.sum()
+
     with jax.enable_x64(True), pytest.raises(InputError, match="polish=True"):
-        jax.grad(lambda tolerance: posterior(scene, joint_prior(0.05, tolerance), settings=FitSettings()).before.sum())(
-            0.1
-        )
+        jax.jit(jax.grad(probability))(0.1)

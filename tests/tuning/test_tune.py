@@ -1,4 +1,7 @@
+import contextlib
 import dataclasses
+import importlib
+import io
 import json
 import tomllib
 
@@ -13,6 +16,7 @@ from gmmjax.clouds import write_ply
 from gmmjax.reporting.tuning_files import write_state
 from gmmjax.tuning import TuningSettings, TuningState, tune
 from gmmjax.tuning.pair_loss import pair_loss, pair_loss_alone, total_gradient, total_loss
+from gmmjax.tuning.parameters import free_of
 from gmmjax.tuning.scan_pairs import ready_pair
 from gmmjax.tuning.search import Search
 from gmmjax.tuning.split_pairs import _split, split_pairs
@@ -35,6 +39,20 @@ def course(pairs):
     states = []
     result = tune(pairs, config=WRONG, settings=SETTINGS, checkpoint=states.append)
     return result, states
+
+
+@pytest.fixture
+def steps_alone(monkeypatch):
+    """For tests of the course: the settings are not centred, and `detect_changes` does not judge them."""
+
+    def as_they_are(self, values):
+        return values, self._judged(free_of(self.names, values)[None], self.names)[0]
+
+    monkeypatch.setattr(Search, "centred", as_they_are)
+    # `gmmjax.tuning.tune` is the function.
+    monkeypatch.setattr(
+        importlib.import_module("gmmjax.tuning.tune"), "_judged_by_detection", lambda result, *_: result
+    )
 
 
 def test_wrong_settings_get_better(course):
@@ -71,7 +89,7 @@ def test_an_interrupted_tuning_goes_on_where_it_was(course, pairs):
     assert again.config == result.config
 
 
-def test_the_same_seed_gives_the_same_course(course, pairs):
+def test_the_same_seed_gives_the_same_course(course, pairs, steps_alone):
     result, states = course
     assert [state.steps for state in states] == list(range(result.state.steps + 1))
     again = tune(pairs, config=WRONG, settings=dataclasses.replace(SETTINGS, steps=1))
@@ -93,7 +111,7 @@ def test_pairs_are_held_back(course, pairs):
     assert len(result.held_back) == 2
 
 
-def test_an_optimiser_of_ones_own(course, pairs):
+def test_an_optimiser_of_ones_own(course, pairs, steps_alone):
     still = tune(pairs, config=WRONG, settings=dataclasses.replace(SETTINGS, steps=1), optimiser=optax.sgd(0.0))
     np.testing.assert_array_equal(still.state.values[0], still.state.values[1])
     np.testing.assert_allclose(still.state.losses[0], course[0].state.losses[0], rtol=1e-9)
@@ -129,7 +147,7 @@ def test_without_truth_held_out_points_are_the_judge():
     assert result.tuned["tolerance"] < WRONG.tolerance
 
 
-def test_two_pairs_are_few(pairs):
+def test_two_pairs_are_few(pairs, steps_alone):
     with pytest.warns(InputWarning, match="too few"):
         result = tune(pairs[:2], config=WRONG, settings=dataclasses.replace(SETTINGS, steps=1))
     assert result.training == result.held_back
@@ -143,7 +161,7 @@ def test_pairs_with_and_without_changes_are_split_alike():
 
 def test_truth_that_does_not_fit_is_named(pairs):
     wrong = dataclasses.replace(pairs[1], truth_after=pairs[1].truth_after[:-1])
-    with pytest.raises(InputError, match=r"seed 1: truth_after .* for each of the 1000 points"):
+    with pytest.raises(InputError, match=r"seed 1: truth_after .* for each of the 500 points"):
         tune([pairs[0], wrong], settings=SETTINGS)
 
 
@@ -177,7 +195,7 @@ def test_a_loss_that_is_not_finite_at_the_start_is_an_error(pairs, monkeypatch):
         tune(pairs, config=WRONG, settings=SETTINGS)
 
 
-def test_it_ends_with_the_last_good_settings_where_no_pair_has_a_gradient(pairs, course, monkeypatch):
+def test_it_ends_with_the_last_good_settings_where_no_pair_has_a_gradient(pairs, course, monkeypatch, steps_alone):
     gradients = Search._gradients
     monkeypatch.setattr(
         Search, "_gradients", lambda self, free, step: gradients(self, free, step) * (np.nan if step == 1 else 1.0)
@@ -219,9 +237,16 @@ def run_tune(folder, out, *more):
 
 
 @pytest.fixture(scope="module")
-def tuned(folder):
-    assert run_tune(folder, folder / "tuned.toml") == 0
-    return folder / "tuned.toml"
+def run(folder):
+    """The config that the command writes, and what it prints."""
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        assert run_tune(folder, folder / "tuned.toml") == 0
+    return folder / "tuned.toml", printed.getvalue()
+
+
+@pytest.fixture(scope="module")
+def tuned(run):
+    return run[0]
 
 
 def test_writes_a_config_that_detect_takes(folder, tuned, capsys):
@@ -237,9 +262,8 @@ def test_leaves_the_course_and_no_state(tuned):
     assert sorted(path.name for path in tuned.parent.glob("tuned*")) == ["tuned.html", "tuned.toml"]
 
 
-def test_says_what_was_gained(folder, tmp_path, capsys):
-    assert run_tune(folder, tmp_path / "again.toml") == 0
-    out = capsys.readouterr().out
+def test_says_what_was_gained(run):
+    _, out = run
     for words in ("tolerance", "held back", "segment F1 of detect", "--config"):
         assert words in out
 
