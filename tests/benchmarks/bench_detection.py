@@ -6,9 +6,11 @@ import sys
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from gmmjax import detect_changes
+from gmmjax import DetectionConfig, detect_changes
 from gmmjax.clouds import write_ply
+from gmmjax.clouds.local_surface import moved_points
 from tests.benchmarks import peers, tasks
 from tests.benchmarks.scenes import changed_pair, hall_pair
 from tests.benchmarks.workers import worker
@@ -48,6 +50,30 @@ def test_default_detection(bench, quick, size, seconds, gigabytes):
     with worker(2) as fresh:
         peak = fresh(tasks.detection_memory, size).answer / 1e9
     bench.row(f"{what}: memory", asked=gigabytes, measured=peak, unit="GB", least=False, ours=f"{peak:.2f} GB", peer="")
+
+
+@pytest.mark.benchmark(group="registration")
+@pytest.mark.parametrize(("size", "asked"), [(49_000, 0.3), (100_000, None)])
+def test_registration(bench, quick, size, asked):
+    """What registration adds to a detection: of scans that lie right, and of displaced ones; the larger has voxels."""
+    if quick and size > 49_000:
+        pytest.skip("--quick")
+    before, after = hall_pair(size)
+    displacement = np.eye(4)
+    displacement[:3] = np.column_stack([Rotation.from_euler("z", 10, degrees=True).as_matrix(), [0.3, 0.2, 0.1]])
+    displaced = moved_points(after, displacement)
+    timings = bench.compare(
+        never=lambda: detect_changes(before, after, config=DetectionConfig(registration="never")),
+        registered=lambda: detect_changes(before, after),
+        displaced=lambda: detect_changes(before, displaced),
+    )
+    none = timings["never"].cpu
+    for name in ("registered", "displaced"):
+        own = timings[name].cpu
+        bench.row(f"registration of 2 x {len(before):,} points, {name}: CPU time on top of a detection without it",
+                  asked=asked, measured=own - none, unit="s", least=False, ours=f"{own:.2f} s",
+                  peer=f"{none:.2f} s without")  # fmt: skip
+    bench.answers(changes={name: [len(timing.answer.items)] for name, timing in timings.items()})
 
 
 @pytest.mark.benchmark(group="command line")

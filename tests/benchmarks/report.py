@@ -1,7 +1,8 @@
 """From pytest-benchmark's JSON to the tables and figures of the documentation.
 
 `python -m tests.benchmarks.report RUN.json --out docs/benchmarks.md` replaces what stands between the page's two marks,
-and writes the figures to `images` beside the page.
+and writes the figures to `images` beside the page. Without `--out` the table is printed, which is enough for a run of a
+few benchmarks.
 """
 
 import argparse
@@ -24,9 +25,13 @@ AXES = {
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("run", type=Path, help="what --benchmark-json wrote")
-    parser.add_argument("--out", type=Path, required=True, help="the page, with its two marks")
+    parser.add_argument("--out", type=Path, help="the page, with its two marks")
     arguments = parser.parse_args()
-    write_report(json.loads(arguments.run.read_text()), arguments.out)
+    run = json.loads(arguments.run.read_text())
+    if arguments.out:
+        write_report(run, arguments.out)
+    else:
+        print(conditions(run), table_of_targets(run), sep="\n\n")
 
 
 def write_report(run: dict, page: Path) -> None:

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from tests.benchmarks import gradients, numpy_figueiredo_jain, peers, scenes, tasks
+from tests.benchmarks import displacements, gradients, numpy_figueiredo_jain, peers, repeatability, scenes, tasks
 from tests.mixtures import plain_figueiredo_jain
 
 
@@ -69,6 +69,41 @@ def test_implicit_and_unrolled_gradients_agree(cloud):
     assert ways.memory("unrolled", 4 * ways.steps) > 2 * ways.memory("unrolled", ways.steps)
 
 
+def test_labels_are_compared_after_their_changes_were_matched():
+    own = np.array([0, 0, 0, 1, 1, -1, -1])
+    other = np.array([2, 2, 0, 1, -1, -1, 3])
+    renumbered = repeatability.matching(own, other, 2, 4)
+    np.testing.assert_array_equal(renumbered, [0, 0, -2, 1, -1, -1, -2])
+
+
+def test_another_way_to_give_a_pair_is_undone_before_labels_are_compared(monkeypatch):
+    class Found:
+        items = ()
+
+        def __init__(self, before, after):
+            self.labels_before, self.labels_after = (np.full(len(cloud), -1) for cloud in (before, after))
+            self.probability_before, self.probability_after = before[:, 0], after[:, 0]
+
+    def detected(before, after, mode):
+        return displacements.Detected(Found(before, after), [], 0.0)
+
+    monkeypatch.setattr(repeatability, "detected", detected)
+    random = np.random.default_rng(0)
+    scene = repeatability.Scene(random.normal(size=(7, 3)), random.normal(size=(9, 3)))
+    found = {way.name: difference for way, difference in repeatability.measured(scene)}
+    for name in ("rows permuted", "exchanged", "exchanged, not registered"):
+        assert str(found[name]) == "0; 0"
+    assert found["mirrored"].probability > 0
+
+
+def test_given_displacements_are_along_x_and_about_each_axis():
+    shift, *rotations = displacements.given_displacements([0.3], [20.0])
+    np.testing.assert_array_equal(shift.transform[:3, 3], [0.3, 0, 0])
+    for axis, rotation in zip(np.eye(3), rotations, strict=True):
+        np.testing.assert_allclose(rotation.transform[:3, :3] @ axis, axis)
+        assert np.trace(rotation.transform[:3, :3]) == pytest.approx(1 + 2 * np.cos(np.radians(20)))
+
+
 def test_the_report_says_what_was_not_reached(tmp_path):
     report = pytest.importorskip("tests.benchmarks.report")
     pytest.importorskip("matplotlib")
@@ -88,3 +123,15 @@ def test_the_report_says_what_was_not_reached(tmp_path):
         assert text.startswith("How to read it.") and text.endswith("The end.") and "--quick" in text
         for image in re.findall(r"\((images/.*)\)", text):
             assert (tmp_path / image).is_file()
+
+
+def test_the_report_of_a_part_is_printed(tmp_path, monkeypatch, capsys):
+    report = pytest.importorskip("tests.benchmarks.report")
+    row = {"what": "a fit", "unit": "s", "ours": "1 s", "peer": "", "least": False, "asked": 0.3, "measured": 0.2}
+    extra = {"rows": [row], "load": [0.5, 0.7], "quick": False, "cores": 2}
+    machine = {"cpu": {}, "device": "cpu", "python_version": "3", "versions": {}}
+    run = {"machine_info": machine, "datetime": "2026-01-01", "benchmarks": [{"name": "one", "extra_info": extra}]}
+    (tmp_path / "run.json").write_text(json.dumps(run))
+    monkeypatch.setattr("sys.argv", ["report", str(tmp_path / "run.json")])
+    report.main()
+    assert "| a fit | ≤ 0.3 s | 0.2 s | yes | 1 s |  | 0.7 |" in capsys.readouterr().out
