@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax import DetectionConfig, detect_changes
 from gmmjax.clouds import write_ply
-from gmmjax.clouds.local_surface import moved_points
+from gmmjax.geometry.local_surface import moved_points
 from tests.benchmarks import peers, tasks
 from tests.benchmarks.scenes import changed_pair, hall_pair
 from tests.benchmarks.workers import worker
