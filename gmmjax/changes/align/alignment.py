@@ -26,15 +26,10 @@ class AlignSettings:
     """How clouds are brought into one frame.
 
     Attributes:
-        mode: "auto" transforms the after cloud where the residual says that it is needed, "always" whenever a transform
-            is found, "never" takes the clouds as they are.
-        voxel_size: edge of the voxels that are compared, in the unit of the clouds; None: from the clouds.
         surfaces: of scans.
         volumes: of clouds that fill volumes.
     """
 
-    mode: RegistrationMode = "auto"
-    voxel_size: float | None = None
     surfaces: SurfaceRegistrationSettings = SurfaceRegistrationSettings()
     volumes: VolumeRegistrationSettings = VolumeRegistrationSettings()
 
@@ -56,7 +51,12 @@ class AlignedPair(NamedTuple):
 
 
 def aligned(
-    points: Pair[Float64[np.ndarray, "_ 3"]], seed: int = 0, settings: AlignSettings = AlignSettings()
+    points: Pair[Float64[np.ndarray, "_ 3"]],
+    mode: RegistrationMode = "auto",
+    voxel_size: float | None = None,
+    *,
+    seed: int = 0,
+    settings: AlignSettings = AlignSettings(),
 ) -> AlignedPair:
     """Registers two clouds, and reduces them to the resolution that they are compared at.
 
@@ -65,21 +65,23 @@ def aligned(
 
     Args:
         points: all points that are compared, in any unit.
+        mode: "auto" transforms the after cloud where the residual says that it is needed, "always" whenever a transform
+            is found, "never" takes the clouds as they are.
+        voxel_size: edge of the voxels that are compared, in the unit of the clouds; None: from the clouds.
         seed: of the mixtures that clouds that fill volumes are registered by.
-        settings: whether and how to register, and the voxels' edge.
+        settings: how to register.
 
     Raises:
         InputError: nothing can be compared, because one cloud is far smaller than the other's resolution.
     """
-    never = settings.mode == "never"
-    rough = RoughRegistration.none() if never else rough_registration(points, settings.surfaces)
+    rough = RoughRegistration.none() if mode == "never" else rough_registration(points, settings.surfaces)
     roughly = Pair(points.before, transformed(points.after, rough.transform)) if rough.moves else points
-    pair = working_pair(roughly, settings.voxel_size)
+    pair = working_pair(roughly, voxel_size)
     surfaces = pair.clouds.map(lambda cloud: LocalSurface.of(cloud.points))
     if pair.volumetric:
-        registration = registered_volumes(pair, surfaces, settings.mode, seed, settings.volumes)
+        registration = registered_volumes(pair, surfaces, mode, seed, settings.volumes)
     else:
-        registration = registered_surfaces(pair.spacing, surfaces, rough, settings.mode, settings.surfaces)
+        registration = registered_surfaces(pair.spacing, surfaces, rough, mode, settings.surfaces)
     if not registration.applied:
         return AlignedPair(points, pair, surfaces, registration)
     return _with_transform(points, pair, surfaces, rough, registration)

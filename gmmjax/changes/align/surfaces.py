@@ -11,7 +11,7 @@ from gmmjax.changes.align.coarse import coarse_transforms, normal_space_sample
 from gmmjax.changes.align.confidence import ConfidenceModel
 from gmmjax.changes.align.surface_fit import FitScoreSettings, SurfaceFit, random_sample, surface_fit
 from gmmjax.changes.config import RegistrationMode
-from gmmjax.changes.prepare.resolution import working_pair
+from gmmjax.changes.prepare.resolution import ResolutionSettings, working_pair
 from gmmjax.changes.registration import Registration
 from gmmjax.geometry.icp import IcpSettings, determined_part, point_to_plane_icp
 from gmmjax.geometry.local_surface import PLANE_NEIGHBOURS, LocalSurface, evenly_chosen
@@ -108,7 +108,7 @@ def rough_registration(
         settings: how to register.
     """
     thinned = points.map(lambda cloud: cloud[evenly_chosen(len(cloud), settings.sampled_points)])
-    pair = working_pair(thinned, max_voxels=settings.voxels)
+    pair = working_pair(thinned, settings=ResolutionSettings(voxels=settings.voxels))
     if pair.volumetric:
         return RoughRegistration.none()
     surfaces = pair.clouds.map(lambda cloud: LocalSurface.of(cloud.points))

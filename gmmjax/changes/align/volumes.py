@@ -5,7 +5,7 @@ import dataclasses
 import jax
 import numpy as np
 
-from gmmjax.changes.align.component_displacement import consensus_displacement
+from gmmjax.changes.align.component_displacement import DisplacementSettings, consensus_displacement
 from gmmjax.changes.align.confidence import ConfidenceModel
 from gmmjax.changes.align.surface_fit import random_sample, surface_fit
 from gmmjax.changes.config import RegistrationMode
@@ -28,6 +28,7 @@ class VolumeRegistrationSettings:
         least_points: with fewer in either cloud the components are too uncertain for that, too.
         components: of each mixture, at most.
         component_points: that these are fitted to.
+        displacement: when components agree on a displacement.
     """
 
     significant: float = 4.0
@@ -36,6 +37,7 @@ class VolumeRegistrationSettings:
     least_points: int = 1_000
     components: int = 25
     component_points: int = 6_000
+    displacement: DisplacementSettings = DisplacementSettings()
 
 
 def registered_volumes(
@@ -61,7 +63,10 @@ def registered_volumes(
             np.eye(4), centre, applied=False, residual=0.0, residual_before=fit.residual, overlap=fit.overlap
         )
     mixtures = _mixtures(pair.clouds, seed, settings)
-    consensus = consensus_displacement(*mixtures, *(float(len(cloud.points)) for cloud in pair.clouds))
+    points = pair.clouds.map(lambda cloud: float(len(cloud.points)))
+    consensus = consensus_displacement(
+        mixtures.before, mixtures.after, points.before, points.after, settings.displacement
+    )
     judged = min(mixture.live.sum() for mixture in mixtures) >= settings.least_components
     judged &= min(len(cloud.points) for cloud in pair.clouds) >= settings.least_points
     errors = float(np.linalg.norm(consensus.displacement / consensus.standard_error))

@@ -12,7 +12,6 @@ from gmmjax.changes.progress import Progress, silent
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.pair import Pair
 
-
 Own = TypeVar("Own", bound="AbstractChangeDetector")
 
 

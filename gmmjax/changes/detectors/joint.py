@@ -53,7 +53,6 @@ class JointDetector(AbstractChangeDetector):
         """The detector with a user's settings."""
         return cls(
             config,
-            align=AlignSettings(mode=config.registration, voxel_size=config.voxel_size),
             candidates=CandidateSettings(threshold=config.threshold),
             evidence=EvidenceSettings(needed=config.evidence),
         )
@@ -64,9 +63,7 @@ class JointDetector(AbstractChangeDetector):
         clock.start("preparation", "Reading the scales of the clouds", 0.0)
         prepared = check_pair(scans.map(lambda scan: scan.cloud), self.config.crop)
         clock.start("registration", "Registering the clouds", 0.1)
-        pair = aligned(prepared.map(lambda cloud: cloud.points), self.config.seed, self.align)
-        check_overlap(prepared, pair.registration)
-        _warn_about_registration(pair.registration)
+        pair = self._aligned(prepared)
         surveys = _surveys(pair, scans)
         clock.start("fits", "Fitting the mixtures", 0.25)
         problem = joint_problem(pair.working, pair.registration, self.config)
@@ -87,6 +84,14 @@ class JointDetector(AbstractChangeDetector):
         return found.record(
             prepared, items, labels, mixtures_distance(fits), self.config, diagnostics, pair.registration
         )
+
+    def _aligned(self, prepared: Pair[CheckedCloud]) -> AlignedPair:
+        """Both clouds in one frame, with a warning where that is in doubt."""
+        config, points = self.config, prepared.map(lambda cloud: cloud.points)
+        pair = aligned(points, config.registration, config.voxel_size, seed=config.seed, settings=self.align)
+        check_overlap(prepared, pair.registration)
+        _warn_about_registration(pair.registration)
+        return pair
 
     def _found_on_surfaces(self, pair: AlignedPair, surveys: Pair[Survey], fits: JointFits) -> Found:
         points = pair.surfaces.map(lambda surface: surface.points)

@@ -14,15 +14,26 @@ from gmmjax.errors import InputError, warn
 from gmmjax.mixtures import parameters_per_component
 from gmmjax.pair import Pair, each
 
+# One more point than a Gaussian has parameters.
 SMALLEST_CLOUD = parameters_per_component(3) + 1
-# Two clouds of one scene differ in extent by what one of them missed, hardly by more than this.
-SUSPICIOUS_SCALE = 100.0
-# Extents from one over this to this, in the unit of the clouds: sixth powers of a length, as in the determinant of a
-# covariance, and of a thousandth of it stay within the range of float64, 1e-308 to 1e308.
-LARGEST_EXTENT = 1e45
 
 # What messages call the two clouds: the arguments that they came in.
 NAMES = Pair("before", "after")
+
+
+@dataclasses.dataclass(frozen=True)
+class CheckSettings:
+    """What clouds can be compared.
+
+    Attributes:
+        suspicious_scale: ratio of the extents above which the user is asked for the unit: two clouds of one scene
+            differ by what one of them missed, hardly by more than 100. Infinite: no warning.
+        largest_extent: in the unit of the clouds; the smallest is one over this. Sixth powers of a length, as in the
+            determinant of a covariance, and of a thousandth of it stay within the range of float64, 1e-308 to 1e308.
+    """
+
+    suspicious_scale: float = 100.0
+    largest_extent: float = 1e45
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,12 +69,17 @@ class CheckedCloud:
         }
 
 
-def check_pair(clouds: Pair[ArrayLike | PointCloud], crop: tuple[float, ...] | None = None) -> Pair[CheckedCloud]:
+def check_pair(
+    clouds: Pair[ArrayLike | PointCloud],
+    crop: tuple[float, ...] | None = None,
+    settings: CheckSettings = CheckSettings(),
+) -> Pair[CheckedCloud]:
     """Checks the two clouds and crops them.
 
     Args:
         clouds: coordinates [n, 3] or a `PointCloud`, in one unit, whichever that is.
         crop: box that is looked at: x, y and z of its lower and then of its upper corner; None: all.
+        settings: what clouds can be compared.
 
     Raises:
         InputError: a cloud that is not of real numbers [n, 3], has too few points or only equal ones, or an extent that
@@ -72,8 +88,8 @@ def check_pair(clouds: Pair[ArrayLike | PointCloud], crop: tuple[float, ...] | N
     Warns:
         InputWarning: extents that differ so much that the units must differ.
     """
-    checked = each(lambda name, cloud: _checked(name, cloud, crop), NAMES, clouds)
-    _warn_about_extents(checked.before.points, checked.after.points)
+    checked = each(lambda name, cloud: _checked(name, cloud, crop, settings), NAMES, clouds)
+    _warn_about_extents(checked.before.points, checked.after.points, settings)
     return checked
 
 
@@ -121,14 +137,16 @@ def check_comparable(
     )
 
 
-def _checked(name: str, cloud: ArrayLike | PointCloud, crop: tuple[float, ...] | None) -> CheckedCloud:
+def _checked(
+    name: str, cloud: ArrayLike | PointCloud, crop: tuple[float, ...] | None, settings: CheckSettings
+) -> CheckedCloud:
     coordinates = cloud.points if isinstance(cloud, PointCloud) else as_points(cloud, name)
     label = f"{name} ({cloud.source})" if isinstance(cloud, PointCloud) and cloud.source else name
     finite = np.asarray(np.isfinite(coordinates).all(axis=1))
     used = finite if crop is None else finite & _inside(coordinates, crop)
     rows = np.flatnonzero(used)
     points = coordinates[rows]
-    _check_points(label, points, crop)
+    _check_points(label, points, crop, settings)
     order = canonical_order(points)
     points, rows = points[order], rows[order]
     places = int(first_of_equals(points).sum())
@@ -140,7 +158,7 @@ def _checked(name: str, cloud: ArrayLike | PointCloud, crop: tuple[float, ...] |
     return CheckedCloud(points, rows, len(coordinates), int(finite.sum() - used.sum()))
 
 
-def _check_points(label: str, points: np.ndarray, crop: tuple[float, ...] | None) -> None:
+def _check_points(label: str, points: np.ndarray, crop: tuple[float, ...] | None, settings: CheckSettings) -> None:
     if len(points) < SMALLEST_CLOUD:
         raise InputError(
             f"{label}: has {len(points)} point{'s' * (len(points) != 1)} with finite coordinates"
@@ -151,7 +169,7 @@ def _check_points(label: str, points: np.ndarray, crop: tuple[float, ...] | None
     extent = 2 * float(np.ptp(points / 2, axis=0).max())
     if extent <= 8 * np.finfo(np.float64).eps * np.abs(points).max():
         raise InputError(f"{label}: all {len(points)} points are equal; there is nothing to compare")
-    if not 1 / LARGEST_EXTENT <= extent <= LARGEST_EXTENT:
+    if not 1 / settings.largest_extent <= extent <= settings.largest_extent:
         raise InputError(
             f"{label}: the points extend over {extent:.4g}, which cannot be computed with; give the coordinates in "
             "another unit, and leave stray points out with crop"
@@ -163,10 +181,10 @@ def _inside(rows: np.ndarray, crop: tuple[float, ...]) -> np.ndarray:
     return crop_box(np.where(np.isfinite(rows), rows, np.finfo(np.float64).max), np.array(crop[:3]), np.array(crop[3:]))
 
 
-def _warn_about_extents(before: np.ndarray, after: np.ndarray) -> None:
+def _warn_about_extents(before: np.ndarray, after: np.ndarray, settings: CheckSettings) -> None:
     extent_before, extent_after = np.ptp(before, axis=0).max(), np.ptp(after, axis=0).max()
     ratio = max(extent_before, extent_after) / min(extent_before, extent_after)
-    if ratio > SUSPICIOUS_SCALE:
+    if ratio > settings.suspicious_scale:
         warn(
             f"the clouds differ {ratio:.4g}-fold in extent ({extent_before:.4g} before, {extent_after:.4g} after): "
             "is one in millimetres and the other in metres? Both must have the same unit"

@@ -13,16 +13,28 @@ from gmmjax.geometry.local_surface import evenly_chosen, local_planes
 from gmmjax.geometry.neighbours import nearest_neighbours
 from gmmjax.pair import Pair
 
-# Voxels of either cloud that are compared at the most: two clouds of this size take about two seconds.
-MAX_VOXELS = 50_000
-# Points whose neighbourhoods tell a volume from a surface.
-PROBES = 512
-# Neighbourhoods of a volume are about as thick as wide: the least of the three principal variances is some 0.2 of their
-# sum, as long as they hold a small share of the points. On surfaces it is below 0.06 in one of two sizes of
-# neighbourhoods: where the sensor's noise is larger than the spacing of a dense cloud, only the larger are flat.
-NEIGHBOURS = 32
-LARGE_SHARE = 1 / 128
-VOLUME_SHARE = 0.12
+
+@dataclasses.dataclass(frozen=True)
+class ResolutionSettings:
+    """How the resolution is chosen that clouds are compared at, and how a volume is told from a surface.
+
+    Neighbourhoods of a volume are about as thick as wide: the least of the three principal variances is some 0.2 of
+    their sum, as long as they hold a small share of the points. On surfaces it is below 0.06 in one of two sizes of
+    neighbourhoods: where the sensor's noise is larger than the spacing of a dense cloud, only the larger are flat.
+
+    Attributes:
+        voxels: of either cloud that are compared, at most: two clouds of 50,000 take about two seconds.
+        probes: points whose neighbourhoods are looked at.
+        neighbours: of the small neighbourhoods.
+        large_share: fraction of the points in the large neighbourhoods.
+        volume_share: fraction of the sum of the principal variances above which the least of them is that of a volume.
+    """
+
+    voxels: int = 50_000
+    probes: int = 512
+    neighbours: int = 32
+    large_share: float = 1 / 128
+    volume_share: float = 0.12
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,30 +80,32 @@ class WorkingPair:
 
 
 def working_pair(
-    points: Pair[Float[np.ndarray, "_ 3"]], voxel_size: float | None = None, max_voxels: int = MAX_VOXELS
+    points: Pair[Float[np.ndarray, "_ 3"]],
+    voxel_size: float | None = None,
+    settings: ResolutionSettings = ResolutionSettings(),
 ) -> WorkingPair:
     """Reduces both clouds to voxels of one size where they have too many points, and looks at what is left.
 
     Args:
         points: all points that are compared, in any unit.
         voxel_size: edge of the voxels; None: from the clouds.
-        max_voxels: that either cloud may have where no edge is given.
+        settings: how the resolution is chosen where no edge is given.
 
     Raises:
         InputError: nothing can be compared, because one cloud is far smaller than the other's resolution.
     """
-    size = voxel_size or common_voxel_size(points, max_voxels)
+    size = voxel_size or common_voxel_size(points, settings.voxels)
     clouds = points.map(lambda cloud: _working_cloud(cloud, size))
     compared = clouds.map(lambda cloud: cloud.points)
     check_comparable(points, compared, size or 0.0)
-    probes = compared.map(_probe)
+    probes = compared.map(lambda cloud: _probe(cloud, settings))
     spacing = max(spacing for spacing, _ in probes)
     check_comparable(points, compared, spacing)
     return WorkingPair(
         clouds=clouds,
         voxel_size=size,
         spacing=spacing,
-        volumetric=min(thickness for _, thickness in probes) > VOLUME_SHARE,
+        volumetric=min(thickness for _, thickness in probes) > settings.volume_share,
     )
 
 
@@ -115,9 +129,9 @@ def _radius(points: np.ndarray) -> float:
     return float(np.sqrt(points.var(axis=0).sum()))
 
 
-def usual_spacing(points: Float[np.ndarray, "n 3"]) -> float:
+def usual_spacing(points: Float[np.ndarray, "n 3"], settings: ResolutionSettings = ResolutionSettings()) -> float:
     """Median distance of a point to its nearest neighbour, from a sample; 0 where there is one point only."""
-    distances, _ = nearest_neighbours(cKDTree(points), points[evenly_chosen(len(points), PROBES)], 2)
+    distances, _ = nearest_neighbours(cKDTree(points), points[evenly_chosen(len(points), settings.probes)], 2)
     return float(np.median(distances[:, -1]))
 
 
@@ -130,12 +144,12 @@ def _working_cloud(points: np.ndarray, size: float | None) -> WorkingCloud:
     return WorkingCloud(grid.points, grid.mass, grid.voxel_of_point)
 
 
-def _probe(points: np.ndarray) -> tuple[float, float]:
+def _probe(points: np.ndarray, settings: ResolutionSettings) -> tuple[float, float]:
     """Median distance to the nearest neighbour, and median thickness of the neighbourhoods of the flatter size."""
     # Regularly spaced rows, so that the same cloud always gives the same scales.
-    probes = points[evenly_chosen(len(points), PROBES)]
-    small = min(NEIGHBOURS, max(2, len(points) // 4))
-    large = max(small, int(LARGE_SHARE * len(points)))
+    probes = points[evenly_chosen(len(points), settings.probes)]
+    small = min(settings.neighbours, max(2, len(points) // 4))
+    large = max(small, int(settings.large_share * len(points)))
     distances, neighbours = cKDTree(points).query(probes, k=large)
     thickness = min(_thickness(points[neighbours[:, :size]]) for size in {small, large})
     return float(np.median(distances[:, 1])), thickness

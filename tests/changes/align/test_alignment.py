@@ -3,11 +3,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.align.alignment import AlignSettings, aligned
+from gmmjax.changes.align.alignment import aligned
 from gmmjax.pair import Pair
 from gmmjax.scenes import random_scene
-
-SETTINGS = AlignSettings()
 
 
 def room(seed, extra=None, points=5000):
@@ -39,8 +37,8 @@ def error_of(transform, true, points):
     return np.linalg.norm(points @ total[:3, :3].T + total[:3, 3] - points, axis=1).max()
 
 
-def registered(before, after, settings=SETTINGS):
-    return aligned(Pair(before, after), settings=settings).registration
+def registered(before, after, mode="auto"):
+    return aligned(Pair(before, after), mode).registration
 
 
 @pytest.mark.parametrize("scale", [1.0, 1000.0])
@@ -62,8 +60,7 @@ def test_leaves_aligned_clouds_alone():
 
 
 def test_never_leaves_misaligned_clouds_alone():
-    never = AlignSettings(mode="never")
-    result = registered(room(2), room(3) + 0.02, never)
+    result = registered(room(2), room(3) + 0.02, "never")
     assert not result.applied and result.residual == result.residual_before > 0.008
 
 
@@ -82,8 +79,7 @@ def test_does_not_slide_along_a_wall():
 
 
 def test_says_how_little_the_clouds_overlap():
-    never = AlignSettings(mode="never")
-    result = registered(room(5), room(6) + np.array([1.5, 0.3, 0]), never)
+    result = registered(room(5), room(6) + np.array([1.5, 0.3, 0]), "never")
     assert result.overlap < 0.5
 
 
@@ -128,7 +124,7 @@ def test_the_voxels_are_those_of_the_common_frame():
     """What is found does not depend on the frame that the after cloud was given in."""
     before, after = room(12, points=18000), room(13, extra=(1.3, 0.8), points=18000)
     true = motion([0.2, 0.1, -0.3], 17)
-    given = aligned(Pair(before, after), settings=AlignSettings(mode="always"))
+    given = aligned(Pair(before, after), "always")
     displaced = aligned(Pair(before, after @ true[:3, :3].T + true[:3, 3]))
     assert given.working.voxel_size is not None
     assert displaced.working.voxel_size == pytest.approx(given.working.voxel_size, rel=0.01)

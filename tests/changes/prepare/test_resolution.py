@@ -3,9 +3,11 @@ import numpy as np
 import pytest
 
 from gmmjax import InputError
-from gmmjax.changes.prepare.resolution import MAX_VOXELS, common_voxel_size, working_pair
+from gmmjax.changes.prepare.resolution import ResolutionSettings, common_voxel_size, working_pair
 from gmmjax.pair import Pair
 from gmmjax.scenes import random_scene
+
+MAX_VOXELS = ResolutionSettings().voxels
 
 
 def planes(seed, noise, size=2.0, count=8000):
