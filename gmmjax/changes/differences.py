@@ -2,7 +2,7 @@
 
 The distance along the normal between local means is that of M3C2 (Lague, Brodu and Leroux 2013, section 3), on nearest
 neighbours in place of cylinders: averages see offsets smaller than the noise of single points. The distance to the
-nearest point sees what lies beside a surface, where normals say nothing.
+nearest point sees what is adjacent to a surface, beyond its edge, where the offset along the normal does not.
 """
 
 import dataclasses
@@ -19,15 +19,20 @@ from gmmjax.pair import Pair, each
 
 @dataclasses.dataclass(frozen=True)
 class DifferenceSettings:
-    """From which distance and offset on a point is surely changed.
+    """The distance and the offset from which a point is certainly changed; the greatest of all limits applies.
+
+    All values are empirical: they come from development on the scenes of docs/results.md.
 
     Attributes:
-        spacings: distance to the other cloud, in spacings of either cloud.
-        distances: the same, in usual distances of the pair.
+        spacings: distance to the other cloud, in point spacings, both of the sparser cloud and of the other one there.
+            0: sparse surfaces look changed, unless another limit is larger.
+        distances: the same, in median distances of the less changed cloud. 0: that limit does not apply.
         thicknesses: the same, in standard deviations of the other surface's points about their plane there.
-        offsets: offset from the other cloud's plane, in standard deviations of usual offsets.
-        finest_offset: in spacings: surfaces without noise, such as computed planes, are compared no finer than this.
-            0: the rounding of their coordinates (1e-9 m in a country's grid) would look like an offset.
+            0: thick surfaces, such as vegetation, look changed.
+        offsets: offset from the other cloud's plane, in registration errors, and in standard deviations of the offset
+            there. It must be positive.
+        finest_offset: least registration error, in point spacings, for surfaces without noise such as computed planes.
+            0: the rounding of their coordinates (1e-9 m in a country's grid) looks like an offset.
     """
 
     spacings: float = 3.0
@@ -38,11 +43,11 @@ class DifferenceSettings:
 
 
 class LocalDifference(NamedTuple):
-    """For each point of one cloud how far it is from the other one.
+    """Distance of each point of one cloud from the other one, in the unit of the clouds.
 
     Attributes:
         distance: to the nearest point of the other cloud.
-        offset: along the normal of the other cloud's surface, between local means.
+        offset: absolute distance between local means along the normal of the other cloud's surface.
         noise: standard deviation of that offset by the scatter of both surfaces about their planes.
         thickness: standard deviation of the other cloud's points about their plane there.
         spacing: of the other cloud's points there.
@@ -56,20 +61,20 @@ class LocalDifference(NamedTuple):
 
 
 class DetectionLimits(NamedTuple):
-    """What distances and offsets mean in a pair of scans, most of whose points are unchanged.
+    """The limits of distances and offsets in a pair of scans, most of whose points are unchanged.
 
     Attributes:
-        spacing: of neighbouring points.
-        usual_distance: median distance to the nearest point of the other cloud.
-        registration_error: robust standard deviation of the offsets: noise of the local means and registration error
-            together; positive.
-        distance: from the other cloud, from which on a point is surely changed where that is as dense as usual.
+        spacing: of neighbouring points, in the sparser cloud.
+        median_distance: to the nearest point of the other cloud, in the less changed cloud.
+        registration_error: robust standard deviation of the offsets, to which the noise of the local means contributes;
+            positive.
+        distance: to the other cloud from which a point is certainly changed, where no local limit is larger.
         offset: from the other cloud's plane, likewise.
-        settings: what is surely changed.
+        settings: by which the limits were derived.
     """
 
     spacing: float
-    usual_distance: float
+    median_distance: float
     registration_error: float
     distance: float
     offset: float
@@ -92,7 +97,7 @@ class Differences(NamedTuple):
 
     Attributes:
         local: of each point of either cloud.
-        limits: from which on they are changes.
+        limits: from which they are certain changes.
     """
 
     local: Pair[LocalDifference]
@@ -107,7 +112,7 @@ def differences(
     Args:
         surfaces: of both clouds.
         spacing: of neighbouring points, in the sparser cloud.
-        settings: what is surely changed.
+        settings: of the limits.
     """
     local = each(local_difference, surfaces, surfaces.swapped)
     return Differences(local, detection_limits(local, spacing, settings))
@@ -121,7 +126,7 @@ def local_difference(
     Args:
         own: the cloud.
         other: the other cloud.
-        chosen: indices of the points that are asked for; all by default.
+        chosen: indices of the points that are compared; None: all.
     """
     chosen = np.arange(len(own)) if chosen is None else chosen
     groups = own.groups(chosen)
@@ -141,16 +146,16 @@ def local_difference(
 def detection_limits(
     local: Pair[LocalDifference], spacing: float, settings: DifferenceSettings = DifferenceSettings()
 ) -> DetectionLimits:
-    """The limits by the medians of the cloud in which less has changed.
+    """The limits, from the median distance and offset of the cloud in which less has changed.
 
     Args:
         local: the differences of both clouds.
         spacing: of neighbouring points, in the sparser cloud.
-        settings: what is surely changed.
+        settings: of the limits.
     """
     finest = settings.finest_offset * max(float(np.median(side.spacing)) for side in local)
     error = max(MEDIAN_TO_DEVIATION * min(float(np.median(side.offset)) for side in local), finest)
-    usual = min(float(np.median(side.distance)) for side in local)
+    median_distance = min(float(np.median(side.distance)) for side in local)
     offset = settings.offsets * error
-    distance = max(settings.spacings * spacing, settings.distances * usual, offset)
-    return DetectionLimits(spacing, usual, error, distance, offset, settings)
+    distance = max(settings.spacings * spacing, settings.distances * median_distance, offset)
+    return DetectionLimits(spacing, median_distance, error, distance, offset, settings)

@@ -31,3 +31,26 @@ def motion(yaw, shift):
 
 def placed(points, transform):
     return points @ transform[:3, :3].T + transform[:3, 3]
+
+
+def level(seed, height, middle=(0.0, 0.0), half=0.7, hole=None, spacing=0.012, noise=0.003):
+    """A floor or a shelf, and what of it an object (a box that is cut out) does not hide."""
+    steps = np.arange(-half, half, spacing)
+    x, y = (grid.ravel() for grid in np.meshgrid(steps, steps))
+    scatter = noise * np.random.default_rng(seed).standard_normal((3, len(x)))
+    points = np.stack([x + middle[0], y + middle[1], np.full(len(x), height)], axis=1) + scatter.T
+    if hole is None:
+        return points
+    return points[~((points[:, :2] > hole.min(axis=0)[:2]) & (points[:, :2] < hole.max(axis=0)[:2])).all(axis=1)]
+
+
+def standing(seed, extent=(0.4, 0.28, 0.22), height=0.0, middle=(0.0, 0.0), yaw=0.0, faces=SIDES_AND_TOP):
+    """A box with its base at this height."""
+    points = placed(box(seed, extent, faces), motion(yaw, [0, 0, 0]))
+    return points + np.array([*middle, height + extent[2] / 2])
+
+
+def on_floor_and_shelf():
+    """A box on the floor and one on a shelf, and what is around them."""
+    objects = standing(0), standing(1, height=0.6, middle=(1.0, 0.0))
+    return objects, np.concatenate([level(2, 0.0, hole=objects[0]), level(3, 0.6, (1.0, 0.0), 0.3, hole=objects[1])])

@@ -1,9 +1,19 @@
 import numpy as np
 import pytest
 
-from gmmjax.changes.differences import difference_scale, local_difference
+from gmmjax.changes.differences import (
+    DifferenceSettings,
+    LocalDifference,
+    detection_limits,
+    differences,
+    local_difference,
+)
 from gmmjax.geometry.local_surface import LocalSurface
+from gmmjax.pair import Pair
 from tests.mixtures.examples import random_rotation
+
+# Of 4000 points on a square metre, to their nearest neighbours.
+SPACING = 0.008
 
 
 def floor(seed, count=4000, noise=0.005, height=0.0):
@@ -23,19 +33,41 @@ def test_averages_see_an_offset_below_the_noise():
     assert np.median(raised.distance) < 1.5 * np.median(same.distance)
 
 
-def test_usual_offset_is_the_noise_of_the_means():
-    one, other = difference(floor(2), floor(3)), difference(floor(3), floor(2))
-    scale = difference_scale(one, other)
+def test_the_registration_error_is_the_noise_of_the_means():
+    local = Pair(difference(floor(2), floor(3)), difference(floor(3), floor(2)))
+    limits = detection_limits(local, SPACING)
     expected = 0.005 * np.sqrt(1 / 8 + 1 / 16)
-    assert scale.offset == pytest.approx(expected, rel=0.25)
-    assert np.median(one.noise) == pytest.approx(expected, rel=0.25)
+    assert limits.registration_error == pytest.approx(expected, rel=0.25)
+    assert np.median(local.before.noise) == pytest.approx(expected, rel=0.25)
 
 
-def test_the_less_changed_cloud_sets_the_scale():
+def test_the_less_changed_cloud_sets_the_limits():
     random = np.random.default_rng(4)
     crowded = np.concatenate([floor(5), random.uniform(0, 1, (6000, 3)) + np.array([0, 0, 0.5])])
-    scale = difference_scale(difference(floor(6), crowded), difference(crowded, floor(6)))
-    assert scale.offset < 0.004
+    limits = detection_limits(Pair(difference(floor(6), crowded), difference(crowded, floor(6))), SPACING)
+    assert limits.registration_error < 0.004
+
+
+def test_unchanged_points_are_within_the_limits_and_a_raised_floor_is_not():
+    points = Pair(floor(12), np.concatenate([floor(13), floor(14, count=400, height=0.2)]))
+    found = differences(points.map(LocalSurface.of), SPACING)
+    own, limits = found.local.after, found.limits
+    beyond = (own.distance > limits.local_distance(own)) & (own.offset > limits.local_offset(own))
+    assert beyond[-400:].all() and not beyond[:-400].any()
+    # A larger limit for all, in the unit of the clouds.
+    assert detection_limits(found.local, 0.1, DifferenceSettings(spacings=4.0)).distance == pytest.approx(0.4)
+
+
+def test_limits_are_larger_where_the_other_cloud_is_sparser_thicker_or_noisier():
+    limits = detection_limits(Pair(difference(floor(2), floor(3)), difference(floor(3), floor(2))), SPACING)
+    local = LocalDifference(
+        *np.zeros((2, 4)),
+        noise=np.array([0.0, 0.01, 0.0, 0.0]),
+        thickness=np.array([0.0, 0.0, 0.1, 0.0]),
+        spacing=np.array([0.0, 0.0, 0.0, 0.2]),
+    )
+    np.testing.assert_allclose(limits.local_distance(local), [limits.distance, limits.distance, 4 * 0.1, 3 * 0.2])
+    np.testing.assert_allclose(limits.local_offset(local), [limits.offset, 7 * 0.01, limits.offset, limits.offset])
 
 
 def test_thickness_and_spacing_are_those_of_the_other_cloud():
@@ -58,8 +90,9 @@ def test_two_points_work():
     assert np.isfinite(np.concatenate(difference(few, few))).all()
 
 
-def test_equal_planes_have_a_scale_that_can_be_divided_by():
+def test_equal_planes_have_limits_that_can_be_divided_by():
     flat = LocalSurface.of(np.column_stack([np.random.default_rng(0).uniform(size=(300, 2)), np.zeros(300)]))
-    differences = local_difference(flat, flat), local_difference(flat, flat)
-    usual = difference_scale(*differences)
-    assert usual.distance == 0 and 0 < usual.offset < 1e-5 * np.median(differences[0].spacing) + 1e-12
+    local = Pair(local_difference(flat, flat), local_difference(flat, flat))
+    limits = detection_limits(local, SPACING)
+    spacing = np.median(local.before.spacing)
+    assert limits.median_distance == 0 and 0 < limits.registration_error < 1e-5 * spacing + 1e-12

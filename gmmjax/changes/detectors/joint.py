@@ -18,7 +18,7 @@ from gmmjax.changes.evidence.free_space import Survey
 from gmmjax.changes.evidence.view_checks import usable_views
 from gmmjax.changes.fit.joint_fit import JointFits, fit_joint_restarts, mixtures_distance, point_excess
 from gmmjax.changes.fit.joint_problem import SETTINGS, JointProblem, joint_problem
-from gmmjax.changes.objects.found import Found, surfaces_found, volumes_found
+from gmmjax.changes.objects.found import Found, ObjectSettings, surfaces_found, volumes_found
 from gmmjax.changes.objects.moved import with_moved
 from gmmjax.changes.prepare.checking import NAMES, CheckedCloud, check_overlap, check_pair
 from gmmjax.changes.prepare.resolution import WorkingCloud
@@ -40,6 +40,7 @@ class JointDetector(AbstractChangeDetector):
         differences: from which distance and offset on a point of a scan is surely changed.
         candidates: which points look changed, and how they are gathered.
         evidence: when a candidate is a change.
+        objects: which changes are significant, and which of them are one moved object.
     """
 
     config: DetectionConfig = DetectionConfig()
@@ -47,6 +48,7 @@ class JointDetector(AbstractChangeDetector):
     differences: DifferenceSettings = DifferenceSettings()
     candidates: CandidateSettings = CandidateSettings()
     evidence: EvidenceSettings = EvidenceSettings()
+    objects: ObjectSettings = ObjectSettings()
 
     @classmethod
     def of(cls, config: DetectionConfig) -> "JointDetector":
@@ -70,15 +72,15 @@ class JointDetector(AbstractChangeDetector):
         fits = _fit(problem, self.config, report)
         clock.start("changes", "Looking for changes", 0.75)
         if pair.working.volumetric:
-            found = volumes_found(pair.points, problem, fits, self.config.threshold)
+            found = volumes_found(pair.points, problem, fits, self.config.threshold, self.objects.volumes)
         else:
             found = self._found_on_surfaces(pair, surveys, fits)
-        found = found.of_kinds(self.config.kinds).believed(pair.registration.confidence)
+        found = found.of_kinds(self.config.kinds).with_confidence(pair.registration.confidence)
         items, labels = found.merged()
         clock.start("moved", "Looking for moved objects", 0.9)
         if not pair.working.volumetric:
             working_labels = each(_of_working_points, pair.working.clouds, labels)
-            items = with_moved(items, pair.surfaces, working_labels, found.registration_error)
+            items = with_moved(items, pair.surfaces, working_labels, found.registration_error, self.objects.moved)
         clock.finish()
         diagnostics = _diagnostics(scans, prepared, pair, fits, problem, surveys, clock)
         return found.record(
@@ -99,7 +101,7 @@ class JointDetector(AbstractChangeDetector):
         measured = differences(pair.surfaces, pair.working.spacing, self.differences)
         looks_changed = candidates(points, measured, excess, self.candidates)
         evident = examined(looks_changed, surveys, measured.limits, self.evidence)
-        return surfaces_found(pair, measured, evident)
+        return surfaces_found(pair, measured, evident, self.objects.surfaces)
 
 
 def _surveys(pair: AlignedPair, scans: Pair[Scan]) -> Pair[Survey]:

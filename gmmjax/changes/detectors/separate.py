@@ -14,7 +14,8 @@ from gmmjax.changes.change import Changes, Kind
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.detectors.count_significance import CountSettings, count_significance
 from gmmjax.changes.detectors.detector import AbstractChangeDetector, Scan
-from gmmjax.changes.objects.consensus import CloudChanges, cloud_consensus, votes_of_pairs
+from gmmjax.changes.objects.cloud_changes import CloudChanges
+from gmmjax.changes.objects.consensus import ConsensusSettings, cloud_consensus, votes_of_pairs
 from gmmjax.changes.objects.found import KINDS, Found
 from gmmjax.changes.prepare.checking import NAMES
 from gmmjax.changes.prepare.separate_clouds import PreparedCloud, PreparedPair, prepare_pair
@@ -65,12 +66,14 @@ class AbstractSeparateDetector(AbstractChangeDetector):
         patience: of annihilation. Real scans want more Gaussians than they are given; a message length this much above
             the best one (nats an observation) does not come back, and going down to one Gaussian would only cost time.
             Infinite: it goes down.
+        consensus: how points are labelled with the Gaussians.
     """
 
     config: DetectionConfig = DetectionConfig()
     counts: CountSettings = CountSettings()
     slots: tuple[int, ...] = (8, 16)
     patience: float = 0.25
+    consensus: ConsensusSettings = ConsensusSettings()
 
     @classmethod
     def of(cls: type[Own], config: DetectionConfig) -> Own:
@@ -164,7 +167,8 @@ class AbstractSeparateDetector(AbstractChangeDetector):
         significance = count_significance(mixtures, own.counted, other.counted, self.counts)
         votes = np.where(significance >= self.counts.significance, votes, 0.0)
         reference = int(np.argmin(fits.message_length))
-        return cloud_consensus(own.points, mixtures, votes, significance, reference, kind, self.config.threshold)
+        threshold, settings = self.config.threshold, self.consensus
+        return cloud_consensus(own.points, mixtures, votes, significance, reference, kind, threshold, settings)
 
 
 def _prior(pair: PreparedPair, config: DetectionConfig) -> Prior | None:

@@ -1,1 +1,1 @@
-"""Stage: what was found becomes objects, with kind, probability, significance and motion."""
+"""Stage: candidates that the evidence left become changes, with kind, probability, significance and transform."""

@@ -1,7 +1,6 @@
-"""From the votes of all pairs of restarts to probabilities, labels and a list of changes."""
+"""From the votes of all pairs of restarts to the changes of a cloud."""
 
 import dataclasses
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -10,36 +9,21 @@ from jaxtyping import Bool, Float, Int
 
 from gmmjax._programs import kept_jit
 from gmmjax._typing import Array
-from gmmjax.changes.change import Box, Change, Kind
-from gmmjax.mixtures import GaussianMixture, parameters_per_component
-from gmmjax.pair import Pair
-
-# Points labelled in one pass: one compiled shape for clouds of every size.
-CHUNK = 16384
-SMALLEST_CHANGE = parameters_per_component(3) + 1
+from gmmjax.changes.change import Kind
+from gmmjax.changes.objects.cloud_changes import SMALLEST_CHANGE, CloudChanges, change_of
+from gmmjax.mixtures import GaussianMixture
 
 
-class CloudChanges(NamedTuple):
-    """The changes of one cloud.
+@dataclasses.dataclass(frozen=True)
+class ConsensusSettings:
+    """How the points of a cloud are labelled.
 
     Attributes:
-        probability: per point, the mean over all pairs of restarts of the vote of its Gaussian.
-        labels: per point -1 or the index into `items`.
-        items: the changes of this cloud.
+        chunk: number of points that are labelled in one pass, padded to it: one compiled shape for clouds of every
+            size. Results do not depend on it.
     """
 
-    probability: Float[np.ndarray, " n"]
-    labels: Int[np.ndarray, " n"]
-    items: list[Change]
-
-    def none(self) -> "CloudChanges":
-        """No changes of the same points."""
-        return CloudChanges(np.zeros_like(self.probability), np.full_like(self.labels, -1), [])
-
-    def believed(self, confidence: float) -> "CloudChanges":
-        """With all probabilities multiplied by a confidence."""
-        items = [dataclasses.replace(change, probability=confidence * change.probability) for change in self.items]
-        return CloudChanges(confidence * self.probability, self.labels, items)
+    chunk: int = 16384
 
 
 def cloud_consensus(
@@ -50,8 +34,9 @@ def cloud_consensus(
     reference: int,
     kind: Kind,
     threshold: float,
+    settings: ConsensusSettings = ConsensusSettings(),
 ) -> CloudChanges:
-    """Averages the votes point by point; the Gaussians of one restart, the reference, tell the changes apart.
+    """Averages the votes point by point; the Gaussians of one restart, the reference, separate the changes.
 
     A Gaussian of the reference is a change when its points' mean probability reaches the threshold; the change consists
     of those of its points that reach it themselves.
@@ -59,67 +44,47 @@ def cloud_consensus(
     Args:
         points: all points of the cloud.
         mixtures: the cloud's mixtures, with a leading axis of r restarts.
-        votes: for each restart and Gaussian the share of the other cloud's restarts by which it changed.
+        votes: for each restart and Gaussian the fraction of the other cloud's restarts by which it changed.
         significance: of each Gaussian, as of `Change`.
         reference: the restart with the shortest message length.
         kind: what a change of this cloud is.
-        threshold: probability from which on a point or a Gaussian counts as changed.
+        threshold: probability from which a point or a Gaussian is changed.
+        settings: how points are labelled.
+
+    Returns:
+        The changes; the probability of a point is the mean vote for its Gaussian over all pairs of restarts.
     """
-    components = component_labels(points, mixtures)
+    components = component_labels(points, mixtures, settings)
     probability = np.mean([vote[component] for vote, component in zip(votes, components, strict=True)], axis=0)
     own = components[reference]
     counts = np.bincount(own, minlength=votes.shape[1])
     mean_probability = np.bincount(own, probability, votes.shape[1]) / np.maximum(counts, 1)
-    labels = np.full(len(points), -1)
-    items: list[Change] = []
+    consensus = CloudChanges(probability, np.full(len(points), -1), [])
     for component in np.flatnonzero(mean_probability >= threshold):
         members = (own == component) & (probability >= threshold)
         if members.sum() < SMALLEST_CHANGE:
             continue
-        labels[members] = len(items)
+        consensus.labels[members] = len(consensus.items)
         vote = float(probability[members].mean())
         change = change_of(points[members], kind, vote, significance[reference, component])
-        gaussian = mixtures.means[reference, component], mixtures.covariances[reference, component]
-        items.append(dataclasses.replace(change, mean=np.asarray(gaussian[0]), covariance=np.asarray(gaussian[1])))
-    return CloudChanges(probability, labels, items)
+        mean, covariance = mixtures.means[reference, component], mixtures.covariances[reference, component]
+        consensus.items.append(dataclasses.replace(change, mean=np.asarray(mean), covariance=np.asarray(covariance)))
+    return consensus
 
 
-def change_of(points: Float[np.ndarray, "n 3"], kind: Kind, probability: float, significance: float) -> Change:
-    """The record of a change with these points: their mean, covariance and box."""
-    mean = points.mean(axis=0)
-    return Change(
-        kind=kind,
-        probability=probability,
-        significance=float(significance),
-        point_count=len(points),
-        mean=mean,
-        covariance=(points - mean).T @ (points - mean) / len(points),
-        box=Box.around(points),
-    )
-
-
-def merged(changes: Pair[CloudChanges]) -> tuple[tuple[Change, ...], Pair[Int[np.ndarray, " _"]]]:
-    """The changes of both clouds in one list, most probable and then largest first, and the labels that refer to it."""
-    items = changes.before.items + changes.after.items
-    order = sorted(range(len(items)), key=lambda index: (-items[index].probability, -items[index].point_count))
-    # One more entry, so that the label -1 stays -1.
-    place = np.full(len(items) + 1, -1)
-    place[order] = np.arange(len(items))
-    after = changes.after.labels
-    shifted = np.where(after >= 0, after + len(changes.before.items), -1)
-    return tuple(items[index] for index in order), Pair(place[changes.before.labels], place[shifted])
-
-
-def component_labels(points: Float[np.ndarray, "n 3"], mixtures: GaussianMixture) -> Int[np.ndarray, "r n"]:
+def component_labels(
+    points: Float[np.ndarray, "n 3"], mixtures: GaussianMixture, settings: ConsensusSettings = ConsensusSettings()
+) -> Int[np.ndarray, "r n"]:
     """The slot of the most probable Gaussian of each point, for each restart; in float64, chunk by chunk."""
     # Relative to one point of the cloud, which it also is padded with.
     origin = points[0]
     shifted = jax.vmap(lambda mixture: mixture.rescaled(1.0, -origin))
-    padded = np.pad(points - origin, ((0, -len(points) % CHUNK), (0, 0)))
+    padded = np.pad(points - origin, ((0, -len(points) % settings.chunk), (0, 0)))
     with jax.enable_x64(True):
         local = shifted(jax.tree.map(jnp.asarray, mixtures))
-        chunks = [np.asarray(_chunk_labels(local, chunk)) for chunk in np.split(padded, len(padded) // CHUNK)]
-    return np.concatenate(chunks, axis=1)[:, : len(points)]
+        chunks = np.split(padded, len(padded) // settings.chunk)
+        labels = [np.asarray(_chunk_labels(local, chunk)) for chunk in chunks]
+    return np.concatenate(labels, axis=1)[:, : len(points)]
 
 
 @kept_jit
@@ -131,6 +96,6 @@ def _chunk_labels(mixtures: GaussianMixture, chunk: Float[Array, "c 3"]) -> Int[
 def votes_of_pairs(
     changed: Bool[np.ndarray, "other own k"], valid: Bool[np.ndarray, "other own"]
 ) -> Float[np.ndarray, "own k"]:
-    """The share of the other cloud's restarts by which each Gaussian changed, over the pairs that were solved."""
+    """The fraction of the other cloud's restarts by which each Gaussian changed, over the pairs that were solved."""
     solved = np.maximum(valid.sum(axis=0), 1)[:, None]
     return (changed & valid[..., None]).sum(axis=0) / solved

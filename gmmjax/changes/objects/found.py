@@ -1,5 +1,6 @@
-"""The stage that makes objects of what was found in both clouds: kinds, confidence, one list."""
+"""The stage that turns what was found in both clouds into changes: kinds, confidence, one list."""
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -9,13 +10,14 @@ from jaxtyping import Bool, Float64, Int
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.change import Change, Changes, Kind
 from gmmjax.changes.config import DetectionConfig, Kinds
-from gmmjax.changes.differences import Differences
+from gmmjax.changes.differences import Differences, LocalDifference
 from gmmjax.changes.evidence.examination import Examined
 from gmmjax.changes.fit.joint_fit import JointFits
 from gmmjax.changes.fit.joint_problem import JointProblem
-from gmmjax.changes.objects.consensus import CloudChanges, merged
-from gmmjax.changes.objects.surface_changes import surface_changes
-from gmmjax.changes.objects.volumetric_changes import restart_weights, volumetric_changes
+from gmmjax.changes.objects.cloud_changes import CloudChanges, merged
+from gmmjax.changes.objects.moved import MovedSettings
+from gmmjax.changes.objects.surface_changes import SurfaceChangeSettings, surface_changes
+from gmmjax.changes.objects.volumetric_changes import VolumetricChangeSettings, restart_weights, volumetric_changes
 from gmmjax.changes.prepare.checking import CheckedCloud
 from gmmjax.changes.registration import Registration
 from gmmjax.pair import Pair, each
@@ -24,12 +26,27 @@ from gmmjax.pair import Pair, each
 KINDS: Pair[Kind] = Pair("disappeared", "appeared")
 
 
+@dataclasses.dataclass(frozen=True)
+class ObjectSettings:
+    """What is a change, and which two changes are one moved object.
+
+    Attributes:
+        surfaces: of scans.
+        volumes: of clouds that fill volumes.
+        moved: which disappeared and appeared changes of scans are one object.
+    """
+
+    surfaces: SurfaceChangeSettings = SurfaceChangeSettings()
+    volumes: VolumetricChangeSettings = VolumetricChangeSettings()
+    moved: MovedSettings = MovedSettings()
+
+
 class Found(NamedTuple):
     """What was found in both clouds.
 
     Attributes:
         changes: of all points of either cloud.
-        unobserved: per point whether the other survey did not see its place.
+        unobserved: per point whether the other survey did not observe its place.
         registration_error: standard deviation of the offset between unchanged surfaces; 0 where there are none.
     """
 
@@ -42,11 +59,11 @@ class Found(NamedTuple):
         looked_for = Pair(kinds != "appeared", kinds != "disappeared")
         return self._replace(changes=each(lambda own, kept: own if kept else own.none(), self.changes, looked_for))
 
-    def believed(self, confidence: float) -> "Found":
+    def with_confidence(self, confidence: float) -> "Found":
         """With all probabilities multiplied by the confidence in the registration."""
         if confidence == 1:
             return self
-        return self._replace(changes=self.changes.map(lambda own: own.believed(confidence)))
+        return self._replace(changes=self.changes.map(lambda own: own.with_confidence(confidence)))
 
     def merged(self) -> tuple[tuple[Change, ...], Pair[Int[np.ndarray, " _"]]]:
         """The changes of both clouds in one list, and the labels that refer to it."""
@@ -70,7 +87,7 @@ class Found(NamedTuple):
             labels: per point -1, or the index of its change.
             emd: earth mover's distance between the mixtures.
             config: the settings that were used.
-            diagnostics: what was measured on the way.
+            diagnostics: scales, timings and other plain values of this detection.
             registration: of the after cloud; None: none was made.
         """
         of_rows = each(lambda cloud, own: cloud.to_rows(own, -1), clouds, labels)
@@ -91,19 +108,27 @@ class Found(NamedTuple):
         )
 
 
-def surfaces_found(pair: AlignedPair, differences: Differences, evident: Pair[Examined]) -> Found:
-    """The changes of scans: the candidates that the evidence left, where they are significant.
+def surfaces_found(
+    pair: AlignedPair,
+    differences: Differences,
+    evident: Pair[Examined],
+    settings: SurfaceChangeSettings = SurfaceChangeSettings(),
+) -> Found:
+    """The changes of scans: the significant ones of the candidates that the evidence left.
 
     Args:
         pair: both clouds, registered.
         differences: of the working points from the other cloud.
         evident: the candidates of the working points that the evidence left.
+        settings: which candidates are significant, and how probable they are.
     """
     members = pair.working.clouds.map(lambda cloud: cloud.member)
     limits = differences.limits
 
-    def of_cloud(points: np.ndarray, member: np.ndarray, difference: Any, own: Examined, kind: Kind) -> CloudChanges:
-        return surface_changes(points, member, difference, own, limits, kind)
+    def of_cloud(
+        points: np.ndarray, member: np.ndarray, difference: LocalDifference, own: Examined, kind: Kind
+    ) -> CloudChanges:
+        return surface_changes(points, member, difference, own, limits, kind, settings)
 
     return Found(
         each(of_cloud, pair.points, members, differences.local, evident, KINDS),
@@ -113,7 +138,11 @@ def surfaces_found(pair: AlignedPair, differences: Differences, evident: Pair[Ex
 
 
 def volumes_found(
-    points: Pair[Float64[np.ndarray, "_ 3"]], problem: JointProblem, fits: JointFits, threshold: float
+    points: Pair[Float64[np.ndarray, "_ 3"]],
+    problem: JointProblem,
+    fits: JointFits,
+    threshold: float,
+    settings: VolumetricChangeSettings = VolumetricChangeSettings(),
 ) -> Found:
     """The changes of clouds that fill volumes: the components that one cloud has and the other has not.
 
@@ -122,9 +151,11 @@ def volumes_found(
         problem: that was fitted.
         fits: the joint mixtures.
         threshold: probability from which on a point is changed.
+        settings: which components are significant.
     """
     weights = restart_weights(fits, comparable=len(problem.points.after) <= problem.max_points)
-    return Found(
-        each(lambda own, kind: volumetric_changes(own, fits, weights, kind, threshold), points, KINDS),
-        points.map(lambda own: np.zeros(len(own), bool)),
-    )
+
+    def of_cloud(points: np.ndarray, kind: Kind) -> CloudChanges:
+        return volumetric_changes(points, fits, weights, kind, threshold, settings)
+
+    return Found(each(of_cloud, points, KINDS), points.map(lambda own: np.zeros(len(own), bool)))

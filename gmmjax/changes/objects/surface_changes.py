@@ -1,19 +1,32 @@
 """From the segments of a surface scan to the records of its changes."""
 
-import numpy as np
-from jaxtyping import Float, Int
+import dataclasses
 
-from gmmjax.changes.change import Change, Kind
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from gmmjax.changes.change import Kind
 from gmmjax.changes.differences import DetectionLimits, LocalDifference
 from gmmjax.changes.evidence.examination import Examined
-from gmmjax.changes.objects.consensus import CloudChanges, change_of
+from gmmjax.changes.objects.cloud_changes import CloudChanges, change_of
 
-# A change exceeds the counting noise and the registration error by so many standard deviations.
-LEAST_SIGNIFICANCE = 4.0
-# The power that the odds are raised to, from the reliability curve over simulated laboratories.
-SHARPENING = 3.0
-# And of points that look changed, but are of no change, so many are.
-OUTSIDE = 0.05
+
+@dataclasses.dataclass(frozen=True)
+class SurfaceChangeSettings:
+    """Which segments are changes, and how probable they are.
+
+    Attributes:
+        least_significance: standard deviations, at least, by which a change exceeds the counting noise or the
+            registration error. Empirical. 0: every segment that the evidence left is a change.
+        sharpening: power that the odds are raised to, from the reliability curve over simulated laboratories. 1: the
+            probabilities stay as they were measured.
+        outside: factor of the probability of points that look changed but are of no change; from the same curve, of
+            those about this fraction has changed. 1: they keep the probability of a change.
+    """
+
+    least_significance: float = 4.0
+    sharpening: float = 3.0
+    outside: float = 0.05
 
 
 def surface_changes(
@@ -23,6 +36,7 @@ def surface_changes(
     examined: Examined,
     limits: DetectionLimits,
     kind: Kind,
+    settings: SurfaceChangeSettings = SurfaceChangeSettings(),
 ) -> CloudChanges:
     """The changes of all points of a cloud: those of the working points that stand for them.
 
@@ -35,39 +49,46 @@ def surface_changes(
         examined: the candidates that the evidence left, of the working points.
         limits: of distances and offsets.
         kind: what a change of this cloud is.
+        settings: which segments are changes.
     """
-    probability = calibrated(examined.probability.mean(axis=0))
-    labels = np.full(len(examined.labels), -1)
-    items: list[Change] = []
+    probability = calibrated(examined.probability.mean(axis=0), settings)
+    found = CloudChanges(probability, np.full(len(examined.labels), -1), [])
     for label in range(examined.labels.max(initial=-1) + 1):
         own = examined.labels == label
-        strength = significance(difference, own, limits)
-        if strength < LEAST_SIGNIFICANCE:
+        deviations = significance(difference, own, limits)
+        if deviations < settings.least_significance:
             continue
-        labels[own] = len(items)
-        items.append(change_of(points[own[member]], kind, float(probability[own].mean()), strength))
-    probability = np.where(labels >= 0, probability, OUTSIDE * probability)
-    return CloudChanges(probability[member], labels[member], items)
+        found.labels[own] = len(found.items)
+        found.items.append(change_of(points[own[member]], kind, float(probability[own].mean()), deviations))
+    probability = np.where(found.labels >= 0, probability, settings.outside * probability)
+    return CloudChanges(probability[member], found.labels[member], found.items)
 
 
-def calibrated(probability: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """The probability whose odds are those of the given one to the third power; 0.5 stays 0.5.
+def calibrated(
+    probability: Float[np.ndarray, " n"], settings: SurfaceChangeSettings = SurfaceChangeSettings()
+) -> Float[np.ndarray, " n"]:
+    """The probability with its odds raised to the power `sharpening`; 0.5 stays 0.5.
 
-    Distances say "a quarter changed" of points of which hardly any has: seen over simulated scenes, the odds of what
-    distances, offsets and mixture say together are too timid.
+    Uncalibrated probabilities are too moderate: of the points with 0.25 by distance, offset and mixture, hardly any has
+    changed in simulated scenes.
     """
-    changed, unchanged = probability**SHARPENING, (1 - probability) ** SHARPENING
+    changed, unchanged = probability**settings.sharpening, (1 - probability) ** settings.sharpening
     return np.asarray(changed / (changed + unchanged))
 
 
-def significance(difference: LocalDifference, own: np.ndarray, limits: DetectionLimits) -> float:
+def significance(difference: LocalDifference, own: Bool[np.ndarray, " n"], limits: DetectionLimits) -> float:
     """By how many standard deviations a segment exceeds what the other cloud has in its place.
 
-    The greater of two: the excess of points over the other cloud's, against the counting noise of both and the points
-    that a registration error could have brought; and the median offset against that error.
+    The greater of two: the excess of points over the other cloud's, divided by the counting noise of both and the
+    points that a registration error can account for; and the median offset divided by that error.
+
+    Args:
+        difference: of each working point to the other cloud.
+        own: whether each is a point of the segment.
+        limits: of distances and offsets.
     """
     count = float(own.sum())
-    explained = float((difference.distance[own] < limits.usual_distance + limits.registration_error).sum())
+    explained = float((difference.distance[own] < limits.median_distance + limits.registration_error).sum())
     excess = (count - explained) / np.sqrt(count + explained + explained**2)
     offset = float(np.median(difference.offset[own])) / max(limits.registration_error, np.finfo(np.float64).tiny)
     return max(float(excess), offset)

@@ -1,22 +1,38 @@
 """Changes of volumetric clouds: the components of the joint mixture that one cloud has and the other has not."""
 
+import dataclasses
+
 import numpy as np
 from jaxtyping import Float
 
-from gmmjax.changes.change import Change, Kind
+from gmmjax.changes.change import Kind
 from gmmjax.changes.fit.joint_fit import JointFits, component_excess
-from gmmjax.changes.objects.consensus import SMALLEST_CHANGE, CloudChanges, change_of
+from gmmjax.changes.objects.cloud_changes import SMALLEST_CHANGE, CloudChanges, change_of
 
-# A component's points must exceed what the other cloud has there by so many standard deviations of the counts.
-LEAST_SIGNIFICANCE = 5.0
+
+@dataclasses.dataclass(frozen=True)
+class VolumetricChangeSettings:
+    """Which components are changes.
+
+    Attributes:
+        least_significance: standard deviations of the counts, at least, by which a component's points exceed what the
+            other cloud has there. Empirical. 0: every component whose
+            points reach the threshold is a change.
+    """
+
+    least_significance: float = 5.0
 
 
 def restart_weights(fits: JointFits, comparable: bool) -> Float[np.ndarray, " r"]:
-    """How much each restart counts, summing to 1.
+    """The weight of each restart, summing to 1.
 
-    Restarts that saw the same points are weighted by exp(-message length), the posterior odds of the mixtures that they
-    ended in: a restart that ended in a worse mixture has no say, those that ended in the same one share. On different
-    subsamples all count the same.
+    Restarts on the same points are weighted by exp(-message length), the posterior odds of their mixtures: a restart
+    that ended in a worse mixture has next to no weight, those that ended in the same one share it. Restarts on
+    different subsamples are weighted equally.
+
+    Args:
+        fits: joint mixtures.
+        comparable: whether all restarts were fitted to the same points.
     """
     if not comparable:
         return np.full(len(fits.message_length), 1 / len(fits.message_length))
@@ -30,11 +46,12 @@ def volumetric_changes(
     weights: Float[np.ndarray, " r"],
     kind: Kind,
     threshold: float,
+    settings: VolumetricChangeSettings = VolumetricChangeSettings(),
 ) -> CloudChanges:
     """The changes of one cloud whose points fill volumes.
 
     Each point gets the posterior that it is of a component which changed, averaged over the restarts. The components of
-    the best restart tell the changes apart: a change has those points of a component whose probability reaches the
+    the best restart separate the changes: a change has those points of a component whose probability reaches the
     threshold.
 
     Args:
@@ -43,21 +60,21 @@ def volumetric_changes(
         weights: of the restarts.
         kind: what a change of this cloud is.
         threshold: probability from which a point is changed.
+        settings: which components are changes.
     """
     posterior, slots = component_excess(fits, points, kind == "appeared")
     probability = weights @ posterior
     best = int(np.argmin(fits.message_length))
     changed = probability >= threshold
-    labels = np.full(len(points), -1)
-    items: list[Change] = []
+    found = CloudChanges(probability, np.full(len(points), -1), [])
     for slot in np.unique(slots[best][changed]):
         members = changed & (slots[best] == slot)
         significance = _significance(int(members.sum()), float(posterior[best][members].mean()))
-        if members.sum() < SMALLEST_CHANGE or significance < LEAST_SIGNIFICANCE:
+        if members.sum() < SMALLEST_CHANGE or significance < settings.least_significance:
             continue
-        labels[members] = len(items)
-        items.append(change_of(points[members], kind, float(probability[members].mean()), significance))
-    return CloudChanges(probability, labels, items)
+        found.labels[members] = len(found.items)
+        found.items.append(change_of(points[members], kind, float(probability[members].mean()), significance))
+    return found
 
 
 def _significance(count: int, share: float) -> float:

@@ -2,7 +2,7 @@ import jax
 import numpy as np
 
 from gmmjax import GaussianMixture
-from gmmjax.changes.objects.consensus import CloudConsensus, cloud_consensus, component_labels, merged, votes_of_pairs
+from gmmjax.changes.objects.consensus import ConsensusSettings, cloud_consensus, component_labels, votes_of_pairs
 
 SIGNIFICANCE = np.array([[7.0, 8.0], [9.0, 6.0]])
 
@@ -55,13 +55,8 @@ def test_survey_coordinates_are_labelled_alike():
     np.testing.assert_array_equal(component_labels(points + offset, moved), component_labels(points, mixtures))
 
 
-def test_merging_sorts_by_probability_and_size():
+def test_labels_do_not_depend_on_the_chunks():
     points, mixtures = two_gaussians()
-    gone = cloud_consensus(points, mixtures, np.array([[0.6, 0.0], [0.0, 0.6]]), SIGNIFICANCE, 0, "disappeared", 0.5)
-    new = cloud_consensus(points, mixtures, np.array([[0.0, 0.9], [0.9, 0.0]]), SIGNIFICANCE, 0, "appeared", 0.5)
-    items, labels_before, labels_after = merged(gone, new)
-    assert [item.kind for item in items] == ["appeared", "disappeared"]
-    np.testing.assert_array_equal(labels_before, np.repeat([1, -1], 40))
-    np.testing.assert_array_equal(labels_after, np.repeat([-1, 0], 40))
-    nothing = CloudConsensus(np.zeros(80), np.full(80, -1), [])
-    assert merged(nothing, nothing)[0] == ()
+    # 80 points in three chunks, the last of which is padded.
+    chunks = ConsensusSettings(chunk=32)
+    np.testing.assert_array_equal(component_labels(points, mixtures, chunks), component_labels(points, mixtures))

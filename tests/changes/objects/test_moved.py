@@ -1,40 +1,13 @@
 import numpy as np
-import pytest
-from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.objects.consensus import change_of
-from gmmjax.changes.objects.moved import MOST_MISFIT, best_match, with_moved
+from gmmjax.changes.objects.cloud_changes import change_of
+from gmmjax.changes.objects.match import MatchSettings
+from gmmjax.changes.objects.moved import MovedSettings, with_moved
 from gmmjax.geometry.local_surface import LocalSurface
-from tests.changes.scanned_objects import box, motion, placed
+from gmmjax.pair import Pair
+from tests.changes.scanned_objects import box, placed
 
 NOISE = 0.003
-EXTENT = (0.4, 0.28, 0.22)
-
-
-def matched(gone, new):
-    gone, new = LocalSurface.of(gone), LocalSurface.of(new)
-    return best_match(gone, new, gone, new, NOISE)
-
-
-def misfit(gone, new):
-    return matched(gone, new).misfit
-
-
-@pytest.mark.parametrize("faces", [(0, 1, 2, 3, 4), (0, 1, 2), (0, 2, 4)])
-def test_one_object_is_known_again_from_other_sides(faces):
-    new = placed(box(1, EXTENT, faces), motion(2.0, [0.8, -0.3, 0.1]))
-    assert misfit(box(0, EXTENT, (0, 1, 2)), new) < MOST_MISFIT
-
-
-@pytest.mark.parametrize("other", [(0.4, 0.28, 0.32), (0.3, 0.28, 0.22), (0.33, 0.33, 0.33)])
-def test_another_object_is_not(other):
-    assert misfit(box(0, EXTENT), box(1, other) + 0.5) > MOST_MISFIT
-
-
-def test_of_the_motions_that_fit_the_least_turn_is_meant():
-    new = placed(box(1, EXTENT), motion(0.3, [0.8, -0.3, 0]))
-    transform = matched(box(0, EXTENT), new).transform
-    assert Rotation.from_matrix(transform[:3, :3]).magnitude() == pytest.approx(0.3, abs=0.05)
 
 
 def changes(before, after):
@@ -43,8 +16,8 @@ def changes(before, after):
     items += [change_of(points, "appeared", 1.0, 10.0) for points in after]
     labels_before = np.repeat(np.arange(len(before)), [len(points) for points in before])
     labels_after = np.repeat(len(before) + np.arange(len(after)), [len(points) for points in after])
-    surveys = LocalSurface.of(np.concatenate(before)), LocalSurface.of(np.concatenate(after))
-    return tuple(items), *surveys, labels_before, labels_after
+    surfaces = Pair(LocalSurface.of(np.concatenate(before)), LocalSurface.of(np.concatenate(after)))
+    return tuple(items), surfaces, Pair(labels_before, labels_after)
 
 
 def test_each_object_finds_its_partner():
@@ -73,5 +46,15 @@ def test_a_gone_and_a_new_object_of_other_size_stay_what_they_are():
 
 
 def test_one_kind_alone_cannot_move():
-    items, before, after, labels_before, labels_after = changes([box(0, (0.3, 0.3, 0.3))], [box(1, (0.3, 0.3, 0.3))])
-    assert with_moved(items[:1], before, after, labels_before, np.full_like(labels_after, -1), NOISE) == items[:1]
+    items, surfaces, labels = changes([box(0, (0.3, 0.3, 0.3))], [box(1, (0.3, 0.3, 0.3))])
+    disappeared = Pair(labels.before, np.full_like(labels.after, -1))
+    assert with_moved(items[:1], surfaces, disappeared, NOISE) == items[:1]
+
+
+def test_settings_reach_the_match():
+    extent = (0.2, 0.16, 0.14)
+    given = changes([box(0, extent)], [box(1, extent) + 1])
+    assert [change.kind for change in with_moved(*given, NOISE)] == ["moved", "moved"]
+    for settings in (MovedSettings(most_extent_ratio=1.0), MovedSettings(match=MatchSettings(most_misfit=0.0))):
+        # The boxes are equal up to noise.
+        assert [change.kind for change in with_moved(*given, NOISE, settings)] == ["disappeared", "appeared"]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from gmmjax.changes.objects.overlap import agreement
+from gmmjax.changes.objects.overlap import overlap
 from gmmjax.geometry.local_surface import LocalSurface
 from tests.changes.scanned_objects import box, motion, placed
 
@@ -11,7 +11,7 @@ EXTENT = (0.4, 0.28, 0.22)
 
 def fits(one, other, scene=None):
     other = LocalSurface.of(other)
-    return agreement(LocalSurface.of(one), other, scene or other, NOISE, 500)
+    return overlap(LocalSurface.of(one), other, scene or other, NOISE, 500)
 
 
 def test_an_object_fits_itself():
