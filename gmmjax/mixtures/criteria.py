@@ -6,6 +6,7 @@ from typing import Literal, get_args
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from gmmjax._host import float64_on_host
 from gmmjax._typing import Array, Scalar
 from gmmjax.mixtures.covariance_type import CovarianceType, parameters_per_component, shared_parameters
 from gmmjax.mixtures.mixture import GaussianMixture
@@ -14,6 +15,7 @@ Criterion = Literal["mdl", "bic", "aic"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 
 
+@float64_on_host
 def message_length(
     mixture: GaussianMixture,
     log_likelihood: Scalar,
@@ -38,6 +40,7 @@ def message_length(
     return -log_likelihood + parameters / 2 * log_weights + size * jnp.log(observations)
 
 
+@float64_on_host
 def minimum_description_length(
     mixture: GaussianMixture,
     log_likelihood: Scalar,
@@ -55,6 +58,7 @@ def minimum_description_length(
     return length + size * (1 - math.log(12))
 
 
+@float64_on_host
 def bayesian_information_criterion(
     mixture: GaussianMixture,
     log_likelihood: Scalar,
@@ -66,6 +70,7 @@ def bayesian_information_criterion(
     return -log_likelihood + free / 2 * jnp.log(observations)
 
 
+@float64_on_host
 def akaike_information_criterion(
     mixture: GaussianMixture,
     log_likelihood: Scalar,
