@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.joint_mixture import SourcedPoints, joint_prior
+from gmmjax.changes.joint_mixture_model import SourcedPoints, joint_prior
 from gmmjax.changes.registration_record import Registration
 from gmmjax.changes.scales import WorkingPair
 from gmmjax.errors import InputError

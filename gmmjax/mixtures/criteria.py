@@ -21,6 +21,7 @@ def message_length(
     log_likelihood: Scalar,
     observations: Scalar,
     covariance_type: CovarianceType = "full",
+    own_parameters: int = 0,
 ) -> Float[Array, ""]:
     r"""Message length of FJ02: $-\log L + T/2 \sum_k \log w_k + (T + 1)/2 \, K \log n$.
 
@@ -32,8 +33,9 @@ def message_length(
         log_likelihood: log likelihood of the observations (nats).
         observations: n, the total mass of the points.
         covariance_type: gives T, the parameters per component.
+        own_parameters: what a component has beside mean and covariance, which adds to T.
     """
-    parameters = parameters_per_component(mixture.dimension, covariance_type)
+    parameters = parameters_per_component(mixture.dimension, covariance_type) + own_parameters
     shared = shared_parameters(mixture.dimension, covariance_type)
     log_weights = jnp.sum(jnp.log(jnp.where(mixture.live, mixture.weights, 1)))
     size = ((parameters + 1) * mixture.count + shared).astype(log_weights.dtype) / 2

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
 from gmmjax._typing import Array
-from gmmjax.changes.joint_mixture import JointMixture, fit_joint_mixture_from_seeds, log_joint
+from gmmjax.changes.joint_mixture import JointMixture, log_joint
+from gmmjax.changes.joint_mixture_model import fit_joint_mixture_from_seeds
 from gmmjax.changes.joint_problem import AT_REST
 from gmmjax.tuning.parameters import with_free_values
 from gmmjax.tuning.posterior import posteriors
@@ -95,7 +96,7 @@ def total_gradient(
 def _part(free: Array, pair: ReadyPair, key: PRNGKeyArray, names: tuple[str, ...], loss: Loss) -> PairLoss:
     prior = pair.frame.enter_prior(with_free_values(pair.prior, names, free))
     end = fit_joint_mixture_from_seeds(pair.fitted, pair.max_components, prior, key, AT_REST)
-    return PairLoss(_sums(end.model, pair, loss), end.message_length)
+    return PairLoss(_sums(end.mixture, pair, loss), end.message_length)
 
 
 def _sums(joint: JointMixture, pair: ReadyPair, loss: Loss) -> Float[Array, " 2"]:

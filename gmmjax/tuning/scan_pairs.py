@@ -10,7 +10,7 @@ from jaxtyping import ArrayLike, Bool, Float, Int
 from gmmjax._typing import Array
 from gmmjax.changes.checking import CheckedCloud, check_pair
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.joint_mixture import SourcedPoints
+from gmmjax.changes.joint_mixture_model import SourcedPoints
 from gmmjax.changes.joint_problem import joint_problem
 from gmmjax.changes.registration import registered_pair
 from gmmjax.changes.scales import WorkingCloud

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from gmmjax.changes.joint_fit import fit_joint_restarts, mixtures_distance
-from gmmjax.changes.joint_mixture import SourcedPoints, joint_prior
+from gmmjax.changes.joint_mixture_model import SourcedPoints, joint_prior
 from gmmjax.mixtures import FitSettings, WeightedPoints
 from gmmjax.transport import exact_transport
 
