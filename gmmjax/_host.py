@@ -1,14 +1,19 @@
 """Between the host and traced code: which of the two holds an array, and how results leave."""
 
+import functools
 import os
-from typing import TypeVar
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from gmmjax._typing import Array
 
 _Tree = TypeVar("_Tree")
+_Parameters = ParamSpec("_Parameters")
+_Result = TypeVar("_Result")
 
 
 def is_traced(*trees: object) -> bool:
@@ -29,6 +34,37 @@ def to_numpy(tree: _Tree) -> _Tree:
         return array.astype(np.float64) if np.issubdtype(array.dtype, np.floating) else array
 
     return jax.tree.map(leaf_to_numpy, tree)
+
+
+def float64_on_host(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
+    """The function, which for a record of the host computes in float64, whatever JAX's setting, and returns NumPy.
+
+    Where the record, its first argument, has leaves that are JAX's, where another argument is traced, and inside `jit`,
+    it is the function as it stands: in the dtype of its arguments.
+
+    Args:
+        function: of a record, such as a method, and further positional arguments.
+    """
+
+    @functools.wraps(function)
+    def call(*arguments: _Parameters.args, **settings: _Parameters.kwargs) -> _Result:
+        # Inside `jit` every operation is traced, also on NumPy arrays.
+        if not is_numpy(arguments[0]) or is_traced(arguments, settings, jnp.zeros(())):
+            return function(*arguments, **settings)
+        with jax.enable_x64(True):
+            return to_numpy(function(*_in_float64(arguments), **_in_float64(settings)))
+
+    return call
+
+
+def _in_float64(tree: Any) -> Any:
+    """The tree with its floating point arrays as NumPy's, in float64."""
+
+    def cast(leaf: Any) -> Any:
+        floating = isinstance(leaf, jax.Array | np.ndarray) and jnp.issubdtype(leaf.dtype, np.floating)
+        return np.asarray(leaf, np.float64) if floating else leaf
+
+    return jax.tree.map(cast, tree)
 
 
 def available_cores() -> int:

@@ -3,7 +3,6 @@
 from gmmjax.mixtures.annihilation import Fit as Fit
 from gmmjax.mixtures.annihilation import FitSettings as FitSettings
 from gmmjax.mixtures.annihilation import FitStatus as FitStatus
-from gmmjax.mixtures.annihilation import fit_by_annihilation as fit_by_annihilation
 from gmmjax.mixtures.component_wise import component_wise_sweep as component_wise_sweep
 from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES as COVARIANCE_TYPES
 from gmmjax.mixtures.covariance_type import CovarianceType as CovarianceType
@@ -20,6 +19,7 @@ from gmmjax.mixtures.expectation_maximisation import expectation as expectation
 from gmmjax.mixtures.expectation_maximisation import expectation_maximisation as expectation_maximisation
 from gmmjax.mixtures.expectation_maximisation import maximisation as maximisation
 from gmmjax.mixtures.fitting import fit_mixture as fit_mixture
+from gmmjax.mixtures.gaussian_mixture_model import fit_by_annihilation as fit_by_annihilation
 from gmmjax.mixtures.grid_search import GridSearch as GridSearch
 from gmmjax.mixtures.grid_search import grid_search as grid_search
 from gmmjax.mixtures.map_fits import map_fits as map_fits

@@ -1,31 +1,20 @@
 """EM with annihilation: from many components down, the best message length wins (FJ02; thesis 2.2.2)."""
 
 import dataclasses
-from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, TypeVar, get_args
+from typing import Any, Generic, Literal, TypeVar, get_args
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array as JaxArray
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from gmmjax._typing import Array
 from gmmjax.errors import InputError, check_choice
-from gmmjax.mixtures.component_wise import component_wise_sweep
 from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES, CovarianceType
-from gmmjax.mixtures.criteria import message_length
-from gmmjax.mixtures.expectation_maximisation import (
-    FeatureChunks,
-    Moments,
-    annihilating_maximisation,
-    expectation,
-)
 from gmmjax.mixtures.mixture import GaussianMixture
-from gmmjax.mixtures.noise import log_uniform_density
-from gmmjax.mixtures.polish import Polished, gaussian_mixtures, polished
-from gmmjax.mixtures.prior import Prior
-from gmmjax.mixtures.weighted_points import WeightedPoints
+from gmmjax.mixtures.mixture_model import AbstractMixtureModel, Mixture
+from gmmjax.mixtures.polish import polished
 
 _Tree = TypeVar("_Tree")
 Step = Literal["joint", "component-wise"]
@@ -123,90 +112,33 @@ class Fit(eqx.Module):
     noise_share: Float[Array, ""]
 
 
-class Algorithm(NamedTuple):
-    """EM for one kind of model, as functions of the model (any pytree); the points are bound in them.
+class Annihilated(eqx.Module, Generic[Mixture]):
+    """Result of `annihilate`: the mixture with the shortest message length, its scores, and how the search ended."""
 
-    Attributes:
-        expectation: what the points give to the components, any pytree, and the log likelihood.
-        message_length: of the model with its log likelihood.
-        update: the next model from the model, what the points give, and whether the model is at rest, where the
-            update is not used; at most the weakest component dies.
-        without_weakest: the model without its weakest component.
-        live_count: how many components are live.
-        observations: the total mass of the points.
-    """
-
-    expectation: Callable[[Any], tuple[Any, JaxArray]]
-    message_length: Callable[[Any, JaxArray], JaxArray]
-    update: Callable[[Any, Any, JaxArray], Any]
-    without_weakest: Callable[[Any], Any]
-    live_count: Callable[[Any], JaxArray]
-    observations: JaxArray
-
-
-class Annihilated(NamedTuple):
-    """Result of `annihilate`: the model with the shortest message length, its scores, and how the search ended."""
-
-    model: Any
+    mixture: Mixture
     message_length: JaxArray
     log_likelihood: JaxArray
     steps: JaxArray
     result: FitStatus
 
 
-class _Candidate(NamedTuple):
-    """A converged model and its scores."""
+class _Candidate(eqx.Module, Generic[Mixture]):
+    """A converged mixture and its scores."""
 
-    model: Any
+    mixture: Mixture
     message_length: JaxArray
     log_likelihood: JaxArray
     converged: JaxArray
 
 
-class _State(NamedTuple):
-    model: Any
+class _State(eqx.Module, Generic[Mixture]):
+    mixture: Mixture
     previous: JaxArray  # log likelihood one step ago; minus infinity after an annihilation
     steps: JaxArray  # since the last annihilation at convergence
     steps_in_all: JaxArray
-    best: _Candidate
+    best: _Candidate[Mixture]
     finished: JaxArray
     finite: JaxArray
-
-
-def fit_by_annihilation(
-    points: WeightedPoints, start: GaussianMixture, prior: Prior, settings: FitSettings = FitSettings()
-) -> Fit:
-    """Fits one mixture to one cloud, from the components of `start` down (FJ02, figure 2).
-
-    EM runs to convergence; the mixture is scored by its message length; the weakest component is annihilated and EM
-    goes on, until `min_components` are left. Within EM the prior annihilates components too weak to pay for themselves.
-
-    A pure function of arrays: `jit`, and `vmap` over points, starts and priors. Failure is a status in the result. With
-    `settings.polish` it has derivatives, `jax.grad` and `jax.jacfwd`, with respect to points, masses and prior; they
-    hold while no component lives or dies, and are NaN where the parameters did not come to rest.
-
-    Args:
-        points: the points and their masses, n in d dimensions, in a scale of order 1 about an origin near the points.
-        start: the mixture to start from, such as `initial_mixture`.
-        prior: `Prior.figueiredo_jain` for the published algorithm.
-        settings: frozen and hashable: a static argument under `jit`.
-
-    Raises:
-        InputError: a noise component for the component-wise step; differentiated without `settings.polish`.
-    """
-    if settings.step == "component-wise" and prior.noise_share is not None:
-        raise InputError("noise_share is for step='joint'; the published sweep has no noise component")
-    log_noise = None if prior.noise_share is None else log_uniform_density(points)
-    given = FeatureChunks.of(points), prior, log_noise
-    start = _with_noise(jax.tree.map(jnp.asarray, start), prior)
-    # Which components win is discrete; what differs smoothly with the arguments is where they come to rest.
-    held, start = jax.lax.stop_gradient((given, start))
-    end = annihilate(start, _gaussian_mixture_algorithm(*held, settings), settings)
-    fit = _polished(end, *given, settings) if settings.polish else without_derivatives(end, given)
-    noise_share = 1 - jnp.sum(fit.model.weights) if log_noise is not None else jnp.zeros_like(fit.message_length)
-    mixture = eqx.tree_at(lambda mixture: mixture.weights, fit.model, fit.model.weights / (1 - noise_share))
-    bits = bits_of(fit.message_length)
-    return Fit(mixture, fit.message_length, fit.log_likelihood, fit.steps, fit.result, bits, noise_share)
 
 
 def bits_of(score: JaxArray) -> Int[JaxArray, ""]:
@@ -214,99 +146,80 @@ def bits_of(score: JaxArray) -> Int[JaxArray, ""]:
     return jnp.asarray(8 * score.dtype.itemsize, jnp.int32)
 
 
-def _with_noise(mixture: GaussianMixture, prior: Prior) -> GaussianMixture:
-    """The mixture whose weights leave to the noise component what the prior expects."""
-    if prior.noise_share is None:
-        return mixture
-    return eqx.tree_at(lambda own: own.weights, mixture, mixture.weights * (1 - prior.noise_share))
+def fit_model(model: AbstractMixtureModel[Mixture, Any], start: Mixture, settings: FitSettings) -> Annihilated[Mixture]:
+    """EM with annihilation, and the polish where the settings ask for it, for any kind of mixture.
 
-
-def _polished(
-    end: "Annihilated", chunks: FeatureChunks, prior: Prior, log_noise: JaxArray | None, settings: FitSettings
-) -> "Annihilated":
-    """The components that won, polished, with the scores of where they rest."""
-    covariance_type = settings.covariance_type
-    kind = gaussian_mixtures(covariance_type, settings.min_components)
-    rest = polished(kind, end.model, (chunks, prior, log_noise), max_steps=settings.max_polish_steps)
-    _, log_likelihood = expectation(rest.model, chunks, log_noise)
-    length = message_length(rest.model, log_likelihood, jnp.sum(chunks.mass), covariance_type)
-    return at_rest(end, rest, length, log_likelihood)
-
-
-def at_rest(end: "Annihilated", rest: Polished, length: JaxArray, log_likelihood: JaxArray) -> "Annihilated":
-    """The result of annihilation with the model at rest in place of the one where it ended."""
-    result = FitStatus.where(rest.converged, FitStatus.converged, FitStatus.not_at_rest)
-    result = FitStatus.where(end.result == FitStatus.not_finite, FitStatus.not_finite, result)
-    return Annihilated(rest.model, length, log_likelihood, end.steps + rest.steps, result)
-
-
-def _gaussian_mixture_algorithm(
-    chunks: FeatureChunks, prior: Prior, log_noise: JaxArray | None, settings: FitSettings
-) -> Algorithm:
-    observations = jnp.sum(chunks.mass)
-    covariance_type, least = settings.covariance_type, settings.min_components
-
-    def update(mixture: GaussianMixture, moments: Moments, at_rest: JaxArray) -> GaussianMixture:
-        if settings.step == "joint":
-            return annihilating_maximisation(moments, mixture.live, prior, covariance_type, least)
-        # Not in vain at rest, where its result is dropped: `cond` skips it outside of `vmap`.
-        return jax.lax.cond(
-            at_rest, lambda: mixture, lambda: component_wise_sweep(mixture, chunks, prior, covariance_type, least)
-        )
-
-    return Algorithm(
-        expectation=lambda mixture: expectation(mixture, chunks, log_noise),
-        message_length=lambda mixture, likelihood: message_length(mixture, likelihood, observations, covariance_type),
-        update=update,
-        without_weakest=without_weakest,
-        live_count=lambda mixture: mixture.count,
-        observations=observations,
-    )
-
-
-def annihilate(start: Any, algorithm: Algorithm, settings: FitSettings) -> Annihilated:
-    """EM with annihilation (FJ02, figure 2) for any model; see `fit_by_annihilation`.
+    A pure function of arrays. With `settings.polish` the result has derivatives with respect to the leaves of the
+    model; without, to ask for them is an error.
 
     Args:
-        start: the model to start from, a pytree of JAX arrays.
-        algorithm: the steps of EM for this model.
-        settings: when EM has converged, and when the search ends.
+        model: points and prior.
+        start: the mixture to start from, a pytree of JAX arrays; the result has no derivatives with respect to it.
+        settings: when EM has converged, when the search ends, and whether to polish.
     """
+    # Which components win is discrete; what differs smoothly with the arguments is where they come to rest.
+    held, start = jax.lax.stop_gradient((model, start))
+    end = annihilate(held, start, settings)
+    if not settings.polish:
+        return without_derivatives(end, model)
+    rest = polished(model, end.mixture, max_steps=settings.max_polish_steps)
+    _, log_likelihood = model.expectation(rest.mixture)
+    length = model.message_length(rest.mixture, log_likelihood, model.observations)
+    result = FitStatus.where(rest.converged, FitStatus.converged, FitStatus.not_at_rest)
+    result = FitStatus.where(end.result == FitStatus.not_finite, FitStatus.not_finite, result)
+    return Annihilated(rest.mixture, length, log_likelihood, end.steps + rest.steps, result)
+
+
+def annihilate(
+    model: AbstractMixtureModel[Mixture, Any], start: Mixture, settings: FitSettings
+) -> Annihilated[Mixture]:
+    """EM with annihilation (FJ02, figure 2): from the components of `start` down, the best message length wins.
+
+    EM runs to convergence; the mixture is scored by its message length; the weakest component is annihilated and EM
+    goes on, until `min_components` are left. Within EM the prior annihilates components too weak to pay for themselves.
+    Arguments as in `fit_model`.
+    """
+    observations = model.observations
     state = jax.lax.while_loop(
-        lambda state: ~state.finished, lambda state: _step(state, algorithm, settings), _initial_state(start, algorithm)
+        lambda state: ~state.finished,
+        lambda state: _step(state, model, observations, settings),
+        _initial_state(start, observations),
     )
     best = state.best
     result = FitStatus.where(best.converged, FitStatus.converged, FitStatus.step_limit)
     result = FitStatus.where(state.finite, result, FitStatus.not_finite)
-    return Annihilated(best.model, best.message_length, best.log_likelihood, state.steps_in_all, result)
+    return Annihilated(best.mixture, best.message_length, best.log_likelihood, state.steps_in_all, result)
 
 
-def _initial_state(start: Any, algorithm: Algorithm) -> _State:
-    infinity = jnp.asarray(jnp.inf, algorithm.observations.dtype)
+def _initial_state(start: Mixture, observations: JaxArray) -> _State[Mixture]:
+    infinity = jnp.asarray(jnp.inf, observations.dtype)
     zero, no, yes = jnp.asarray(0, jnp.int32), jnp.asarray(False), jnp.asarray(True)
     return _State(start, -infinity, zero, zero, _Candidate(start, infinity, -infinity, no), finished=no, finite=yes)
 
 
-def _step(state: _State, algorithm: Algorithm, settings: FitSettings) -> _State:
+def _step(
+    state: _State[Mixture], model: AbstractMixtureModel[Mixture, Any], observations: JaxArray, settings: FitSettings
+) -> _State[Mixture]:
     """One E-step; then the M-step or, at convergence, the annihilation of the weakest component."""
-    model, observations = state.model, algorithm.observations
-    given, log_likelihood = algorithm.expectation(model)
+    mixture = state.mixture
+    sums, log_likelihood = model.expectation(mixture)
     converged = jnp.abs(log_likelihood - state.previous) < settings.tolerance * observations
     at_rest = converged | (state.steps >= settings.max_steps)
-    length = algorithm.message_length(model, log_likelihood)
+    length = model.message_length(mixture, log_likelihood, observations)
     best = _select(
         at_rest & (length < state.best.message_length),
-        _Candidate(model, length, log_likelihood, converged),
+        _Candidate(mixture, length, log_likelihood, converged),
         state.best,
     )
-    updated = algorithm.update(model, given, at_rest)
-    updated = _select(at_rest, algorithm.without_weakest(model), updated)
-    died = algorithm.live_count(updated) < algorithm.live_count(model)
+    updated = model.updated(mixture, sums, at_rest)
+    updated = _select(at_rest, model.without_weakest(mixture), updated)
+    count = model.gaussians(mixture).count
+    died = model.gaussians(updated).count < count
     finite = jnp.isfinite(log_likelihood)
-    exhausted = at_rest & (algorithm.live_count(model) <= settings.min_components)
+    exhausted = at_rest & (count <= model.min_components)
     hopeless = at_rest & (length > best.message_length + settings.patience * observations)
     return _State(
-        model=updated,
+        mixture=updated,
         previous=jnp.where(died, -jnp.inf, log_likelihood),
         steps=jnp.where(at_rest, 0, state.steps + 1),
         steps_in_all=state.steps_in_all + 1,
@@ -314,20 +227,6 @@ def _step(state: _State, algorithm: Algorithm, settings: FitSettings) -> _State:
         finished=exhausted | hopeless | ~finite,
         finite=finite,
     )
-
-
-def without_weakest(mixture: GaussianMixture) -> GaussianMixture:
-    """The mixture without its live component of the smallest weight, which goes to the others in proportion."""
-    live = mixture.live & ~weakest(mixture.weights, mixture.live)
-    weights = jnp.where(live, mixture.weights, 0)
-    total = jnp.sum(weights)
-    weights = weights * jnp.sum(mixture.weights) / jnp.where(total > 0, total, 1)
-    return GaussianMixture.masked(weights, mixture.means, mixture.covariances, live)
-
-
-def weakest(weights: Float[Array, " k"], live: Bool[Array, " k"]) -> Bool[Array, " k"]:
-    """True at the live component of the smallest weight."""
-    return jnp.arange(len(weights)) == jnp.argmin(jnp.where(live, weights, jnp.inf))
 
 
 @eqx.filter_custom_jvp

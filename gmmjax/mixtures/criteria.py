@@ -6,6 +6,7 @@ from typing import Literal, get_args
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from gmmjax._host import float64_on_host
 from gmmjax._typing import Array, Scalar
 from gmmjax.mixtures.covariance_type import CovarianceType, parameters_per_component, shared_parameters
 from gmmjax.mixtures.mixture import GaussianMixture
@@ -14,11 +15,13 @@ Criterion = Literal["mdl", "bic", "aic"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 
 
+@float64_on_host
 def message_length(
     mixture: GaussianMixture,
     log_likelihood: Scalar,
     observations: Scalar,
     covariance_type: CovarianceType = "full",
+    own_parameters: int = 0,
 ) -> Float[Array, ""]:
     r"""Message length of FJ02: $-\log L + T/2 \sum_k \log w_k + (T + 1)/2 \, K \log n$.
 
@@ -30,14 +33,16 @@ def message_length(
         log_likelihood: log likelihood of the observations (nats).
         observations: n, the total mass of the points.
         covariance_type: gives T, the parameters per component.
+        own_parameters: what a component has beside mean and covariance, which adds to T.
     """
-    parameters = parameters_per_component(mixture.dimension, covariance_type)
+    parameters = parameters_per_component(mixture.dimension, covariance_type) + own_parameters
     shared = shared_parameters(mixture.dimension, covariance_type)
     log_weights = jnp.sum(jnp.log(jnp.where(mixture.live, mixture.weights, 1)))
     size = ((parameters + 1) * mixture.count + shared).astype(log_weights.dtype) / 2
     return -log_likelihood + parameters / 2 * log_weights + size * jnp.log(observations)
 
 
+@float64_on_host
 def minimum_description_length(
     mixture: GaussianMixture,
     log_likelihood: Scalar,
@@ -55,6 +60,7 @@ def minimum_description_length(
     return length + size * (1 - math.log(12))
 
 
+@float64_on_host
 def bayesian_information_criterion(
     mixture: GaussianMixture,
     log_likelihood: Scalar,
@@ -66,6 +72,7 @@ def bayesian_information_criterion(
     return -log_likelihood + free / 2 * jnp.log(observations)
 
 
+@float64_on_host
 def akaike_information_criterion(
     mixture: GaussianMixture,
     log_likelihood: Scalar,

@@ -78,13 +78,24 @@ def expectation(
     Returns:
         The components' moments, and the log likelihood (nats) of the observations, (2.11).
     """
+    sums, log_likelihood = feature_sums(noisy_coefficients(mixture, log_noise), chunks)
+    return noisy_moments(sums, chunks.dimension, noise=log_noise is not None), log_likelihood
+
+
+def noisy_coefficients(mixture: GaussianMixture, log_noise: Float[Array, ""] | None) -> Float[Array, "rows f"]:
+    """`coefficients` of the mixture, and as last row those of the noise component where there is one."""
     rows = coefficients(mixture)
     if log_noise is None:
-        sums, log_likelihood = feature_sums(rows, chunks)
-        return Moments(*split_feature_sums(sums, chunks.dimension)), log_likelihood
+        return rows
     noise = noise_coefficients(1 - jnp.sum(mixture.weights), log_noise, rows.shape[1])
-    sums, log_likelihood = feature_sums(jnp.concatenate([rows, noise]), chunks)
-    return Moments(*split_feature_sums(sums[:-1], chunks.dimension), sums[-1, 0]), log_likelihood
+    return jnp.concatenate([rows, noise])
+
+
+def noisy_moments(sums: Float[Array, "rows f"], dimension: int, *, noise: bool) -> Moments:
+    """The components' moments from the sums of their features; the last row is the noise's, where there is one."""
+    if not noise:
+        return Moments(*split_feature_sums(sums, dimension))
+    return Moments(*split_feature_sums(sums[:-1], dimension), sums[-1, 0])
 
 
 def feature_sums(
@@ -178,7 +189,7 @@ def maximisation(moments: Moments, prior: Prior, covariance_type: CovarianceType
 
     With `Prior.figueiredo_jain` several may die at once; `annihilation` lets only the weakest.
     """
-    return _mixture(moments, prior.unnormalised_weights(moments.mass), prior, covariance_type)
+    return maximised(moments, prior.unnormalised_weights(moments.mass), prior, covariance_type)[0]
 
 
 def annihilating_maximisation(
@@ -200,10 +211,7 @@ def annihilating_maximisation(
         covariance_type: constraint on the covariances.
         min_components: of so many components none dies.
     """
-    weights = prior.unnormalised_weights(moments.mass)
-    weakest = jnp.argmin(jnp.where(live, moments.mass, jnp.inf))
-    dies = (jnp.arange(len(weights)) == weakest) & (weights <= 0) & (jnp.sum(live) > min_components)
-    return frozen_maximisation(moments, live & ~dies, prior, covariance_type)
+    return frozen_maximisation(moments, survivors(moments.mass, live, prior, min_components), prior, covariance_type)
 
 
 def frozen_maximisation(
@@ -213,20 +221,52 @@ def frozen_maximisation(
 
     Arguments as in `annihilating_maximisation`.
     """
-    weights = jnp.where(live, jnp.maximum(prior.unnormalised_weights(moments.mass), WAITING_WEIGHT), 0)
-    return _mixture(moments, weights, prior, covariance_type)
+    return maximised(moments, waiting_weights(moments.mass, live, prior), prior, covariance_type)[0]
 
 
-def _mixture(
+def survivors(
+    mass: Float[Array, " k"], live: Bool[Array, " k"], prior: Prior, min_components: int
+) -> Bool[Array, " k"]:
+    """The live components, without the weakest where its support is too weak and `min_components` remain."""
+    too_weak = prior.unnormalised_weights(mass) <= 0
+    return live & ~(weakest(mass, live) & too_weak & (jnp.sum(live) > min_components))
+
+
+def weakest(weights: Float[Array, " k"], live: Bool[Array, " k"]) -> Bool[Array, " k"]:
+    """True at the live component of the smallest weight."""
+    return jnp.arange(len(weights)) == jnp.argmin(jnp.where(live, weights, jnp.inf))
+
+
+def waiting_weights(mass: Float[Array, " k"], live: Bool[Array, " k"], prior: Prior) -> Float[Array, " k"]:
+    """Unnormalised weights (2.20) of the live components, in which those that are too weak wait at a small weight."""
+    return jnp.where(live, jnp.maximum(prior.unnormalised_weights(mass), WAITING_WEIGHT), 0)
+
+
+def maximised(
     moments: Moments, weights: Float[Array, " k"], prior: Prior, covariance_type: CovarianceType
-) -> GaussianMixture:
+) -> tuple[GaussianMixture, Float[Array, ""]]:
+    """The M-step of every kind of mixture, equations (2.7) to (2.10), given the unnormalised weights.
+
+    Args:
+        moments: of the E-step.
+        weights: unnormalised; components of weight 0 die.
+        prior: belief about covariances, means and noise.
+        covariance_type: constraint on the covariances.
+
+    Returns:
+        The Gaussians, and the weight of the noise component (0 without), which is what their weights lack to 1.
+    """
     total = jnp.sum(weights)
-    weights = weights / jnp.where(total > 0, total, 1)
+    # Where all components die this is 0 / 0, which is no live component either.
+    weights = weights / total
+    noise_weight = jnp.zeros_like(total)
     if moments.noise_mass is not None:
-        weights = weights * (1 - prior.noise_weight(moments.noise_mass, total))
+        noise_weight = prior.noise_weight(moments.noise_mass, total)
+        weights = weights * (1 - noise_weight)
     covariances = prior.covariances(moments.mass, moments.means, moments.covariances)
     covariances = constrained(covariances, moments.mass, covariance_type)
-    return GaussianMixture.masked(weights, prior.means(moments.mass, moments.means), covariances, live=weights > 0)
+    means = prior.means(moments.mass, moments.means)
+    return GaussianMixture.masked(weights, means, covariances, live=weights > 0), noise_weight
 
 
 class Convergence(NamedTuple):

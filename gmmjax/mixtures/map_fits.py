@@ -13,10 +13,11 @@ from jaxtyping import ArrayLike, Float, PRNGKeyArray
 from gmmjax._host import to_numpy
 from gmmjax._programs import kept_jit
 from gmmjax.errors import InputError, check_choice
-from gmmjax.mixtures.annihilation import Fit, FitSettings, fit_by_annihilation
+from gmmjax.mixtures.annihilation import Fit, FitSettings
 from gmmjax.mixtures.checked_points import checked_points
 from gmmjax.mixtures.cores import Precision, in_precision, map_on_cores, stacked
 from gmmjax.mixtures.frame import Frame
+from gmmjax.mixtures.gaussian_mixture_model import fit_by_annihilation
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.prior import Prior, check_prior
 from gmmjax.mixtures.seeding import initial_mixture

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int, PRNGKeyArray
 
+from gmmjax._host import float64_on_host
 from gmmjax._typing import Array, Scalar
 from gmmjax.mixtures.covariance_type import CovarianceType, parameters_per_component, shared_parameters
 
@@ -14,6 +15,9 @@ class GaussianMixture(eqx.Module):
 
     The k slots are fixed so that programs compile once. A dead slot, one that was annihilated or never used, has
     weight 0, mean 0 and the identity as covariance: finite everywhere, and without influence on any result.
+
+    With NumPy leaves, as host functions return it, its methods compute in float64 whatever JAX's setting, and return
+    NumPy arrays; with JAX's leaves, or traced points, they compute in the dtype of their arguments.
 
     Attributes:
         weights: mixing weights, summing to 1 over the live slots; 0 in dead ones.
@@ -60,11 +64,12 @@ class GaussianMixture(eqx.Module):
         per_component = parameters_per_component(self.dimension, covariance_type)
         return self.count * (per_component + 1) - 1 + shared_parameters(self.dimension, covariance_type)
 
+    @float64_on_host
     def log_joint(self, points: Float[Array, "n d"]) -> Float[Array, "n k"]:
         r"""$\log w_k N(x_n; \mu_k, \Sigma_k)$ for every point and slot; minus infinity in dead slots.
 
         Points and means are taken relative to one origin before anything is squared, so that survey coordinates (1e6 m)
-        keep their digits; NumPy input is shifted in its own float64, also where JAX computes in float32.
+        keep their digits.
 
         Args:
             points: coordinates, in the unit of the mixture.
@@ -78,18 +83,22 @@ class GaussianMixture(eqx.Module):
         log_weights = jnp.where(self.live, jnp.log(jnp.where(self.live, self.weights, 1)), -jnp.inf)
         return (log_weights - normalisation / 2)[None, :] - jnp.sum(standardised**2, axis=-1) / 2
 
+    @float64_on_host
     def log_density(self, points: Float[Array, "n d"]) -> Float[Array, " n"]:
         """Logarithm of the density (2.1) at each point, in nats per unit volume."""
         return jax.nn.logsumexp(self.log_joint(points), axis=1)
 
+    @float64_on_host
     def responsibilities(self, points: Float[Array, "n d"]) -> Float[Array, "n k"]:
         """Probability that each point was drawn from each component, equation (2.6); 0 in dead slots, rows sum to 1."""
         return jax.nn.softmax(self.log_joint(points), axis=1)
 
+    @float64_on_host
     def labels(self, points: Float[Array, "n d"]) -> Int[Array, " n"]:
         """The slot of the most probable component of each point."""
         return jnp.argmax(self.log_joint(points), axis=1)
 
+    @float64_on_host
     def sample(self, key: PRNGKeyArray, n: int) -> Float[Array, "n d"]:
         """Draws n independent points from the mixture."""
         key_components, key_points = jax.random.split(key)
@@ -110,6 +119,7 @@ class GaussianMixture(eqx.Module):
             live=self.live,
         )
 
+    @float64_on_host
     def compacted(self, slots: int) -> "GaussianMixture":
         """The mixture in fewer slots, live components first; `slots` must be at least their number."""
         order = jnp.argsort(~jnp.asarray(self.live), stable=True)[:slots]

@@ -11,7 +11,7 @@ from gmmjax.mixtures.covariance_type import CovarianceType, parameters_per_compo
 
 
 class Prior(eqx.Module):
-    r"""Prior of a Gaussian mixture. Every leaf can be differentiated (`FitSettings.at_rest`).
+    r"""Prior of a Gaussian mixture. Every leaf can be differentiated (`FitSettings.polish`).
 
     The weights have a Dirichlet prior, each component's mean and covariance a normal-inverse-Wishart one
     (Fraley and Raftery 2007, section 2); covariances are widened by what is known of the sensor. At its defaults all

@@ -1,6 +1,6 @@
 """Gradients through the fit: scores, checks, and priors tuned by gradient."""
 
-from gmmjax.changes.fit.joint_mixture import joint_prior as joint_prior
+from gmmjax.changes.fit.joint_mixture_model import joint_prior as joint_prior
 from gmmjax.tuning.folders import find_tuning_pairs as find_tuning_pairs
 from gmmjax.tuning.folders import scan_pair as scan_pair
 from gmmjax.tuning.gradient_check import GradientCheck as GradientCheck

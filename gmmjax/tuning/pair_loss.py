@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
 from gmmjax._typing import Array
-from gmmjax.changes.fit.joint_mixture import JointMixture, fit_joint_mixture_from_seeds, log_joint
+from gmmjax.changes.fit.joint_mixture import JointMixture, log_joint
+from gmmjax.changes.fit.joint_mixture_model import fit_joint_mixture_from_seeds
 from gmmjax.changes.fit.joint_problem import AT_REST
 from gmmjax.mixtures import Prior
 from gmmjax.tuning.parameters import with_free_values
@@ -97,7 +98,7 @@ def total_gradient(
 def _part(prior: Prior, pair: ReadyPair, key: PRNGKeyArray, loss: Loss) -> PairLoss:
     framed = pair.frame.enter_prior(prior)
     end = fit_joint_mixture_from_seeds(pair.fitted, pair.max_components, framed, key, AT_REST)
-    return PairLoss(_sums(end.model, pair, loss), end.message_length)
+    return PairLoss(_sums(end.mixture, pair, loss), end.message_length)
 
 
 _compiled_part = jax.jit(_part, static_argnames="loss")

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from gmmjax._typing import Array
 from gmmjax.changes.config import PRIOR_LEAVES, DetectionConfig, with_settings
-from gmmjax.changes.fit.joint_mixture import NOISE_SHARE
+from gmmjax.changes.fit.joint_mixture_model import NOISE_SHARE
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures import Prior
 

@@ -6,14 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Float, PRNGKeyArray
 
 from gmmjax._typing import Array
-from gmmjax.changes.fit.joint_mixture import (
-    JointMixture,
-    SourcedPoints,
-    component_posterior,
-    density_ratio,
-    fit_joint_mixture_from_seeds,
-    point_posterior,
-)
+from gmmjax.changes.fit.joint_mixture import JointMixture, component_posterior, density_ratio, point_posterior
+from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, fit_joint_mixture_from_seeds
 from gmmjax.changes.fit.joint_problem import AT_REST, SURFACE_COMPONENTS
 from gmmjax.mixtures import FitSettings, FitStatus, Prior, WeightedPoints
 from gmmjax.mixtures.frame import Frame
@@ -71,9 +65,9 @@ def joint_posterior(
     end = fit_joint_mixture_from_seeds(sourced, max_components, frame.enter_prior(prior), key, settings)
     coordinates = sourced.points.points
     of_before, of_after = posteriors(
-        end.model, coordinates[: len(before)], coordinates[len(before) :], volumetric=volumetric
+        end.mixture, coordinates[: len(before)], coordinates[len(before) :], volumetric=volumetric
     )
-    return JointPosterior(of_before, of_after, end.model, end.log_likelihood, end.message_length, end.result)
+    return JointPosterior(of_before, of_after, end.mixture, end.log_likelihood, end.message_length, end.result)
 
 
 def posteriors(

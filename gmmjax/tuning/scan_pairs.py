@@ -11,7 +11,7 @@ from gmmjax._typing import Array
 from gmmjax.changes.align.alignment import aligned
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.detectors import JointDetector
-from gmmjax.changes.fit.joint_mixture import SourcedPoints
+from gmmjax.changes.fit.joint_mixture_model import SourcedPoints
 from gmmjax.changes.fit.joint_problem import joint_problem
 from gmmjax.changes.prepare.checking import CheckedCloud, check_overlap, check_pair
 from gmmjax.changes.prepare.resolution import WorkingCloud

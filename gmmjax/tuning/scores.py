@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from gmmjax._host import float64_on_host
 from gmmjax._typing import Array
 from gmmjax.mixtures import GaussianMixture
 
@@ -57,13 +58,14 @@ def expected_counts(
     return 2 * found + SMOOTHING, both + SMOOTHING
 
 
+@float64_on_host
 def held_out_log_likelihood(
     mixture: GaussianMixture, points: Float[Array, "n d"], mass: Float[Array, " n"] | None = None
 ) -> Float[Array, ""]:
     """Mean log density, nats an observation, of points that the mixture was not fitted to.
 
     Args:
-        mixture: such as of `fit_mixture`.
+        mixture: such as of `fit_mixture`, whose NumPy leaves are computed with in float64.
         points: in the unit of the mixture.
         mass: observations that each point stands for; default 1.
     """

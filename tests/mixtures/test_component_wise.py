@@ -2,8 +2,14 @@ import jax
 import numpy as np
 import pytest
 
-from gmmjax.mixtures import FeatureChunks, FitSettings, GaussianMixture, Prior, component_wise_sweep
-from gmmjax.mixtures.annihilation import fit_by_annihilation
+from gmmjax.mixtures import (
+    FeatureChunks,
+    FitSettings,
+    GaussianMixture,
+    Prior,
+    component_wise_sweep,
+    fit_by_annihilation,
+)
 from tests.mixtures import plain_figueiredo_jain
 from tests.mixtures.examples import assert_mixtures_close, cloud, pad, start, weighted
 

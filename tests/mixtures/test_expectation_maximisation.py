@@ -118,6 +118,18 @@ def test_step_equals_direct_formulas(float64, dimension):
     assert_mixtures_close(updated, expected, atol=1e-9)
 
 
+def test_where_all_components_die_no_slot_is_left_and_all_is_finite(float64):
+    @jax.jit
+    def updated(mixture, points):
+        return maximisation(expectation(mixture, FeatureChunks.of(points))[0], Prior(-1e3, 0.0))
+
+    left = updated(random_mixture(), weighted(cloud(points=50)))
+    assert not np.asarray(left.live).any()
+    assert_mixtures_close(
+        left, GaussianMixture(np.zeros(4), np.zeros((4, 3)), np.tile(np.eye(3), (4, 1, 1)), left.live)
+    )
+
+
 @given(seed=st.integers(0, 10**6), padding=st.integers(1, 40))
 def test_padding_changes_nothing(seed, padding):
     with jax.enable_x64(True):

@@ -1,4 +1,5 @@
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.special
@@ -68,10 +69,24 @@ def test_rotating_points_and_mixture_changes_no_density(float64):
     np.testing.assert_allclose(rotated.log_density(points @ rotation.T), mixture.log_density(points), rtol=1e-10)
 
 
-def test_survey_coordinates_keep_their_digits_in_float32():
-    mixture, points, offset = random_mixture(), cloud(), np.array([1e6, -2e6, 3e6])
+def test_methods_of_what_the_host_returns_compute_in_float64():
+    """JAX's default is float32 here. Survey coordinates keep their digits; points may be JAX's."""
+    mixture, points, offset = random_mixture(slots=6), cloud(), np.array([1e6, -2e6, 3e6])
+    expected = scipy.special.logsumexp(scipy_log_joint(mixture, points), axis=1)
+    np.testing.assert_allclose(mixture.log_density(points), expected, rtol=1e-12)
     far = mixture.rescaled(1.0, offset).log_density(points + offset)
-    np.testing.assert_allclose(far, mixture.log_density(points), rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(far, expected, rtol=0, atol=1e-7)
+    answers = mixture.log_joint(points), mixture.responsibilities(points), mixture.log_density(jnp.asarray(points))
+    answers += mixture.sample(jax.random.key(0), 3), mixture.compacted(4).covariances
+    assert {(type(answer), answer.dtype) for answer in answers} == {(np.ndarray, np.dtype(np.float64))}
+
+
+def test_traced_points_are_computed_with_in_their_own_precision():
+    """By a mixture of the host that traced code closes over, too."""
+    mixture, points = random_mixture(), cloud()
+    density = jax.jit(lambda own: mixture.log_density(own))(jnp.asarray(points))
+    assert density.dtype == np.float32
+    np.testing.assert_allclose(density, mixture.log_density(points), rtol=5e-4, atol=5e-4)
 
 
 def test_sample_has_the_moments_of_the_mixture(float64):

@@ -12,14 +12,8 @@ from jaxtyping import Float, Int, PRNGKeyArray
 from gmmjax._host import to_numpy
 from gmmjax._programs import kept_jit
 from gmmjax._typing import Array
-from gmmjax.changes.fit.joint_mixture import (
-    JointMixture,
-    SourcedPoints,
-    component_posterior,
-    density_ratio,
-    fit_joint_mixture_from_seeds,
-    point_posterior,
-)
+from gmmjax.changes.fit.joint_mixture import JointMixture, component_posterior, density_ratio, point_posterior
+from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, fit_joint_mixture_from_seeds
 from gmmjax.clouds.canonical import canonical_order, morton_order
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import FitSettings, FitStatus, GaussianMixture, Prior
@@ -92,7 +86,7 @@ def fit_joint_restarts(
     samples = [_subsample(framed, max_points, generator).padded() for _ in range(restarts)]
     keys = jax.random.split(key, restarts)
 
-    def fit_one(key: PRNGKeyArray, points: SourcedPoints) -> tuple[Annihilated, Array]:
+    def fit_one(key: PRNGKeyArray, points: SourcedPoints) -> tuple[Annihilated[JointMixture], Array]:
         return _compiled_fit(points, key, prior, np.int32(max_components), slots=slots, settings=settings)
 
     fits, ratios = map_on_cores(fit_one, list(zip(keys, samples, strict=True)), "float64", progress)
@@ -100,7 +94,7 @@ def fit_joint_restarts(
     if not finite.any():
         raise ComputationError(f"none of {restarts} restarts gave a joint mixture; raise noise_floor")
     fits, ratios = jax.tree.map(lambda leaf: leaf[finite], (fits, ratios))
-    return JointFits(fits.model, fits.message_length, ratios, fits.steps, fits.result, frame)
+    return JointFits(fits.mixture, fits.message_length, ratios, fits.steps, fits.result, frame)
 
 
 @kept_jit
@@ -112,9 +106,9 @@ def _compiled_fit(
     *,
     slots: int,
     settings: FitSettings,
-) -> tuple[Annihilated, Array]:
+) -> tuple[Annihilated[JointMixture], Array]:
     fit = fit_joint_mixture_from_seeds(points, slots, prior, key, settings, max_components)
-    return fit, density_ratio(fit.model)
+    return fit, density_ratio(fit.mixture)
 
 
 def point_excess(fits: JointFits, points: Float[np.ndarray, "n 3"], after: bool) -> Float[np.ndarray, "r n"]:

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.fit.joint_mixture import SourcedPoints, joint_prior
+from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, joint_prior
 from gmmjax.changes.prepare.resolution import WorkingPair
 from gmmjax.changes.registration import Registration
 from gmmjax.errors import InputError

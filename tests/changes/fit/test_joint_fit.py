@@ -2,27 +2,31 @@ import jax
 import numpy as np
 import pytest
 
-from gmmjax.changes.fit.joint_fit import fit_joint_restarts, mixtures_distance
-from gmmjax.changes.fit.joint_mixture import SourcedPoints, joint_prior
+from gmmjax.changes.fit.joint_fit import CHUNK, component_excess, fit_joint_restarts, mixtures_distance, point_excess
+from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, joint_prior
+from gmmjax.errors import ComputationError
 from gmmjax.mixtures import FitSettings, WeightedPoints
 from gmmjax.transport import exact_transport
 
 SETTINGS = FitSettings(patience=0.05)
+PRIOR = joint_prior(1e-3, 0.0)
+# Of the Gaussians of `sourced`; the last one is new.
+CENTRES = np.array([[0.0, 0, 0], [3, 0, 0], [0, 3, 0]])
 
 
 def sourced(size, seed=0):
     """Two Gaussians in both clouds and one in the after cloud alone."""
     random = np.random.default_rng(seed)
     number = random.integers(0, 3, size)
-    points = random.standard_normal((size, 3)) * 0.3 + np.array([[0, 0, 0], [3, 0, 0], [0, 3, 0]])[number]
+    points = random.standard_normal((size, 3)) * 0.3 + CENTRES[number]
     after = np.where(number == 2, 1.0, random.integers(0, 2, size).astype(float))
     return SourcedPoints(WeightedPoints(points, np.ones(size)), after)
 
 
-def fits(size, components, slots):
+def fits(size, components, slots, *, points=None, prior=PRIOR, max_points=6000, progress=None):
     return fit_joint_restarts(
-        sourced(size), key=jax.random.key(0), max_components=components, slots=slots, prior=joint_prior(1e-3, 0.0),
-        restarts=2, max_points=6000, settings=SETTINGS,
+        sourced(size) if points is None else points, key=jax.random.key(0), max_components=components, slots=slots,
+        prior=prior, restarts=2, max_points=max_points, settings=SETTINGS, progress=progress,
     )  # fmt: skip
 
 
@@ -53,3 +57,48 @@ def test_the_distance_is_the_mean_of_the_restarts():
         with jax.enable_x64(True):
             expected.append(float(exact_transport(*(own / own.sum() for own in weights), costs).cost))
     assert mixtures_distance(found) == pytest.approx(np.mean(expected), rel=1e-9)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return fits(240, 6, 12)
+
+
+def test_points_of_the_new_gaussian_are_extra_in_the_after_cloud_alone(found):
+    after, before = (point_excess(found, CENTRES, own) for own in (True, False))
+    assert after.shape == before.shape == (2, 3)
+    assert (after[:, 2] > 0.9).all() and (after[:, :2] < 0.3).all()
+    assert (before[:, 2] == 0).all()
+
+
+def test_component_excess_names_the_component_that_changed(found):
+    excess, slots = component_excess(found, CENTRES, True)
+    assert (excess[:, 2] > 0.9).all() and (excess[:, :2] < 0.3).all()
+    means = found.joint.mixture.means[np.arange(2), slots[:, 2]] * found.frame.spread + found.frame.origin
+    np.testing.assert_allclose(means, np.tile(CENTRES[2], (2, 1)), atol=0.2)
+
+
+def test_points_of_further_chunks_are_judged_like_those_of_the_first(found):
+    many = np.resize(CENTRES, (CHUNK + 4, 3))
+    np.testing.assert_array_equal(point_excess(found, many, True)[:, -3:], point_excess(found, many[-3:], True))
+
+
+def test_the_order_of_the_points_changes_nothing(found):
+    order = np.random.default_rng(1).permutation(240)
+    again = fits(240, 6, 12, points=jax.tree.map(lambda leaf: leaf[order], sourced(240)))
+    for one, other in zip(jax.tree.leaves(again.joint), jax.tree.leaves(found.joint), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_each_restart_sees_a_sample_of_its_own():
+    """Of about the given size, spread over both clouds, so that every restart finds what is new."""
+    seen = []
+    sampled = fits(240, 6, 12, max_points=150, progress=lambda: seen.append(1))
+    assert len(seen) == 2
+    assert sampled.message_length[0] != sampled.message_length[1]
+    assert (point_excess(sampled, CENTRES, True)[:, 2] > 0.9).all()
+
+
+def test_without_a_finite_fit_there_is_an_error():
+    with pytest.raises(ComputationError, match="none of 2 restarts gave a joint mixture; raise noise_floor"):
+        fits(240, 6, 12, prior=joint_prior(np.nan, 0.0))

@@ -5,19 +5,19 @@ import pytest
 
 from gmmjax.changes.fit.joint_mixture import (
     JointMixture,
-    SourcedPoints,
     changed_share,
     density_ratio,
-    fit_joint_mixture,
-    initial_joint_mixture,
     intensities,
-    joint_chunks,
-    joint_maximisation,
-    joint_prior,
     responsibilities,
 )
+from gmmjax.changes.fit.joint_mixture_model import (
+    JointMixtureModel,
+    SourcedPoints,
+    fit_joint_mixture,
+    initial_joint_mixture,
+    joint_prior,
+)
 from gmmjax.mixtures import FitSettings, GaussianMixture, WeightedPoints
-from gmmjax.mixtures.expectation_maximisation import feature_sums
 
 PRIOR = joint_prior(1e-3, 0.0)
 SETTINGS = FitSettings(patience=0.05)
@@ -47,11 +47,11 @@ def fitted(points, prior=PRIOR):
 
 @jax.jit
 def sums_of(joint, points):
-    return feature_sums(joint.coefficients(), joint_chunks(points))
+    return JointMixtureModel.of(points, PRIOR, SETTINGS).expectation(joint)
 
 
 def test_share_says_which_component_is_new():
-    joint = fitted(two_gaussians(0, extra_after=300)).model
+    joint = fitted(two_gaussians(0, extra_after=300)).mixture
     live = np.asarray(joint.mixture.live)
     shares = np.sort(np.asarray(joint.share_after)[live])
     assert len(shares) == 2
@@ -65,7 +65,7 @@ def test_density_ratio_is_that_of_the_unchanged_part():
     random = np.random.default_rng(1)
     shared = random.standard_normal((900, 3)) * 0.3
     points = SourcedPoints(WeightedPoints(shared, np.ones(900)), (np.arange(900) < 300).astype(float)).padded()
-    assert abs(float(density_ratio(fitted(points).model)) - 0.5) < 0.02
+    assert abs(float(density_ratio(fitted(points).mixture)) - 0.5) < 0.02
 
 
 def test_padding_changes_nothing():
@@ -74,13 +74,13 @@ def test_padding_changes_nothing():
     bare = SourcedPoints(WeightedPoints(points.points.points[:used], points.points.mass[:used]), points.after[:used])
     padded, exact = fitted(points), fitted(bare)
     assert float(padded.message_length) == pytest.approx(float(exact.message_length), abs=1e-6)
-    np.testing.assert_allclose(padded.model.mixture.means, exact.model.mixture.means, atol=1e-8)
+    np.testing.assert_allclose(padded.mixture.mixture.means, exact.mixture.mixture.means, atol=1e-8)
 
 
 def test_swapping_the_clouds_swaps_the_shares():
     points = two_gaussians(3, extra_after=200)
     swapped = SourcedPoints(points.points, 1 - points.after)
-    one, other = fitted(points).model, fitted(swapped).model
+    one, other = fitted(points).mixture, fitted(swapped).mixture
     np.testing.assert_allclose(one.share_after, 1 - other.share_after, atol=1e-9)
     assert float(density_ratio(one)) == pytest.approx(1 / float(density_ratio(other)))
 
@@ -88,7 +88,8 @@ def test_swapping_the_clouds_swaps_the_shares():
 def test_message_length_never_rises_within_em():
     """One step of EM from a fixed number of components raises the likelihood, which the shares are part of."""
     points = two_gaussians(4, extra_after=200)
-    step = jax.jit(lambda joint, sums: joint_maximisation(joint, sums, PRIOR, min_components=3))
+    model = JointMixtureModel.of(points, PRIOR, FitSettings(min_components=3))
+    step = jax.jit(lambda joint, sums: model.annihilating_maximisation(joint, sums))
     joint = jax.jit(lambda points: initial_joint_mixture(points, 3, PRIOR, jax.random.key(1)))(points)
     likelihoods = []
     for _ in range(6):
@@ -138,6 +139,6 @@ def test_expectation_against_plain_numpy():
 
 def test_tolerance_widens_every_component():
     points = two_gaussians(6, extra_after=100)
-    joint = fitted(points, joint_prior(0.0, 0.2)).model
+    joint = fitted(points, joint_prior(0.0, 0.2)).mixture
     live = np.asarray(joint.mixture.live)
     assert (np.linalg.eigvalsh(np.asarray(joint.mixture.covariances)[live])[:, 0] > 0.2**2).all()

@@ -9,18 +9,15 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 from gmmjax import FitSettings, FitStatus, InputError
-from gmmjax.changes.fit.joint_mixture import (
+from gmmjax.changes.fit.joint_mixture import density_ratio, intensities
+from gmmjax.changes.fit.joint_mixture_model import (
+    JointMixtureModel,
     SourcedPoints,
-    density_ratio,
     fit_joint_mixture,
     initial_joint_mixture,
-    intensities,
-    joint_chunks,
-    joint_maximisation,
     joint_prior,
 )
 from gmmjax.mixtures import WeightedPoints
-from gmmjax.mixtures.expectation_maximisation import feature_sums
 from tests.differences import along, assert_derivatives, difference_gradient
 from tests.mixtures.differentiation import statistic
 
@@ -65,8 +62,8 @@ def posterior(prior, points, settings=POLISHED):
     """The probability that what is at some points of the after cloud is new, as one number, and the fit."""
     start = initial_joint_mixture(points, 6, prior, jax.random.key(0))
     fit = fit_joint_mixture(points, start, prior, settings)
-    before, after = intensities(fit.model, points.points.points[:480:7])
-    new = jnp.maximum(0, 1 - density_ratio(fit.model) * before / after)
+    before, after = intensities(fit.mixture, points.points.points[:480:7])
+    new = jnp.maximum(0, 1 - density_ratio(fit.mixture) * before / after)
     return statistic(new, fit.message_length / 100), (fit, new)
 
 
@@ -78,7 +75,7 @@ def test_gradients_of_the_posterior_equal_differences():
     points, prior = changed_scene(), informative_prior()
     (_, (fit, new)), (of_prior, of_points) = gradient(prior, points)
     assert fit.result == FitStatus.converged
-    live = fit.model.mixture.live
+    live = fit.mixture.mixture.live
     assert 3 <= live.sum() < len(live)
     assert (new > 0.9).any() and ((0.01 < new) & (new < 0.9)).any()
     vector, unravel = ravel_pytree(prior)
@@ -107,10 +104,12 @@ def test_the_joint_mixture_rests():
 
     @jax.jit
     def step(joint):
-        return joint_maximisation(joint, feature_sums(joint.coefficients(), joint_chunks(points))[0], prior)
+        model = JointMixtureModel.of(points, prior, POLISHED)
+        sums, _ = model.expectation(joint)
+        return model.annihilating_maximisation(joint, sums)
 
-    updated = step(fit.model)
-    for before, after in zip(jax.tree.leaves(fit.model), jax.tree.leaves(updated), strict=True):
+    updated = step(fit.mixture)
+    for before, after in zip(jax.tree.leaves(fit.mixture), jax.tree.leaves(updated), strict=True):
         np.testing.assert_allclose(after, before, atol=1e-9)
 
 
