@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax import Changes, DetectionConfig, detect_changes, read_cloud
 from gmmjax.errors import InputWarning
-from gmmjax.geometry.local_surface import moved_points
+from gmmjax.geometry.rigid import rotation_about, transformed
 from gmmjax.scenes import laboratory_scene
 from tests.benchmarks.displaced_scenes import Scene, hall, table
 
@@ -74,7 +74,7 @@ def scenes(simulated: int) -> Iterator[tuple[str, Callable[[], Scene]]]:
 def room(seed: int, survey: str, level: str) -> Scene:
     """The laboratory, without its own misregistration."""
     scene = laboratory_scene(jax.random.key(seed), appeared=1, disappeared=1, survey=survey, level=level)
-    return Scene(scene.before, moved_points(scene.after, np.linalg.inv(scene.misregistration)))
+    return Scene(scene.before, transformed(scene.after, np.linalg.inv(scene.misregistration)))
 
 
 def displacement(random: np.random.Generator, scene: Scene, about_centre: bool) -> tuple[np.ndarray, float, float]:
@@ -82,11 +82,9 @@ def displacement(random: np.random.Generator, scene: Scene, about_centre: bool) 
     most = min(GREATEST_SHIFT, np.ptp(scene.before, axis=0).max() / 3)
     axis, direction = (vector / np.linalg.norm(vector) for vector in random.normal(size=(2, 3)))
     shift, angle = random.uniform(0, most), random.uniform(0, GREATEST_ANGLE)
-    transform = np.eye(4)
-    transform[:3, :3] = Rotation.from_rotvec(np.radians(angle) * axis).as_matrix()
+    rotation = Rotation.from_rotvec(np.radians(angle) * axis).as_matrix()
     centre = scene.after.mean(axis=0) if about_centre else np.zeros(3)
-    transform[:3, 3] = shift * direction + centre - transform[:3, :3] @ centre
-    return transform, shift, angle
+    return rotation_about(rotation, centre, centre + shift * direction), shift, angle
 
 
 def detected(before: np.ndarray, after: np.ndarray, mode: str) -> Detected:
@@ -114,11 +112,11 @@ def _shared(own: np.ndarray, labels: np.ndarray) -> float:
 
 
 def tried(name: str, scene: Scene, reference: Detected, transform: np.ndarray, shift: float, angle: float) -> Try:
-    found = detected(scene.before, moved_points(scene.after, transform), "auto")
+    found = detected(scene.before, transformed(scene.after, transform), "auto")
     undisplaced = reference.changes.registration.transform
     left = found.changes.registration.transform @ transform
     points = scene.after[:: max(len(scene.after) // 2000, 1)]
-    distances = np.linalg.norm(moved_points(points, left) - moved_points(points, undisplaced), axis=1)
+    distances = np.linalg.norm(transformed(points, left) - transformed(points, undisplaced), axis=1)
     rotation = Rotation.from_matrix(left[:3, :3] @ undisplaced[:3, :3].T)
     return Try(
         scene=name,
