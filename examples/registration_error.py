@@ -5,21 +5,21 @@ import argparse
 import jax
 import numpy as np
 
-from gmmjax import DetectionConfig
-from gmmjax.changes.registration import registered_pair
+from gmmjax.changes.align.alignment import aligned
+from gmmjax.geometry.rigid import transformed
+from gmmjax.pair import Pair
 from gmmjax.scenes import laboratory_scene
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--rooms", type=int, default=4, help="surveys of each kind")
 rooms = parser.parse_args().rooms
-config = DetectionConfig()
 for survey, level in (("panorama", "normal"), ("panorama", "hard"), ("frame", "normal")):
     errors = []
     for seed in range(8000, 8000 + rooms):
         scene = laboratory_scene(jax.random.key(seed), survey=survey, level=level)
-        motion = registered_pair(scene.before, scene.after, config).registration.transform
-        left = motion @ scene.misregistration
+        registration = aligned(Pair(scene.before, scene.after)).registration
+        left = registration.transform @ scene.misregistration
         centre = scene.before.mean(axis=0)
         angle = np.degrees(np.arccos(np.clip((np.trace(left[:3, :3]) - 1) / 2, -1, 1)))
-        errors.append((1000 * np.linalg.norm(left[:3, :3] @ centre + left[:3, 3] - centre), angle))
+        errors.append((1000 * np.linalg.norm(transformed(centre[None], left) - centre), angle))
     print(survey, level, np.round(errors, 2).tolist())

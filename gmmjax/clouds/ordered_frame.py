@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax.clouds.views import SensorViews
 from gmmjax.errors import InputError
+from gmmjax.geometry.rigid import rigid_transform
 
 # How far (standard deviation, as a share of the image) the directions of pixels may be from a pinhole camera's: lens
 # distortion is less, a wrong pose or a turning scanner more.
@@ -67,10 +68,7 @@ def _pose(viewpoint: tuple[float, ...]) -> Float64[np.ndarray, "4 4"] | None:
     # No component of a unit quaternion is above 1; the squares of greater ones may overflow.
     if np.abs(numbers[3:]).max() > 2 or abs(float(np.linalg.norm(numbers[3:])) - 1) > QUATERNION_TOLERANCE:
         return None
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_quat(numbers[[4, 5, 6, 3]]).as_matrix()
-    pose[:3, 3] = numbers[:3]
-    return pose
+    return rigid_transform(Rotation.from_quat(numbers[[4, 5, 6, 3]]).as_matrix(), numbers[:3])
 
 
 def _grows_evenly(tangents: Float64[np.ndarray, " n"], pixels: Int64[np.ndarray, " n"]) -> bool:

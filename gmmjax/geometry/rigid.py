@@ -5,19 +5,20 @@ from jaxtyping import Float, Float64
 
 
 def rigid_transform(
-    rotation: Float[np.ndarray, "3 3"] | None = None, translation: Float[np.ndarray, " 3"] | None = None
-) -> Float64[np.ndarray, "4 4"]:
-    """The transform that rotates about the origin and then translates.
+    rotation: Float[np.ndarray, "*n 3 3"] | None = None, translation: Float[np.ndarray, "*n 3"] | None = None
+) -> Float64[np.ndarray, "*n 4 4"]:
+    """The transform that rotates about the origin and then translates, or an array of such transforms.
 
     Args:
         rotation: rotation matrix; None: no rotation.
         translation: in the unit of the points; None: no translation.
     """
-    transform = np.eye(4)
+    count = rotation.shape[:-2] if rotation is not None else () if translation is None else translation.shape[:-1]
+    transform = np.tile(np.eye(4), (*count, 1, 1))
     if rotation is not None:
-        transform[:3, :3] = rotation
+        transform[..., :3, :3] = rotation
     if translation is not None:
-        transform[:3, 3] = translation
+        transform[..., :3, 3] = translation
     return transform
 
 

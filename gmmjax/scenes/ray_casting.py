@@ -6,6 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from gmmjax.geometry.rigid import rigid_transform
+
 UNLABELLED = -1
 
 
@@ -35,9 +37,7 @@ class Solid:
 
     def pose(self) -> Float[np.ndarray, "4 4"]:
         """Its own coordinates to the world's."""
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = self.rotation, self.centre
-        return pose
+        return rigid_transform(self.rotation, self.centre)
 
     def contains(self, points: Float[np.ndarray, "n 3"], margin: float = 0.0) -> Bool[np.ndarray, " n"]:
         """Which points lie inside, or outside by no more than the margin on each axis."""

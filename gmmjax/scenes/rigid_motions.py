@@ -4,6 +4,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from gmmjax.geometry.rigid import rigid_transform
+
 
 def looking_at(position: Float[np.ndarray, "3"], target: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
     """The pose of an upright camera, camera to world: x right, y down, z towards the target.
@@ -15,9 +17,7 @@ def looking_at(position: Float[np.ndarray, "3"], target: Float[np.ndarray, "3"])
     forward = (target - position) / np.linalg.norm(target - position)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3] = np.stack([right, np.cross(forward, right), forward, position], axis=1)
-    return pose
+    return rigid_transform(np.stack([right, np.cross(forward, right), forward], axis=1), position)
 
 
 def small_motion(random: np.random.Generator, shift: float, degrees: float) -> Float[np.ndarray, "4 4"]:
@@ -29,7 +29,4 @@ def small_motion(random: np.random.Generator, shift: float, degrees: float) -> F
         degrees: angle of the rotation.
     """
     axis, direction = (vector / np.linalg.norm(vector) for vector in random.standard_normal((2, 3)))
-    motion = np.eye(4)
-    motion[:3, :3] = Rotation.from_rotvec(np.radians(degrees) * axis).as_matrix()
-    motion[:3, 3] = shift * direction
-    return motion
+    return rigid_transform(Rotation.from_rotvec(np.radians(degrees) * axis).as_matrix(), shift * direction)

@@ -9,6 +9,7 @@ from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
 from gmmjax.errors import InputError, warn
+from gmmjax.geometry.rigid import rigid_transform
 from gmmjax.surveys.point_cloud2 import header_time
 from gmmjax.surveys.trajectory import Trajectory
 from gmmjax.surveys.transforms import Edge, TransformTree
@@ -100,7 +101,5 @@ def _trajectory(samples: Sequence[float], source: str) -> Trajectory:
     if not usable.all():
         warn(f"{source}: {int((~usable).sum())} of {len(rows)} poses are NaN or have no rotation and are left out")
         rows = rows[usable]
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    poses[:, :3, :3] = Rotation.from_quat(rows[:, 4:]).as_matrix()
-    poses[:, :3, 3] = rows[:, 1:4]
+    poses = rigid_transform(Rotation.from_quat(rows[:, 4:]).as_matrix(), rows[:, 1:4])
     return Trajectory.of_samples(rows[:, 0], poses)

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from gmmjax.clouds.views import check_poses
 from gmmjax.errors import InputError
+from gmmjax.geometry.rigid import rigid_transform
 
 # Between two poses further apart than this (seconds) nothing is known.
 MAX_GAP = 0.5
@@ -82,11 +83,10 @@ class Trajectory:
         share = (inside - self.times[after - 1]) / gap
         share = np.where(on_sample | covered, share, np.round(share))
         between = self.times[after - 1] + share * gap
-        poses = np.tile(np.eye(4), (len(asked), 1, 1))
-        poses[:, :3, :3] = Slerp(self.times, Rotation.from_matrix(self.poses[:, :3, :3]))(between).as_matrix()
+        rotations = Slerp(self.times, Rotation.from_matrix(self.poses[:, :3, :3]))(between).as_matrix()
         positions = self.poses[:, :3, 3]
-        poses[:, :3, 3] = positions[after - 1] + share[:, None] * (positions[after] - positions[after - 1])
-        return poses, covered
+        between_positions = positions[after - 1] + share[:, None] * (positions[after] - positions[after - 1])
+        return rigid_transform(rotations, between_positions), covered
 
     def of_sensor(self, sensor_on_body: Float64[np.ndarray, "4 4"]) -> "Trajectory":
         """The trajectory of a sensor.
@@ -107,12 +107,9 @@ def pose_matrix(position: npt.ArrayLike, quaternion: npt.ArrayLike) -> Float64[n
     Raises:
         InputError: numbers that are not finite, or a quaternion of no length.
     """
-    pose = np.eye(4)
     numbers = np.concatenate([np.asarray(position, np.float64), np.asarray(quaternion, np.float64)])
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.linalg.norm(numbers[3:])
     if numbers.shape != (7,) or not np.isfinite(numbers).all() or not 1e-6 <= length < np.inf:
         raise InputError(f"pose {numbers.tolist()}: must be x y z and a quaternion x y z w that is not zero")
-    pose[:3, :3] = Rotation.from_quat(numbers[3:]).as_matrix()
-    pose[:3, 3] = numbers[:3]
-    return pose
+    return rigid_transform(Rotation.from_quat(numbers[3:]).as_matrix(), numbers[:3])

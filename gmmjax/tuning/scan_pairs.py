@@ -1,6 +1,7 @@
 """Pairs of scans, made ready to be fitted again and again with other priors."""
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import equinox as eqx
@@ -19,7 +20,7 @@ from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.errors import InputError
 from gmmjax.mixtures import Prior, WeightedPoints
 from gmmjax.mixtures.frame import Frame
-from gmmjax.pair import Pair
+from gmmjax.pair import Pair, each
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -104,48 +105,24 @@ def ready_pair(pair: ScanPair, config: DetectionConfig, max_points: int, seed: i
     Raises:
         InputError: clouds that cannot be compared, or truth that does not fit them; it names the pair.
     """
-    try:
-        checked = check_pair(Pair(pair.before, pair.after), config.crop)
-        truths = [
-            _rows("truth_before", pair.truth_before, checked[0], "iu"),
-            _rows("truth_after", pair.truth_after, checked[1], "iu"),
-        ]
-        ignored = [
-            _rows("ignored_before", pair.ignored_before, checked[0], "b"),
-            _rows("ignored_after", pair.ignored_after, checked[1], "b"),
-        ]
-    except InputError as error:
-        raise InputError(f"{pair.name}: {error}") from error
+    checked, known = _checked(pair, config)
     placed = aligned(checked.map(lambda cloud: cloud.points), config.seed, JointDetector.of(config).align)
     check_overlap(checked, placed.registration)
-    working = placed.working
-    problem = joint_problem(working, placed.registration, config)
+    problem = joint_problem(placed.working, placed.registration, config)
     frame = Frame.of(problem.points.points)
     framed = SourcedPoints(frame.enter(problem.points.points), problem.points.after)
     generator = np.random.default_rng(seed)
-    order = generator.permutation(len(framed.after))
-    fitted, left = order[:max_points], order[max_points:]
-    if not pair.labelled and not len(left):
-        # Held-out points are needed: half are fitted, half are judged.
-        fitted, left = np.array_split(order, 2)
-    clouds = working.clouds
-    judged = []
-    for side, (cloud, truth, unjudged) in enumerate(zip(clouds, truths, ignored, strict=True)):
-        labels = _label(cloud, truth, unjudged)
-        first = 0 if side == 0 else len(clouds[0].points)
-        own = np.arange(len(cloud.points))
-        if not pair.labelled:
-            own = left[(left >= first) & (left < first + len(cloud.points))] - first
-        rows, factor = _drawn(own, labels, max_points, generator)
-        points = framed.points.points[first : first + len(cloud.points)][rows]
-        judged.append(_padded(JudgedPoints(points, labels.changed[rows], labels.weight[rows] * factor), max_points))
+    fitted, left = _fitted_and_left(len(framed.after), max_points, pair.labelled, generator)
+    # Without truth the judges are points that the fit has not seen.
+    rows = np.arange(len(framed.after)) if pair.labelled else left
+    judged = _judged(framed, rows, each(_labels, placed.working.clouds, known), max_points, generator)
     chosen = SourcedPoints(
         WeightedPoints(framed.points.points[fitted], framed.points.mass[fitted]), framed.after[fitted]
     )
     return ReadyPair(
         fitted=chosen.padded(),
-        before=judged[0],
-        after=judged[1],
+        before=judged.before,
+        after=judged.after,
         prior=problem.prior,
         frame=frame,
         max_components=min(problem.max_components, max(1, len(fitted) // 20)),
@@ -153,9 +130,30 @@ def ready_pair(pair: ScanPair, config: DetectionConfig, max_points: int, seed: i
     )
 
 
+class _Known(NamedTuple):
+    """What is known of each point of a cloud: its truth, and whether it is ignored; None: not known."""
+
+    truth: Int[np.ndarray, " n"] | None
+    ignored: Bool[np.ndarray, " n"] | None
+
+
 class _Labels(NamedTuple):
+    """For each voxel the share of its points that changed, and how many of its points are judged."""
+
     changed: Float[np.ndarray, " m"]
     weight: Float[np.ndarray, " m"]
+
+
+def _checked(pair: ScanPair, config: DetectionConfig) -> tuple[Pair[CheckedCloud], Pair[_Known]]:
+    """The clouds, and what is known of the points that are used."""
+    truth, ignored = Pair(pair.truth_before, pair.truth_after), Pair(pair.ignored_before, pair.ignored_after)
+    try:
+        checked = check_pair(Pair(pair.before, pair.after), config.crop)
+        truth = each(functools.partial(_rows, kinds="iu"), Pair("truth_before", "truth_after"), truth, checked)
+        ignored = each(functools.partial(_rows, kinds="b"), Pair("ignored_before", "ignored_after"), ignored, checked)
+    except InputError as error:
+        raise InputError(f"{pair.name}: {error}") from error
+    return checked, each(_Known, truth, ignored)
 
 
 def _rows(name: str, values: np.ndarray | None, cloud: CheckedCloud, kinds: str) -> np.ndarray | None:
@@ -171,14 +169,45 @@ def _rows(name: str, values: np.ndarray | None, cloud: CheckedCloud, kinds: str)
     return values[cloud.rows]
 
 
-def _label(cloud: WorkingCloud, truth: np.ndarray | None, ignored: np.ndarray | None) -> _Labels:
-    """For each voxel the share of its points that changed, and how many of its points are judged."""
-    judged = np.ones(len(cloud.member)) if ignored is None else (~ignored).astype(float)
+def _labels(cloud: WorkingCloud, known: _Known) -> _Labels:
+    judged = np.ones(len(cloud.member)) if known.ignored is None else (~known.ignored).astype(float)
     weight = np.bincount(cloud.member, judged, len(cloud.points))
     changed = np.zeros(len(cloud.points))
-    if truth is not None:
-        changed = np.bincount(cloud.member, judged * (truth >= 0), len(cloud.points)) / np.maximum(weight, 1)
+    if known.truth is not None:
+        changed = np.bincount(cloud.member, judged * (known.truth >= 0), len(cloud.points)) / np.maximum(weight, 1)
     return _Labels(changed, weight)
+
+
+def _fitted_and_left(
+    count: int, max_points: int, labelled: bool, generator: np.random.Generator
+) -> tuple[Int[np.ndarray, " f"], Int[np.ndarray, " l"]]:
+    """The rows of both clouds that are fitted, in random order, and those that are left."""
+    order = generator.permutation(count)
+    if not labelled and count <= max_points:
+        # Held-out points are needed: half are fitted, half are judged.
+        fitted, left = np.array_split(order, 2)
+        return fitted, left
+    return order[:max_points], order[max_points:]
+
+
+def _judged(
+    framed: SourcedPoints,
+    rows: Int[np.ndarray, " l"],
+    labels: Pair[_Labels],
+    max_points: int,
+    generator: np.random.Generator,
+) -> Pair[JudgedPoints]:
+    """The points of either cloud that are judged, drawn from these rows of both."""
+    after = framed.after[rows] == 1
+    first = len(labels.before.weight)
+
+    def of_cloud(points: np.ndarray, own: np.ndarray, labels: _Labels) -> JudgedPoints:
+        drawn, factor = _drawn(own, labels, max_points, generator)
+        return _padded(JudgedPoints(points[drawn], labels.changed[drawn], labels.weight[drawn] * factor), max_points)
+
+    return each(
+        of_cloud, Pair(*np.split(framed.points.points, [first])), Pair(rows[~after], rows[after] - first), labels
+    )
 
 
 def _drawn(

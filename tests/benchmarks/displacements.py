@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax import Changes, DetectionConfig, detect_changes, read_cloud
 from gmmjax.errors import InputWarning
-from gmmjax.geometry.local_surface import moved_points
+from gmmjax.geometry.rigid import rigid_transform, rotation_about, transformed
 from gmmjax.scenes import laboratory_scene
 from tests.benchmarks.displaced_scenes import Scene, hall, table
 
@@ -85,32 +85,27 @@ def scenes(simulated: int) -> Iterator[tuple[str, Callable[[], Scene]]]:
 def room(seed: int, survey: str, level: str) -> Scene:
     """The laboratory, without its own misregistration."""
     scene = laboratory_scene(jax.random.key(seed), appeared=1, disappeared=1, survey=survey, level=level)
-    return Scene(scene.before, moved_points(scene.after, np.linalg.inv(scene.misregistration)))
+    return Scene(scene.before, transformed(scene.after, np.linalg.inv(scene.misregistration)))
 
 
 def random_displacement(random: np.random.Generator, scene: Scene, about_centre: bool) -> Displacement:
     most = min(GREATEST_SHIFT, np.ptp(scene.before, axis=0).max() / 3)
     axis, direction = (vector / np.linalg.norm(vector) for vector in random.normal(size=(2, 3)))
     shift, angle = random.uniform(0, most), random.uniform(0, GREATEST_ANGLE)
-    transform = np.eye(4)
-    transform[:3, :3] = Rotation.from_rotvec(np.radians(angle) * axis).as_matrix()
+    rotation = Rotation.from_rotvec(np.radians(angle) * axis).as_matrix()
     centre = scene.after.mean(axis=0) if about_centre else np.zeros(3)
-    transform[:3, 3] = shift * direction + centre - transform[:3, :3] @ centre
-    return Displacement(transform, shift, angle)
+    return Displacement(rotation_about(rotation, centre, centre + shift * direction), shift, angle)
 
 
 def given_displacements(shifts: list[float], angles: list[float]) -> list[Displacement]:
     """Translations along x in metres, then rotations in degrees about x, y and z through the origin."""
     displacements = []
     for shift in shifts:
-        transform = np.eye(4)
-        transform[0, 3] = shift
-        displacements.append(Displacement(transform, shift, 0.0))
+        displacements.append(Displacement(rigid_transform(translation=np.array([shift, 0.0, 0.0])), shift, 0.0))
     for angle in angles:
         for axis in np.eye(3):
-            transform = np.eye(4)
-            transform[:3, :3] = Rotation.from_rotvec(np.radians(angle) * axis).as_matrix()
-            displacements.append(Displacement(transform, 0.0, angle))
+            rotation = Rotation.from_rotvec(np.radians(angle) * axis).as_matrix()
+            displacements.append(Displacement(rigid_transform(rotation), 0.0, angle))
     return displacements
 
 
@@ -139,11 +134,11 @@ def _shared(own: np.ndarray, labels: np.ndarray) -> float:
 
 
 def tried(name: str, scene: Scene, reference: Detected, displacement: Displacement) -> Try:
-    found = detected(scene.before, moved_points(scene.after, displacement.transform), "auto")
+    found = detected(scene.before, transformed(scene.after, displacement.transform), "auto")
     undisplaced = reference.changes.registration.transform
     left = found.changes.registration.transform @ displacement.transform
     points = scene.after[:: max(len(scene.after) // 2000, 1)]
-    distances = np.linalg.norm(moved_points(points, left) - moved_points(points, undisplaced), axis=1)
+    distances = np.linalg.norm(transformed(points, left) - transformed(points, undisplaced), axis=1)
     rotation = Rotation.from_matrix(left[:3, :3] @ undisplaced[:3, :3].T)
     return Try(
         scene=name,

@@ -10,6 +10,7 @@ from gmmjax.changes import Changes, DetectionConfig
 from gmmjax.changes.registration import Registration
 from gmmjax.clouds import read_cloud
 from gmmjax.errors import InputError
+from gmmjax.geometry.rigid import rigid_transform
 from gmmjax.reporting import write_result
 
 FILES = {"changes.json", "labels.npz", "before.ply", "after.ply", "report.html", "config.toml"}
@@ -84,8 +85,7 @@ def test_a_disk_that_fills_leaves_no_result_and_the_old_one_whole(pair, tmp_path
 
 
 def test_the_after_cloud_is_written_and_shown_in_the_frame_of_the_before_cloud(pair, tmp_path):
-    transform = np.eye(4)
-    transform[:3, 3] = [0, 0, -2]
+    transform = rigid_transform(translation=np.array([0.0, 0.0, -2.0]))
     registration = Registration(transform, True, 2.0, 0.01, 0.5, 0.9)
     changes = dataclasses.replace(pair[2], registration=registration)
     folder = write_result(tmp_path / "result", pair[0], pair[1], changes)

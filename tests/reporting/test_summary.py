@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from gmmjax.changes.registration import Registration
+from gmmjax.geometry.rigid import rigid_transform
 from gmmjax.reporting.summary import (
     HEADINGS,
     answer,
@@ -70,8 +71,7 @@ def test_dropped_rows_are_those_of_the_diagnostics(pair):
 
 
 def test_the_registration_is_told_in_a_sentence(pair):
-    transform = np.eye(4)
-    transform[:3, 3] = [0.3, 0, 0]
+    transform = rigid_transform(translation=np.array([0.3, 0, 0]))
     record = Registration(transform, True, 0.3, 0.0013, 0.0033, 0.96)
     assert registration_text(pair[2]) is None
     assert registration_text(dataclasses.replace(pair[2], registration=record)) == (

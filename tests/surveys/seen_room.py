@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gmmjax.geometry.rigid import rigid_transform
 from gmmjax.scenes.ray_casting import Solid, cast
 from gmmjax.scenes.rigid_motions import looking_at
 from gmmjax.surveys import Frame, Intrinsics, Trajectory
@@ -67,7 +68,5 @@ def distance_to_surfaces(points, solids=SOLIDS):
 
 def motion(seed=0):
     """A rigid motion of the world."""
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.random(random_state=seed).as_matrix()
-    pose[:3, 3] = np.random.default_rng(seed).uniform(-5, 5, 3)
-    return pose
+    rotation = Rotation.random(random_state=seed).as_matrix()
+    return rigid_transform(rotation, np.random.default_rng(seed).uniform(-5, 5, 3))

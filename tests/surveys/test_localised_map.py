@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from gmmjax.geometry.rigid import rigid_transform
 from gmmjax.surveys import Trajectory, localised_map
 from tests.surveys.seen_room import around, distance_to_surfaces, frame, motion, survey
 
@@ -24,8 +25,7 @@ def test_points_lie_on_the_surfaces():
 def test_between_poses_the_frame_is_where_the_interpolated_pose_is():
     first, second = around(16)[:2]
     shared = Rotation.from_matrix([first[:3, :3], second[:3, :3]]).mean().as_matrix()
-    between = np.eye(4)
-    between[:3, :3], between[:3, 3] = shared, (first[:3, 3] + second[:3, 3]) / 2
+    between = rigid_transform(shared, (first[:3, 3] + second[:3, 3]) / 2)
     made = localised_map([frame(between, 0.2)], Trajectory(np.array([0.0, 0.4]), np.stack([first, second])))
     assert distance_to_surfaces(made.points).max() < 1e-9
 
