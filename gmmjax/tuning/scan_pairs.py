@@ -11,7 +11,6 @@ from jaxtyping import ArrayLike, Bool, Float, Int
 from gmmjax._typing import Array
 from gmmjax.changes.align.alignment import aligned
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.detectors import JointDetector
 from gmmjax.changes.fit.joint_mixture_model import SourcedPoints
 from gmmjax.changes.fit.joint_problem import joint_problem
 from gmmjax.changes.prepare.checking import CheckedCloud, check_overlap, check_pair
@@ -106,7 +105,7 @@ def ready_pair(pair: ScanPair, config: DetectionConfig, max_points: int, seed: i
         InputError: clouds that cannot be compared, or truth that does not fit them; it names the pair.
     """
     checked, known = _checked(pair, config)
-    placed = aligned(checked.map(lambda cloud: cloud.points), config.seed, JointDetector.of(config).align)
+    placed = aligned(checked.map(lambda cloud: cloud.points), config.registration, config.voxel_size, seed=config.seed)
     check_overlap(checked, placed.registration)
     problem = joint_problem(placed.working, placed.registration, config)
     frame = Frame.of(problem.points.points)

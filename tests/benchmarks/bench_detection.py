@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax import DetectionConfig, detect_changes
 from gmmjax.clouds import write_ply
-from gmmjax.geometry.local_surface import moved_points
+from gmmjax.geometry.rigid import transformed
 from tests.benchmarks import peers, tasks
 from tests.benchmarks.scenes import changed_pair, hall_pair
 from tests.benchmarks.workers import worker
@@ -61,7 +61,7 @@ def test_registration(bench, quick, size, asked):
     before, after = hall_pair(size)
     displacement = np.eye(4)
     displacement[:3] = np.column_stack([Rotation.from_euler("z", 10, degrees=True).as_matrix(), [0.3, 0.2, 0.1]])
-    displaced = moved_points(after, displacement)
+    displaced = transformed(after, displacement)
     timings = bench.compare(
         never=lambda: detect_changes(before, after, config=DetectionConfig(registration="never")),
         registered=lambda: detect_changes(before, after),
