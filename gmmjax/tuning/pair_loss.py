@@ -12,7 +12,7 @@ from jaxtyping import Float, PRNGKeyArray
 from gmmjax._typing import Array
 from gmmjax.changes.fit.joint_mixture import JointMixture, log_joint
 from gmmjax.changes.fit.joint_mixture_model import fit_joint_mixture_from_seeds
-from gmmjax.changes.fit.joint_problem import AT_REST
+from gmmjax.changes.fit.joint_problem import JointFitSettings
 from gmmjax.mixtures import Prior
 from gmmjax.tuning.parameters import with_free_values
 from gmmjax.tuning.posterior import posteriors
@@ -97,7 +97,7 @@ def total_gradient(
 
 def _part(prior: Prior, pair: ReadyPair, key: PRNGKeyArray, loss: Loss) -> PairLoss:
     framed = pair.frame.enter_prior(prior)
-    end = fit_joint_mixture_from_seeds(pair.fitted, pair.max_components, framed, key, AT_REST)
+    end = fit_joint_mixture_from_seeds(pair.fitted, pair.max_components, framed, key, JointFitSettings().at_rest)
     return PairLoss(_sums(end.mixture, pair, loss), end.message_length)
 
 

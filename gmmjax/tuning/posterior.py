@@ -8,7 +8,7 @@ from jaxtyping import Float, PRNGKeyArray
 from gmmjax._typing import Array
 from gmmjax.changes.fit.joint_mixture import JointMixture, component_posterior, density_ratio, point_posterior
 from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, fit_joint_mixture_from_seeds
-from gmmjax.changes.fit.joint_problem import AT_REST, SURFACE_COMPONENTS
+from gmmjax.changes.fit.joint_problem import JointFitSettings
 from gmmjax.mixtures import FitSettings, FitStatus, Prior, WeightedPoints
 from gmmjax.mixtures.frame import Frame
 
@@ -40,8 +40,8 @@ def joint_posterior(
     prior: Prior,
     key: PRNGKeyArray,
     volumetric: bool = False,
-    max_components: int = SURFACE_COMPONENTS,
-    settings: FitSettings = AT_REST,
+    max_components: int = JointFitSettings().surface_components,
+    settings: FitSettings = JointFitSettings().at_rest,
 ) -> JointPosterior:
     """The posterior of each point that it changed, by one joint mixture: what `detect_changes` begins with.
 

@@ -17,7 +17,7 @@ from gmmjax.changes.evidence.examination import EvidenceSettings, examined
 from gmmjax.changes.evidence.free_space import Survey
 from gmmjax.changes.evidence.view_checks import usable_views
 from gmmjax.changes.fit.joint_fit import JointFits, fit_joint_restarts, mixtures_distance, point_excess
-from gmmjax.changes.fit.joint_problem import SETTINGS, JointProblem, joint_problem
+from gmmjax.changes.fit.joint_problem import JointFitSettings, JointProblem, joint_problem
 from gmmjax.changes.objects.found import Found, ObjectSettings, surfaces_found, volumes_found
 from gmmjax.changes.objects.moved import with_moved
 from gmmjax.changes.prepare.checking import NAMES, CheckedCloud, check_overlap, check_pair
@@ -37,6 +37,7 @@ class JointDetector(AbstractChangeDetector):
     Attributes:
         config: what the user set; it is kept with the result.
         align: how the clouds are brought into one frame.
+        fit: how the mixture is fitted to both clouds.
         differences: from which distance and offset on a point of a scan is surely changed.
         candidates: which points look changed, and how they are gathered.
         evidence: when a candidate is a change.
@@ -45,6 +46,7 @@ class JointDetector(AbstractChangeDetector):
 
     config: DetectionConfig = DetectionConfig()
     align: AlignSettings = AlignSettings()
+    fit: JointFitSettings = JointFitSettings()
     differences: DifferenceSettings = DifferenceSettings()
     candidates: CandidateSettings = CandidateSettings()
     evidence: EvidenceSettings = EvidenceSettings()
@@ -68,8 +70,8 @@ class JointDetector(AbstractChangeDetector):
         pair = self._aligned(prepared)
         surveys = _surveys(pair, scans)
         clock.start("fits", "Fitting the mixtures", 0.25)
-        problem = joint_problem(pair.working, pair.registration, self.config)
-        fits = _fit(problem, self.config, report)
+        problem = joint_problem(pair.working, pair.registration, self.config, self.fit)
+        fits = self._fitted(problem, report)
         clock.start("changes", "Looking for changes", 0.75)
         if pair.working.volumetric:
             found = volumes_found(pair.points, problem, fits, self.config.threshold, self.objects.volumes)
@@ -94,6 +96,21 @@ class JointDetector(AbstractChangeDetector):
         check_overlap(prepared, pair.registration)
         _warn_about_registration(pair.registration)
         return pair
+
+    def _fitted(self, problem: JointProblem, report: Progress) -> JointFits:
+        restarts = self.config.number_of_restarts(on_surfaces=not problem.volumetric)
+        done = iter(range(1, restarts + 1))
+        return fit_joint_restarts(
+            problem.points,
+            key=jax.random.key(self.config.seed),
+            max_components=problem.max_components,
+            slots=problem.slots,
+            prior=problem.prior,
+            restarts=restarts,
+            max_points=problem.max_points,
+            settings=self.fit.em,
+            progress=lambda: report("Fitting the mixtures", 0.25 + 0.5 * next(done) / restarts),
+        )
 
     def _found_on_surfaces(self, pair: AlignedPair, surveys: Pair[Survey], fits: JointFits) -> Found:
         points = pair.surfaces.map(lambda surface: surface.points)
@@ -125,22 +142,6 @@ def _warn_about_registration(registration: Registration) -> None:
         f"are lowered: {overlap:.0%} of the points of one cloud have a counterpart in the other{residual}. Are both of "
         "the same place, in the same unit, and rotated by less than 30 degrees? crop leaves out what only one cloud "
         "has, registration='never' takes clouds that are registered already as they are"
-    )
-
-
-def _fit(problem: JointProblem, config: DetectionConfig, report: Progress) -> JointFits:
-    restarts = config.number_of_restarts(on_surfaces=not problem.volumetric)
-    done = iter(range(1, restarts + 1))
-    return fit_joint_restarts(
-        problem.points,
-        key=jax.random.key(config.seed),
-        max_components=problem.max_components,
-        slots=problem.slots,
-        prior=problem.prior,
-        restarts=restarts,
-        max_points=problem.max_points,
-        settings=SETTINGS,
-        progress=lambda: report("Fitting the mixtures", 0.25 + 0.5 * next(done) / restarts),
     )
 
 

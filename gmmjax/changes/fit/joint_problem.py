@@ -12,18 +12,36 @@ from gmmjax.errors import InputError
 from gmmjax.mixtures import FitSettings, Prior, WeightedPoints
 from gmmjax.mixtures.map_fits import default_noise_floor
 
-# Components that annihilation starts from, and points that a restart sees: on surfaces the mixture need not be fine,
-# because distances see what is small.
-SURFACE_COMPONENTS, VOLUME_COMPONENTS = 40, 25
-SURFACE_POINTS = 6_000
-POINTS_PER_COMPONENT = 20
-SETTINGS = FitSettings(patience=0.02, tolerance=3e-5)
-# The same fit at rest, where derivatives go through it.
-AT_REST = dataclasses.replace(SETTINGS, polish=True)
-# The registration tolerance of scans, in spacings.
-TOLERANCE_SPACINGS = 2.0
-# The scatter of voxel means on a surface, in spacings: that of a uniform distribution.
-SCATTER = 12**-0.5
+
+@dataclasses.dataclass(frozen=True)
+class JointFitSettings:
+    """How the joint mixture is fitted.
+
+    Attributes:
+        surface_components: that annihilation starts from on surfaces: the mixture need not be fine, because distances
+            see what is small.
+        volume_components: the same of clouds that fill volumes.
+        surface_points: that a restart sees on surfaces, at most.
+        points_per_component: of small clouds: with fewer points fewer components are started from.
+        em: of EM with annihilation. Patience in nats an observation: message lengths this much above the best one do
+            not come back.
+        tolerance_spacings: least registration tolerance of scans, in spacings. 0: two samples of one surface differ.
+        scatter_spacings: noise floor on surfaces, in spacings: the standard deviation of voxel means along an axis, that
+            of a uniform distribution.
+    """
+
+    surface_components: int = 40
+    volume_components: int = 25
+    surface_points: int = 6_000
+    points_per_component: int = 20
+    em: FitSettings = FitSettings(patience=0.02, tolerance=3e-5)
+    tolerance_spacings: float = 2.0
+    scatter_spacings: float = 12**-0.5
+
+    @property
+    def at_rest(self) -> FitSettings:
+        """EM polished to a fixed point, where derivatives go through the fit."""
+        return dataclasses.replace(self.em, polish=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,13 +65,19 @@ class JointProblem:
     volumetric: bool
 
 
-def joint_problem(pair: WorkingPair, registration: Registration, config: DetectionConfig) -> JointProblem:
+def joint_problem(
+    pair: WorkingPair,
+    registration: Registration,
+    config: DetectionConfig,
+    settings: JointFitSettings = JointFitSettings(),
+) -> JointProblem:
     """The joint mixture that a pair of aligned clouds asks for.
 
     Args:
         pair: both clouds, aligned.
         registration: by which they were.
         config: overrides what is derived from the data.
+        settings: how what is derived from the data is derived.
 
     Raises:
         InputError: more components than points.
@@ -62,41 +86,41 @@ def joint_problem(pair: WorkingPair, registration: Registration, config: Detecti
     points = np.concatenate([cloud.points for cloud in clouds])
     # The density of a scan is an accident of where the sensor stood: on surfaces every voxel counts the same.
     masses = [cloud.mass if pair.volumetric else np.ones(len(cloud.mass)) for cloud in clouds]
-    components = _components(pair, config)
+    components = _components(pair, config, settings)
     after = np.repeat([0.0, 1.0], [len(cloud.points) for cloud in clouds])
     return JointProblem(
         points=SourcedPoints(WeightedPoints(points, np.concatenate(masses)), after),
-        prior=config.over(joint_prior(_noise_floor(pair, points), _tolerance(pair, registration))),
+        prior=config.over(joint_prior(_noise_floor(pair, points, settings), _tolerance(pair, registration, settings))),
         max_components=components,
-        slots=max(components, _default_components(pair)),
-        max_points=config.max_points if pair.volumetric else min(config.max_points, SURFACE_POINTS),
+        slots=max(components, _default_components(pair, settings)),
+        max_points=config.max_points if pair.volumetric else min(config.max_points, settings.surface_points),
         volumetric=pair.volumetric,
     )
 
 
-def _noise_floor(pair: WorkingPair, points: np.ndarray) -> float:
+def _noise_floor(pair: WorkingPair, points: np.ndarray, settings: JointFitSettings) -> float:
     if not pair.volumetric:
-        return SCATTER * pair.spacing
+        return settings.scatter_spacings * pair.spacing
     return default_noise_floor(points)
 
 
-def _tolerance(pair: WorkingPair, registration: Registration) -> float:
+def _tolerance(pair: WorkingPair, registration: Registration, settings: JointFitSettings) -> float:
     """The tolerance of registration grows with its residual; on surfaces it is never below the points' own scatter."""
     residual = registration.residual or 0.0
-    return residual if pair.volumetric else max(TOLERANCE_SPACINGS * pair.spacing, residual)
+    return residual if pair.volumetric else max(settings.tolerance_spacings * pair.spacing, residual)
 
 
-def _components(pair: WorkingPair, config: DetectionConfig) -> int:
+def _components(pair: WorkingPair, config: DetectionConfig, settings: JointFitSettings) -> int:
     points = sum(len(cloud.points) for cloud in pair.clouds)
     if config.max_components is not None:
         if config.max_components > points:
             raise InputError(
                 f"max_components={config.max_components} is more than the {points} points (or voxels) of both clouds; "
-                f"choose at most {max(1, points // POINTS_PER_COMPONENT)}"
+                f"choose at most {max(1, points // settings.points_per_component)}"
             )
         return config.max_components
-    return max(1, min(_default_components(pair), points // POINTS_PER_COMPONENT))
+    return max(1, min(_default_components(pair, settings), points // settings.points_per_component))
 
 
-def _default_components(pair: WorkingPair) -> int:
-    return VOLUME_COMPONENTS if pair.volumetric else SURFACE_COMPONENTS
+def _default_components(pair: WorkingPair, settings: JointFitSettings) -> int:
+    return settings.volume_components if pair.volumetric else settings.surface_components
