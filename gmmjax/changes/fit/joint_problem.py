@@ -26,8 +26,8 @@ class JointFitSettings:
         em: of EM with annihilation. Patience in nats an observation: message lengths this much above the best one do
             not come back.
         tolerance_spacings: least registration tolerance of scans, in spacings. 0: two samples of one surface differ.
-        scatter_spacings: noise floor on surfaces, in spacings: the standard deviation of voxel means along an axis, that
-            of a uniform distribution.
+        scatter_spacings: noise floor on surfaces, in spacings: the standard deviation of voxel means along an axis,
+            which is that of a uniform distribution.
     """
 
     surface_components: int = 40
