@@ -153,7 +153,7 @@ def volumes_found(
         threshold: probability from which on a point is changed.
         settings: which components are significant.
     """
-    weights = restart_weights(fits, comparable=len(problem.points.after) <= problem.max_points)
+    weights = restart_weights(fits.message_length, comparable=len(problem.points.after) <= problem.max_points)
 
     def of_cloud(points: np.ndarray, kind: Kind) -> CloudChanges:
         return volumetric_changes(points, fits, weights, kind, threshold, settings)

@@ -29,19 +29,19 @@ class MatchSettings:
         upright_transforms: number of those that keep an object upright: more, since partly observed sides fit each
             other at many headings.
         coarse_sample: number of points of either object that every candidate is compared by.
-        hopeless: contradicted fraction of the points above which the best candidate is not refined. 1: it always is.
+        most_contradicted: fraction of the points above which the best candidate is not refined. 1: it always is.
         refined: number of candidates, the best, that are refined.
         sample: number of points of either object that a refined transform is compared by.
         contradiction: contradicted points cost this multiple of what covered points gain in the comparison of
             transforms. 0: contradictions do not count.
-        half_turn: fraction of the points that a rotation by 180 degrees costs there: of the transforms that fit a
-            symmetric object the one with the smallest rotation is taken. 0: any of them.
+        rotation_penalty: fraction of the points that a rotation by 180 degrees costs there: of the transforms that fit
+            a symmetric object the one with the smallest rotation is taken. 0: any of them.
         uncovered: in the misfit a point that is not covered costs this fraction of a contradicted one. 0: nothing.
         most_misfit: of one object, both directions together. Infinite: any two objects that overlap are one.
         least_covered: fraction of either one that lies on the other. 0: objects may be matched without an overlap.
         least_covered_upright: the same where the support planes are known.
         most_misfit_same_top: of one object, where the tops have the same outline and height, which two objects rarely
-            have. As `most_misfit`: equal tops are no evidence.
+            have. Equal to `most_misfit`: equal tops gain nothing.
         least_covered_same_top: the same, of the fraction that lies on the other one.
         same_height: largest distance of the support planes after the transform. Infinite: objects may sink or float.
         other_height: objects whose tops differ in height by more are not compared. Infinite: all are.
@@ -53,11 +53,11 @@ class MatchSettings:
     transforms: int = 10
     upright_transforms: int = 24
     coarse_sample: int = 200
-    hopeless: float = 0.3
+    most_contradicted: float = 0.3
     refined: int = 2
     sample: int = 800
     contradiction: float = 4.0
-    half_turn: float = 0.05
+    rotation_penalty: float = 0.05
     uncovered: float = 0.02
     most_misfit: float = 0.07
     least_covered: float = 0.45
@@ -119,7 +119,7 @@ class Match(NamedTuple):
         half_turns = Rotation.from_matrix(self.transform[:3, :3]).magnitude() / np.pi
         contradiction = self.settings.contradiction
         fits = sum(side.covered - contradiction * side.contradicted for side in (self.there, self.back))
-        return float(fits - self.settings.half_turn * half_turns)
+        return float(fits - self.settings.rotation_penalty * half_turns)
 
 
 class _Candidates(NamedTuple):
@@ -161,7 +161,7 @@ def best_match(
         for transform in candidates.transforms
     ]
     matches.sort(key=lambda match: match.merit, reverse=True)
-    if min(matches[0].there.contradicted, matches[0].back.contradicted) > settings.hopeless:
+    if min(matches[0].there.contradicted, matches[0].back.contradicted) > settings.most_contradicted:
         return matches[0]
     best = max(
         (_refined(parts, match, surfaces, noise, settings) for match in matches[: settings.refined]),

@@ -23,7 +23,7 @@ class VolumetricChangeSettings:
     least_significance: float = 5.0
 
 
-def restart_weights(fits: JointFits, comparable: bool) -> Float[np.ndarray, " r"]:
+def restart_weights(message_length: Float[np.ndarray, " r"], comparable: bool) -> Float[np.ndarray, " r"]:
     """The weight of each restart, summing to 1.
 
     Restarts on the same points are weighted by exp(-message length), the posterior odds of their mixtures: a restart
@@ -31,12 +31,12 @@ def restart_weights(fits: JointFits, comparable: bool) -> Float[np.ndarray, " r"
     different subsamples are weighted equally.
 
     Args:
-        fits: joint mixtures.
+        message_length: of the joint mixture of each, in nats.
         comparable: whether all restarts were fitted to the same points.
     """
     if not comparable:
-        return np.full(len(fits.message_length), 1 / len(fits.message_length))
-    weights = np.exp(fits.message_length.min() - fits.message_length)
+        return np.full(len(message_length), 1 / len(message_length))
+    weights = np.exp(message_length.min() - message_length)
     return weights / weights.sum()
 
 

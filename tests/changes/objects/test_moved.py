@@ -3,6 +3,7 @@ import numpy as np
 from gmmjax.changes.objects.cloud_changes import change_of
 from gmmjax.changes.objects.match import MatchSettings
 from gmmjax.changes.objects.moved import MovedSettings, with_moved
+from gmmjax.changes.objects.rigid_match import RigidMatchSettings
 from gmmjax.geometry.local_surface import LocalSurface
 from gmmjax.pair import Pair
 from tests.changes.scanned_objects import box, placed
@@ -52,9 +53,11 @@ def test_one_kind_alone_cannot_move():
 
 
 def test_settings_reach_the_match():
-    extent = (0.2, 0.16, 0.14)
+    extent, unrotated = (0.2, 0.16, 0.14), RigidMatchSettings(rotations=1)
     given = changes([box(0, extent)], [box(1, extent) + 1])
-    assert [change.kind for change in with_moved(*given, NOISE)] == ["moved", "moved"]
-    for settings in (MovedSettings(most_extent_ratio=1.0), MovedSettings(match=MatchSettings(most_misfit=0.0))):
-        # The boxes are equal up to noise.
+    settings = MovedSettings(match=MatchSettings(rigid=unrotated))
+    assert [change.kind for change in with_moved(*given, NOISE, settings)] == ["moved", "moved"]
+    strict = MovedSettings(match=MatchSettings(rigid=unrotated, most_misfit=0.0))
+    # The extents of the two are equal up to noise.
+    for settings in (strict, MovedSettings(most_extent_ratio=1.0)):
         assert [change.kind for change in with_moved(*given, NOISE, settings)] == ["disappeared", "appeared"]
