@@ -1,4 +1,4 @@
-"""What one adds to gmmjax, as docs/design.md says: a detector is a class, a ground cost a function."""
+"""What one adds to gmmjax: a detector is a class, a ground cost a function."""
 
 import dataclasses
 

@@ -21,7 +21,7 @@ CloudKind = Literal["frame", "volumetric", "localised"]
 KINDS: tuple[CloudKind, ...] = get_args(CloudKind)
 # The voxel filter's edge (thesis 3.1.6), and that of the volumetric maps, metres.
 VOXEL = 0.01
-# A vertex of a volumetric map is on what most of so many measured points around it are on.
+# Nearest measured points of a vertex of a volumetric map; it is on what most of them are on.
 VOTES = 5
 # Single frames: how far from the object and how high the camera stands, metres, and how far two frames of one place are
 # apart.

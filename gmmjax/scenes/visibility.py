@@ -10,7 +10,7 @@ from gmmjax.scenes.ray_casting import UNLABELLED, Solid, cast
 
 # A point is seen when the first hit on its ray is not nearer than it by more than this, metres.
 HIDDEN_BY = 0.03
-# A change is counted in a cloud when so many of its points are there and less than half of them are unseen.
+# Points, at least, of a change that is counted in a cloud; less than half of them are unseen.
 LEAST_POINTS = 40
 
 
