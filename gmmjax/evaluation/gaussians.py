@@ -26,7 +26,7 @@ class Condition:
         appeared: new Gaussians.
         disappeared: Gaussians that are gone.
         overlap: of the Gaussians.
-        separation: the new Gaussian stands so many standard deviations from the one that is gone; None: anywhere.
+        separation: distance of the new Gaussian from the one that is gone, standard deviations; None: anywhere.
         points: drawn from each Gaussian.
         density: of the after cloud, by that of the before cloud.
         shift: standard deviation on each axis of a displacement of the whole after cloud, metres.

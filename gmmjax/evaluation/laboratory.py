@@ -8,7 +8,7 @@ import jax
 
 from gmmjax.evaluation.labelled_pair import LabelledCloud, LabelledPair, PairSource
 from gmmjax.scenes import laboratory_scene
-from gmmjax.scenes.laboratory import Level, Survey
+from gmmjax.scenes.laboratory import Difficulty, SurveyKind
 
 Poses = Literal["given", "unknown"]
 # Objects that appear, disappear and move.
@@ -26,7 +26,7 @@ CONDITIONS: Mapping[str, tuple[int, int, int]] = {
 
 
 def laboratory_sources(
-    seeds: Sequence[int], *, level: Level = "normal", survey: Survey = "panorama", poses: Poses = "given"
+    seeds: Sequence[int], *, level: Difficulty = "normal", survey: SurveyKind = "panorama", poses: Poses = "given"
 ) -> list[PairSource]:
     """The scenes of every condition and seed.
 
@@ -46,7 +46,7 @@ def laboratory_sources(
     ]
 
 
-def laboratory_pair(condition: str, seed: int, level: Level, survey: Survey, poses: Poses) -> LabelledPair:
+def laboratory_pair(condition: str, seed: int, level: Difficulty, survey: SurveyKind, poses: Poses) -> LabelledPair:
     """One scene, drawn from the seed."""
     appeared, disappeared, moved = CONDITIONS[condition]
     scene = laboratory_scene(

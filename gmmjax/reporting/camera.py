@@ -15,7 +15,7 @@ HALF_HEIGHT = np.tan(np.pi / 8)
 HALF_WIDTH = 0.85 * HALF_HEIGHT
 
 
-class Camera(NamedTuple):
+class PlotCamera(NamedTuple):
     """A view: unit vectors in the axes of the clouds.
 
     Attributes:
@@ -48,7 +48,7 @@ class Camera(NamedTuple):
         return {name: dict(zip("xyz", vector.tolist(), strict=True)) for name, vector in vectors.items()}
 
 
-def initial_camera(points: Float[np.ndarray, "n 3"]) -> Camera:
+def initial_camera(points: Float[np.ndarray, "n 3"]) -> PlotCamera:
     """A depth camera's cloud from a little above and beside the sensor; else across the thinnest direction, z up.
 
     Args:
@@ -58,7 +58,7 @@ def initial_camera(points: Float[np.ndarray, "n 3"]) -> Camera:
         # The two conventions differ by half a turn about x, and so do the views.
         turn = np.array([1, forward, forward])
         if _is_depth_camera(points * turn):
-            return Camera(turn * _unit(np.array([-0.15, -0.25, -1.0])), turn * np.array([0.0, -1.0, 0.0]))
+            return PlotCamera(turn * _unit(np.array([-0.15, -0.25, -1.0])), turn * np.array([0.0, -1.0, 0.0]))
     deviations = points - points.mean(axis=0)
     thinnest = np.linalg.eigh(deviations.T @ deviations)[1][:, 0]
     up = np.array([0.0, 0.0, 1.0])
@@ -67,7 +67,7 @@ def initial_camera(points: Float[np.ndarray, "n 3"]) -> Camera:
     sideways = _unit(level) if np.linalg.norm(level) > 0.5 else _unit(np.array([1.0, -1.5, 0.0]))
     sideways = sideways if sideways @ [1.0, -1.5, 0.0] > 0 else -sideways
     height = TILT if np.linalg.norm(level) > 0.5 else 2 * TILT
-    return Camera(_unit(np.cos(height) * sideways + np.sin(height) * up), up)
+    return PlotCamera(_unit(np.cos(height) * sideways + np.sin(height) * up), up)
 
 
 def _is_depth_camera(points: Float[np.ndarray, "n 3"]) -> bool:

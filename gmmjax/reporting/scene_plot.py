@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from gmmjax.changes.change import Change, Changes
 from gmmjax.clouds import PointCloud
-from gmmjax.reporting.camera import Camera, initial_camera
+from gmmjax.reporting.camera import PlotCamera, initial_camera
 from gmmjax.reporting.palette import KIND_COLORS, luminance
 
 MOST_UNCHANGED = 30_000
@@ -103,7 +103,7 @@ def _side(
     labels: Int[np.ndarray, " n"],
     probability: Float[np.ndarray, " n"],
     origin: Float[np.ndarray, "3"],
-    camera: Camera,
+    camera: PlotCamera,
 ) -> _Side:
     unchanged, changed = np.flatnonzero(labels < 0), np.flatnonzero(labels >= 0)
     kept = np.concatenate([_sample(unchanged, MOST_UNCHANGED), _sample(changed, MOST_CHANGED)])
@@ -117,7 +117,7 @@ def _side(
 
 
 def _sample(indices: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " m"]:
-    """At most so many of them, in order. At random, because every n-th point of a scan makes a pattern."""
+    """At most this number of them, in order. At random, because every n-th point of a scan makes a pattern."""
     if len(indices) <= most:
         return indices
     return np.sort(np.random.default_rng(0).choice(indices, most, replace=False))
@@ -169,7 +169,7 @@ def _changed(side: _Side, changes: Changes) -> list[Trace]:
     return traces
 
 
-def _boxes(items: dict[int, Change], origin: Float[np.ndarray, "3"], camera: Camera) -> list[Trace]:
+def _boxes(items: dict[int, Change], origin: Float[np.ndarray, "3"], camera: PlotCamera) -> list[Trace]:
     """A wireframe for each change, and their numbers."""
     traces: list[Trace] = []
     for change in items.values():
@@ -181,7 +181,7 @@ def _boxes(items: dict[int, Change], origin: Float[np.ndarray, "3"], camera: Cam
     return traces + ([_numbers(items, origin, camera)] if items else [])
 
 
-def _numbers(items: dict[int, Change], origin: Float[np.ndarray, "3"], camera: Camera) -> Trace:
+def _numbers(items: dict[int, Change], origin: Float[np.ndarray, "3"], camera: PlotCamera) -> Trace:
     """The changes' numbers, each above its box."""
     tops = [change.box.centre + camera.up * _height(change, camera) for change in items.values()]
     return {
@@ -195,7 +195,7 @@ def _numbers(items: dict[int, Change], origin: Float[np.ndarray, "3"], camera: C
     }
 
 
-def _height(change: Change, camera: Camera) -> float:
+def _height(change: Change, camera: PlotCamera) -> float:
     """From the centre of the change's box to its top, as the camera has up."""
     return float(((change.box.corners() - change.box.centre) @ camera.up).max())
 

@@ -87,7 +87,7 @@ def read_state(path: str | os.PathLike[str], fingerprint: str) -> TuningState:
 
 
 def _fits(state: TuningState) -> bool:
-    """Whether the arrays are those of one tuning: of so many starts, settings and steps."""
+    """Whether the arrays are those of one tuning: of one number of starts, settings and steps."""
     if state.free.ndim != 2 or state.losses.ndim != 3 or not len(state.losses):
         return False
     (starts, settings), steps = state.free.shape, len(state.losses)

@@ -20,14 +20,14 @@ from gmmjax.scenes.ray_casting import Solid
 from gmmjax.scenes.rigid_motions import looking_at, small_motion
 from gmmjax.scenes.visibility import seen, uncounted
 
-Level = Literal["normal", "hard"]
-Survey = Literal["panorama", "frame"]
+Difficulty = Literal["normal", "hard"]
+SurveyKind = Literal["panorama", "frame"]
 
 FRAMES = 16
 # The hard level loses this share of the frames of each survey, in one run.
 LOST_FRAMES = 0.25
 VOXEL = 0.01
-# A survey uses every so many pixels.
+# From one pixel that a survey uses to the next, along rows and columns.
 PIXEL_STEP = 3.5
 MOST_OBJECTS = 5
 
@@ -82,8 +82,8 @@ def laboratory_scene(
     appeared: int = 1,
     disappeared: int = 0,
     moved: int = 0,
-    level: Level = "normal",
-    survey: Survey = "panorama",
+    level: Difficulty = "normal",
+    survey: SurveyKind = "panorama",
 ) -> LaboratoryScene:
     """A random laboratory, surveyed before and after something changed.
 
@@ -100,8 +100,8 @@ def laboratory_scene(
     Raises:
         InputError: a negative number, more than five changed objects, or an unknown level or survey.
     """
-    check_choice("level", level, get_args(Level))
-    check_choice("survey", survey, get_args(Survey))
+    check_choice("level", level, get_args(Difficulty))
+    check_choice("survey", survey, get_args(SurveyKind))
     for name, number in (("appeared", appeared), ("disappeared", disappeared), ("moved", moved)):
         if isinstance(number, bool) or not isinstance(number, int | np.integer):
             raise InputError(f"{name}={number!r} must be a whole number of objects")
@@ -202,7 +202,7 @@ def _solids(objects: Iterable[StandingObject]) -> list[Solid]:
     return [solid for parts in objects for solid in parts]
 
 
-def _stands(random: np.random.Generator, survey: Survey) -> list[tuple[np.ndarray, np.ndarray]]:
+def _stands(random: np.random.Generator, survey: SurveyKind) -> list[tuple[np.ndarray, np.ndarray]]:
     """Where the camera stands and what it looks at.
 
     Of a survey every fourth frame is a panorama's, outward from near the middle, and the others look inward from a
@@ -242,7 +242,7 @@ def _survey(
     solids: Sequence[Solid],
     stands: Sequence[tuple[np.ndarray, np.ndarray]],
     camera: DepthCamera,
-    survey: Survey,
+    survey: SurveyKind,
     lost: frozenset[int],
 ) -> _Surveyed:
     kept = [index for index in range(len(stands)) if index not in lost]

@@ -221,7 +221,7 @@ def dual_simplex(
         demand: masses of the columns, of the same total up to rounding.
         cost: costs of at most about 1 in absolute value between rows and columns that have mass.
         start: potentials of the rows to start from; any finite values do, good ones save pivots.
-        max_pivots: each lane stops after so many pivots.
+        max_pivots: each lane stops after this number of pivots.
 
     Returns:
         Plan, potentials of rows and columns, whether the plan is optimal, and the pivots taken.

@@ -33,7 +33,8 @@ def partial_transport(
         mass_after: masses in the same unit; the totals may differ.
         cost: ground costs, finite, in any unit.
         penalty: the price of a unit of mass that stays, finite and nonnegative, in the unit of the ground costs.
-        max_pivots: give up after so many pivots of the simplex; by default far more than were ever seen to be needed.
+        max_pivots: give up after this number of pivots of the simplex; by default far more than were ever seen to be
+            needed.
 
     Returns:
         The result as of `exact_transport`, except that `cost` is the minimised objective itself, not divided by any

@@ -29,7 +29,7 @@ DESCRIPTIONS: Mapping[Loss, str] = {
     "log": "log score of the points' probabilities, nats",
     "likelihood": "negative log likelihood of held-out points, nats a point",
 }
-# So many points have a say for each pair.
+# The weight of all points of a pair together.
 WEIGHT_OF_A_PAIR = 1000.0
 
 

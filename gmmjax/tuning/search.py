@@ -19,12 +19,12 @@ from gmmjax.tuning.split_pairs import SplitPairs
 
 # The losses of a step: of all pairs, of those that are trained on, of those that are held back.
 ALL, TRAINED, HELD_BACK = 0, 1, 2
-# After so many steps only the best start goes on.
+# Steps after which only the best start goes on.
 RACE = 8
 # Random starts of each pair's fits. Of volumes the best counts, by its message length, as in `detect_changes`, whatever
 # the others ended in; of surfaces all count the same, and fewer do.
 FITS_OF_VOLUMES, FITS_OF_SURFACES = 4, 2
-# A loss that differs by less than this share (of the likelihood, by so many nats a point) is as good: it differs by
+# A loss that differs by less than this share (the likelihood: by this many nats a point) is as good: it differs by
 # more from one handful of scenes to another.
 ALIKE, ALIKE_NATS = 0.15, 0.02
 # Where the middle of the settings that are as good is looked for: up to a factor of 8 to either side.

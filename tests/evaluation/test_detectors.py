@@ -47,7 +47,7 @@ def test_a_moved_object_is_reported_once_from_before_to_after(monkeypatch):
     found = dataclasses.replace(
         record, items=items, labels_before=np.repeat([0, -1], 15), labels_after=np.repeat([1, -1], 25)
     )
-    monkeypatch.setattr("gmmjax.evaluation.detectors.detect_changes", lambda *clouds, **settings: found)
+    monkeypatch.setattr("gmmjax.changes.JointDetector.changes", lambda self, scans, report: found)
     assert detector("joint")(SCENE).moved == ((0, 1),)
 
 
