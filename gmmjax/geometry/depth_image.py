@@ -1,67 +1,97 @@
-"""What a cloud looks like from one place: the nearest surface in every direction."""
+"""Depth images of a cloud: the nearest range in every direction from one place."""
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.ndimage import minimum_filter
 
-# One image serves fields of view up to this wide (degrees); wider ones are cut into the six faces of a cube, on which
-# the angles atan(x / z) and atan(y / z) are nearly true to scale.
-WIDEST_IMAGE = 110.0
-CUBE_FACE = 90.0
-# Angles (radians) that a point of the cloud may cover, and how many sizes of bins there are for a factor of two.
-FINEST_BIN = np.radians(0.25)
-COARSEST_BIN = np.radians(4.0)
-LEVELS_PER_OCTAVE = 2
-# Just below 90 degrees, radians.
-RIGHT_ANGLE = 1.57
-# A bin is at least this many times the spacing of the points that fill it, so that a surface leaves none empty.
-BIN_PER_SPACING = 1.2
 
-
-class Camera(NamedTuple):
-    """One image of a view.
+@dataclasses.dataclass(frozen=True)
+class DepthImageSettings:
+    """The size of depth images and of their bins.
 
     Attributes:
-        rotation: its axes, as columns, in the coordinates of the view.
-        half_angles: how far it sees to the sides, and up and down, radians.
+        widest: largest field of view of one image, degrees; a wider one is split into the six faces of a cube, on which
+            the angles atan(x / z) and atan(y / z) are nearly true to scale. Towards 180: bins at the rim are stretched.
+        finest_bin: degrees; denser points share a bin of this size. Smaller: images of dense clouds need more memory.
+        coarsest_bin: degrees; of nearer and sparser points the bins are smaller than their spacing, and a surface has
+            holes. It is also the margin by which an image is wider than the view. Larger: a few near points occlude
+            much of the view.
+        sizes_per_octave: number of bin sizes for a factor of two. Fewer: bins are up to a whole factor larger than the
+            spacing of the points asks for; more: the image takes longer to query.
+        bin_per_spacing: size of a bin in spacings of its points. Below 1: bins on a surface are empty, and what is
+            behind it seems visible.
+    """
+
+    widest: float = 110.0
+    finest_bin: float = 0.25
+    coarsest_bin: float = 4.0
+    sizes_per_octave: int = 2
+    bin_per_spacing: float = 1.2
+
+    @property
+    def margin(self) -> float:
+        """By how much an image is wider than the view on each side, radians."""
+        return float(np.radians(self.coarsest_bin))
+
+    def bin_levels(self, angles: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
+        """The number of the smallest bin size, from 0 for the finest, that is at least as large as each angle."""
+        finest, coarsest = np.radians(self.finest_bin), np.radians(self.coarsest_bin)
+        octaves = np.log2(np.clip(angles, finest, coarsest) / finest)
+        # What is of the size of a bin must not be put into the next larger one by rounding.
+        return np.ceil(self.sizes_per_octave * octaves - 1e-9).astype(int)
+
+    def bin_size(self, level: int) -> float:
+        """The size of the bins of a level, radians."""
+        return float(np.radians(self.finest_bin) * 2.0 ** (level / self.sizes_per_octave))
+
+
+class Frustum(NamedTuple):
+    """The part of space that one image shows.
+
+    Attributes:
+        rotation: axes of the image, as columns, in the coordinates of the view.
+        half_angles: half the horizontal and half the vertical field of view, radians.
     """
 
     rotation: Float64[np.ndarray, "3 3"]
     half_angles: Float64[np.ndarray, " 2"]
 
-    def seen(
-        self, points: Float64[np.ndarray, "n 3"], rim: float = 1e-9
+    def project(
+        self, points: Float64[np.ndarray, "n 3"], margin: float = 1e-9
     ) -> tuple[Int64[np.ndarray, " m"], Float64[np.ndarray, "m 2"], Float64[np.ndarray, " m"]]:
-        """The points in the image.
+        """Projects points into the image.
 
         Args:
             points: in the coordinates of the view.
-            rim: angle by which the image is larger, radians.
+            margin: angle by which the image is wider on each side, radians; by default that of rounding, so that no
+                point is lost between two faces of a cube.
 
         Returns:
-            Which points these are, their directions (radians) and their ranges.
+            The indices of the points inside the image, their directions (radians) and their ranges.
         """
         x, y, z = self.rotation.T @ points.T
-        limits = np.tan(np.minimum(self.half_angles + rim, RIGHT_ANGLE))
+        limits = np.tan(np.minimum(self.half_angles + margin, np.pi / 2))
         inside = np.flatnonzero((z > 0) & (np.abs(x) <= limits[0] * z) & (np.abs(y) <= limits[1] * z))
         x, y, z = x[inside], y[inside], z[inside]
         angles = np.stack([np.arctan2(x, z), np.arctan2(y, z)], axis=1)
         return inside, angles, np.sqrt(x * x + y * y + z * z)
 
 
-def cameras(field_of_view: tuple[float, float]) -> list[Camera]:
-    """The images that a view is made of: one, or a cube of six where the view is wide.
+def frustums(field_of_view: tuple[float, float], settings: DepthImageSettings = DepthImageSettings()) -> list[Frustum]:
+    """The images that show a view: one, or the six faces of a cube where the view is wide.
 
     Args:
         field_of_view: horizontal and vertical, degrees.
+        settings: how wide one image is, at most.
     """
-    if max(field_of_view) <= WIDEST_IMAGE:
-        return [Camera(np.eye(3), np.radians(np.array(field_of_view)) / 2)]
+    if max(field_of_view) <= settings.widest:
+        return [Frustum(np.eye(3), np.radians(np.array(field_of_view)) / 2)]
     x, y, z = np.eye(3)
     faces = [(x, y, z), (-z, y, x), (-x, y, -z), (z, y, -x), (x, -z, y), (x, z, -y)]
-    return [Camera(np.stack(face, axis=1), np.radians(np.full(2, CUBE_FACE)) / 2) for face in faces]
+    return [Frustum(np.stack(face, axis=1), np.full(2, np.pi / 4)) for face in faces]
 
 
 class _Resolution(NamedTuple):
@@ -73,35 +103,41 @@ class _Resolution(NamedTuple):
 
 
 class DepthImage(NamedTuple):
-    """Nearest ranges by direction, at several resolutions: what is near and therefore sparse has larger bins.
+    """Nearest ranges by direction, at several resolutions: near points are sparse by angle and need larger bins.
 
     Attributes:
-        reach: how far the image reaches to the sides, and up and down, radians.
+        half_angles: half the horizontal and half the vertical angle that the image covers, radians.
         levels: from fine to coarse bins; each point of the cloud is in the one that fits its spacing.
     """
 
-    reach: Float64[np.ndarray, " 2"]
+    half_angles: Float64[np.ndarray, " 2"]
     levels: tuple[_Resolution, ...]
 
     @classmethod
-    def of(cls, points: Float64[np.ndarray, "n 3"], spacing: Float64[np.ndarray, " n"], camera: Camera) -> "DepthImage":
+    def of(
+        cls,
+        points: Float64[np.ndarray, "n 3"],
+        spacing: Float64[np.ndarray, " n"],
+        frustum: Frustum,
+        settings: DepthImageSettings = DepthImageSettings(),
+    ) -> "DepthImage":
         """The image of points in the coordinates of a view.
 
         Args:
             points: x right, y down, z forward.
-            spacing: distance of each point to those beside it on the surface.
-            camera: what to see; a little more is seen, so that the bins at the rim have neighbours.
+            spacing: distance of each point to its neighbours on the surface.
+            frustum: what to show; the image is wider by a margin, so that the bins at the rim have neighbours.
+            settings: the size of the bins.
         """
-        inside, directions, ranges = camera.seen(points, rim=COARSEST_BIN)
-        reach = camera.half_angles + COARSEST_BIN
-        footprint = BIN_PER_SPACING * spacing[inside] / np.maximum(ranges, np.finfo(float).tiny)
-        finer = np.log2(np.clip(footprint, FINEST_BIN, COARSEST_BIN) / FINEST_BIN)
-        level = np.ceil(LEVELS_PER_OCTAVE * finer - 1e-9).astype(int)
+        inside, directions, ranges = frustum.project(points, settings.margin)
+        half_angles = frustum.half_angles + settings.margin
+        footprint = settings.bin_per_spacing * spacing[inside] / np.maximum(ranges, np.finfo(float).tiny)
+        level = settings.bin_levels(footprint)
         levels = [
-            _resolution(directions[level == which], ranges[level == which], _bin_size(int(which)), reach)
+            _resolution(directions[level == which], ranges[level == which], settings.bin_size(int(which)), half_angles)
             for which in np.unique(level)
         ]
-        return cls(reach, tuple(levels))
+        return cls(half_angles, tuple(levels))
 
     def nearest(self, directions: Float64[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray]:
         """The nearest range in each direction: in its own bins, and in the bins around as well; inf where empty.
@@ -111,30 +147,26 @@ class DepthImage(NamedTuple):
         """
         own, around = np.full(len(directions), np.inf), np.full(len(directions), np.inf)
         for level in self.levels:
-            row, column = _bins(directions, level.bin_size, self.reach).T
+            row, column = _bins(directions, level.bin_size, self.half_angles).T
             own = np.minimum(own, level.nearest[row, column])
             around = np.minimum(around, level.nearest_around[row, column])
         return own, around
 
 
 def _bins(
-    directions: Float64[np.ndarray, "n 2"], bin_size: float, reach: Float64[np.ndarray, " 2"]
+    directions: Float64[np.ndarray, "n 2"], bin_size: float, half_angles: Float64[np.ndarray, " 2"]
 ) -> Int64[np.ndarray, "n 2"]:
-    return ((directions + reach) / bin_size).astype(np.int64)
-
-
-def _bin_size(level: int) -> float:
-    return float(FINEST_BIN * 2.0 ** (level / LEVELS_PER_OCTAVE))
+    return ((directions + half_angles) / bin_size).astype(np.int64)
 
 
 def _resolution(
     directions: Float64[np.ndarray, "n 2"],
     ranges: Float64[np.ndarray, " n"],
     bin_size: float,
-    reach: Float64[np.ndarray, " 2"],
+    half_angles: Float64[np.ndarray, " 2"],
 ) -> _Resolution:
-    shape = _bins(reach[None], bin_size, reach)[0] + 1
-    row, column = _bins(directions, bin_size, reach).T
+    shape = _bins(half_angles[None], bin_size, half_angles)[0] + 1
+    row, column = _bins(directions, bin_size, half_angles).T
     nearest = np.full(shape, np.inf)
     np.minimum.at(nearest.reshape(-1), row * shape[1] + column, ranges)
     return _Resolution(bin_size, nearest, minimum_filter(nearest, size=3, mode="constant", cval=np.inf))

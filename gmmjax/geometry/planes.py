@@ -1,4 +1,4 @@
-"""Planes through points of scanned surfaces, without random numbers."""
+"""Detection of planes in scanned surfaces: the local planes are the hypotheses, so that nothing is drawn at random."""
 
 import dataclasses
 from typing import NamedTuple
@@ -27,7 +27,7 @@ class Plane(NamedTuple):
     def near(
         self, points: Float64[np.ndarray, "n 3"], others: Float64[np.ndarray, "k 3"], distance: float
     ) -> Bool[np.ndarray, " n"]:
-        """The points whose projection has that of one of the others within the distance."""
+        """The points whose projection onto the plane is within the distance of the projection of another point."""
         if not len(others) or not len(points):
             return np.zeros(len(points), bool)
         tree = cKDTree(self.projections(others))
@@ -36,17 +36,21 @@ class Plane(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class PlaneSettings:
-    """How planes are searched for.
+    """How planes are detected.
 
     Attributes:
-        neighbours: that the local planes go through.
-        planes: at most.
-        points: that a plane has, at least.
+        least_share: fraction of the points that are inliers of a plane, at least. 0: every few points that are flat
+            by chance make a plane.
+        least_inliers: number of them, at least; what has fewer points has no plane. Fewer than 3 determine no plane.
+        most_planes: number of planes, at most: a bound on the time, above the sides that are seen of any segment.
+        neighbours: nearest neighbours that a local plane is fitted to. Fewer: the noise tilts the local planes, and
+            large planes lose inliers; more: those at edges are averages of two sides.
     """
 
+    least_share: float = 0.1
+    least_inliers: int = 8
+    most_planes: int = 6
     neighbours: int = 12
-    planes: int = 6
-    points: int = 8
 
 
 def plane_surface(points: Float64[np.ndarray, "n 3"], settings: PlaneSettings = PlaneSettings()) -> LocalSurface:
@@ -57,34 +61,33 @@ def plane_surface(points: Float64[np.ndarray, "n 3"], settings: PlaneSettings = 
 def planes_of(
     surface: LocalSurface,
     flatness: float,
-    least_width: float,
-    least_share: float,
+    least_width: float = 0.0,
     chosen: Bool[np.ndarray, " n"] | None = None,
     settings: PlaneSettings = PlaneSettings(),
 ) -> list[Plane]:
-    """The planes that hold most of the points, one by one: each the best of the local planes, fitted again.
+    """The planes with the most inliers, one by one: each the best of the local planes, refitted to its inliers.
 
     Args:
-        surface: with evenly spread points, so that planes weigh areas.
-        flatness: largest distance of a plane's points from it.
-        least_width: standard deviation of a plane's points across its narrow side, at least.
-        least_share: how much of the points a plane holds, at least.
-        chosen: which of the points planes are searched for in; None: all.
-        settings: how they are searched for.
+        surface: with evenly spread points, so that the number of inliers measures an area.
+        flatness: largest distance of an inlier from its plane.
+        least_width: standard deviation of a plane's inliers along their shorter axis, at least; narrower strips are
+            left out.
+        chosen: the points that planes are searched for in; None: all.
+        settings: how planes are detected.
     """
     found: list[Plane] = []
     kept = slice(None) if chosen is None else chosen
     points, normals, centres = surface.points[kept], surface.normals[kept], surface.centres[kept]
-    if len(points) < settings.points:
+    if len(points) < settings.least_inliers:
         return found
-    held = np.abs(points @ normals.T - (normals * centres).sum(axis=1)) <= flatness
-    for _ in range(settings.planes):
-        best = held[:, int(held.sum(axis=0).argmax())].copy()
-        if best.sum() < max(settings.points, least_share * len(points)):
+    inliers = np.abs(points @ normals.T - (normals * centres).sum(axis=1)) <= flatness
+    for _ in range(settings.most_planes):
+        best = inliers[:, int(inliers.sum(axis=0).argmax())].copy()
+        if best.sum() < max(settings.least_inliers, settings.least_share * len(points)):
             break
         centre = points[best].mean(axis=0)
         variances, axes = np.linalg.eigh(np.cov((points[best] - centre).T, bias=True))
         if variances[1] >= least_width**2:
             found.append(Plane(axes[:, 0], float(axes[:, 0] @ centre)))
-        held[best] = False
+        inliers[best] = False
     return found

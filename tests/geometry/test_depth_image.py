@@ -3,15 +3,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gmmjax.clouds import SensorViews
-from gmmjax.geometry.depth_image import Camera, DepthImage, cameras
+from gmmjax.geometry.depth_image import DepthImage, DepthImageSettings, Frustum, frustums
 
 HALF_ANGLES = np.radians([30.0, 20.0])
-FORWARD = Camera(np.eye(3), HALF_ANGLES)
-
-
-def views(*field_of_view):
-    return SensorViews(np.eye(4)[None], field_of_view, 10.0)
+FORWARD = Frustum(np.eye(3), HALF_ANGLES)
 
 
 def rays(directions):
@@ -27,14 +22,14 @@ def wall(depth, half, spacing):
     return np.column_stack([x, y, np.full_like(x, depth)])
 
 
-def image_of(points, spacing, camera=FORWARD):
-    return DepthImage.of(points, np.full(len(points), spacing), camera)
+def image_of(points, spacing, frustum=FORWARD):
+    return DepthImage.of(points, np.full(len(points), spacing), frustum)
 
 
 @given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(0.01, 1e3))
-def test_a_camera_sees_what_is_within_its_angles(right, down, distance):
+def test_a_frustum_holds_what_is_within_its_angles(right, down, distance):
     direction = np.array([[right, down]])
-    inside, angles, ranges = FORWARD.seen(distance * rays(direction))
+    inside, angles, ranges = FORWARD.project(distance * rays(direction))
     if (np.abs(direction) < HALF_ANGLES - 1e-6).all():
         assert inside.tolist() == [0]
         np.testing.assert_allclose(angles, direction, atol=1e-9)
@@ -43,24 +38,24 @@ def test_a_camera_sees_what_is_within_its_angles(right, down, distance):
         assert not len(inside)
 
 
-def test_nothing_behind_a_camera_is_seen():
-    assert not len(FORWARD.seen(np.array([[0, 0, -1.0], [0, 0, 0.0]]))[0])
+def test_nothing_behind_a_frustum_is_in_it():
+    assert not len(FORWARD.project(np.array([[0, 0, -1.0], [0, 0, 0.0]]))[0])
 
 
 def test_a_narrow_view_is_one_image():
-    (camera,) = cameras(views(60.0, 40.0))
-    np.testing.assert_array_equal(camera.rotation, np.eye(3))
-    np.testing.assert_allclose(camera.half_angles, np.radians([30, 20]))
+    (frustum,) = frustums((60.0, 40.0))
+    np.testing.assert_array_equal(frustum.rotation, np.eye(3))
+    np.testing.assert_allclose(frustum.half_angles, np.radians([30, 20]))
 
 
 def test_the_faces_of_a_cube_see_every_point_once():
-    cube = cameras(views(360.0, 179.0))
+    cube = frustums((360.0, 179.0))
     points = np.random.default_rng(0).normal(size=(2000, 3))
-    seen = np.concatenate([camera.seen(points, rim=0.0)[0] for camera in cube])
+    seen = np.concatenate([face.project(points, margin=0.0)[0] for face in cube])
     np.testing.assert_array_equal(np.sort(seen), np.arange(len(points)))
-    for camera in cube:
-        np.testing.assert_allclose(camera.rotation.T @ camera.rotation, np.eye(3), atol=1e-12)
-        assert np.linalg.det(camera.rotation) == pytest.approx(1)
+    for face in cube:
+        np.testing.assert_allclose(face.rotation.T @ face.rotation, np.eye(3), atol=1e-12)
+        assert np.linalg.det(face.rotation) == pytest.approx(1)
 
 
 @pytest.mark.parametrize("spacing", [0.01, 0.03, 0.1])
@@ -108,3 +103,18 @@ def test_neither_the_order_nor_the_unit_changes_an_image(seed):
     # A power of two, so that no rounding differs.
     larger = DepthImage.of(1024 * points, 1024 * spacing, FORWARD).nearest(directions)
     np.testing.assert_array_equal(larger, 1024 * np.array(here))
+
+
+def test_the_settings_bound_images_and_bins():
+    assert len(frustums((60.0, 40.0), DepthImageSettings(widest=50.0))) == 6
+    settings = DepthImageSettings(finest_bin=1.0, coarsest_bin=4.0, sizes_per_octave=1)
+    degrees = [settings.bin_size(level) / np.radians(1) for level in range(3)]
+    np.testing.assert_allclose(degrees, [1, 2, 4])
+    angles = np.radians([0.1, 1.0, 1.5, 2.0, 3.0, 9.0])
+    np.testing.assert_array_equal(settings.bin_levels(angles), [0, 0, 1, 1, 2, 2])
+
+
+def test_bins_below_the_spacing_leave_holes():
+    points, directions = wall(2.0, 1.7, 0.05), np.random.default_rng(1).uniform(-0.3, 0.3, (1000, 2))
+    image = DepthImage.of(points, np.full(len(points), 0.05), FORWARD, DepthImageSettings(bin_per_spacing=0.5))
+    assert np.isinf(image.nearest(directions)[0]).mean() > 0.3

@@ -26,6 +26,7 @@ from gmmjax.changes.progress import Clock, Progress, silent
 from gmmjax.changes.registration import Registration
 from gmmjax.clouds import SensorViews
 from gmmjax.errors import warn
+from gmmjax.geometry.local_surface import LocalSurface
 from gmmjax.mixtures import FitStatus
 from gmmjax.pair import Pair, each
 
@@ -68,7 +69,7 @@ class JointDetector(AbstractChangeDetector):
         prepared = check_pair(scans.map(lambda scan: scan.cloud), self.config.crop)
         clock.start("registration", "Registering the clouds", 0.1)
         pair = self._aligned(prepared)
-        surveys = _surveys(pair, scans)
+        surveys = _surveys(pair, scans, self.evidence)
         clock.start("fits", "Fitting the mixtures", 0.25)
         problem = joint_problem(pair.working, pair.registration, self.config, self.fit)
         fits = self._fitted(problem, report)
@@ -121,14 +122,16 @@ class JointDetector(AbstractChangeDetector):
         return surfaces_found(pair, measured, evident, self.objects.surfaces)
 
 
-def _surveys(pair: AlignedPair, scans: Pair[Scan]) -> Pair[Survey]:
+def _surveys(pair: AlignedPair, scans: Pair[Scan], settings: EvidenceSettings) -> Pair[Survey]:
     """Both clouds with their views in the before frame, where these do not contradict them."""
     views = scans.map(lambda scan: scan.views)
     if views.after is not None and pair.registration.applied:
         views = Pair(views.before, views.after.moved(pair.registration.transform))
-    return each(
-        lambda name, surface, views: usable_views(f"views_{name}", Survey(surface, views)), NAMES, pair.surfaces, views
-    )
+
+    def survey(name: str, surface: LocalSurface, views: SensorViews | None) -> Survey:
+        return usable_views(f"views_{name}", Survey(surface, views, settings.free_space), settings.view_checks)
+
+    return each(survey, NAMES, pair.surfaces, views)
 
 
 def _warn_about_registration(registration: Registration) -> None:

@@ -1,1 +1,1 @@
-"""Stage: candidates are examined by what the other survey knows of their places."""
+"""Evidence stage: candidates are changes only where the other survey observed their places."""

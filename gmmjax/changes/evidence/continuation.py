@@ -1,113 +1,118 @@
-"""Without sensor poses: which segments only continue the unchanged surfaces beside them.
+"""Without sensor poses: which segments only continue the unchanged surfaces adjacent to them.
 
-A wall that one survey saw further, or the floor that came out of an object's shadow, differs between the clouds, but
-nothing changed there: it lies on a plane of the unchanged surface next to it, and the other cloud has a hole there.
+A wall that one survey observed further along, or the floor that an object had occluded, differs between the clouds, but
+nothing changed there: it lies on a plane of the adjacent unchanged surface, where the other cloud has a hole.
 """
 
-from typing import NamedTuple
+import dataclasses
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 from scipy.spatial import cKDTree
 
-from gmmjax.changes.evidence.coverage_edge import MOST_COVERED, NEAR, at_observed_edge
+from gmmjax.changes.evidence.coverage_edge import CoverageEdgeSettings, ReferenceSurfaces, at_coverage_edge
 from gmmjax.clouds import voxel_grid
 from gmmjax.geometry.neighbours import nearest_neighbours
 from gmmjax.geometry.planes import Plane, PlaneSettings, plane_surface, planes_of
 
-# Unchanged points this near to a segment (in spacings) are beside it; where they have no plane that it continues, the
-# next distance is tried: a wall goes on behind what hides it.
-REACHES = (10.0, 60.0)
-# Where so much of a segment continues what is beside it, nothing further away is looked at.
-CLEAR_SHARE = 0.8
-# The points beside a segment are thinned to voxels of this part of the reach, so that planes weigh areas, not points.
-VOXELS_PER_REACH = 6.0
-# A plane holds at least this share of those voxels and is this wide (standard deviation, in voxels) across its narrow
-# side: the lowest strip of an object's side, too near the floor to be told from it, is no plane.
-LEAST_SHARE = 0.08
-LEAST_WIDTH = 0.9
-# A plane that is further away is as wide as this many segments: the top of some other box is none.
-FAR_WIDTH = 2.0
-# A point is on a plane within so many standard deviations of the noise, and at least half a spacing.
-NOISE_DEVIATIONS = 3.0
-LEAST_SPACINGS = 0.5
+
+@dataclasses.dataclass(frozen=True)
+class ContinuationSettings:
+    """When a point continues an unchanged surface. Lengths in spacings are in multiples of the points' spacing.
+
+    Attributes:
+        reach: distance, in spacings, within which unchanged points are adjacent to a segment. Smaller: too few of them
+            to fit planes to.
+        far_reach: the same for a second search, where the adjacent points have no plane that most of the segment
+            continues: a wall goes on behind what occludes it. The same as `reach`: such walls are reported as changes.
+        continued: fraction of a segment above which it is clear that it continues the surfaces, and no more is
+            searched. 1: all searches are always made, and more of an object passes for a far wall.
+        voxels_per_reach: the unchanged points are thinned to voxels of this part of the reach, so that the number of a
+            plane's inliers measures an area, not a density. More: small surfaces make planes.
+        planes: how planes are searched for in those voxels.
+        least_width: standard deviation of a plane's inliers along their shorter axis, at least, in voxels. 0: the
+            lowest strip of an object's side, too near the floor to be distinguished from it, is a plane that the object
+            continues.
+        far_width: the same for planes of the second search, in widths of the segment. 0: the top of some other box is a
+            plane that an object may continue.
+        noise_deviations: largest distance of a point from its plane, in standard deviations of the noise. Smaller:
+            noisy points of a continued wall are reported as changes.
+        least_flatness: the same, in spacings, at least, where the surfaces are without noise. 0: only rounding is
+            allowed for.
+        coverage_edge: walls at the edge of the coverage, and when points of the two clouds are at the same place.
+    """
+
+    reach: float = 10.0
+    far_reach: float = 60.0
+    continued: float = 0.8
+    voxels_per_reach: float = 6.0
+    planes: PlaneSettings = PlaneSettings(least_share=0.08)
+    least_width: float = 0.9
+    far_width: float = 2.0
+    noise_deviations: float = 3.0
+    least_flatness: float = 0.5
+    coverage_edge: CoverageEdgeSettings = CoverageEdgeSettings()
 
 
 def unobserved_points(
     points: Float64[np.ndarray, "n 3"],
     labels: Int[np.ndarray, " n"],
-    unchanged: Bool[np.ndarray, " n"],
-    other: Float64[np.ndarray, "k 3"],
-    tolerance: float,
-    spacing: float,
+    reference: ReferenceSurfaces,
+    settings: ContinuationSettings = ContinuationSettings(),
     *,
     edges: bool = True,
 ) -> Bool[np.ndarray, " n"]:
-    """The points of segments that the other survey cannot have observed, as far as that shows without its views.
+    """The points of segments that the other survey cannot have observed, as far as the clouds show it without views.
 
-    That is what continues the unchanged surfaces beside the segment, where the other cloud has a hole, and walls at
-    the edge of what the other cloud has (`at_observed_edge`). A point continues a plane of the unchanged points when
-    it is on the plane within the noise. Where the other cloud has points of the plane at the same places, these were
-    observed, and what lies on it is a thin object. A plane must be in both clouds, so that the sides of an object,
-    whose lowest part passes for unchanged, are none.
+    These are continuations of unchanged surfaces adjacent to the segment, where the other cloud has a hole, and walls
+    at the edge of its coverage (`at_coverage_edge`). A point continues a plane of the unchanged points when it is
+    within the noise of the plane. Where the other cloud has points of the plane at the same places, these were
+    observed, and what lies on the plane is a thin object. A plane must be in both clouds, so that the sides of an
+    object, whose lowest part passes for unchanged, are excluded.
 
     Args:
         points: one cloud.
         labels: -1, or the number of the segment that a point belongs to.
-        unchanged: the points that are known to be unchanged.
-        other: the other cloud.
-        tolerance: how far apart, at the most, an unchanged surface may be in the two clouds.
-        spacing: distance of neighbouring points on a surface.
-        edges: whether walls at the edge of what the other cloud has count.
+        reference: the unchanged points of the same cloud, and the other cloud.
+        settings: when a point continues a surface.
+        edges: whether walls at the edge of the coverage count.
 
     Returns:
         For each point whether it is of a segment and was not observed.
     """
-    unseen = np.zeros(len(points), bool)
-    if not (labels >= 0).any() or not unchanged.any() or not len(other):
-        return unseen
-    around = Surroundings(cKDTree(points[unchanged]), cKDTree(other), tolerance, spacing)
+    unobserved = np.zeros(len(points), bool)
+    if not reference.unchanged.n or not reference.other.n:
+        return unobserved
     for label in np.unique(labels[labels >= 0]):
-        unseen[labels == label] = _unseen(points[labels == label], around, edges)
-    return unseen
+        unobserved[labels == label] = _unobserved(points[labels == label], reference, edges, settings)
+    return unobserved
 
 
-class Surroundings(NamedTuple):
-    """What a segment is held against.
-
-    Attributes:
-        unchanged: tree of the unchanged points of the same cloud.
-        other: tree of the other cloud.
-        tolerance: how far apart, at the most, an unchanged surface may be in the two clouds.
-        spacing: distance of neighbouring points on a surface.
-    """
-
-    unchanged: cKDTree
-    other: cKDTree
-    tolerance: float
-    spacing: float
-
-    def flatness(self, points: Float64[np.ndarray, "n 3"]) -> float:
-        """How far from a plane points may be that are as noisy as these."""
-        noise = plane_surface(points).thickness
-        return min(self.tolerance, max(NOISE_DEVIATIONS * noise, LEAST_SPACINGS * self.spacing))
-
-
-def _unseen(segment: Float64[np.ndarray, "m 3"], around: Surroundings, edges: bool) -> Bool[np.ndarray, " m"]:
+def _unobserved(
+    segment: Float64[np.ndarray, "m 3"], reference: ReferenceSurfaces, edges: bool, settings: ContinuationSettings
+) -> Bool[np.ndarray, " m"]:
     """The points of one segment that the other survey cannot have observed."""
-    of_segment = cKDTree(segment)
-    beside = _within(of_segment, around.unchanged.data, REACHES[0] * around.spacing)
-    # The segment may have curved sides; the noise is that of what is beside it, where there is something.
-    flatness = around.flatness(beside if len(beside) else segment)
-    unseen = _continued(segment, beside, REACHES[0], 0.0, flatness, around)
-    if unseen.mean() <= CLEAR_SHARE:
-        far = _within(of_segment, around.unchanged.data, REACHES[1] * around.spacing)
-        width = np.sqrt(max(np.linalg.eigvalsh(np.cov(segment.T, bias=True))[1], 0.0))
-        unseen |= _continued(segment, far, REACHES[1], FAR_WIDTH * width, flatness, around)
-    if edges and unseen.mean() <= CLEAR_SHARE:
-        wall = max(flatness, around.spacing)
-        unseen |= at_observed_edge(segment, around.unchanged, around.other, wall, around.tolerance, around.spacing)
-    return unseen
+    tree = cKDTree(segment)
+    adjacent = _within(tree, reference.unchanged.data, settings.reach * reference.spacing)
+    # The segment may have curved sides; the noise is that of the adjacent points, where there are any.
+    flatness = _flatness(adjacent if len(adjacent) else segment, reference, settings)
+    unobserved = _continued(segment, adjacent, settings.reach, 0.0, flatness, reference, settings)
+    if unobserved.mean() <= settings.continued:
+        far = _within(tree, reference.unchanged.data, settings.far_reach * reference.spacing)
+        width = settings.far_width * np.sqrt(max(np.linalg.eigvalsh(np.cov(segment.T, bias=True))[1], 0.0))
+        unobserved |= _continued(segment, far, settings.far_reach, width, flatness, reference, settings)
+    if edges and unobserved.mean() <= settings.continued:
+        wall_flatness = max(flatness, reference.spacing)
+        unobserved |= at_coverage_edge(segment, reference, wall_flatness, settings.coverage_edge)
+    return unobserved
+
+
+def _flatness(
+    points: Float64[np.ndarray, "n 3"], reference: ReferenceSurfaces, settings: ContinuationSettings
+) -> float:
+    """The largest distance of an inlier from its plane, by the noise of these points."""
+    noise = plane_surface(points, settings.planes).thickness
+    return min(reference.tolerance, max(settings.noise_deviations * noise, settings.least_flatness * reference.spacing))
 
 
 def _continued(
@@ -116,39 +121,57 @@ def _continued(
     reach: float,
     least_width: float,
     flatness: float,
-    around: Surroundings,
+    reference: ReferenceSurfaces,
+    settings: ContinuationSettings,
 ) -> Bool[np.ndarray, " m"]:
     """The points of a segment that continue planes of the unchanged points within reach (in spacings)."""
     continued = np.zeros(len(segment), bool)
-    voxel = reach * around.spacing / VOXELS_PER_REACH
-    planes = _common_planes(
-        voxel_grid(unchanged, voxel).points, flatness, max(LEAST_WIDTH * voxel, least_width), around
-    )
-    for plane in planes:
+    voxel = reach * reference.spacing / settings.voxels_per_reach
+    voxels = voxel_grid(unchanged, voxel).points
+    least_width = max(settings.least_width * voxel, least_width)
+    for plane in _common_planes(voxels, flatness, least_width, reference, settings):
         on_plane = plane.distance(segment) <= flatness
-        surface = around.other.data[plane.distance(around.other.data) <= flatness + around.tolerance]
-        if not on_plane.any() or plane.near(segment[on_plane], surface, NEAR * around.spacing).mean() <= MOST_COVERED:
+        if not _covered(plane, segment[on_plane], flatness, reference, settings.coverage_edge):
             continued |= on_plane
     return continued
 
 
-def _within(of_segment: cKDTree, points: Float64[np.ndarray, "n 3"], reach: float) -> Float64[np.ndarray, "b 3"]:
-    """The points that are within reach of a segment."""
-    near = points[((points >= of_segment.mins - reach) & (points <= of_segment.maxes + reach)).all(axis=1)]
+def _covered(
+    plane: Plane,
+    points: Float64[np.ndarray, "m 3"],
+    flatness: float,
+    reference: ReferenceSurfaces,
+    settings: CoverageEdgeSettings,
+) -> bool:
+    """Whether the other cloud has points of a plane at the places of these points."""
+    if not len(points):
+        return False
+    surface = reference.other.data[plane.distance(reference.other.data) <= flatness + reference.tolerance]
+    return bool(plane.near(points, surface, settings.near * reference.spacing).mean() > settings.most_covered)
+
+
+def _within(tree: cKDTree, points: Float64[np.ndarray, "n 3"], reach: float) -> Float64[np.ndarray, "b 3"]:
+    """The points that are within reach of those of a tree."""
+    near = points[((points >= tree.mins - reach) & (points <= tree.maxes + reach)).all(axis=1)]
     if not len(near):
         return near
-    return near[np.isfinite(of_segment.query(near, distance_upper_bound=reach)[0])]
+    return near[np.isfinite(tree.query(near, distance_upper_bound=reach)[0])]
 
 
 def _common_planes(
-    points: Float64[np.ndarray, "n 3"], flatness: float, least_width: float, around: Surroundings
+    points: Float64[np.ndarray, "n 3"],
+    flatness: float,
+    least_width: float,
+    reference: ReferenceSurfaces,
+    settings: ContinuationSettings,
 ) -> list[Plane]:
-    """The planes that hold most of those points that the other cloud has too, at the same place of their surface."""
+    """The planes with the most inliers among those points that the other cloud has at the same place of its surface."""
     if not len(points):
         return []
-    surface = plane_surface(points)
-    distances, neighbours = nearest_neighbours(around.other, points, PlaneSettings().neighbours)
-    heights = np.abs(np.einsum("nki,ni->nk", around.other.data[neighbours] - points[:, None], surface.normals))
-    along = distances**2 - heights**2
-    both = ((heights <= around.tolerance) & (along <= (NEAR * around.spacing) ** 2)).any(axis=1)
-    return planes_of(surface, flatness, least_width, LEAST_SHARE, both)
+    surface = plane_surface(points, settings.planes)
+    distances, neighbours = nearest_neighbours(reference.other, points, settings.planes.neighbours)
+    heights = np.abs(np.einsum("nki,ni->nk", reference.other.data[neighbours] - points[:, None], surface.normals))
+    lateral = distances**2 - heights**2
+    near = settings.coverage_edge.near * reference.spacing
+    in_both = ((heights <= reference.tolerance) & (lateral <= near**2)).any(axis=1)
+    return planes_of(surface, flatness, least_width, in_both, settings.planes)

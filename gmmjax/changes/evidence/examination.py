@@ -1,4 +1,4 @@
-"""The stage that puts the candidates to the evidence: what the other survey knows of the places where they are."""
+"""The evidence stage: a candidate is a change only where the other survey observed its place to be different."""
 
 import dataclasses
 from typing import NamedTuple
@@ -8,9 +8,11 @@ from jaxtyping import Bool, Float, Int, Int8
 
 from gmmjax.changes.candidates import Candidates
 from gmmjax.changes.differences import DetectionLimits
-from gmmjax.changes.evidence.continuation import unobserved_points
-from gmmjax.changes.evidence.free_space import Observed, Survey, observation
-from gmmjax.changes.evidence.support_planes import supports
+from gmmjax.changes.evidence.continuation import ContinuationSettings, unobserved_points
+from gmmjax.changes.evidence.coverage_edge import ReferenceSurfaces
+from gmmjax.changes.evidence.free_space import FreeSpaceSettings, Observed, Survey, observation
+from gmmjax.changes.evidence.support_planes import SupportSettings, supports
+from gmmjax.changes.evidence.view_checks import ViewCheckSettings
 from gmmjax.geometry.density_clusters import density_clusters
 from gmmjax.pair import Pair, each
 
@@ -21,20 +23,30 @@ class EvidenceSettings:
 
     Attributes:
         needed: whether there must be evidence. False: all candidates are changes.
-        thin_offset: an offset of this fraction of its limit is evidence of a change where the other survey saw the
-            surface.
-        least_free: with views: number of a candidate's points, at least, whose places the other survey saw to be empty.
-        least_free_share: and this fraction of what it observed of the candidate,
-        least_free_of_all: and this fraction of all of it.
-        least_thin_of_all: the same for a thin change, which is empty only by its offset: the rims of half seen objects
-            are off the surface, too.
-        most_continued: without views: a candidate that continues unchanged surfaces with more than this fraction of its
-            points is none.
-        same_surface: an unchanged surface is at most this fraction of the limit of the offset apart in the two clouds.
-        smallest_piece: number of points of a part of a candidate that is judged by itself, at least,
-        share_of_piece: and its fraction of the candidate.
-        cluster_radius: of such parts, in spacings (the radius of DBSCAN).
-        cluster_neighbours: the minimum of DBSCAN.
+        thin_offset: fraction of the limit of the offset above which an offset is evidence where the other survey
+            observed a surface: of objects too thin for free space. Smaller: the noise is evidence; larger: the lower
+            part of a thin object is none.
+        least_free: with views: number of a candidate's points in free space of the other survey, at least. 0: a single
+            point may decide.
+        least_free_share: and their fraction of the candidate's points that it observed. 0: what is off by noise and
+            registration error is a change; 1: no candidate may touch an unchanged surface.
+        least_free_of_all: and their fraction of all of the candidate's points. 0: the rim of an occluded surface makes
+            it a change.
+        least_thin_of_all: the same for a thin change, which is empty only by its offset: the rims of half observed
+            objects are off the surface, too.
+        most_continued: without views: a candidate with more than this fraction of its points on continuations of
+            unchanged surfaces is rejected. 1: none is.
+        same_surface: largest offset of an unchanged surface in the two clouds, as a fraction of the limit of the
+            offset. Larger: the top of a thin object covers the plane of the floor.
+        smallest_piece: number of points of a part of a candidate that is judged by itself, at least; an object and its
+            shadow may be one candidate. Smaller: parts are judged by their noise.
+        share_of_piece: and its fraction of the candidate. 1: candidates are judged as a whole.
+        cluster_radius: of such parts, in spacings (the radius of DBSCAN). Smaller: the gaps between points split them.
+        cluster_neighbours: the minimum of DBSCAN, the point itself counted. 1: outliers connect parts.
+        continuation: without views, which points continue unchanged surfaces.
+        support: without views, which candidates are only the support planes of others.
+        free_space: with views, what the points of a survey occlude.
+        view_checks: from when on views contradict their cloud.
     """
 
     needed: bool = True
@@ -49,15 +61,19 @@ class EvidenceSettings:
     share_of_piece: float = 0.15
     cluster_radius: float = 5.0
     cluster_neighbours: int = 8
+    continuation: ContinuationSettings = ContinuationSettings()
+    support: SupportSettings = SupportSettings()
+    free_space: FreeSpaceSettings = FreeSpaceSettings()
+    view_checks: ViewCheckSettings = ViewCheckSettings()
 
 
 class Examined(NamedTuple):
-    """The candidates of one cloud that the evidence left.
+    """The candidates of one cloud that there is evidence for.
 
     Attributes:
         labels: -1, or the number of the candidate.
-        probability: for each restart, that the point is changed; 0 where nothing is known.
-        unobserved: whether the other survey did not see the point's place.
+        probability: for each restart, that the point is changed; 0 where it is unobserved.
+        unobserved: whether the other survey did not observe the point's place.
     """
 
     labels: Int[np.ndarray, " n"]
@@ -65,7 +81,7 @@ class Examined(NamedTuple):
     unobserved: Bool[np.ndarray, " n"]
 
     def without(self, unobserved: Bool[np.ndarray, " n"]) -> "Examined":
-        """Without candidates that were found to be unobserved."""
+        """Without these points, which the other survey did not observe."""
         labels = renumbered(np.where(unobserved, -1, self.labels))
         return Examined(labels, np.where(unobserved, 0.0, self.probability), self.unobserved | unobserved)
 
@@ -88,10 +104,13 @@ def examined(
     if not settings.needed:
         return found
     points, labels = candidates.map(lambda own: own.points), found.map(lambda own: own.labels)
-    under = supports(points, labels, limits.spacing)
-    # With the views of the other survey it is known what was covered.
+    support_planes = supports(points, labels, limits.spacing, settings.support)
+    # With the views of the other survey it is known what was occluded.
     return each(
-        lambda own, other, support: own.without(support) if other.views is None else own, found, surveys.swapped, under
+        lambda own, other, support: own.without(support) if other.views is None else own,
+        found,
+        surveys.swapped,
+        support_planes,
     )
 
 
@@ -107,7 +126,7 @@ def _examined_cloud(own: Candidates, other: Survey, limits: DetectionLimits, set
 def without_evidence(
     own: Candidates, other: Survey, limits: DetectionLimits, settings: EvidenceSettings = EvidenceSettings()
 ) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """The points of the candidates that do not lie where the other survey looked, and all points that it did not see.
+    """The points of candidates without evidence, and all points whose place the other survey did not observe.
 
     Args:
         own: the candidates of one cloud.
@@ -121,8 +140,8 @@ def without_evidence(
     observed = observation(own.points, other, limits.distance)
     rejected = not_seen_empty(own, observed, other.points, limits, settings)
     hidden = hidden_parts(own.points, np.where(rejected, -1, own.labels), observed, limits, settings)
-    shadows = continuing(own.points, hidden, other.points, limits, settings)
-    return rejected | shadows, (observed == Observed.unobserved) | rejected
+    occluded = continuing(own.points, hidden, other.points, limits, settings)
+    return rejected | occluded, (observed == Observed.unobserved) | rejected
 
 
 def not_seen_empty(
@@ -132,27 +151,35 @@ def not_seen_empty(
     limits: DetectionLimits,
     settings: EvidenceSettings = EvidenceSettings(),
 ) -> Bool[np.ndarray, " n"]:
-    """The points of the segments whose place the other survey did not see to be empty.
+    """The points of the candidates that are not in free space of the other survey.
 
-    A place is empty where the survey looked through it. A thin object is too near to the surface behind it for that:
-    there the survey saw a surface that is off this one, and the segment must not continue the surfaces beside it.
+    A thin object is too near to the surface behind it for free space: there the other survey must have observed a
+    surface at an offset from this one, and the candidate must not continue the adjacent surfaces.
+
+    Args:
+        own: the candidates of one cloud.
+        observed: what the other survey observed at the place of each point, values of `Observed`.
+        other: points of the other cloud.
+        limits: of offsets.
+        settings: when a candidate is a change.
     """
     labels = own.labels
     offset = own.difference.offset > settings.thin_offset * limits.local_offset(own.difference)
     free = observed == Observed.free
-    thin = free | ((observed == Observed.surface) & offset)
+    free_or_offset = free | ((observed == Observed.surface) & offset)
     seen = observed != Observed.unobserved
-    through = _mostly(free, seen, labels, settings.least_free_of_all, settings)
-    off = _mostly(thin, seen, np.where(np.isin(labels, through), -1, labels), settings.least_thin_of_all, settings)
-    thin_labels = np.where(np.isin(labels, off), labels, -1)
-    thin_ones = (thin_labels >= 0) & ~continuing(own.points, thin_labels, other, limits, settings)
-    return (labels >= 0) & ~np.isin(labels, through) & ~thin_ones
+    in_free_space = _mostly(free, seen, labels, settings.least_free_of_all, settings)
+    others = np.where(np.isin(labels, in_free_space), -1, labels)
+    offset_ones = _mostly(free_or_offset, seen, others, settings.least_thin_of_all, settings)
+    thin_labels = np.where(np.isin(labels, offset_ones), labels, -1)
+    thin = (thin_labels >= 0) & ~continuing(own.points, thin_labels, other, limits, settings)
+    return (labels >= 0) & ~np.isin(labels, in_free_space) & ~thin
 
 
 def _mostly(
     empty: np.ndarray, seen: np.ndarray, labels: np.ndarray, least_of_all: float, settings: EvidenceSettings
 ) -> list[int]:
-    """The candidates of which enough is empty: of what was observed of each, and of all of it."""
+    """The candidates with enough empty places: of those that were observed, and of all."""
 
     def enough(own: np.ndarray) -> bool:
         least = max(settings.least_free, settings.least_free_share * seen[own].sum(), least_of_all * own.sum())
@@ -168,9 +195,19 @@ def hidden_parts(
     limits: DetectionLimits,
     settings: EvidenceSettings = EvidenceSettings(),
 ) -> Int[np.ndarray, " n"]:
-    """The parts of the segments that the other survey did not see, as segments of their own.
+    """The parts of the segments that the other survey did not observe, as segments of their own.
 
-    The hidden side of an object belongs to it; a shadow on the wall behind it does not.
+    The occluded side of an object belongs to it; the background that the object occluded does not.
+
+    Args:
+        points: of one cloud.
+        labels: -1, or the number of the segment.
+        observed: what the other survey observed at each point, values of `Observed`.
+        limits: the spacing of the points.
+        settings: of the clusters.
+
+    Returns:
+        For each point -1, or the number of the part.
     """
     parts = np.full(len(labels), -1)
     hidden = np.flatnonzero((labels >= 0) & (observed == Observed.unobserved))
@@ -187,36 +224,39 @@ def continuing(
     limits: DetectionLimits,
     settings: EvidenceSettings = EvidenceSettings(),
 ) -> Bool[np.ndarray, " n"]:
-    """The points of the segments that only continue the unchanged surfaces beside them.
+    """The points of the segments that only continue the adjacent unchanged surfaces.
 
-    An object and its shadow on the wall behind may be one segment: what continues and what does not are judged apart
-    where either is a good part of it.
+    An object and the background that it occluded may be one segment: what continues a surface and what does not are
+    judged separately where each is large enough.
+
+    Args:
+        points: of one cloud.
+        labels: -1, or the number of the segment; points of no segment are unchanged.
+        other: points of the other cloud.
+        limits: the spacing of the points and the limit of the offset.
+        settings: when a segment continues a surface.
     """
-    # What is further off than this is another surface: the top of a thin object does not cover the floor's plane.
-    arguments = (labels < 0, other, settings.same_surface * limits.offset, limits.spacing)
-    unseen = unobserved_points(points, labels, *arguments)
+    # What is farther off than this is another surface: the top of a thin object does not cover the floor's plane.
+    tolerance = settings.same_surface * limits.offset
+    reference = ReferenceSurfaces.of(points[labels < 0], other, tolerance, limits.spacing)
+    unseen = unobserved_points(points, labels, reference, settings.continuation)
     whole = _shares(unseen, labels, int(labels.max(initial=-1)) + 1) > settings.most_continued
     pieces, of_segment = _pieces(points, labels, unseen, limits.spacing, settings)
     dropped = (labels >= 0) & whole[labels]
     if not len(of_segment):
         return dropped
-
-    def continued(*, edges: bool) -> Bool[np.ndarray, " p"]:
-        unseen = unobserved_points(points, pieces, *arguments, edges=edges)
-        return np.asarray(_shares(unseen, pieces, len(of_segment))[:-1] > settings.most_continued)
-
-    of_piece = continued(edges=True)
-    # The top of an object, by itself, can look like a wall at the edge of what the other survey saw.
-    with_others = of_piece & np.isin(of_segment, of_segment[~of_piece])
-    if with_others.any():
-        of_piece &= ~with_others | continued(edges=False)
+    of_piece = _continuing_pieces(points, pieces, of_segment, reference, settings)
     return np.where(pieces >= 0, np.append(of_piece, False)[pieces], dropped)
 
 
 def _pieces(
     points: np.ndarray, labels: np.ndarray, unseen: np.ndarray, spacing: float, settings: EvidenceSettings
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The good-sized clusters of the points of each segment that are unseen, and of those that are not."""
+    """The large clusters of the points of each segment that are unobserved, and of those that are not.
+
+    Returns:
+        For each point -1 or the number of its cluster; the segment of each cluster.
+    """
     pieces = np.full(len(labels), -1)
     of_segment: list[int] = []
     for label in np.unique(labels[labels >= 0]):
@@ -230,8 +270,29 @@ def _pieces(
     return pieces, np.array(of_segment)
 
 
+def _continuing_pieces(
+    points: np.ndarray,
+    pieces: np.ndarray,
+    of_segment: np.ndarray,
+    reference: ReferenceSurfaces,
+    settings: EvidenceSettings,
+) -> np.ndarray:
+    """Which pieces only continue the adjacent unchanged surfaces."""
+
+    def continued(*, edges: bool) -> np.ndarray:
+        unseen = unobserved_points(points, pieces, reference, settings.continuation, edges=edges)
+        return np.asarray(_shares(unseen, pieces, len(of_segment))[:-1] > settings.most_continued)
+
+    of_piece = continued(edges=True)
+    # The top of an object, by itself, can look like a wall at the edge of the coverage.
+    with_others = of_piece & np.isin(of_segment, of_segment[~of_piece])
+    if with_others.any():
+        of_piece &= ~with_others | continued(edges=False)
+    return of_piece
+
+
 def _shares(flags: np.ndarray, labels: np.ndarray, count: int) -> np.ndarray:
-    """The share of each label's points that are flagged; one more entry, 0, for the label -1."""
+    """The fraction of each label's points that are flagged; one more entry, 0, for the label -1."""
     inside = labels >= 0
     points = np.bincount(labels[inside], minlength=count)
     return np.append(np.bincount(labels[inside], flags[inside], count) / np.maximum(points, 1), 0.0)

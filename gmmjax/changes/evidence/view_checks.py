@@ -1,4 +1,6 @@
-"""Whether sensor views can belong to a cloud at all."""
+"""Whether sensor views can belong to a cloud at all: each of its points was observed from one of them."""
+
+import dataclasses
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -7,21 +9,33 @@ from gmmjax.changes.evidence.free_space import Survey
 from gmmjax.clouds import SensorViews
 from gmmjax.errors import InputError, warn
 
-# Every point of a cloud was seen from somewhere. So many may still lie outside of all views (noise, or three quarters
-# of the poses left out: 4 to 5 %) or be hidden in all of them (1 % in surveys of many frames; 2 to 6 % in single
-# frames, at the edges of what hides them). Of a survey moved sideways by half its width 20 % are hidden.
-MOST_OUTSIDE = 0.08
-MOST_HIDDEN = 0.15
-# A point is hidden when something lies this many spacings in front of it; nearer, it is the same slanted surface.
-HIDDEN_SPACINGS = 8.0
+
+@dataclasses.dataclass(frozen=True)
+class ViewCheckSettings:
+    """From when on views contradict their cloud.
+
+    Attributes:
+        most_outside: fraction of the points outside of all views, at most: noise, or poses that were left out (with
+            three quarters of them left out 4 to 5 %). 1: views of another survey are used.
+        most_occluded: fraction of the points in the views that are occluded in all of them, at most. Measured: 1 % in
+            surveys of many frames, 2 to 6 % in single frames, at the edges of occluding objects, and 20 % in a survey
+            moved sideways by half its width. 1: such a survey is used.
+        occlusion_depth: a point is occluded when something lies this many spacings in front of it; nearer, it is the
+            same slanted surface. 0: most of a slanted surface is occluded by itself.
+    """
+
+    most_outside: float = 0.08
+    most_occluded: float = 0.15
+    occlusion_depth: float = 8.0
 
 
-def usable_views(name: str, survey: Survey) -> Survey:
+def usable_views(name: str, survey: Survey, settings: ViewCheckSettings = ViewCheckSettings()) -> Survey:
     """The survey, without its views where they contradict the cloud.
 
     Args:
         name: the argument that the views came in, for the message.
         survey: a cloud of at least one point.
+        settings: from when on they do.
 
     Raises:
         InputError: the views see none of the points.
@@ -29,19 +43,20 @@ def usable_views(name: str, survey: Survey) -> Survey:
     Warns:
         InputWarning: the views contradict the cloud.
     """
-    contradiction = None if survey.views is None else check_views(name, survey)
+    contradiction = None if survey.views is None else check_views(name, survey, settings)
     if contradiction is None:
         return survey
     warn(contradiction)
-    return Survey(survey.surface)
+    return dataclasses.replace(survey, views=None)
 
 
-def check_views(name: str, survey: Survey) -> str | None:
+def check_views(name: str, survey: Survey, settings: ViewCheckSettings = ViewCheckSettings()) -> str | None:
     """Whether a cloud can have been taken from its views.
 
     Args:
         name: the argument that the views came in, for the message.
         survey: a cloud of at least one point, with views.
+        settings: from when on views contradict their cloud.
 
     Returns:
         None when all is well, else why the views contradict the cloud and what to do: they must not be used then.
@@ -58,34 +73,39 @@ def check_views(name: str, survey: Survey) -> str | None:
         in_view = views.in_field_of_view(places)
         inside |= in_view
         if not visible[in_view].all():
-            visible |= in_view & _visible(places, survey, view)
+            visible |= in_view & _visible(places, survey, view, settings)
     if not inside.any():
         raise InputError(
             f"{name}: none of the {len(views)} view(s) sees any of the {len(points)} points of its cloud; poses are "
             "camera to world (x right, y down, z forward) in the cloud's frame and unit, the field of view in degrees"
         )
-    return _contradiction(name, views, in_range.mean(), inside.mean(), visible[inside].mean())
+    return _contradiction(name, views, in_range.mean(), inside.mean(), visible[inside].mean(), settings)
 
 
-def _contradiction(name: str, views: SensorViews, in_range: float, inside: float, visible: float) -> str | None:
+def _contradiction(
+    name: str, views: SensorViews, in_range: float, inside: float, visible: float, settings: ViewCheckSettings
+) -> str | None:
+    """Why the views contradict the cloud, by the fractions of its points in range, in a view, and not occluded."""
     remedy = "free space is not used as evidence; check the poses (camera to world), the frame and the unit"
-    if in_range < 1 - MOST_OUTSIDE:
+    if in_range < 1 - settings.most_outside:
         return (
             f"{name}: {1 - in_range:.0%} of the cloud's points are further than max_range={views.max_range:.4g} from "
             f"every view; {remedy}"
         )
-    if inside < 1 - MOST_OUTSIDE:
+    if inside < 1 - settings.most_outside:
         return f"{name}: {1 - inside:.0%} of the cloud's points are behind or beside every view; {remedy}"
-    if visible < 1 - MOST_HIDDEN:
+    if visible < 1 - settings.most_occluded:
         return f"{name}: {1 - visible:.0%} of the cloud's points are hidden by others from every view; {remedy}"
     return None
 
 
-def _visible(places: Float64[np.ndarray, "n 3"], survey: Survey, view: int) -> Bool[np.ndarray, " n"]:
-    """The points of a survey that nothing hides from one view, in whose coordinates they are given."""
+def _visible(
+    places: Float64[np.ndarray, "n 3"], survey: Survey, view: int, settings: ViewCheckSettings
+) -> Bool[np.ndarray, " n"]:
+    """Which points of a survey, in the coordinates of one view, are not occluded in it."""
     visible = np.zeros(len(places), bool)
-    for camera, image in survey.images(view):
-        inside, directions, ranges = camera.seen(places)
+    for frustum, image in survey.images(view):
+        inside, directions, ranges = frustum.project(places)
         in_front, _ = image.nearest(directions)
-        visible[inside] = in_front > ranges - HIDDEN_SPACINGS * survey.spacing[inside]
+        visible[inside] = in_front > ranges - settings.occlusion_depth * survey.spacing[inside]
     return visible

@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.evidence.continuation import unobserved_points
+from gmmjax.changes.evidence.continuation import ContinuationSettings, unobserved_points
+from gmmjax.changes.evidence.coverage_edge import CoverageEdgeSettings, ReferenceSurfaces
 from gmmjax.clouds import SensorViews
 from tests.changes.rooms import around, box, looking, scanned
 
@@ -17,19 +18,20 @@ NOT_OBSERVED = 0.6
 VIEWS = around(8)
 
 
-def unobserved_shares(points, labels, *arguments):
+def unobserved_shares(points, labels, unchanged, other, settings=ContinuationSettings(), tolerance=TOLERANCE):
     """The share of each segment's points that are unobserved."""
-    unseen = unobserved_points(points, labels, *arguments)
+    reference = ReferenceSurfaces.of(points[unchanged], other, tolerance, SPACING)
+    unseen = unobserved_points(points, labels, reference, settings)
     return np.array([unseen[labels == label].mean() for label in range(labels.max() + 1)])
 
 
-def share(cloud, other, where, reach=REACH, tolerance=TOLERANCE):
+def share(cloud, other, where, reach=REACH, **arguments):
     """The share of the one segment: the points of the box `where` that the other cloud has not."""
     distant = cKDTree(other).query(cloud)[0] > reach
     inside = ((cloud > where[0]) & (cloud < where[1])).all(axis=1)
     labels = np.where(distant & inside, 0, -1)
     assert (labels == 0).sum() > 20
-    return unobserved_shares(cloud, labels, ~distant, other, tolerance, SPACING)[0]
+    return unobserved_shares(cloud, labels, ~distant, other, **arguments)[0]
 
 
 def room(*boxes, views=VIEWS, seed=0, noise=0.004):
@@ -113,14 +115,14 @@ def test_no_segments_and_nothing_to_compare_with():
     cloud = room(CARTON, seed=1)
     none = np.full(len(cloud), -1)
     everything = np.ones(len(cloud), bool)
-    assert unobserved_shares(cloud, none, everything, cloud, TOLERANCE, SPACING).shape == (0,)
+    assert unobserved_shares(cloud, none, everything, cloud).shape == (0,)
     all_one = np.zeros(len(cloud), int)
-    assert unobserved_shares(cloud, all_one, ~everything, cloud, TOLERANCE, SPACING).tolist() == [0]
-    assert unobserved_shares(cloud, all_one, everything, np.zeros((0, 3)), TOLERANCE, SPACING).tolist() == [0]
+    assert unobserved_shares(cloud, all_one, ~everything, cloud).tolist() == [0]
+    assert unobserved_shares(cloud, all_one, everything, np.zeros((0, 3))).tolist() == [0]
     # Segments of one and of two points, far from everything.
     stray = np.concatenate([cloud, [[9, 9, 9.0], [9, 9, 9.01], [-9, 0, 0]]])
     labels = np.array([-1] * len(cloud) + [0, 0, 1])
-    shares = unobserved_shares(stray, labels, labels < 0, cloud, TOLERANCE, SPACING)
+    shares = unobserved_shares(stray, labels, labels < 0, cloud)
     assert ((shares >= 0) & (shares <= 1)).all()
 
 
@@ -131,14 +133,12 @@ def test_motion_and_order_change_nothing(surveys, seed):
     generator = np.random.default_rng(seed)
     rotation, shift = Rotation.random(random_state=int(seed)).as_matrix(), generator.normal(0, 10, 3)
     order, others = generator.permutation(len(full)), generator.permutation(len(empty))
-    here = unobserved_shares(full, labels, unchanged, empty, TOLERANCE, SPACING)
+    here = unobserved_shares(full, labels, unchanged, empty)
     there = unobserved_shares(
         full[order] @ rotation.T + shift,
         labels[order],
         unchanged[order],
         empty[others] @ rotation.T + shift,
-        TOLERANCE,
-        SPACING,
     )
     # The voxels lie otherwise.
     np.testing.assert_allclose(here, there, atol=0.15)
@@ -157,6 +157,15 @@ def surveys():
 
 
 def test_each_segment_has_its_own_share(surveys):
-    first, second = unobserved_shares(*surveys[:1], surveys[2], surveys[3], surveys[1], TOLERANCE, SPACING)
+    first, second = unobserved_shares(*surveys[:1], surveys[2], surveys[3], surveys[1])
     assert first < 0.3
     assert second > 0.9
+
+
+def test_the_settings_reach_the_planes_and_the_edge_of_the_coverage(surveys):
+    full, empty, labels, unchanged = surveys
+    nothing_continues = ContinuationSettings(
+        least_width=1e3, far_width=1e3, coverage_edge=CoverageEdgeSettings(most_occluded=-1.0)
+    )
+    shares = unobserved_shares(full, labels, unchanged, empty, nothing_continues)
+    assert shares.tolist() == [0, 0]

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
-from gmmjax.changes.evidence.coverage_edge import at_observed_edge
+from gmmjax.changes.evidence.coverage_edge import CoverageEdgeSettings, ReferenceSurfaces, at_coverage_edge
 from tests.mixtures.examples import random_rotation
 
 SPACING = 0.02
@@ -20,8 +19,9 @@ def patch(corner, first, second, seed=0):
     return points + 0.001 * np.random.default_rng(seed).standard_normal(points.shape)
 
 
-def share_at_edge(segment, unchanged, other):
-    found = at_observed_edge(segment, cKDTree(unchanged), cKDTree(other), 0.01, 0.01, SPACING)
+def share_at_edge(segment, unchanged, other, settings=CoverageEdgeSettings()):
+    reference = ReferenceSurfaces.of(unchanged, other, 0.01, SPACING)
+    found = at_coverage_edge(segment, reference, 0.01, settings)
     assert found.shape == (len(segment),) and found.dtype == bool
     return found.mean()
 
@@ -82,3 +82,9 @@ def test_what_fills_a_volume_is_no_wall():
     _, both, other = room()
     cloud = np.random.default_rng(5).uniform([0, 0, 0.5], [0.6, 0.6, 1.1], (3000, 3))
     assert share_at_edge(cloud, both, other) < 0.2
+
+
+def test_how_many_points_may_be_behind_a_wall_is_a_setting():
+    wall, both, other = room()
+    beyond = np.concatenate([other, patch(*FLOOR, seed=3) - [2.0, 0, 0]])
+    assert share_at_edge(wall, both, beyond, CoverageEdgeSettings(most_behind=1.0)) > 0.95

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.evidence.free_space import Observed, Survey, observation
+from gmmjax.changes.evidence.free_space import FreeSpaceSettings, Observed, Survey, observation
 from gmmjax.clouds import SensorViews
 from tests.changes.rooms import around, box, looking, scanned
 
@@ -197,3 +197,11 @@ def test_real_pairs(scan_pairs):
             assert free[(truth >= 0) & ~unseen].mean() > 0.75
             assert free[(truth < 0) & ~unseen].mean() < 1e-3
             assert free[unseen].mean() < 5e-3
+
+
+def test_what_counts_as_an_outlier_is_a_setting():
+    cloud = np.concatenate([wall(2.0, spacing=0.02), [[0.0, 0.0, 0.8]]])
+    place = np.array([[0, 0, 1.5]])
+    occluding = Survey.of(cloud, one_camera(), FreeSpaceSettings(outlier_distance=np.inf))
+    assert observed(place, cloud, one_camera(), MARGIN) == Observed.free
+    assert observation(place, occluding, MARGIN) == Observed.unobserved

@@ -1,6 +1,7 @@
 import numpy as np
 
-from gmmjax.changes.evidence.support_planes import supports
+from gmmjax.changes.evidence.support_planes import SupportSettings, supports
+from gmmjax.pair import Pair
 from tests.changes.scanned_objects import box
 
 SPACING = 0.011
@@ -20,9 +21,10 @@ def standing(seed=1, extent=(0.3, 0.25, 0.3), at=(0.0, 0.0)):
     return points[points[:, 2] > 0.015]
 
 
-def both(before, after):
-    under = supports(before, after, np.zeros(len(before), int), np.zeros(len(after), int), SPACING)
-    return under[0].all(), under[1].all()
+def both(before, after, settings=SupportSettings()):
+    points = Pair(before, after)
+    under = supports(points, points.map(lambda own: np.zeros(len(own), int)), SPACING, settings)
+    return under.before.all(), under.after.all()
 
 
 def test_a_shelf_disappears_under_what_came_and_appears_under_what_went():
@@ -51,7 +53,14 @@ def test_a_box_supports_nothing():
 def test_points_of_no_segment_are_left_alone():
     before, after = shelf(), standing()
     labels = np.where(np.arange(len(before)) % 2, 0, -1)
-    under, over = supports(before, after, labels, np.full(len(after), -1), SPACING)
+    under, over = supports(Pair(before, after), Pair(labels, np.full(len(after), -1)), SPACING)
     assert not under.any() and not over.any()
-    under, over = supports(before, after, labels, np.zeros(len(after), int), SPACING)
+    under, over = supports(Pair(before, after), Pair(labels, np.zeros(len(after), int)), SPACING)
     np.testing.assert_array_equal(under, labels == 0)
+
+
+def test_how_many_points_must_touch_a_support_is_a_setting():
+    assert both(shelf(), standing(), SupportSettings(least_touching=10_000)) == (False, False)
+    # Hanging 20 cm above the shelf.
+    raised = standing() + np.array([0, 0, 0.2])
+    assert both(shelf(), raised, SupportSettings(touching=30.0)) == (True, False)

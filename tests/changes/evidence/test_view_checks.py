@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from gmmjax.changes.evidence.free_space import Survey
-from gmmjax.changes.evidence.view_checks import check_views
+from gmmjax.changes.evidence.free_space import FreeSpaceSettings, Survey
+from gmmjax.changes.evidence.view_checks import ViewCheckSettings, check_views, usable_views
 from gmmjax.clouds import SensorViews, read_cloud
-from gmmjax.errors import InputError
+from gmmjax.errors import InputError, InputWarning
 from tests.changes.rooms import around, box, scanned
 
 VIEWS = around(8)
@@ -81,3 +81,13 @@ def test_points_that_the_views_cannot_have_seen(cloud):
     """From outside the room everything is in the field of view, and most of it behind a wall."""
     views = SensorViews(shifted(2.2, 0, -0.3), (140.0, 140.0), 6.0)
     assert "hidden by others" in contradiction("views_after", views, cloud)
+
+
+def test_views_that_contradict_are_left_out_with_a_warning(cloud):
+    settings = FreeSpaceSettings(outlier_distance=3.0)
+    survey = Survey.of(cloud, with_poses(VIEWS.poses[:1]), settings)
+    with pytest.warns(InputWarning, match="views_before: .* behind or beside"):
+        left = usable_views("views_before", survey)
+    assert left.views is None and left.surface is survey.surface and left.settings is settings
+    assert usable_views("views_before", survey, ViewCheckSettings(most_outside=1.0, most_occluded=1.0)) is survey
+    assert usable_views("views_before", left) is left

@@ -1,0 +1,92 @@
+import numpy as np
+import pytest
+
+from gmmjax.changes.candidates import CandidateSettings, candidates, changed_probability, clusters_with_core
+from gmmjax.changes.differences import DetectionLimits, Differences, DifferenceSettings, LocalDifference
+from gmmjax.pair import Pair
+
+SPACING = 0.01
+LIMITS = DetectionLimits(SPACING, 0.005, 0.001, distance=0.1, offset=0.02, settings=DifferenceSettings())
+
+
+def difference(distance=0.0, offset=0.0, noise=0.0, thickness=0.0, spacing=0.0):
+    """Local differences of some points; where one number is given all points have it."""
+    return LocalDifference(*np.atleast_1d(*np.broadcast_arrays(distance, offset, noise, thickness, spacing)))
+
+
+def blob(centre, count, seed=0):
+    """Points about a centre, all within two spacings of it along each axis."""
+    return np.array(centre) + np.random.default_rng(seed).uniform(-2 * SPACING, 2 * SPACING, (count, 3))
+
+
+def test_the_probability_rises_with_the_distance_from_a_fraction_of_its_limit():
+    probability = changed_probability(difference([0.0, 0.03, 0.065, 0.1, 0.5]), np.zeros((1, 5)), LIMITS)
+    np.testing.assert_allclose(probability, [[0, 0, 0.5, 1, 1]], atol=1e-12)
+
+
+def test_the_probability_rises_with_the_offset_up_to_its_limit():
+    probability = changed_probability(difference(offset=[0.0, 0.005, 0.02, 0.1]), np.zeros((1, 4)), LIMITS)
+    np.testing.assert_allclose(probability, [[0, 0.25, 1, 1]])
+
+
+def test_where_the_other_cloud_is_noisy_sparse_or_thick_limits_are_larger():
+    usual = difference(distance=0.1, offset=0.02)
+    assert changed_probability(usual, np.zeros((1, 1)), LIMITS) == 1
+    for local in (
+        difference(distance=0.1, offset=0.02, noise=0.01, spacing=0.1),
+        difference(distance=0.1, offset=0.02, noise=0.01, thickness=0.1),
+    ):
+        assert changed_probability(local, np.zeros((1, 1)), LIMITS) < 0.5
+
+
+def test_the_greatest_of_mixture_distance_and_offset_counts_in_each_restart():
+    local = difference(distance=[0.065, 0.0, 0.0], offset=[0.0, 0.005, 0.0])
+    excess = np.array([[0.1, 0.1, 0.7], [0.9, 0.2, 0.0]])
+    expected = [[0.5, 0.25, 0.7], [0.9, 0.25, 0.0]]
+    np.testing.assert_allclose(changed_probability(local, excess, LIMITS), expected, atol=1e-12)
+
+
+@pytest.fixture
+def cloud():
+    """Two groups of sure points, one with less sure points beside it, and points that are hardly changed or single."""
+    points = np.concatenate(
+        [blob((0, 0, 0), 40), blob((1, 0, 0), 30, 1), blob((0.05, 0, 0), 25, 2), blob((2, 0, 0), 30, 3), [[9, 9, 9.0]]]
+    )
+    return points, np.repeat([1.0, 0.95, 0.6, 0.4, 1.0], [40, 30, 25, 30, 1])
+
+
+def test_candidates_are_dense_groups_of_sure_points_and_what_adjoins_them(cloud):
+    labels = clusters_with_core(*cloud, SPACING)
+    np.testing.assert_array_equal(labels, np.repeat([0, 1, 0, -1, -1], [40, 30, 25, 30, 1]))
+
+
+def test_a_group_without_enough_sure_points_is_no_candidate(cloud):
+    labels = clusters_with_core(*cloud, SPACING, CandidateSettings(smallest_core=35))
+    assert (labels[:40] == 0).all() and (labels[40:70] == -1).all()
+    assert (clusters_with_core(*cloud, SPACING, CandidateSettings(core_probability=1.1)) == -1).all()
+
+
+def test_how_far_a_candidate_grows_is_a_setting(cloud):
+    points, probability = cloud
+    labels = clusters_with_core(points, probability, SPACING, CandidateSettings(growth=0.1))
+    assert (labels[:40] == 0).all() and (labels[70:95] == -1).any()
+
+
+def test_no_points_have_no_candidates():
+    assert clusters_with_core(np.zeros((0, 3)), np.zeros(0), SPACING).shape == (0,)
+
+
+def test_a_threshold_above_the_core_is_that_of_the_core(cloud):
+    labels = clusters_with_core(*cloud, SPACING, CandidateSettings(threshold=0.97))
+    np.testing.assert_array_equal(labels >= 0, np.repeat([True, False], [40, 86]))
+
+
+def test_both_clouds_have_candidates_of_their_own_by_the_mean_of_the_restarts():
+    points = Pair(blob((0, 0, 0), 30), blob((0, 0, 0), 50, 1))
+    local = points.map(lambda own: difference(np.zeros(len(own))))
+    # In one of two restarts all points of the before cloud are changed: its mean is the threshold, not sure.
+    excess = Pair(np.stack([np.ones(30), np.zeros(30)]), np.ones((2, 50)))
+    found = candidates(points, Differences(local, LIMITS), excess)
+    assert (found.before.labels == -1).all() and (found.after.labels == 0).all()
+    np.testing.assert_array_equal(found.before.probability, excess.before)
+    assert found.after.points is points.after and found.after.difference is local.after
