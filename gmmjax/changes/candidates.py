@@ -17,7 +17,6 @@ class CandidateSettings:
     """Which points look changed, and how they are gathered.
 
     Attributes:
-        threshold: probability from which on a point belongs to a candidate.
         first_distance: fraction of the limit of the distance up to which its probability is 0.
         core_probability: of the nearly sure points that clusters are made of. At the threshold: a slight
             misregistration chains half a scene to one cluster.
@@ -27,7 +26,6 @@ class CandidateSettings:
         growth: a candidate takes in points that reach the threshold within this many radii.
     """
 
-    threshold: float = 0.5
     first_distance: float = 0.3
     core_probability: float = 0.9
     smallest_core: int = 20
@@ -56,6 +54,7 @@ def candidates(
     points: Pair[Float[np.ndarray, "_ 3"]],
     differences: Differences,
     excess: Pair[Float[np.ndarray, "r _"]],
+    threshold: float = 0.5,
     settings: CandidateSettings = CandidateSettings(),
 ) -> Pair[Candidates]:
     """The candidates of both clouds.
@@ -64,13 +63,14 @@ def candidates(
         points: at the working resolution.
         differences: of the clouds from each other.
         excess: for each restart the posterior of the joint mixture that the point is of what only its cloud has.
+        threshold: probability from which on a point belongs to a candidate.
         settings: which points look changed.
     """
     limits = differences.limits
 
     def of_cloud(points: np.ndarray, difference: LocalDifference, excess: np.ndarray) -> Candidates:
         probability = changed_probability(difference, excess, limits, settings)
-        labels = clusters_with_core(points, probability.mean(axis=0), limits.spacing, settings)
+        labels = clusters_with_core(points, probability.mean(axis=0), limits.spacing, threshold, settings)
         return Candidates(points, difference, probability, labels)
 
     return each(of_cloud, points, differences.local, excess)
@@ -103,6 +103,7 @@ def clusters_with_core(
     points: Float[np.ndarray, "n 3"],
     probability: Float[np.ndarray, " n"],
     spacing: float,
+    threshold: float = 0.5,
     settings: CandidateSettings = CandidateSettings(),
 ) -> Int[np.ndarray, " n"]:
     """Density clusters of nearly sure points, with the points beside them that reach the threshold.
@@ -111,12 +112,13 @@ def clusters_with_core(
         points: of one cloud.
         probability: that each is changed.
         spacing: of neighbouring points.
+        threshold: probability from which on a point belongs to a cluster.
         settings: of the clusters.
 
     Returns:
         For each point -1, or the number of its cluster.
     """
-    threshold, radius = settings.threshold, settings.cluster_radius * spacing
+    radius = settings.cluster_radius * spacing
     labels = np.full(len(points), -1)
     core = np.flatnonzero(probability >= max(settings.core_probability, threshold))
     labels[core] = density_clusters(points[core], radius, settings.cluster_neighbours)

@@ -61,14 +61,14 @@ def test_candidates_are_dense_groups_of_sure_points_and_what_adjoins_them(cloud)
 
 
 def test_a_group_without_enough_sure_points_is_no_candidate(cloud):
-    labels = clusters_with_core(*cloud, SPACING, CandidateSettings(smallest_core=35))
+    labels = clusters_with_core(*cloud, SPACING, settings=CandidateSettings(smallest_core=35))
     assert (labels[:40] == 0).all() and (labels[40:70] == -1).all()
-    assert (clusters_with_core(*cloud, SPACING, CandidateSettings(core_probability=1.1)) == -1).all()
+    assert (clusters_with_core(*cloud, SPACING, settings=CandidateSettings(core_probability=1.1)) == -1).all()
 
 
 def test_how_far_a_candidate_grows_is_a_setting(cloud):
     points, probability = cloud
-    labels = clusters_with_core(points, probability, SPACING, CandidateSettings(growth=0.1))
+    labels = clusters_with_core(points, probability, SPACING, settings=CandidateSettings(growth=0.1))
     assert (labels[:40] == 0).all() and (labels[70:95] == -1).any()
 
 
@@ -77,7 +77,7 @@ def test_no_points_have_no_candidates():
 
 
 def test_a_threshold_above_the_core_is_that_of_the_core(cloud):
-    labels = clusters_with_core(*cloud, SPACING, CandidateSettings(threshold=0.97))
+    labels = clusters_with_core(*cloud, SPACING, 0.97)
     np.testing.assert_array_equal(labels >= 0, np.repeat([True, False], [40, 86]))
 
 

@@ -13,7 +13,7 @@ from gmmjax.changes.change import Changes
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.detectors.detector import AbstractChangeDetector, Scan
 from gmmjax.changes.differences import DifferenceSettings, differences
-from gmmjax.changes.evidence.examination import EvidenceSettings, examined
+from gmmjax.changes.evidence.examination import EvidenceSettings, examined, unexamined
 from gmmjax.changes.evidence.free_space import Survey
 from gmmjax.changes.evidence.view_checks import usable_views
 from gmmjax.changes.fit.joint_fit import JointFits, fit_joint_restarts, mixtures_distance, point_excess
@@ -56,11 +56,7 @@ class JointDetector(AbstractChangeDetector):
     @classmethod
     def of(cls, config: DetectionConfig) -> "JointDetector":
         """The detector with a user's settings."""
-        return cls(
-            config,
-            candidates=CandidateSettings(threshold=config.threshold),
-            evidence=EvidenceSettings(needed=config.evidence),
-        )
+        return cls(config)
 
     def changes(self, scans: Pair[Scan], report: Progress = silent) -> Changes:
         """What changed: prepare, align, fit, differences, candidates, evidence, objects."""
@@ -117,8 +113,11 @@ class JointDetector(AbstractChangeDetector):
         points = pair.surfaces.map(lambda surface: surface.points)
         excess = Pair(point_excess(fits, points.before, False), point_excess(fits, points.after, True))
         measured = differences(pair.surfaces, pair.working.spacing, self.differences)
-        looks_changed = candidates(points, measured, excess, self.candidates)
-        evident = examined(looks_changed, surveys, measured.limits, self.evidence)
+        looks_changed = candidates(points, measured, excess, self.config.threshold, self.candidates)
+        if self.config.evidence:
+            evident = examined(looks_changed, surveys, measured.limits, self.evidence)
+        else:
+            evident = unexamined(looks_changed)
         return surfaces_found(pair, measured, evident, self.objects.surfaces)
 
 

@@ -22,7 +22,6 @@ class EvidenceSettings:
     """When a candidate is a change.
 
     Attributes:
-        needed: whether there must be evidence. False: all candidates are changes.
         thin_offset: fraction of the limit of the offset above which an offset is evidence where the other survey
             observed a surface: of objects too thin for free space. Smaller: the noise is evidence; larger: the lower
             part of a thin object is none.
@@ -49,7 +48,6 @@ class EvidenceSettings:
         view_checks: from when on views contradict their cloud.
     """
 
-    needed: bool = True
     thin_offset: float = 0.8
     least_free: int = 10
     least_free_share: float = 0.5
@@ -101,8 +99,6 @@ def examined(
         settings: when a candidate is a change.
     """
     found = each(lambda own, other: _examined_cloud(own, other, limits, settings), candidates, surveys.swapped)
-    if not settings.needed:
-        return found
     points, labels = candidates.map(lambda own: own.points), found.map(lambda own: own.labels)
     support_planes = supports(points, labels, limits.spacing, settings.support)
     # With the views of the other survey it is known what was occluded.
@@ -114,11 +110,20 @@ def examined(
     )
 
 
+def unexamined(candidates: Pair[Candidates]) -> Pair[Examined]:
+    """All candidates, where no evidence is asked for; nothing is known of what was observed.
+
+    Args:
+        candidates: of both clouds.
+    """
+    return candidates.map(
+        lambda own: Examined(renumbered(own.labels), own.probability, np.zeros(len(own.labels), bool))
+    )
+
+
 def _examined_cloud(own: Candidates, other: Survey, limits: DetectionLimits, settings: EvidenceSettings) -> Examined:
-    labels, unobserved = own.labels, np.zeros(len(own.labels), bool)
-    if settings.needed:
-        rejected, unobserved = without_evidence(own, other, limits, settings)
-        labels = np.where(rejected, -1, labels)
+    rejected, unobserved = without_evidence(own, other, limits, settings)
+    labels = np.where(rejected, -1, own.labels)
     probability = np.where((labels < 0) & unobserved, 0.0, own.probability)
     return Examined(renumbered(labels), probability, unobserved & (labels < 0))
 

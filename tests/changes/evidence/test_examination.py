@@ -14,6 +14,7 @@ from gmmjax.changes.evidence.examination import (
     hidden_parts,
     not_seen_empty,
     renumbered,
+    unexamined,
     without_evidence,
 )
 from gmmjax.changes.evidence.free_space import Observed, Survey
@@ -218,6 +219,6 @@ def test_without_views_a_floor_that_was_occluded_is_unobserved_in_its_own_cloud(
     assert (found.before.labels == -1).all() and (found.after.labels == -1).all()
     np.testing.assert_array_equal(found.before.unobserved, labels == 0)
     np.testing.assert_array_equal(found.before.probability[0], np.where(labels == 0, 0.0, 0.2))
-    unexamined = examined(own, surveys, LIMITS, EvidenceSettings(needed=False))
-    np.testing.assert_array_equal(unexamined.before.labels, labels)
-    assert not unexamined.before.unobserved.any()
+    unproven = unexamined(own)
+    np.testing.assert_array_equal(unproven.before.labels, labels)
+    assert not unproven.before.unobserved.any()
