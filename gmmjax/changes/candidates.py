@@ -50,7 +50,7 @@ class Candidates(NamedTuple):
     labels: Int[np.ndarray, " n"]
 
 
-def candidates(
+def candidates_of(
     points: Pair[Float[np.ndarray, "_ 3"]],
     differences: Differences,
     excess: Pair[Float[np.ndarray, "r _"]],

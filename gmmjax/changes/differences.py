@@ -104,7 +104,7 @@ class Differences(NamedTuple):
     limits: DetectionLimits
 
 
-def differences(
+def differences_between(
     surfaces: Pair[LocalSurface], spacing: float, settings: DifferenceSettings = DifferenceSettings()
 ) -> Differences:
     """The differences of two registered clouds from each other.

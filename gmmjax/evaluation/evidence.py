@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from gmmjax.changes.candidates import Candidates
-from gmmjax.changes.differences import LocalDifference, differences
+from gmmjax.changes.differences import LocalDifference, differences_between
 from gmmjax.changes.evidence.examination import without_evidence
 from gmmjax.changes.evidence.free_space import Survey
 from gmmjax.changes.prepare.resolution import WorkingCloud, working_pair
@@ -31,7 +31,7 @@ def without_unobserved(
         return labels
     surfaces = working.clouds.map(lambda cloud: LocalSurface.of(cloud.points))
     surveys = each(Survey, surfaces, views)
-    measured = differences(surfaces, working.spacing)
+    measured = differences_between(surfaces, working.spacing)
 
     def kept(cloud: WorkingCloud, difference: LocalDifference, labels: np.ndarray, other: Survey) -> np.ndarray:
         nothing = np.zeros((1, len(cloud.points)))

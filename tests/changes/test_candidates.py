@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from gmmjax.changes.candidates import CandidateSettings, candidates, changed_probability, clusters_with_core
+from gmmjax.changes.candidates import CandidateSettings, candidates_of, changed_probability, clusters_with_core
 from gmmjax.changes.differences import DetectionLimits, Differences, DifferenceSettings, LocalDifference
 from gmmjax.pair import Pair
 
@@ -86,7 +86,7 @@ def test_both_clouds_have_candidates_of_their_own_by_the_mean_of_the_restarts():
     local = points.map(lambda own: difference(np.zeros(len(own))))
     # In one of two restarts all points of the before cloud are changed: its mean is the threshold, not sure.
     excess = Pair(np.stack([np.ones(30), np.zeros(30)]), np.ones((2, 50)))
-    found = candidates(points, Differences(local, LIMITS), excess)
+    found = candidates_of(points, Differences(local, LIMITS), excess)
     assert (found.before.labels == -1).all() and (found.after.labels == 0).all()
     np.testing.assert_array_equal(found.before.probability, excess.before)
     assert found.after.points is points.after and found.after.difference is local.after

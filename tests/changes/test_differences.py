@@ -5,7 +5,7 @@ from gmmjax.changes.differences import (
     DifferenceSettings,
     LocalDifference,
     detection_limits,
-    differences,
+    differences_between,
     local_difference,
 )
 from gmmjax.geometry.local_surface import LocalSurface
@@ -50,7 +50,7 @@ def test_the_less_changed_cloud_sets_the_limits():
 
 def test_unchanged_points_are_within_the_limits_and_a_raised_floor_is_not():
     points = Pair(floor(12), np.concatenate([floor(13), floor(14, count=400, height=0.2)]))
-    found = differences(points.map(LocalSurface.of), SPACING)
+    found = differences_between(points.map(LocalSurface.of), SPACING)
     own, limits = found.local.after, found.limits
     beyond = (own.distance > limits.local_distance(own)) & (own.offset > limits.local_offset(own))
     assert beyond[-400:].all() and not beyond[:-400].any()

@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Int
 
 from gmmjax.changes.align.alignment import AlignedPair, AlignSettings, aligned
-from gmmjax.changes.candidates import CandidateSettings, candidates
+from gmmjax.changes.candidates import CandidateSettings, candidates_of
 from gmmjax.changes.change import Changes
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.detectors.detector import AbstractChangeDetector, Scan
-from gmmjax.changes.differences import DifferenceSettings, differences
+from gmmjax.changes.differences import DifferenceSettings, differences_between
 from gmmjax.changes.evidence.examination import EvidenceSettings, examined, unexamined
 from gmmjax.changes.evidence.free_space import Survey
 from gmmjax.changes.evidence.view_checks import usable_views
@@ -112,8 +112,8 @@ class JointDetector(AbstractChangeDetector):
     def _found_on_surfaces(self, pair: AlignedPair, surveys: Pair[Survey], fits: JointFits) -> Found:
         points = pair.surfaces.map(lambda surface: surface.points)
         excess = Pair(point_excess(fits, points.before, False), point_excess(fits, points.after, True))
-        measured = differences(pair.surfaces, pair.working.spacing, self.differences)
-        looks_changed = candidates(points, measured, excess, self.config.threshold, self.candidates)
+        measured = differences_between(pair.surfaces, pair.working.spacing, self.differences)
+        looks_changed = candidates_of(points, measured, excess, self.config.threshold, self.candidates)
         if self.config.evidence:
             evident = examined(looks_changed, surveys, measured.limits, self.evidence)
         else:
