@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.differences import DetectionLimits, Differences, LocalDifference
-from gmmjax.geometry.density_clusters import density_clusters
+from gmmjax.geometry import density_clusters
 from gmmjax.pair import Pair, each
 
 

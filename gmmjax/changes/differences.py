@@ -11,9 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from gmmjax.geometry.local_surface import LocalSurface
-from gmmjax.geometry.neighbours import nearest_neighbours
-from gmmjax.geometry.statistics import MEDIAN_TO_DEVIATION
+from gmmjax.geometry import MEDIAN_TO_DEVIATION, LocalSurface, nearest_neighbours
 from gmmjax.pair import Pair, each
 
 

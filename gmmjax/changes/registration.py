@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from gmmjax.geometry.rigid import transformed
+from gmmjax.geometry import transformed
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gmmjax.clouds.arrays import load_archive
-from gmmjax.clouds.atomic import atomic_write
-from gmmjax.clouds.files import read_json_record, require_file
+from gmmjax.clouds import atomic_write, load_archive, read_json_record, require_file
 from gmmjax.errors import InputError
 
 SCHEMA_VERSION = 3

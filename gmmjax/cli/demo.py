@@ -39,8 +39,7 @@ def demo(
     """
     import jax
 
-    from gmmjax.changes import detect_changes
-    from gmmjax.changes.config import DetectionConfig
+    from gmmjax.changes import DetectionConfig, detect_changes
     from gmmjax.clouds import read_cloud
     from gmmjax.reporting import console
     from gmmjax.reporting.result_folder import check_result_folder, write_result

@@ -10,10 +10,10 @@ from typing import Annotated
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional
 
-from gmmjax.changes.config import DetectionConfig
+from gmmjax.changes import DetectionConfig
 from gmmjax.cli.compilation_cache import use_compilation_cache
 from gmmjax.cli.flags import flags_of
-from gmmjax.clouds.files import read_toml
+from gmmjax.clouds import read_toml
 from gmmjax.errors import InputError
 
 RESULT_FILES = {

@@ -38,7 +38,7 @@ def evaluate_gaussians(
         common: to all evaluations.
     """
     from gmmjax.errors import InputError
-    from gmmjax.evaluation.gaussians import gaussian_sources
+    from gmmjax.evaluation import gaussian_sources
 
     common.check()
     if points is not None and points < 1:

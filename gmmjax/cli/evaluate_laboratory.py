@@ -35,7 +35,7 @@ def evaluate_laboratory(
         first_seed: of the scenes; the others follow on.
         common: to all evaluations.
     """
-    from gmmjax.evaluation.laboratory import laboratory_sources
+    from gmmjax.evaluation import laboratory_sources
 
     common.check()
     chosen = seed_range(first_seed, seeds)

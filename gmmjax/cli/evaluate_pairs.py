@@ -54,7 +54,7 @@ def evaluate_pairs(
 
 
 def _placed(source: "PairSource", patterns: Sequence[str]) -> "PairSource":
-    from gmmjax.evaluation.labelled_pair import at_origin
+    from gmmjax.evaluation import at_origin
 
     if not any(fnmatchcase(source.name, pattern) for pattern in patterns):
         return source

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from gmmjax.changes.config import DetectionConfig
+from gmmjax.changes import DetectionConfig
 from gmmjax.cli.compilation_cache import use_compilation_cache
 from gmmjax.cli.detect import read_settings
 from gmmjax.errors import ComputationError, InputError, check_seed
-from gmmjax.evaluation.detectors import Detector, Name, available, detector
+from gmmjax.evaluation import Detector, Name, available, detector
 
 if TYPE_CHECKING:
-    from gmmjax.evaluation import Evaluation, PairSource
-    from gmmjax.evaluation.reliability import ReliabilityRecord
+    from gmmjax.evaluation import Evaluation, PairSource, ReliabilityRecord
 
 DONE, FAILED = 0, 1
 TABLE_ENDINGS = (".csv", ".json", ".md")
@@ -104,8 +103,7 @@ def run_evaluation(sources: Sequence["PairSource"], options: Options, *, evidenc
         InputError: m3c2 is asked for and not installed.
         ComputationError: every pair failed.
     """
-    from gmmjax.evaluation import evaluate
-    from gmmjax.evaluation.reliability import ReliabilityRecord
+    from gmmjax.evaluation import ReliabilityRecord, evaluate
     from gmmjax.reporting import console
 
     names = options.methods or available(evidence=evidence)

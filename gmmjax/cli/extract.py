@@ -13,8 +13,7 @@ from tyro.conf import OmitArgPrefixes, Positional
 from gmmjax.errors import InputError
 
 if TYPE_CHECKING:
-    from gmmjax.surveys import Bag, Frame, LocalisedMap, Trajectory, VolumetricMap
-    from gmmjax.surveys.placed_frames import PlacedFrames
+    from gmmjax.surveys import Bag, Frame, LocalisedMap, PlacedFrames, Trajectory, VolumetricMap
 
 Six = tuple[float, float, float, float, float, float]
 Seven = tuple[float, float, float, float, float, float, float]
@@ -226,7 +225,7 @@ def _write_frames(
 
 
 def _placed(frames: Iterable["Frame"], trajectory: "Trajectory", options: Options) -> "PlacedFrames":
-    from gmmjax.surveys.placed_frames import PlacedFrames
+    from gmmjax.surveys import PlacedFrames
 
     return PlacedFrames(frames, trajectory, max_gap=options.max_gap)
 

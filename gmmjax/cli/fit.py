@@ -54,7 +54,7 @@ def fit(
         overwrite: replace a previous mixture in the output folder.
         quiet: print nothing but errors.
     """
-    from gmmjax.changes.prepare.separate_clouds import default_components, reduced
+    from gmmjax.changes import default_components, reduced
     from gmmjax.clouds import read_cloud
     from gmmjax.reporting import console
     from gmmjax.reporting.mixture_files import check_mixture_folder, write_mixture

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional
 
-from gmmjax.changes.config import DetectionConfig
+from gmmjax.changes import DetectionConfig
 from gmmjax.cli.compilation_cache import use_compilation_cache
 from gmmjax.cli.detect import read_settings
 from gmmjax.cli.flags import flags_of

@@ -1,9 +1,23 @@
 """Point clouds on the host: records, readers, a writer, filters and voxels."""
 
+from gmmjax.clouds.arrays import load_archive as load_archive
+from gmmjax.clouds.arrays import load_arrays as load_arrays
 from gmmjax.clouds.atomic import atomic_write as atomic_write
+from gmmjax.clouds.canonical import canonical_order as canonical_order
+from gmmjax.clouds.canonical import first_of_equals as first_of_equals
+from gmmjax.clouds.canonical import morton_order as morton_order
+from gmmjax.clouds.columns import AXES as AXES
+from gmmjax.clouds.columns import cloud_of_columns as cloud_of_columns
+from gmmjax.clouds.columns import field_columns as field_columns
+from gmmjax.clouds.columns import require_axes as require_axes
+from gmmjax.clouds.coordinates import as_points as as_points
+from gmmjax.clouds.files import MOST_SETTINGS as MOST_SETTINGS
 from gmmjax.clouds.files import parse_json as parse_json
 from gmmjax.clouds.files import read_bytes as read_bytes
 from gmmjax.clouds.files import read_json as read_json
+from gmmjax.clouds.files import read_json_record as read_json_record
+from gmmjax.clouds.files import read_toml as read_toml
+from gmmjax.clouds.files import require_file as require_file
 from gmmjax.clouds.filters import crop_box as crop_box
 from gmmjax.clouds.filters import statistical_outliers as statistical_outliers
 from gmmjax.clouds.mesh import load_open3d as load_open3d
@@ -11,8 +25,15 @@ from gmmjax.clouds.pcd_writing import viewpoint_of as viewpoint_of
 from gmmjax.clouds.pcd_writing import write_pcd as write_pcd
 from gmmjax.clouds.ply import write_ply as write_ply
 from gmmjax.clouds.point_cloud import PointCloud as PointCloud
+from gmmjax.clouds.reading import READERS as READERS
 from gmmjax.clouds.reading import read_cloud as read_cloud
+from gmmjax.clouds.temporaries import JOURNAL as JOURNAL
+from gmmjax.clouds.temporaries import PREFIX as PREFIX
+from gmmjax.clouds.temporaries import clear_folders as clear_folders
+from gmmjax.clouds.temporaries import temporary_folder as temporary_folder
+from gmmjax.clouds.views import MARGIN as MARGIN
 from gmmjax.clouds.views import SensorViews as SensorViews
+from gmmjax.clouds.views import check_poses as check_poses
 from gmmjax.clouds.views_file import read_views as read_views
 from gmmjax.clouds.views_file import write_views as write_views
 from gmmjax.clouds.voxel_grid import VoxelGrid as VoxelGrid

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax.clouds.views import SensorViews
 from gmmjax.errors import InputError
-from gmmjax.geometry.rigid import rigid_transform
+from gmmjax.geometry import rigid_transform
 
 # How far (standard deviation, as a share of the image) the directions of pixels may be from a pinhole camera's: lens
 # distortion is less, a wrong pose or a turning scanner more.

@@ -7,6 +7,7 @@ from gmmjax.evaluation.benchmark import evaluate as evaluate
 from gmmjax.evaluation.detectors import NAMES as NAMES
 from gmmjax.evaluation.detectors import Detection as Detection
 from gmmjax.evaluation.detectors import Detector as Detector
+from gmmjax.evaluation.detectors import Name as Name
 from gmmjax.evaluation.detectors import available as available
 from gmmjax.evaluation.detectors import detector as detector
 from gmmjax.evaluation.gaussians import FAMILIES as FAMILIES
@@ -16,9 +17,16 @@ from gmmjax.evaluation.gaussians import gaussian_sources as gaussian_sources
 from gmmjax.evaluation.labelled_pair import LabelledCloud as LabelledCloud
 from gmmjax.evaluation.labelled_pair import LabelledPair as LabelledPair
 from gmmjax.evaluation.labelled_pair import PairSource as PairSource
+from gmmjax.evaluation.labelled_pair import at_origin as at_origin
+from gmmjax.evaluation.labelled_pair import cloud_file as cloud_file
 from gmmjax.evaluation.labelled_pair import find_pairs as find_pairs
+from gmmjax.evaluation.labelled_pair import pair_folders as pair_folders
 from gmmjax.evaluation.labelled_pair import read_pair as read_pair
+from gmmjax.evaluation.laboratory import laboratory_sources as laboratory_sources
+from gmmjax.evaluation.reliability import ReliabilityRecord as ReliabilityRecord
 from gmmjax.evaluation.scores import Scores as Scores
 from gmmjax.evaluation.scores import false_segments as false_segments
 from gmmjax.evaluation.scores import score_labelled_pair as score_labelled_pair
 from gmmjax.evaluation.scores import score_pair as score_pair
+from gmmjax.evaluation.tables import cells as cells
+from gmmjax.evaluation.tables import sections as sections

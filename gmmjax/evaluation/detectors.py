@@ -4,10 +4,8 @@ import dataclasses
 from collections.abc import Callable
 from typing import Literal, cast, get_args
 
-from gmmjax.changes import DETECTORS, AbstractDetector, DetectionConfig, Scan
+from gmmjax.changes import DETECTORS, AbstractDetector, DetectionConfig, Method, Progress, Scan, silent
 from gmmjax.changes import Detection as Detection
-from gmmjax.changes.config import Method
-from gmmjax.changes.progress import Progress, silent
 from gmmjax.errors import check_choice
 from gmmjax.evaluation.evidence import without_unobserved
 from gmmjax.evaluation.labelled_pair import LabelledPair

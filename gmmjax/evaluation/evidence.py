@@ -3,13 +3,17 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-from gmmjax.changes.candidates import Candidates
-from gmmjax.changes.differences import LocalDifference, differences_between
-from gmmjax.changes.evidence.examination import without_evidence
-from gmmjax.changes.evidence.free_space import Survey
-from gmmjax.changes.prepare.resolution import WorkingCloud, working_pair
+from gmmjax.changes import (
+    Candidates,
+    LocalDifference,
+    Survey,
+    WorkingCloud,
+    differences_between,
+    without_evidence,
+    working_pair,
+)
 from gmmjax.clouds import SensorViews
-from gmmjax.geometry.local_surface import LocalSurface
+from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each
 
 

@@ -7,10 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from gmmjax.clouds import PointCloud, SensorViews, read_cloud, read_views
-from gmmjax.clouds.arrays import load_arrays
-from gmmjax.clouds.files import require_file
-from gmmjax.clouds.reading import READERS
+from gmmjax.clouds import READERS, PointCloud, SensorViews, load_arrays, read_cloud, read_views, require_file
 from gmmjax.errors import InputError
 
 VIEWS_ENDINGS = (".json", ".npz")

@@ -7,8 +7,7 @@ from typing import Literal
 import jax
 
 from gmmjax.evaluation.labelled_pair import LabelledCloud, LabelledPair, PairSource
-from gmmjax.scenes import laboratory_scene
-from gmmjax.scenes.laboratory import Difficulty, SurveyKind
+from gmmjax.scenes import Difficulty, SurveyKind, laboratory_scene
 
 Poses = Literal["given", "unknown"]
 # Objects that appear, disappear and move.

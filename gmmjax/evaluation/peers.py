@@ -14,15 +14,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
-from gmmjax.changes import AbstractDetector, Detection, Scan
-from gmmjax.changes.prepare.checking import NAMES
-from gmmjax.changes.prepare.resolution import WorkingPair, working_pair
-from gmmjax.changes.progress import Progress, silent
-from gmmjax.clouds import PointCloud
-from gmmjax.clouds.coordinates import as_points
+from gmmjax.changes import NAMES, AbstractDetector, Detection, Progress, Scan, WorkingPair, silent, working_pair
+from gmmjax.clouds import PointCloud, as_points
 from gmmjax.errors import InputError
-from gmmjax.geometry.density_clusters import density_clusters
-from gmmjax.geometry.statistics import MEDIAN_TO_DEVIATION
+from gmmjax.geometry import MEDIAN_TO_DEVIATION, density_clusters
 from gmmjax.pair import Pair, each
 
 

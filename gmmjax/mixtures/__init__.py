@@ -1,9 +1,12 @@
 """Gaussian mixtures: the record, its prior, EM with annihilation, grid search, criteria, restarts."""
 
+from gmmjax.mixtures.annihilation import Annihilated as Annihilated
 from gmmjax.mixtures.annihilation import Fit as Fit
 from gmmjax.mixtures.annihilation import FitSettings as FitSettings
 from gmmjax.mixtures.annihilation import FitStatus as FitStatus
+from gmmjax.mixtures.annihilation import fit_model as fit_model
 from gmmjax.mixtures.component_wise import component_wise_sweep as component_wise_sweep
+from gmmjax.mixtures.cores import map_on_cores as map_on_cores
 from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES as COVARIANCE_TYPES
 from gmmjax.mixtures.covariance_type import CovarianceType as CovarianceType
 from gmmjax.mixtures.covariance_type import parameters_per_component as parameters_per_component
@@ -14,18 +17,30 @@ from gmmjax.mixtures.criteria import bayesian_information_criterion as bayesian_
 from gmmjax.mixtures.criteria import message_length as message_length
 from gmmjax.mixtures.criteria import minimum_description_length as minimum_description_length
 from gmmjax.mixtures.expectation_maximisation import FeatureChunks as FeatureChunks
+from gmmjax.mixtures.expectation_maximisation import Moments as Moments
 from gmmjax.mixtures.expectation_maximisation import annihilating_maximisation as annihilating_maximisation
 from gmmjax.mixtures.expectation_maximisation import expectation as expectation
 from gmmjax.mixtures.expectation_maximisation import expectation_maximisation as expectation_maximisation
 from gmmjax.mixtures.expectation_maximisation import maximisation as maximisation
 from gmmjax.mixtures.fitting import fit_mixture as fit_mixture
+from gmmjax.mixtures.frame import Frame as Frame
 from gmmjax.mixtures.gaussian_mixture_model import fit_by_annihilation as fit_by_annihilation
 from gmmjax.mixtures.grid_search import GridSearch as GridSearch
 from gmmjax.mixtures.grid_search import grid_search as grid_search
+from gmmjax.mixtures.map_fits import default_noise_floor as default_noise_floor
+from gmmjax.mixtures.map_fits import fits_of as fits_of
 from gmmjax.mixtures.map_fits import map_fits as map_fits
 from gmmjax.mixtures.mixture import GaussianMixture as GaussianMixture
+from gmmjax.mixtures.mixture_model import AbstractMixtureModel as AbstractMixtureModel
+from gmmjax.mixtures.noise import log_uniform_density as log_uniform_density
+from gmmjax.mixtures.noise import noise_coefficients as noise_coefficients
 from gmmjax.mixtures.prior import Prior as Prior
+from gmmjax.mixtures.quadratic import coefficients as coefficients
+from gmmjax.mixtures.quadratic import quadratic_features as quadratic_features
+from gmmjax.mixtures.quadratic import split_feature_sums as split_feature_sums
 from gmmjax.mixtures.restarts import best_fit as best_fit
 from gmmjax.mixtures.restarts import fit_restarts as fit_restarts
+from gmmjax.mixtures.seeding import distinct_seeds as distinct_seeds
 from gmmjax.mixtures.seeding import initial_mixture as initial_mixture
+from gmmjax.mixtures.standardised_mixture import StandardisedMixture as StandardisedMixture
 from gmmjax.mixtures.weighted_points import WeightedPoints as WeightedPoints

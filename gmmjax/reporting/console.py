@@ -15,10 +15,10 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from gmmjax.changes.change import Changes
+from gmmjax.changes import Changes
 from gmmjax.clouds import PointCloud
 from gmmjax.errors import InputWarning
-from gmmjax.evaluation.benchmark import Evaluation, Failure
+from gmmjax.evaluation import Evaluation, Failure
 from gmmjax.mixtures import Fit
 from gmmjax.reporting.evaluation_table import evaluation_lines
 from gmmjax.reporting.palette import KIND_COLORS
@@ -199,7 +199,7 @@ def print_tuning(result: "TuningResult", settings: Path, page: Path) -> None:
         settings: the TOML file.
         page: the HTML file.
     """
-    from gmmjax.tuning.tune import STOPS
+    from gmmjax.tuning import STOPS
 
     console = Console()
     verdict = "Tuned" if result.improved else "The settings stay as they were: no better ones were found"

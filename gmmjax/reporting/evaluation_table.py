@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 
-from gmmjax.evaluation.benchmark import Evaluation
-from gmmjax.evaluation.tables import cells, sections
+from gmmjax.evaluation import Evaluation, cells, sections
 
 # Shorter than those of the documents, in their order.
 HEADINGS = ("", "pairs", "prec.", "recall", "F1", "pt pr.", "pt rec.", "pt F1", "false", "moved", "s")

@@ -6,7 +6,7 @@ from html import escape
 from pathlib import PurePath
 from typing import Any
 
-from gmmjax.changes.change import Changes
+from gmmjax.changes import Changes
 from gmmjax.clouds import PointCloud
 from gmmjax.reporting.page_parts import asset, script_json
 from gmmjax.reporting.palette import KIND_COLORS

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gmmjax.clouds import atomic_write
-from gmmjax.clouds.files import read_json_record
+from gmmjax.clouds import atomic_write, read_json_record
 from gmmjax.errors import InputError, one_line
 from gmmjax.mixtures import Fit, FitStatus, GaussianMixture
 from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder

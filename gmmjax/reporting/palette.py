@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from gmmjax.changes.change import Changes, Kind
+from gmmjax.changes import Changes, Kind
 
 KIND_COLORS: Mapping[Kind, str] = {"appeared": "#009E73", "disappeared": "#D55E00", "moved": "#0072B2"}
 UNCHANGED_COLOR = (150, 152, 156)

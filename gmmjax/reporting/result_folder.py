@@ -8,8 +8,7 @@ import numpy as np
 import tomli_w
 from jaxtyping import Bool, Float, Int
 
-from gmmjax.changes.change import Changes
-from gmmjax.changes.storage import CHANGES_FILE, LABELS_FILE
+from gmmjax.changes import CHANGES_FILE, LABELS_FILE, Changes
 from gmmjax.clouds import PointCloud, atomic_write, write_ply
 from gmmjax.errors import InputError
 from gmmjax.reporting.html_report import report_html

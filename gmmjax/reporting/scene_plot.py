@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from gmmjax.changes.change import Change, Changes
+from gmmjax.changes import Change, Changes
 from gmmjax.clouds import PointCloud
 from gmmjax.reporting.camera import PlotCamera, initial_camera
 from gmmjax.reporting.palette import KIND_COLORS, luminance

@@ -5,7 +5,7 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
-from gmmjax.changes.change import Change, Changes, Kind
+from gmmjax.changes import Change, Changes, Kind
 
 HEADINGS = ("Label", "Kind", "Probability", "Points", "Centre", "Size")
 

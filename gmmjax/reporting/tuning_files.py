@@ -6,9 +6,7 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from gmmjax.clouds import atomic_write
-from gmmjax.clouds.arrays import load_archive
-from gmmjax.clouds.files import require_file
+from gmmjax.clouds import atomic_write, load_archive, require_file
 from gmmjax.errors import InputError
 from gmmjax.reporting.tuning_plot import tuning_html
 from gmmjax.tuning import TuningResult, TuningState

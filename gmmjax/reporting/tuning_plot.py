@@ -4,9 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from gmmjax.tuning import TuningResult
-from gmmjax.tuning.pair_loss import DESCRIPTIONS
-from gmmjax.tuning.search import ALL, HELD_BACK, TRAINED
+from gmmjax.tuning import ALL, DESCRIPTIONS, HELD_BACK, TRAINED, TuningResult
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 GREY = "#969cac"

@@ -7,7 +7,9 @@ from gmmjax.scenes.gaussians import Overlap as Overlap
 from gmmjax.scenes.gaussians import fixed_scene as fixed_scene
 from gmmjax.scenes.gaussians import random_scene as random_scene
 from gmmjax.scenes.gaussians import replaced_scene as replaced_scene
+from gmmjax.scenes.laboratory import Difficulty as Difficulty
 from gmmjax.scenes.laboratory import LaboratoryScene as LaboratoryScene
+from gmmjax.scenes.laboratory import SurveyKind as SurveyKind
 from gmmjax.scenes.laboratory import laboratory_scene as laboratory_scene
 from gmmjax.scenes.objects import ROOM_HALF_WIDTH as ROOM_HALF_WIDTH
 from gmmjax.scenes.objects import StandingObject as StandingObject

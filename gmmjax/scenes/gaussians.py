@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int, PRNGKeyArray
 
 from gmmjax.errors import InputError
-from gmmjax.mixtures.mixture import GaussianMixture
+from gmmjax.mixtures import GaussianMixture
 
 Overlap = Literal["low", "medium"]
 OVERLAPS: tuple[Overlap, ...] = get_args(Overlap)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from gmmjax.geometry.rigid import rigid_transform
+from gmmjax.geometry import rigid_transform
 
 UNLABELLED = -1
 

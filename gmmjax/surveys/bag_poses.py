@@ -9,7 +9,7 @@ from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
 from gmmjax.errors import InputError, warn
-from gmmjax.geometry.rigid import rigid_transform
+from gmmjax.geometry import rigid_transform
 from gmmjax.surveys.point_cloud2 import header_time
 from gmmjax.surveys.trajectory import Trajectory
 from gmmjax.surveys.transforms import Edge, TransformTree

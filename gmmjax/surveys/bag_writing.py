@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
-from gmmjax.clouds.temporaries import clear_folders, temporary_folder
-from gmmjax.clouds.views import check_poses
+from gmmjax.clouds import check_poses, clear_folders, temporary_folder
 from gmmjax.errors import InputError
 from gmmjax.surveys.bags import load_rosbags
 from gmmjax.surveys.frame import Frame

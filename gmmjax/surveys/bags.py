@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gmmjax.clouds.files import read_bytes, require_file
+from gmmjax.clouds import read_bytes, require_file
 from gmmjax.errors import LARGEST_INTEGER, InputError, one_line, shown
 from gmmjax.surveys.bag_poses import POSE_TYPES, TF_TYPES, frame_name, frames_of_pose, pose_trajectory, transform_tree
 from gmmjax.surveys.frame import Frame

@@ -11,9 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Float64
 
-from gmmjax.clouds import atomic_write
-from gmmjax.clouds.arrays import load_arrays
-from gmmjax.clouds.files import read_bytes, require_file
+from gmmjax.clouds import atomic_write, load_arrays, read_bytes, require_file
 from gmmjax.errors import InputError, one_line, warn
 from gmmjax.surveys.frame import Frame
 from gmmjax.surveys.intrinsics import Intrinsics

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gmmjax.clouds import atomic_write
-from gmmjax.clouds.files import MOST_SETTINGS, read_bytes, read_json
+from gmmjax.clouds import MOST_SETTINGS, atomic_write, read_bytes, read_json
 from gmmjax.errors import LARGEST_INTEGER, InputError, shown, warn
 from gmmjax.surveys.intrinsics import Intrinsics
 

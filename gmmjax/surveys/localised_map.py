@@ -9,7 +9,7 @@ from jaxtyping import Float64, Int64
 
 from gmmjax.clouds import SensorViews
 from gmmjax.errors import InputError
-from gmmjax.geometry.rigid import transformed
+from gmmjax.geometry import transformed
 from gmmjax.surveys.frame import Frame
 from gmmjax.surveys.placed_frames import PlacedFrames, Sight, cropped
 from gmmjax.surveys.pose_refinement import refined_poses

@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Bool, Float64
 
-from gmmjax.clouds import SensorViews, crop_box
-from gmmjax.clouds.views import MARGIN
+from gmmjax.clouds import MARGIN, SensorViews, crop_box
 from gmmjax.errors import InputError
 from gmmjax.surveys.frame import Frame
 from gmmjax.surveys.trajectory import MAX_GAP, Trajectory

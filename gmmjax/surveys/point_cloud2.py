@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
-from gmmjax.clouds import PointCloud
-from gmmjax.clouds.columns import AXES, cloud_of_columns, field_columns, require_axes
+from gmmjax.clouds import AXES, PointCloud, cloud_of_columns, field_columns, require_axes
 from gmmjax.errors import InputError
 from gmmjax.surveys.frame import Frame
 

@@ -9,10 +9,14 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from gmmjax.clouds import voxel_grid
-from gmmjax.geometry.icp import geman_mcclure, offset_derivatives
-from gmmjax.geometry.local_surface import LocalSurface, evenly_chosen
-from gmmjax.geometry.neighbours import nearest_neighbours
-from gmmjax.geometry.rigid import transformed
+from gmmjax.geometry import (
+    LocalSurface,
+    evenly_chosen,
+    geman_mcclure,
+    nearest_neighbours,
+    offset_derivatives,
+    transformed,
+)
 
 # The planes of a frame go through the means of voxels of this size, metres.
 VOXEL = 0.03

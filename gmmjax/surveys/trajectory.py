@@ -7,9 +7,9 @@ import numpy.typing as npt
 from jaxtyping import Bool, Float64
 from scipy.spatial.transform import Rotation, Slerp
 
-from gmmjax.clouds.views import check_poses
+from gmmjax.clouds import check_poses
 from gmmjax.errors import InputError
-from gmmjax.geometry.rigid import rigid_transform
+from gmmjax.geometry import rigid_transform
 
 # Between two poses further apart than this (seconds) nothing is known.
 MAX_GAP = 0.5

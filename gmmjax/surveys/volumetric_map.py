@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Float64
 
-from gmmjax.clouds import SensorViews
-from gmmjax.clouds.mesh import load_open3d
+from gmmjax.clouds import SensorViews, load_open3d
 from gmmjax.errors import InputError, check_choice
 from gmmjax.surveys.depth_pixels import interpolated, lone_pixels
 from gmmjax.surveys.frame import Frame

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from gmmjax._host import is_numpy, to_numpy
 from gmmjax._typing import Scalar
 from gmmjax.errors import InputError, check_choice
-from gmmjax.mixtures.mixture import GaussianMixture
+from gmmjax.mixtures import GaussianMixture
 from gmmjax.transport.exact import exact_transport
 from gmmjax.transport.ground_cost import GROUND_COSTS, GroundCost
 from gmmjax.transport.result import TransportResult

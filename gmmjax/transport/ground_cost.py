@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax._typing import Array
-from gmmjax.mixtures.mixture import GaussianMixture
+from gmmjax.mixtures import GaussianMixture
 
 GroundCost = Callable[[GaussianMixture, GaussianMixture], Float[Array, "k0 k1"]]
 """From two mixtures to the cost [k0, k1] of a unit of mass between each two components; finite in dead slots, too."""

@@ -1,10 +1,11 @@
 """Gradients through the fit: scores, checks, and priors tuned by gradient."""
 
-from gmmjax.changes.fit.joint_mixture_model import joint_prior as joint_prior
+from gmmjax.changes import joint_prior as joint_prior
 from gmmjax.tuning.folders import find_tuning_pairs as find_tuning_pairs
 from gmmjax.tuning.folders import scan_pair as scan_pair
 from gmmjax.tuning.gradient_check import GradientCheck as GradientCheck
 from gmmjax.tuning.gradient_check import check_gradient as check_gradient
+from gmmjax.tuning.pair_loss import DESCRIPTIONS as DESCRIPTIONS
 from gmmjax.tuning.pair_loss import LOSSES as LOSSES
 from gmmjax.tuning.parameters import PARAMETERS as PARAMETERS
 from gmmjax.tuning.posterior import JointPosterior as JointPosterior
@@ -14,7 +15,11 @@ from gmmjax.tuning.scores import brier_score as brier_score
 from gmmjax.tuning.scores import expected_f1 as expected_f1
 from gmmjax.tuning.scores import held_out_log_likelihood as held_out_log_likelihood
 from gmmjax.tuning.scores import log_score as log_score
+from gmmjax.tuning.search import ALL as ALL
+from gmmjax.tuning.search import HELD_BACK as HELD_BACK
+from gmmjax.tuning.search import TRAINED as TRAINED
 from gmmjax.tuning.search import TuningState as TuningState
 from gmmjax.tuning.settings import TuningSettings as TuningSettings
+from gmmjax.tuning.tune import STOPS as STOPS
 from gmmjax.tuning.tune import TuningResult as TuningResult
 from gmmjax.tuning.tune import tune as tune

@@ -6,7 +6,7 @@ import numpy as np
 
 from gmmjax.clouds import read_cloud
 from gmmjax.errors import InputError
-from gmmjax.evaluation.labelled_pair import LabelledCloud, LabelledPair, cloud_file, pair_folders, read_pair
+from gmmjax.evaluation import LabelledCloud, LabelledPair, cloud_file, pair_folders, read_pair
 from gmmjax.tuning.scan_pairs import ScanPair
 
 

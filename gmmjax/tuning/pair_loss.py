@@ -10,9 +10,7 @@ import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
 from gmmjax._typing import Array
-from gmmjax.changes.fit.joint_mixture import JointMixture, log_joint
-from gmmjax.changes.fit.joint_mixture_model import fit_joint_mixture_from_seeds
-from gmmjax.changes.fit.joint_problem import JointFitSettings
+from gmmjax.changes import JointFitSettings, JointMixture, fit_joint_mixture_from_seeds, log_joint
 from gmmjax.mixtures import Prior
 from gmmjax.tuning.parameters import with_free_values
 from gmmjax.tuning.posterior import posteriors

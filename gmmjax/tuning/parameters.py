@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax._typing import Array
-from gmmjax.changes.config import PRIOR_LEAVES, DetectionConfig, with_settings
-from gmmjax.changes.fit.joint_mixture_model import NOISE_SHARE
+from gmmjax.changes import NOISE_SHARE, PRIOR_LEAVES, DetectionConfig, with_settings
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures import Prior
 

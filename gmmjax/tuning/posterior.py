@@ -6,11 +6,16 @@ import jax.numpy as jnp
 from jaxtyping import Float, PRNGKeyArray
 
 from gmmjax._typing import Array
-from gmmjax.changes.fit.joint_mixture import JointMixture, component_posterior, density_ratio, point_posterior
-from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, fit_joint_mixture_from_seeds
-from gmmjax.changes.fit.joint_problem import JointFitSettings
-from gmmjax.mixtures import FitSettings, FitStatus, Prior, WeightedPoints
-from gmmjax.mixtures.frame import Frame
+from gmmjax.changes import (
+    JointFitSettings,
+    JointMixture,
+    SourcedPoints,
+    component_posterior,
+    density_ratio,
+    fit_joint_mixture_from_seeds,
+    point_posterior,
+)
+from gmmjax.mixtures import FitSettings, FitStatus, Frame, Prior, WeightedPoints
 
 
 class JointPosterior(NamedTuple):

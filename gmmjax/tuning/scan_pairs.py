@@ -9,16 +9,19 @@ import numpy as np
 from jaxtyping import ArrayLike, Bool, Float, Int
 
 from gmmjax._typing import Array
-from gmmjax.changes.align.alignment import aligned
-from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.fit.joint_mixture_model import SourcedPoints
-from gmmjax.changes.fit.joint_problem import joint_problem
-from gmmjax.changes.prepare.checking import CheckedCloud, check_overlap, check_pair
-from gmmjax.changes.prepare.resolution import WorkingCloud
+from gmmjax.changes import (
+    CheckedCloud,
+    DetectionConfig,
+    SourcedPoints,
+    WorkingCloud,
+    aligned,
+    check_overlap,
+    check_pair,
+    joint_problem,
+)
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.errors import InputError
-from gmmjax.mixtures import Prior, WeightedPoints
-from gmmjax.mixtures.frame import Frame
+from gmmjax.mixtures import Frame, Prior, WeightedPoints
 from gmmjax.pair import Pair, each
 
 

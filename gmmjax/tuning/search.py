@@ -10,7 +10,7 @@ import optax
 from jaxtyping import Bool, Float
 
 from gmmjax.errors import InputError
-from gmmjax.mixtures.cores import map_on_cores
+from gmmjax.mixtures import map_on_cores
 from gmmjax.tuning.pair_loss import Loss, PairLoss, pair_loss, pair_loss_alone, total_gradient, total_loss
 from gmmjax.tuning.parameters import free_of, free_values, settings_of
 from gmmjax.tuning.scan_pairs import ReadyPair

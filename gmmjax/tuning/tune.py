@@ -9,7 +9,7 @@ import optax
 
 from gmmjax.changes import DetectionConfig, detect_changes
 from gmmjax.errors import InputError
-from gmmjax.evaluation.scores import Scores, score_pair
+from gmmjax.evaluation import Scores, score_pair
 from gmmjax.tuning.pair_loss import LABELLED, UNLABELLED, Loss
 from gmmjax.tuning.parameters import check_parameters
 from gmmjax.tuning.scan_pairs import ScanPair

@@ -16,8 +16,7 @@ from gmmjax.changes.align.volumes import VolumeRegistrationSettings, registered_
 from gmmjax.changes.config import RegistrationMode
 from gmmjax.changes.prepare.resolution import WorkingPair, working_pair
 from gmmjax.changes.registration import Registration
-from gmmjax.geometry.local_surface import LocalSurface
-from gmmjax.geometry.rigid import transformed
+from gmmjax.geometry import LocalSurface, transformed
 from gmmjax.pair import Pair
 
 

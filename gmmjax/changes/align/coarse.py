@@ -14,8 +14,7 @@ import scipy.fft
 from jaxtyping import Complex, Float, Int
 from scipy.spatial.transform import Rotation
 
-from gmmjax.geometry.local_surface import LocalSurface
-from gmmjax.geometry.rigid import rotation_about
+from gmmjax.geometry import LocalSurface, rotation_about
 from gmmjax.pair import Pair
 
 

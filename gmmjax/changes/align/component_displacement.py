@@ -11,7 +11,7 @@ from jaxtyping import Float
 from gmmjax._programs import kept_jit
 from gmmjax._typing import Array
 from gmmjax.mixtures import GaussianMixture
-from gmmjax.transport.ground_cost import bures_wasserstein
+from gmmjax.transport import bures_wasserstein
 
 
 @dataclasses.dataclass(frozen=True)

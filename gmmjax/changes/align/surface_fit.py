@@ -6,9 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Float64, Int
 
-from gmmjax.geometry.local_surface import MEAN_NEIGHBOURS, PLANE_NEIGHBOURS, LocalSurface
-from gmmjax.geometry.rigid import rotated, transformed
-from gmmjax.geometry.statistics import MEDIAN_TO_DEVIATION
+from gmmjax.geometry import MEAN_NEIGHBOURS, MEDIAN_TO_DEVIATION, PLANE_NEIGHBOURS, LocalSurface, rotated, transformed
 from gmmjax.pair import Pair
 
 

@@ -13,9 +13,15 @@ from gmmjax.changes.align.surface_fit import FitScoreSettings, SurfaceFit, rando
 from gmmjax.changes.config import RegistrationMode
 from gmmjax.changes.prepare.resolution import ResolutionSettings, working_pair
 from gmmjax.changes.registration import Registration
-from gmmjax.geometry.icp import IcpSettings, determined_part, point_to_plane_icp
-from gmmjax.geometry.local_surface import PLANE_NEIGHBOURS, LocalSurface, evenly_chosen
-from gmmjax.geometry.rigid import transformed
+from gmmjax.geometry import (
+    PLANE_NEIGHBOURS,
+    IcpSettings,
+    LocalSurface,
+    determined_part,
+    evenly_chosen,
+    point_to_plane_icp,
+    transformed,
+)
 from gmmjax.pair import Pair
 
 # A finer convergence than the default one, and steps that are lengthened: transforms slide along walls.

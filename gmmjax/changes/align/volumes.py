@@ -11,8 +11,7 @@ from gmmjax.changes.align.surface_fit import random_sample, surface_fit
 from gmmjax.changes.config import RegistrationMode
 from gmmjax.changes.prepare.resolution import WorkingCloud, WorkingPair
 from gmmjax.changes.registration import Registration
-from gmmjax.geometry.local_surface import LocalSurface
-from gmmjax.geometry.rigid import rigid_transform
+from gmmjax.geometry import LocalSurface, rigid_transform
 from gmmjax.mixtures import FitSettings, GaussianMixture, best_fit, fit_restarts
 from gmmjax.pair import Pair, each
 

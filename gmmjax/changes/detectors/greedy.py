@@ -10,7 +10,7 @@ from gmmjax.changes.detectors.greedy_removal import remove_changed
 from gmmjax.changes.detectors.separate import AbstractSeparateDetector, Compared, over_pairs
 from gmmjax.mixtures import GaussianMixture
 from gmmjax.pair import Pair
-from gmmjax.transport.ground_cost import GroundCost, distance_of_means
+from gmmjax.transport import GroundCost, distance_of_means
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,9 +13,8 @@ from jaxtyping import Bool, Float
 from gmmjax import native
 from gmmjax._typing import Array
 from gmmjax.changes.config import Kinds
-from gmmjax.mixtures.mixture import GaussianMixture
-from gmmjax.transport import TransportStatus, exact_transport
-from gmmjax.transport.ground_cost import GroundCost, distance_of_means
+from gmmjax.mixtures import GaussianMixture
+from gmmjax.transport import GroundCost, TransportStatus, distance_of_means, exact_transport
 
 # An improvement counts from this share of the ground cost on: less is rounding, not change.
 SMALLEST_GAIN = 1e-9

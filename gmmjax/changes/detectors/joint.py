@@ -26,7 +26,7 @@ from gmmjax.changes.progress import Clock, Progress, silent
 from gmmjax.changes.registration import Registration
 from gmmjax.clouds import SensorViews
 from gmmjax.errors import warn
-from gmmjax.geometry.local_surface import LocalSurface
+from gmmjax.geometry import LocalSurface
 from gmmjax.mixtures import FitStatus
 from gmmjax.pair import Pair, each
 

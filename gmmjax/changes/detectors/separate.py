@@ -21,8 +21,7 @@ from gmmjax.changes.prepare.checking import NAMES
 from gmmjax.changes.prepare.separate_clouds import PreparedCloud, PreparedPair, prepare_pair
 from gmmjax.changes.progress import Clock, Progress, silent
 from gmmjax.errors import ComputationError
-from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior
-from gmmjax.mixtures.map_fits import default_noise_floor, fits_of
+from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, default_noise_floor, fits_of
 from gmmjax.pair import Pair, each
 
 Own = TypeVar("Own", bound="AbstractSeparateDetector")

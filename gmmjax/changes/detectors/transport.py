@@ -11,8 +11,7 @@ from gmmjax.changes.detectors.separate import AbstractSeparateDetector, Compared
 from gmmjax.changes.detectors.unmatched_mass import unmatched_shares
 from gmmjax.mixtures import GaussianMixture
 from gmmjax.pair import Pair
-from gmmjax.transport import TransportStatus, exact_transport
-from gmmjax.transport.ground_cost import GroundCost, bures_wasserstein_distance, distance_of_means
+from gmmjax.transport import GroundCost, TransportStatus, bures_wasserstein_distance, distance_of_means, exact_transport
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,9 +6,8 @@ from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float
 
 from gmmjax._typing import Array, Scalar
-from gmmjax.mixtures.mixture import GaussianMixture
-from gmmjax.transport import TransportStatus, partial_transport
-from gmmjax.transport.ground_cost import GroundCost, bures_wasserstein_distance
+from gmmjax.mixtures import GaussianMixture
+from gmmjax.transport import GroundCost, TransportStatus, bures_wasserstein_distance, partial_transport
 
 
 class Unmatched(eqx.Module):

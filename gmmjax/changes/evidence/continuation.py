@@ -12,8 +12,7 @@ from scipy.spatial import cKDTree
 
 from gmmjax.changes.evidence.coverage_edge import CoverageEdgeSettings, ReferenceSurfaces, at_coverage_edge
 from gmmjax.clouds import voxel_grid
-from gmmjax.geometry.neighbours import nearest_neighbours
-from gmmjax.geometry.planes import Plane, PlaneSettings, plane_surface, planes_of
+from gmmjax.geometry import Plane, PlaneSettings, nearest_neighbours, plane_surface, planes_of
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float64
 from scipy.spatial import cKDTree
 
 from gmmjax.clouds import voxel_grid
-from gmmjax.geometry.planes import Plane, PlaneSettings, plane_surface, planes_of
+from gmmjax.geometry import Plane, PlaneSettings, plane_surface, planes_of
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,7 +13,7 @@ from gmmjax.changes.evidence.coverage_edge import ReferenceSurfaces
 from gmmjax.changes.evidence.free_space import FreeSpaceSettings, Observed, Survey, observation
 from gmmjax.changes.evidence.support_planes import SupportSettings, supports
 from gmmjax.changes.evidence.view_checks import ViewCheckSettings
-from gmmjax.geometry.density_clusters import density_clusters
+from gmmjax.geometry import density_clusters
 from gmmjax.pair import Pair, each
 
 

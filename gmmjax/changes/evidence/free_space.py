@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int8
 
 from gmmjax.clouds import SensorViews
-from gmmjax.geometry.depth_image import DepthImage, DepthImageSettings, Frustum, frustums
-from gmmjax.geometry.local_surface import LocalSurface
+from gmmjax.geometry import DepthImage, DepthImageSettings, Frustum, LocalSurface, frustums
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 
 from gmmjax.clouds import voxel_grid
-from gmmjax.geometry.planes import Plane, PlaneSettings, plane_surface, planes_of
+from gmmjax.geometry import Plane, PlaneSettings, plane_surface, planes_of
 from gmmjax.pair import Pair, each
 
 

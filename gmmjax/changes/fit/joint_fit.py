@@ -14,12 +14,9 @@ from gmmjax._programs import kept_jit
 from gmmjax._typing import Array
 from gmmjax.changes.fit.joint_mixture import JointMixture, component_posterior, density_ratio, point_posterior
 from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, fit_joint_mixture_from_seeds
-from gmmjax.clouds.canonical import canonical_order, morton_order
+from gmmjax.clouds import canonical_order, morton_order
 from gmmjax.errors import ComputationError
-from gmmjax.mixtures import FitSettings, FitStatus, GaussianMixture, Prior
-from gmmjax.mixtures.annihilation import Annihilated
-from gmmjax.mixtures.cores import map_on_cores
-from gmmjax.mixtures.frame import Frame
+from gmmjax.mixtures import Annihilated, FitSettings, FitStatus, Frame, GaussianMixture, Prior, map_on_cores
 from gmmjax.transport import earth_movers_distance
 
 # Points whose posterior is computed in one pass: one compiled shape for clouds of every size.

@@ -13,9 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from gmmjax._typing import Array, Scalar
-from gmmjax.mixtures import GaussianMixture
-from gmmjax.mixtures.noise import noise_coefficients
-from gmmjax.mixtures.quadratic import coefficients, quadratic_features
+from gmmjax.mixtures import GaussianMixture, coefficients, noise_coefficients, quadratic_features
 
 
 class JointMixture(eqx.Module):

@@ -11,15 +11,23 @@ from jaxtyping import Bool, Float, Int, PRNGKeyArray
 
 from gmmjax._typing import Array, Scalar
 from gmmjax.changes.fit.joint_mixture import JointMixture
-from gmmjax.mixtures import FeatureChunks, FitSettings, GaussianMixture, Prior, WeightedPoints, parameters_per_component
-from gmmjax.mixtures.annihilation import Annihilated, fit_model
-from gmmjax.mixtures.covariance_type import CovarianceType
-from gmmjax.mixtures.expectation_maximisation import Moments
-from gmmjax.mixtures.mixture_model import AbstractMixtureModel
-from gmmjax.mixtures.noise import log_uniform_density
-from gmmjax.mixtures.quadratic import split_feature_sums
-from gmmjax.mixtures.seeding import distinct_seeds
-from gmmjax.mixtures.standardised_mixture import StandardisedMixture
+from gmmjax.mixtures import (
+    AbstractMixtureModel,
+    Annihilated,
+    CovarianceType,
+    FeatureChunks,
+    FitSettings,
+    GaussianMixture,
+    Moments,
+    Prior,
+    StandardisedMixture,
+    WeightedPoints,
+    distinct_seeds,
+    fit_model,
+    log_uniform_density,
+    parameters_per_component,
+    split_feature_sums,
+)
 
 # Half an observation of either cloud in each component (Jeffreys' prior) keeps the logarithms of the shares finite.
 SHARE_PRIOR = 0.5

@@ -9,8 +9,7 @@ from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, joint_prior
 from gmmjax.changes.prepare.resolution import WorkingPair
 from gmmjax.changes.registration import Registration
 from gmmjax.errors import InputError
-from gmmjax.mixtures import FitSettings, Prior, WeightedPoints
-from gmmjax.mixtures.map_fits import default_noise_floor
+from gmmjax.mixtures import FitSettings, Prior, WeightedPoints, default_noise_floor
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,7 +13,7 @@ from gmmjax.changes.objects.rigid_match import RigidMatchSettings, refined_match
 from gmmjax.changes.objects.support_plane import SupportPlane
 from gmmjax.changes.objects.top import top_of
 from gmmjax.changes.objects.upright import UprightSettings, stays_upright, upright_transforms
-from gmmjax.geometry.local_surface import LocalSurface
+from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each
 
 

@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 from gmmjax.changes.change import Change
 from gmmjax.changes.objects.match import Match, MatchSettings, best_match
 from gmmjax.changes.objects.support_plane import SupportPlane, support_planes
-from gmmjax.geometry.local_surface import LocalSurface, evenly_chosen
+from gmmjax.geometry import LocalSurface, evenly_chosen
 from gmmjax.pair import Pair, each
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
-from gmmjax.geometry.local_surface import LocalSurface, evenly_chosen
+from gmmjax.geometry import LocalSurface, evenly_chosen
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,10 +9,16 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from gmmjax.geometry.icp import IcpSettings, point_to_plane_icp
-from gmmjax.geometry.local_surface import LocalSurface, evenly_chosen
-from gmmjax.geometry.neighbours import nearest_neighbours
-from gmmjax.geometry.rigid import least_squares_transform, rigid_transform, transformed
+from gmmjax.geometry import (
+    IcpSettings,
+    LocalSurface,
+    evenly_chosen,
+    least_squares_transform,
+    nearest_neighbours,
+    point_to_plane_icp,
+    rigid_transform,
+    transformed,
+)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Float64
 
-from gmmjax.geometry.local_surface import LocalSurface, evenly_chosen
+from gmmjax.geometry import LocalSurface, evenly_chosen
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64
 
 from gmmjax.changes.objects.support_plane import SupportPlane
-from gmmjax.geometry.local_surface import LocalSurface
+from gmmjax.geometry import LocalSurface
 
 
 @dataclasses.dataclass(frozen=True)

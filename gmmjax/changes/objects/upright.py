@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.objects.support_plane import SupportPlane, SupportPlaneSettings
 from gmmjax.changes.objects.top import TopSettings, level_points
-from gmmjax.geometry.local_surface import LocalSurface
-from gmmjax.geometry.rigid import rotation_about
+from gmmjax.geometry import LocalSurface, rotation_about
 from gmmjax.pair import Pair, each
 
 

@@ -7,9 +7,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
 from gmmjax.changes.registration import Registration
-from gmmjax.clouds import PointCloud, crop_box
-from gmmjax.clouds.canonical import canonical_order, first_of_equals
-from gmmjax.clouds.coordinates import as_points
+from gmmjax.clouds import PointCloud, as_points, canonical_order, crop_box, first_of_equals
 from gmmjax.errors import InputError, warn
 from gmmjax.mixtures import parameters_per_component
 from gmmjax.pair import Pair, each

@@ -7,10 +7,8 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.prepare.checking import check_comparable
-from gmmjax.clouds import voxel_grid, voxel_size_for
-from gmmjax.clouds.canonical import first_of_equals
-from gmmjax.geometry.local_surface import evenly_chosen, local_planes
-from gmmjax.geometry.neighbours import nearest_neighbours
+from gmmjax.clouds import first_of_equals, voxel_grid, voxel_size_for
+from gmmjax.geometry import evenly_chosen, local_planes, nearest_neighbours
 from gmmjax.pair import Pair
 
 

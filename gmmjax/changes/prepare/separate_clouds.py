@@ -15,8 +15,7 @@ from gmmjax.changes.prepare.checking import (
     check_pair,
 )
 from gmmjax.changes.prepare.resolution import common_voxel_size, usual_spacing
-from gmmjax.clouds import PointCloud, statistical_outliers, voxel_grid
-from gmmjax.clouds.canonical import first_of_equals
+from gmmjax.clouds import PointCloud, first_of_equals, statistical_outliers, voxel_grid
 from gmmjax.errors import InputError
 from gmmjax.mixtures import WeightedPoints
 from gmmjax.pair import Pair, each
