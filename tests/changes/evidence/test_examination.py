@@ -5,6 +5,8 @@ import pytest
 
 from gmmjax import DetectionConfig, detect_changes
 from gmmjax.changes.candidates import Candidates
+from gmmjax.changes.detectors.detector import Scan
+from gmmjax.changes.detectors.joint import JointDetector
 from gmmjax.changes.differences import DetectionLimits, DifferenceSettings, LocalDifference
 from gmmjax.changes.evidence.examination import (
     EvidenceSettings,
@@ -18,7 +20,9 @@ from gmmjax.changes.evidence.examination import (
     without_evidence,
 )
 from gmmjax.changes.evidence.free_space import Observed, Survey
+from gmmjax.changes.evidence.view_checks import ViewCheckSettings
 from gmmjax.clouds import SensorViews
+from gmmjax.errors import InputWarning
 from gmmjax.evaluation import score_pair
 from gmmjax.pair import Pair
 from tests.changes.rooms import around, box, scanned
@@ -80,9 +84,23 @@ def test_without_evidence_it_is_reported_all_the_same():
     assert not changes.unobserved_after.any()
 
 
+def test_the_detector_passes_its_settings_to_the_surveys():
+    """Views that may not leave a single point outside contradict every cloud, before anything is fitted."""
+    views = around(4)
+    scans = Pair(*(Scan(scanned(views, STAYING, seed=seed, **SETTINGS), views) for seed in (0, 1)))
+    evidence = EvidenceSettings(view_checks=ViewCheckSettings(most_outside=-1.0))
+    detector = dataclasses.replace(
+        JointDetector.of(DetectionConfig(restarts=1, registration="never")), evidence=evidence
+    )
+    with pytest.raises(InputWarning, match=r"views_before: .* not used as evidence"):
+        detector.changes(scans)
+
+
 SPACING = 0.02
 LIMITS = DetectionLimits(SPACING, 0.01, 0.002, distance=0.06, offset=0.02, settings=DifferenceSettings())
 FREE, SURFACE, UNOBSERVED = Observed.free, Observed.surface, Observed.unobserved
+# A camera 2 above the middle of the floor.
+FROM_ABOVE = SensorViews([[[1, 0, 0, 1], [0, -1, 0, 1], [0, 0, -1, 2], [0, 0, 0, 1]]], (53.0, 53.0), 3.0)
 
 
 def plane(lower, upper, height, seed=0):
@@ -199,8 +217,7 @@ def test_what_turns_out_unobserved_is_no_candidate():
 
 def test_with_views_the_object_is_kept_and_what_nobody_observed_is_not():
     """From above the middle of a floor: a cube that came, and floor beyond the field of view."""
-    pose = np.array([[1, 0, 0, 1.0], [0, -1, 0, 1.0], [0, 0, -1, 2.0], [0, 0, 0, 1]])
-    other = Survey.of(plane((0, 0), (2, 2), 0.0), SensorViews(pose[None], (53.0, 53.0), 3.0))
+    other = Survey.of(plane((0, 0), (2, 2), 0.0), FROM_ABOVE)
     thing, far = cube((1, 1), 0.4), plane((4, 0), (4.5, 0.5), 0.0)
     points = np.concatenate([thing, far])
     rejected, unobserved = without_evidence(
@@ -209,6 +226,18 @@ def test_with_views_the_object_is_kept_and_what_nobody_observed_is_not():
     # Near the floor a few points are neither on it nor far enough in front of it.
     assert not rejected[: len(thing)].any() and unobserved[: len(thing)].mean() < 0.02
     assert rejected[len(thing) :].all() and unobserved[len(thing) :].all()
+
+
+def test_with_views_an_object_is_kept_without_the_floor_that_was_occluded(uncovered):
+    """One candidate is a cube that came, and floor where the other survey has a hole."""
+    floor, labels, other = uncovered
+    points = np.concatenate([floor, cube((1.0, 0.4), 0.3)])
+    labels = np.append(labels, np.zeros(len(points) - len(floor), int))
+    occluded = (labels == 0) & (np.arange(len(points)) < len(floor))
+    rejected, unobserved = without_evidence(candidates_of(points, labels), Survey.of(other, FROM_ABOVE), LIMITS)
+    # At the rim of the hole points of the other cloud are near.
+    assert rejected[occluded].mean() > 0.5 and unobserved[occluded & rejected].all()
+    assert not rejected[len(floor) :].any()
 
 
 def test_without_views_a_floor_that_was_occluded_is_unobserved_in_its_own_cloud(uncovered):
