@@ -35,8 +35,8 @@ def exact_transport(
         cost: ground costs, finite, in any unit.
         start: potentials of the after side to start from, such as those of the same problem before a component was
             removed: they save half of the time and change nothing but the choice among equal optima.
-        max_pivots: give up after this number of pivots of the simplex, or of paths of the compiled kernel; by default far
-            more than were ever seen to be needed.
+        max_pivots: give up after this number of pivots of the simplex, or of paths of the compiled kernel; by default
+            far more than were ever seen to be needed.
 
     Returns:
         The result, in double precision if any input is. It is `invalid_input` for masses that are negative and for
