@@ -256,8 +256,8 @@ def maximised(
     Returns:
         The Gaussians, and the weight of the noise component (0 without), which is what their weights lack to 1.
     """
-    total = jnp.sum(weights)
-    # Where all components die this is 0 / 0, which is no live component either.
+    live, total = weights > 0, jnp.sum(weights)
+    # Where all components die this is 0 / 0, which `masked` leaves out.
     weights = weights / total
     noise_weight = jnp.zeros_like(total)
     if moments.noise_mass is not None:
@@ -266,7 +266,7 @@ def maximised(
     covariances = prior.covariances(moments.mass, moments.means, moments.covariances)
     covariances = constrained(covariances, moments.mass, covariance_type)
     means = prior.means(moments.mass, moments.means)
-    return GaussianMixture.masked(weights, means, covariances, live=weights > 0), noise_weight
+    return GaussianMixture.masked(weights, means, covariances, live), noise_weight
 
 
 class Convergence(NamedTuple):
