@@ -42,7 +42,8 @@ class Reliability:
         number = np.minimum((probability * BINS).astype(int), BINS - 1)
         return cls(
             count=np.bincount(number, minlength=BINS),
-            predicted=np.bincount(number, probability, minlength=BINS),
+            # Of no probabilities NumPy's sums are whole numbers.
+            predicted=np.bincount(number, probability, minlength=BINS).astype(float),
             true=np.bincount(number[truth], minlength=BINS),
             squared_error=float(((probability - truth) ** 2).sum()),
         )
