@@ -101,3 +101,33 @@ def test_no_setting_of_jax_is_changed(imported):
 
 def test_no_device_is_started(imported):
     assert imported[0]["devices"] == 2
+
+
+def test_packages_import_each_other_through_their_faces():
+    """What another package may use of a package is what its `__init__` exports.
+
+    The command line takes modules of the reports by themselves: each is imported when its command is run.
+    """
+    beyond = {"reporting", "thesis"}
+    found = []
+    for path in (ROOT / "gmmjax").rglob("*.py"):
+        own = path.relative_to(ROOT / "gmmjax").parts[0]
+        modules = re.findall(r"^ *from gmmjax\.(\w+)\.[\w.]+ import", path.read_text(), re.MULTILINE)
+        found += [(path.name, package) for package in modules if package not in {own, *beyond}]
+    assert found == []
+
+
+def test_imports_go_one_way():
+    """Each package imports only from those above it, as docs/design.md lists them, each stage from those before it."""
+    order = re.findall(r"^  (\w+)/ ", (ROOT / "docs" / "design.md").read_text(), re.MULTILINE)
+    stages = ["config", "registration", "change", "prepare", "align", "fit", "differences", "candidates", "evidence"]
+    stages += ["objects", "detectors", "detect"]
+    assert {"geometry", "changes", "cli"} < set(order)
+    for root, places in (("gmmjax", order), ("gmmjax.changes", stages)):
+        folder = ROOT / root.replace(".", "/")
+        for path in folder.rglob("*.py"):
+            own = path.relative_to(folder).parts[0].removesuffix(".py")
+            modules = re.findall(rf"^ *from {root}\.(\w+)[\w.]* import", path.read_text(), re.MULTILINE)
+            for module in modules:
+                if own in places and module in places:
+                    assert places.index(module) <= places.index(own), f"{path} imports {module}"

@@ -42,7 +42,7 @@ class Reliability:
         number = np.minimum((probability * BINS).astype(int), BINS - 1)
         return cls(
             count=np.bincount(number, minlength=BINS),
-            # Of no probabilities NumPy's sums are whole numbers.
+            # Of no numbers the sums are whole ones.
             predicted=np.bincount(number, probability, minlength=BINS).astype(float),
             true=np.bincount(number[truth], minlength=BINS),
             squared_error=float(((probability - truth) ** 2).sum()),
