@@ -9,12 +9,12 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from gmmjax.changes.prepare.resolution import usual_spacing
 from gmmjax.geometry import (
     IcpSettings,
     LocalSurface,
     evenly_chosen,
     least_squares_transform,
-    nearest_neighbours,
     point_to_plane_icp,
     rigid_transform,
     transformed,
@@ -141,10 +141,10 @@ def _promising(
 ) -> list[Float[np.ndarray, "4 4"]]:
     """Coarse ICP from all starts; the best distinct results after point-to-plane ICP."""
     few = [surface.points[evenly_chosen(len(surface), settings.coarse_sample)] for surface in (source, target)]
-    trees = cKDTree(few[0]), cKDTree(few[1])
-    last = 2 * max(float(np.median(nearest_neighbours(tree, tree.data, 2)[0][:, -1])) for tree in trees)
+    last = 2 * max(usual_spacing(points) for points in few)
     first = first_distance * float(np.sqrt(((few[1] - few[1].mean(axis=0)) ** 2).sum(axis=1).mean()))
-    coarse = [_coarse_icp(few[0], few[1], trees[1], start, first, last, settings) for start in starts]
+    tree = cKDTree(few[1])
+    coarse = [_coarse_icp(few[0], few[1], tree, start, first, last, settings) for start in starts]
     distinct = _without_duplicates(sorted(coarse, key=lambda start: start.distance), few[0], settings.duplicate * last)
     means = source.means(evenly_chosen(len(source), settings.sample))
     reaches = settings.first_reach * noise, settings.last_reach * noise

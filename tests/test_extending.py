@@ -1,4 +1,4 @@
-"""What one adds to gmmjax: a detector is a class, a ground cost a function."""
+"""What one adds to gmmjax: a detector is a class, a ground cost and the reader of a file format are functions."""
 
 import dataclasses
 
@@ -7,11 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gmmjax import DetectionConfig, InputError, detect_changes
+from gmmjax import DetectionConfig, InputError, PointCloud, detect_changes, read_cloud
 from gmmjax.changes import DETECTORS, AbstractDetector, Detection, GreedyDetector, TransportDetector
 from gmmjax.changes.config import METHODS
 from gmmjax.changes.detectors.separate import AbstractSeparateDetector, over_pairs
 from gmmjax.changes.progress import silent
+from gmmjax.clouds import READERS
 from gmmjax.evaluation import evaluate, score_pair
 from gmmjax.evaluation.detectors import EvidenceDetector, on_pairs
 from gmmjax.mixtures import GaussianMixture
@@ -125,3 +126,15 @@ def test_algorithm_1_finds_the_same_at_twice_the_distance(mixtures):
     once, twice = (compared(GreedyDetector, mixtures, cost) for cost in (None, doubled))
     np.testing.assert_array_equal(once[:2], twice[:2])
     assert (once[2], twice[2]) == pytest.approx((0.6, 1.2))
+
+
+def test_a_file_format_is_a_function_and_its_ending(tmp_path, monkeypatch):
+    def read_raw(path):
+        return PointCloud.from_rows(np.fromfile(path, np.float32).reshape(-1, 3), source=str(path))
+
+    points = np.array([[1.0, 2, 3], [4, 5, 6]], np.float32)
+    points.tofile(tmp_path / "cloud.raw")
+    with pytest.raises(InputError, match=r"the ending '\.raw' is of no known format"):
+        read_cloud(tmp_path / "cloud.raw")
+    monkeypatch.setattr("gmmjax.clouds.reading.READERS", {**READERS, ".raw": read_raw})
+    np.testing.assert_array_equal(read_cloud(tmp_path / "cloud.raw").points, points)
