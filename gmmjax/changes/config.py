@@ -12,6 +12,12 @@ from gmmjax.mixtures import Prior
 
 Method = Literal["joint", "greedy", "transport"]
 METHODS: tuple[Method, ...] = get_args(Method)
+# The registry of detectors: the class of each method, by its place, because detectors import the config.
+DETECTOR_CLASSES: Mapping[Method, str] = {
+    "joint": "gmmjax.changes.detectors.joint:JointDetector",
+    "greedy": "gmmjax.changes.detectors.greedy:GreedyDetector",
+    "transport": "gmmjax.changes.detectors.transport:TransportDetector",
+}
 Kinds = Literal["both", "appeared", "disappeared"]
 RegistrationMode = Literal["auto", "always", "never"]
 

@@ -1,7 +1,12 @@
-"""The detectors: the joint mixture, and the thesis's two. A new one is a module here and an entry in `DETECTORS`."""
+"""The detectors: the joint mixture, and the thesis's two.
 
+A new one is a module here, and its name and class in `gmmjax/changes/config.py`.
+"""
+
+import pkgutil
 from collections.abc import Mapping
 
+from gmmjax.changes.config import DETECTOR_CLASSES
 from gmmjax.changes.detectors.detector import AbstractChangeDetector as AbstractChangeDetector
 from gmmjax.changes.detectors.detector import AbstractDetector as AbstractDetector
 from gmmjax.changes.detectors.detector import Detection as Detection
@@ -11,7 +16,5 @@ from gmmjax.changes.detectors.joint import JointDetector as JointDetector
 from gmmjax.changes.detectors.transport import TransportDetector as TransportDetector
 
 DETECTORS: Mapping[str, type[AbstractChangeDetector]] = {
-    "joint": JointDetector,
-    "greedy": GreedyDetector,
-    "transport": TransportDetector,
+    method: pkgutil.resolve_name(place) for method, place in DETECTOR_CLASSES.items()
 }
