@@ -43,6 +43,7 @@ from gmmjax.changes.prepare.checking import NAMES as NAMES
 from gmmjax.changes.prepare.checking import CheckedCloud as CheckedCloud
 from gmmjax.changes.prepare.checking import check_overlap as check_overlap
 from gmmjax.changes.prepare.checking import check_pair as check_pair
+from gmmjax.changes.prepare.resolution import ResolutionSettings as ResolutionSettings
 from gmmjax.changes.prepare.resolution import WorkingCloud as WorkingCloud
 from gmmjax.changes.prepare.resolution import WorkingPair as WorkingPair
 from gmmjax.changes.prepare.resolution import working_pair as working_pair

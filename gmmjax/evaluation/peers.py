@@ -14,7 +14,17 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
-from gmmjax.changes import NAMES, AbstractDetector, Detection, Progress, Scan, WorkingPair, silent, working_pair
+from gmmjax.changes import (
+    NAMES,
+    AbstractDetector,
+    Detection,
+    Progress,
+    ResolutionSettings,
+    Scan,
+    WorkingPair,
+    silent,
+    working_pair,
+)
 from gmmjax.clouds import PointCloud, as_points
 from gmmjax.errors import InputError
 from gmmjax.geometry import MEDIAN_TO_DEVIATION, density_clusters
@@ -46,11 +56,13 @@ class AbstractPeer(AbstractDetector):
         cluster_radius: within which points are neighbours, in spacings (the radius of DBSCAN).
         cluster_neighbours: of a core point, itself counted (the minimum of DBSCAN).
         smallest_cluster: number of points of a change, at least.
+        resolution: that the clouds are compared at.
     """
 
     cluster_radius: float = 5.0
     cluster_neighbours: int = 8
     smallest_cluster: int = 20
+    resolution: ResolutionSettings = ResolutionSettings()
 
     @abc.abstractmethod
     def differing(self, points: Pair[Float[np.ndarray, "_ 3"]], scale: Scale) -> Pair[Bool[np.ndarray, " _"]]:
@@ -64,7 +76,7 @@ class AbstractPeer(AbstractDetector):
     def detect(self, scans: Pair[Scan], report: Progress = silent) -> Detection:
         """The clusters of the points that differ, at the working resolution, carried over to all points."""
         points = coordinates(scans)
-        pair = working_pair(points)
+        pair = working_pair(points, settings=self.resolution)
         compared = pair.clouds.map(lambda cloud: cloud.points)
         differ = self.differing(compared, _scale(pair))
         labels = each(lambda own, differs: self._clusters(own, differs, pair.spacing), compared, differ)

@@ -5,7 +5,7 @@ import pytest
 
 from gmmjax import InputError
 from gmmjax.changes import Scan
-from gmmjax.changes.prepare.resolution import working_pair
+from gmmjax.changes.prepare.resolution import ResolutionSettings, working_pair
 from gmmjax.evaluation import peers
 from gmmjax.evaluation.peers import PEERS, CloudToCloudDetector, M3C2Detector, VoxelDetector
 from gmmjax.pair import Pair
@@ -81,15 +81,10 @@ def test_a_clump_of_a_few_points_is_no_change(scene):
     assert (labels[-40:-25] == -1).all() and (labels[-25:] == 0).all()
 
 
-def test_every_point_of_a_large_cloud_is_labelled(scene, monkeypatch):
+def test_every_point_of_a_large_cloud_is_labelled(scene):
     before, after, truth = scene
-    reduced = []
-
-    def to_few_voxels(points):
-        reduced.append(working_pair(points, max_voxels=1500))
-        return reduced[-1]
-
-    monkeypatch.setattr(peers, "working_pair", to_few_voxels)
-    labels_before, labels_after = peer_labels(CloudToCloudDetector(), before, after)
-    assert len(labels_before) == len(before) > 1500 >= len(reduced[0].clouds.before.points)
+    few = ResolutionSettings(voxels=1500)
+    labels_before, labels_after = peer_labels(CloudToCloudDetector(resolution=few), before, after)
+    assert len(labels_before) == len(before) > 1500
+    assert len(working_pair(Pair(before, after), settings=few).clouds.before.points) <= 1500
     assert (labels_after[truth >= 0] == 0).mean() > 0.7 and (labels_after[truth < 0] == -1).all()
