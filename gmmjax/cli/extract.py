@@ -32,8 +32,8 @@ class Options:
         at: a single frame, the one nearest to this time: seconds as the stamps have it, or +SECONDS from the bag's
             start.
         tolerance: how far from that time the frame may be, seconds.
-        every: many frames: every so many.
-        rate: many frames: at the most so many a second.
+        every: many frames: one of this number.
+        rate: many frames: at most this number a second.
         start: no frame before this time.
         end: no frame after this time.
         format: of the frames in a folder; pcd keeps the order of the pixels and the pose.

@@ -50,7 +50,7 @@ def fit(
         restarts: random restarts; the shortest message length wins.
         seed: of the random starts.
         voxel_size: edge of the voxels that the scan is reduced to. None: the smallest that leaves `max_points`.
-        max_points: a scan with more points is reduced to voxels, at most so many.
+        max_points: a scan with more points is reduced to voxels, at most this number.
         overwrite: replace a previous mixture in the output folder.
         quiet: print nothing but errors.
     """

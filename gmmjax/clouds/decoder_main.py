@@ -1,7 +1,7 @@
 """The program of a `DecoderProcess`: reads files with libraries that a damaged file may crash.
 
 It is run as a script and imports nothing of gmmjax, so that it starts at once. Each line of its input is a request in
-JSON; it answers with frames: a byte for the kind, the length in eight bytes, and so many bytes. Kinds are D, data; E,
+JSON; it answers with frames: a byte for the kind, the length in eight bytes, and the bytes. Kinds are D, data; E,
 an error in JSON; and ".", the end of the answer.
 """
 
@@ -83,7 +83,7 @@ def _check_chunks(chunks: list[tuple[int, int]], count: int, chunk_bytes: int) -
 
 
 def _limit_memory(more: int) -> None:
-    """Lets the process take so many bytes beyond those that its libraries took; where the system can limit it."""
+    """Limits the process to this number of bytes beyond its libraries', where the system can limit it."""
     with contextlib.suppress(ImportError, OSError, ValueError):
         import resource
 

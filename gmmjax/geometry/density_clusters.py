@@ -113,7 +113,7 @@ class _Links:
             pairs = pairs[taken:]
 
     def _near(self, pairs: Int[np.ndarray, "p 2"], counts: Int[np.ndarray, " p"]) -> Bool[np.ndarray, " p"]:
-        """Whether one of the first so many points of the first cell is within the radius of one of the second."""
+        """Whether one of the first `counts` points of the first cell is within the radius of one of the second."""
         pair = np.repeat(np.arange(len(pairs)), counts)
         nth = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
         own = self._points[self._members[self._starts[pairs[pair, 0]] + nth]]

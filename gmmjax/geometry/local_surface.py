@@ -104,5 +104,5 @@ def local_planes(
 
 
 def evenly_chosen(count: int, size: int) -> Int[np.ndarray, " m"]:
-    """The indices of at most so many of a number of points, evenly spaced in their order."""
+    """The indices of at most a given number of points, evenly spaced in their order."""
     return np.linspace(0, count - 1, min(size, count)).astype(int)

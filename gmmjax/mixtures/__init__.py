@@ -6,7 +6,6 @@ from gmmjax.mixtures.annihilation import FitSettings as FitSettings
 from gmmjax.mixtures.annihilation import FitStatus as FitStatus
 from gmmjax.mixtures.annihilation import fit_model as fit_model
 from gmmjax.mixtures.component_wise import component_wise_sweep as component_wise_sweep
-from gmmjax.mixtures.cores import map_on_cores as map_on_cores
 from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES as COVARIANCE_TYPES
 from gmmjax.mixtures.covariance_type import CovarianceType as CovarianceType
 from gmmjax.mixtures.covariance_type import parameters_per_component as parameters_per_component
@@ -23,7 +22,6 @@ from gmmjax.mixtures.expectation_maximisation import expectation as expectation
 from gmmjax.mixtures.expectation_maximisation import expectation_maximisation as expectation_maximisation
 from gmmjax.mixtures.expectation_maximisation import maximisation as maximisation
 from gmmjax.mixtures.fitting import fit_mixture as fit_mixture
-from gmmjax.mixtures.frame import Frame as Frame
 from gmmjax.mixtures.gaussian_mixture_model import fit_by_annihilation as fit_by_annihilation
 from gmmjax.mixtures.grid_search import GridSearch as GridSearch
 from gmmjax.mixtures.grid_search import grid_search as grid_search
@@ -34,6 +32,7 @@ from gmmjax.mixtures.mixture import GaussianMixture as GaussianMixture
 from gmmjax.mixtures.mixture_model import AbstractMixtureModel as AbstractMixtureModel
 from gmmjax.mixtures.noise import log_uniform_density as log_uniform_density
 from gmmjax.mixtures.noise import noise_coefficients as noise_coefficients
+from gmmjax.mixtures.parallel import map_on_cores as map_on_cores
 from gmmjax.mixtures.prior import Prior as Prior
 from gmmjax.mixtures.quadratic import coefficients as coefficients
 from gmmjax.mixtures.quadratic import quadratic_features as quadratic_features
@@ -42,5 +41,6 @@ from gmmjax.mixtures.restarts import best_fit as best_fit
 from gmmjax.mixtures.restarts import fit_restarts as fit_restarts
 from gmmjax.mixtures.seeding import distinct_seeds as distinct_seeds
 from gmmjax.mixtures.seeding import initial_mixture as initial_mixture
+from gmmjax.mixtures.standardisation import Standardisation as Standardisation
 from gmmjax.mixtures.standardised_mixture import StandardisedMixture as StandardisedMixture
 from gmmjax.mixtures.weighted_points import WeightedPoints as WeightedPoints

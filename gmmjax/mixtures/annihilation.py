@@ -48,7 +48,7 @@ class FitSettings:
     """How a mixture is fitted.
 
     Attributes:
-        min_components: annihilation ends at this number of components; of so many none dies.
+        min_components: annihilation ends at this number of components.
         covariance_type: constraint on the covariances.
         step: "joint" updates all components at once (fast); "component-wise" is FJ02's sweep. The component-wise sweep
             knows no tied covariance.

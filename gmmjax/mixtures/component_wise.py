@@ -31,7 +31,7 @@ def component_wise_sweep(
         chunks: the points' features and masses.
         prior: its concentration decides what is too weak.
         covariance_type: full, diagonal or spherical; a tied covariance belongs to no component.
-        min_components: of so many components none dies.
+        min_components: at this number none dies.
     """
     features = jnp.moveaxis(chunks.features, 1, 0).reshape(chunks.features.shape[1], -1)
     mass = chunks.mass.reshape(-1)

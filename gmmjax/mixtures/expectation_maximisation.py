@@ -209,7 +209,7 @@ def annihilating_maximisation(
         live: which components were live before the step.
         prior: its concentration decides what is too weak.
         covariance_type: constraint on the covariances.
-        min_components: of so many components none dies.
+        min_components: at this number none dies.
     """
     return frozen_maximisation(moments, survivors(moments.mass, live, prior, min_components), prior, covariance_type)
 

@@ -6,9 +6,9 @@ from jaxtyping import ArrayLike, PRNGKeyArray
 
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures.annihilation import Fit, FitSettings
-from gmmjax.mixtures.cores import Precision
 from gmmjax.mixtures.grid_search import grid_search
 from gmmjax.mixtures.mixture import GaussianMixture
+from gmmjax.mixtures.parallel import Precision
 from gmmjax.mixtures.prior import Prior
 from gmmjax.mixtures.restarts import best_fit, fit_restarts
 

@@ -16,15 +16,15 @@ from gmmjax._typing import Array, Scalar
 from gmmjax.errors import ComputationError, InputError, check_choice
 from gmmjax.mixtures.annihilation import NOT_FINITE, Fit, FitSettings, FitStatus, bits_of
 from gmmjax.mixtures.checked_points import checked_points, traced_points
-from gmmjax.mixtures.cores import Precision, map_on_cores
 from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES, CovarianceType
 from gmmjax.mixtures.criteria import CRITERIA, Criterion, criterion_score, message_length
 from gmmjax.mixtures.expectation_maximisation import expectation_maximisation
-from gmmjax.mixtures.frame import Frame
 from gmmjax.mixtures.map_fits import RELATIVE_NOISE_FLOOR
 from gmmjax.mixtures.mixture import GaussianMixture
+from gmmjax.mixtures.parallel import Precision, map_on_cores
 from gmmjax.mixtures.prior import Prior
 from gmmjax.mixtures.seeding import initial_mixture
+from gmmjax.mixtures.standardisation import Standardisation
 from gmmjax.mixtures.weighted_points import WeightedPoints
 
 
@@ -91,7 +91,7 @@ def grid_search(
     weighted = traced_points(points, mass) if traced else checked_points(points, mass)
     if max(components) > len(weighted.mass):
         raise InputError(f"components up to {max(components)} are more than the points, {len(weighted.mass)}")
-    frame = Frame.of(weighted)
+    frame = Standardisation.of(weighted)
     fits_of_type = functools.partial(_mapped_fits, restarts=restarts, settings=settings)
     if not traced:
         fits_of_type = functools.partial(_host_fits, restarts=restarts, settings=settings, precision=precision)
@@ -162,7 +162,7 @@ def _mapped_fits(
 
 def _selected(
     fits: Sequence[Fit],
-    frame: Frame,
+    frame: Standardisation,
     points: WeightedPoints,
     components: Sequence[int],
     covariance_types: Sequence[CovarianceType],

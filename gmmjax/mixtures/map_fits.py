@@ -15,13 +15,13 @@ from gmmjax._programs import kept_jit
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures.annihilation import Fit, FitSettings
 from gmmjax.mixtures.checked_points import checked_points
-from gmmjax.mixtures.cores import Precision, in_precision, map_on_cores, stacked
-from gmmjax.mixtures.frame import Frame
 from gmmjax.mixtures.gaussian_mixture_model import fit_by_annihilation
 from gmmjax.mixtures.mixture import GaussianMixture
+from gmmjax.mixtures.parallel import Precision, in_precision, map_on_cores, stacked
+from gmmjax.mixtures.precision_check import scored_in_double
 from gmmjax.mixtures.prior import Prior, check_prior
 from gmmjax.mixtures.seeding import initial_mixture
-from gmmjax.mixtures.trust import scored_in_double
+from gmmjax.mixtures.standardisation import Standardisation
 from gmmjax.mixtures.weighted_points import WeightedPoints
 
 # The default noise floor, in units of the points' spread. In float32 the rounding of the second moments is about 7e-4
@@ -46,7 +46,7 @@ class _FramedCloud(NamedTuple):
     """A task, and what its fits need to get back into the unit of the points."""
 
     task: _Task
-    frame: Frame
+    frame: Standardisation
     observations: float
 
 
@@ -156,7 +156,7 @@ def fit_in_frame(
     settings: FitSettings,
 ) -> Fit:
     """One traced fit, from and to the unit of the points; see `fit_mixture`."""
-    frame = Frame.of(points)
+    frame = Standardisation.of(points)
     in_frame = _prior_in_frame(prior, frame, settings, str(points.points.dtype))
     start = None if start is None else frame.enter_mixture(start)
     fit = _fit(_Task(frame.enter(points), in_frame, start), key, max_components, settings)
@@ -210,7 +210,7 @@ def _framed(
     settings: FitSettings,
     precision: Precision,
 ) -> _FramedCloud:
-    frame = Frame.of(cloud)
+    frame = Standardisation.of(cloud)
     if prior is not None:
         check_prior(prior, cloud.points.shape[1])
     task = _Task(
@@ -221,7 +221,7 @@ def _framed(
     return _FramedCloud(task, frame, float(cloud.mass.sum()))
 
 
-def _prior_in_frame(prior: Prior | None, frame: Frame, settings: FitSettings, precision: str) -> Prior:
+def _prior_in_frame(prior: Prior | None, frame: Standardisation, settings: FitSettings, precision: str) -> Prior:
     if prior is not None:
         return frame.enter_prior(prior)
     return Prior.figueiredo_jain(len(frame.origin), RELATIVE_NOISE_FLOOR[precision], settings.covariance_type)

@@ -11,9 +11,9 @@ from gmmjax._host import is_traced
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures.annihilation import NOT_FINITE, Fit, FitSettings, FitStatus
 from gmmjax.mixtures.checked_points import checked_points, traced_points
-from gmmjax.mixtures.cores import Precision
 from gmmjax.mixtures.map_fits import check_components, check_restarts, fit_in_frame, fits_of
 from gmmjax.mixtures.mixture import GaussianMixture
+from gmmjax.mixtures.parallel import Precision
 from gmmjax.mixtures.prior import Prior
 
 

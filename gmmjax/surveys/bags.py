@@ -26,7 +26,7 @@ DELAY_JITTER = 2.0
 # A frame that is early by this share of the period is still taken for its turn.
 PERIOD_JITTER = 0.1
 NANOSECONDS = 1_000_000_000
-# Bytes of a bag's metadata.yaml, which has some hundred a topic; its parser takes five seconds for so many.
+# Bytes of a bag's metadata.yaml, which has some hundred a topic; its parser takes five seconds for this size.
 MOST_METADATA = 1 << 19
 # What merges maps in YAML, in time that doubles with each, and what can give it another name; no recorder writes it.
 MERGES = re.compile(rb"<<|!!merge|yaml\.org|%TAG")
@@ -114,7 +114,7 @@ class Bag:
         Args:
             topic: of type `sensor_msgs/PointCloud2`; None where the bag has exactly one.
             every: take each n-th frame.
-            rate: take at the most so many a second.
+            rate: take at most this number a second.
             start: no frame before this time, seconds.
             end: no frame after this time.
 

@@ -59,7 +59,7 @@ def localised_map(
     Args:
         frames: in the coordinates of their sensor.
         trajectory: of the sensor, as from `Trajectory.of_sensor`.
-        every: use every so many frames.
+        every: use one frame of this number.
         bounds: lowest and highest corner [2, 3] of the box that the map is cropped to, metres in the world.
         refine: whether to move the frames a little so that they fit together (iterated closest points along the
             normals of the others).

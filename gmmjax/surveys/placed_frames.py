@@ -36,7 +36,7 @@ class PlacedFrames:
         Args:
             frames: in the coordinates of their sensor.
             trajectory: of the sensor.
-            every: use every so many frames.
+            every: use one frame of this number.
             max_gap: a frame between two poses further apart than this (seconds) is not covered.
 
         Raises:

@@ -28,7 +28,7 @@ SAMPLE, OVERLAP_SAMPLE = 800, 200
 # those it overlaps most.
 LEAST_OVERLAP, NEAR, MOST_PARTNERS = 0.1, 0.1, 8
 # The offsets at which a pair of points has a quarter of its weight, step by step, metres; points further from each
-# other than so many of them are no pair, nor are points whose normals are further apart than this cosine.
+# other than this number of them are no pair, nor are points whose normals are further apart than this cosine.
 REACHES = (0.04, 0.03, 0.02, 0.015, 0.015, 0.01, 0.01)
 FARTHEST, ALIKE = 4.0, 0.9
 # What the given poses are off by, metres and radians, and how many of the offsets' squares (square metres) a square of

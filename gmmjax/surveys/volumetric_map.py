@@ -17,12 +17,12 @@ from gmmjax.surveys.trajectory import MAX_GAP, Trajectory
 
 Surface = Literal["vertices", "points"]
 
-# Distances are kept up to so many voxels from the surface, and at least so far (metres): beyond a sensor's noise and an
-# error of the poses, but less than half the thickness of most things, whose two sides would meet.
+# Distances are kept up to this number of voxels from the surface, and at least up to this length (metres): beyond a
+# sensor's noise and an error of the poses, but less than half the thickness of most things, whose two sides would meet.
 TRUNCATION_VOXELS, LEAST_TRUNCATION = 4.0, 0.04
-# A voxel looks at the pixel that it falls into: each is cut into so many across and down, interpolated.
+# A voxel looks at the pixel that it falls into: each is cut into this number across and down, interpolated.
 FINER = 2
-# Voxels come in blocks of this many along each side; so many blocks have room at first.
+# Voxels come in blocks of this number along each side; the second number has room at first.
 BLOCK, FIRST_BLOCKS = 8, 10_000
 
 
@@ -74,7 +74,7 @@ def volumetric_map(
         frames: ordered, of a pinhole camera, in its coordinates.
         trajectory: of the camera, as from `Trajectory.of_sensor`.
         voxel_size: metres.
-        every: use every so many frames.
+        every: use one frame of this number.
         bounds: lowest and highest corner [2, 3] of the box that the map is cropped to, metres in the world.
         max_range: of the camera, metres; points beyond are left out. None: just beyond the farthest point.
         max_gap: a frame between two poses further apart than this (seconds) is left out.

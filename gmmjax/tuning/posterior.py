@@ -15,7 +15,7 @@ from gmmjax.changes import (
     fit_joint_mixture_from_seeds,
     point_posterior,
 )
-from gmmjax.mixtures import FitSettings, FitStatus, Frame, Prior, WeightedPoints
+from gmmjax.mixtures import FitSettings, FitStatus, Prior, Standardisation, WeightedPoints
 
 
 class JointPosterior(NamedTuple):
@@ -64,7 +64,7 @@ def joint_posterior(
     """
     points = jnp.concatenate([jnp.asarray(before), jnp.asarray(after)])
     both = WeightedPoints(points, jnp.ones(len(points), points.dtype))
-    frame = Frame.of(both)
+    frame = Standardisation.of(both)
     source = jnp.concatenate([jnp.zeros(len(before), points.dtype), jnp.ones(len(after), points.dtype)])
     sourced = SourcedPoints(frame.enter(both), source)
     end = fit_joint_mixture_from_seeds(sourced, max_components, frame.enter_prior(prior), key, settings)

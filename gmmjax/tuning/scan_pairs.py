@@ -21,7 +21,7 @@ from gmmjax.changes import (
 )
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.errors import InputError
-from gmmjax.mixtures import Frame, Prior, WeightedPoints
+from gmmjax.mixtures import Prior, Standardisation, WeightedPoints
 from gmmjax.pair import Pair, each
 
 
@@ -90,7 +90,7 @@ class ReadyPair(eqx.Module):
     before: JudgedPoints
     after: JudgedPoints
     prior: Prior
-    frame: Frame
+    frame: Standardisation
     max_components: int = eqx.field(static=True)
     volumetric: bool = eqx.field(static=True)
 
@@ -111,7 +111,7 @@ def ready_pair(pair: ScanPair, config: DetectionConfig, max_points: int, seed: i
     placed = aligned(checked.map(lambda cloud: cloud.points), config.registration, config.voxel_size, seed=config.seed)
     check_overlap(checked, placed.registration)
     problem = joint_problem(placed.working, placed.registration, config)
-    frame = Frame.of(problem.points.points)
+    frame = Standardisation.of(problem.points.points)
     framed = SourcedPoints(frame.enter(problem.points.points), problem.points.after)
     generator = np.random.default_rng(seed)
     fitted, left = _fitted_and_left(len(framed.after), max_points, pair.labelled, generator)

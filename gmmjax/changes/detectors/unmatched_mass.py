@@ -51,7 +51,7 @@ def unmatched_shares(
     cost = ground_cost(before, after)
     masses_before = jnp.asarray(before.weights) * points_before
     masses_after = jnp.asarray(after.weights) * points_after
-    ratio = density_ratio(masses_before, masses_after, cost)
+    ratio = matched_density_ratio(masses_before, masses_after, cost)
     if penalty is None:
         penalty = default_penalty(before, after)
     result = partial_transport(masses_before * ratio, masses_after, cost, penalty)
@@ -71,7 +71,7 @@ def default_penalty(before: GaussianMixture, after: GaussianMixture) -> Float[Ar
     return 0.4 * jnp.nanmedian(jnp.where(live, deviations, jnp.nan))
 
 
-def density_ratio(
+def matched_density_ratio(
     masses_before: Float[Array, " k0"], masses_after: Float[Array, " k1"], cost: Float[Array, "k0 k1"]
 ) -> Float[Array, ""]:
     """Weighted median of after to before masses over Gaussians that are each other's nearest; 1 where there are none.

@@ -16,7 +16,7 @@ from gmmjax.changes.fit.joint_mixture import JointMixture, component_posterior, 
 from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, fit_joint_mixture_from_seeds
 from gmmjax.clouds import canonical_order, morton_order
 from gmmjax.errors import ComputationError
-from gmmjax.mixtures import Annihilated, FitSettings, FitStatus, Frame, GaussianMixture, Prior, map_on_cores
+from gmmjax.mixtures import Annihilated, FitSettings, FitStatus, GaussianMixture, Prior, Standardisation, map_on_cores
 from gmmjax.transport import earth_movers_distance
 
 # Points whose posterior is computed in one pass: one compiled shape for clouds of every size.
@@ -40,7 +40,7 @@ class JointFits(NamedTuple):
     density_ratio: Float[np.ndarray, " r"]
     steps: Int[np.ndarray, " r"]
     result: FitStatus
-    frame: Frame
+    frame: Standardisation
 
 
 def fit_joint_restarts(
@@ -76,7 +76,7 @@ def fit_joint_restarts(
     order = canonical_order(np.asarray(points.points.points))
     order = order[morton_order(np.asarray(points.points.points)[order])]
     points = jax.tree.map(lambda leaf: leaf[order], points)
-    frame = Frame.of(points.points)
+    frame = Standardisation.of(points.points)
     framed = SourcedPoints(frame.enter(points.points), points.after)
     prior = frame.enter_prior(prior)
     generator = np.random.default_rng(np.asarray(jax.random.key_data(key)).tolist())
@@ -193,7 +193,7 @@ def _chunk_components(
 
 
 def _subsample(points: SourcedPoints, size: int, generator: np.random.Generator) -> SourcedPoints:
-    """So many of the points at random, evenly over both clouds: one of each stretch along the order of the points."""
+    """A random subsample, evenly over both clouds: one of each stretch along the order of the points."""
     if len(points.after) <= size:
         return points
     priority = generator.random(len(points.after))

@@ -2,7 +2,7 @@ import jax
 import numpy as np
 
 from gmmjax.changes import unmatched_shares
-from gmmjax.changes.detectors.unmatched_mass import default_penalty, density_ratio
+from gmmjax.changes.detectors.unmatched_mass import default_penalty, matched_density_ratio
 from gmmjax.scenes import random_scene
 from tests.mixtures.examples import pad
 
@@ -58,4 +58,4 @@ def test_unit_of_length_does_not_matter(float64):
 
 
 def test_density_ratio_without_a_pair_is_one(float64):
-    assert density_ratio(np.zeros(3), np.array([1.0, 2.0, 0.0]), np.ones((3, 3))) == 1
+    assert matched_density_ratio(np.zeros(3), np.array([1.0, 2.0, 0.0]), np.ones((3, 3))) == 1

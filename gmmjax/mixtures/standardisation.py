@@ -14,7 +14,7 @@ from gmmjax.mixtures.prior import Prior
 from gmmjax.mixtures.weighted_points import WeightedPoints
 
 
-class Frame(eqx.Module):
+class Standardisation(eqx.Module):
     """A shift and one scale for all axes, so that a rigid motion or another unit changes nothing in the fit.
 
     Works on NumPy arrays (in their own float64) and on traced arrays alike.
@@ -28,7 +28,7 @@ class Frame(eqx.Module):
     spread: Scalar
 
     @classmethod
-    def of(cls, points: WeightedPoints) -> "Frame":
+    def of(cls, points: WeightedPoints) -> "Standardisation":
         """The frame of the points."""
         weights = points.mass / points.mass.sum()
         # Twice, because the first mean of survey coordinates has lost digits that the second regains.

@@ -14,7 +14,7 @@ from gmmjax.mixtures.expectation_maximisation import FeatureChunks, expectation
 from gmmjax.mixtures.noise import log_uniform_density
 from gmmjax.mixtures.weighted_points import WeightedPoints
 
-# Nats by which the message length that a fit saw may be off, or so many an observation where that is more.
+# Nats by which the message length that a fit saw may be off, or by the second number an observation where that is more.
 LARGEST_ERROR, LARGEST_RELATIVE_ERROR = 0.1, 1e-5
 # The thinnest component whose quadratic form single precision can tell, as a share of the points' spread: rounding of
 # x^2, up to 1e-6, is then a fifteenth of its variance.
