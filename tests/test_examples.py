@@ -28,7 +28,7 @@ WARNINGS = ["-W", "error::UserWarning", "-W", "ignore:Error reading persistent c
 ARGUMENTS = {
     "align_by_gradient.py": ["--points", "1000"],
     "registration_error.py": ["--rooms", "1"],
-    "tune_the_concentration.py": ["--steps", "3", "--starts", "1"],
+    "tune_the_concentration.py": ["--unseen", "1", "--steps", "2", "--starts", "1"],
     "tune_to_a_sensor.py": ["--steps", "2", "--starts", "1", "--points", "250", "--max-points", "450"],
 }
 

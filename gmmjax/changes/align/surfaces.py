@@ -146,7 +146,8 @@ def registered_surfaces(
     transform, fit, applied = np.eye(4), given, False
     confidence = ConfidenceModel().of_surfaces(given, 0.0, True)
     if mode != "never":
-        refined = _refined(spacing, surfaces, rough, settings)
+        start = surface_fit(surfaces, np.eye(4), spacing, settings.score) if rough.moves else given
+        refined = _refined(spacing, surfaces, start, rough, settings)
         confidence = ConfidenceModel().of_surfaces(refined.fit, rough.rival, rough.from_given_frame)
         applied = mode == "always" or rough.moves or _better(refined.fit, given, settings)
         if applied:
@@ -206,15 +207,18 @@ def _finalists(
 
 
 def _refined(
-    spacing: float, surfaces: Pair[LocalSurface], rough: RoughRegistration, settings: SurfaceRegistrationSettings
+    spacing: float,
+    surfaces: Pair[LocalSurface],
+    start: SurfaceFit,
+    rough: RoughRegistration,
+    settings: SurfaceRegistrationSettings,
 ) -> _Candidate:
     """The rough registration refined on the most points, as a transform of the after cloud as it was given.
 
-    From the given frame it has no part that nothing determines, where the clouds fit as well without.
+    `start` is how the surfaces fit by the rough registration. From the given frame it has no part that nothing determines, where the clouds fit as well without.
     """
     to_given = np.linalg.inv(rough.transform)
     means = surfaces.after.means(random_sample(len(surfaces.after), settings.points))
-    start = surface_fit(surfaces, np.eye(4), spacing, settings.score)
     reaches = settings.fine_reach * spacing, _last_reach(start, spacing, settings)
     left = point_to_plane_icp(means, surfaces.before, np.eye(4), *reaches, settings.fine_icp)
     fit = surface_fit(surfaces, left, spacing, settings.score)
