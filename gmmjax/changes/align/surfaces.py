@@ -215,7 +215,8 @@ def _refined(
 ) -> _Candidate:
     """The rough registration refined on the most points, as a transform of the after cloud as it was given.
 
-    `start` is how the surfaces fit by the rough registration. From the given frame it has no part that nothing determines, where the clouds fit as well without.
+    `start` is how the surfaces fit by the rough registration. From the given frame it has no part that nothing
+    determines, where the clouds fit as well without.
     """
     to_given = np.linalg.inv(rough.transform)
     means = surfaces.after.means(random_sample(len(surfaces.after), settings.points))
