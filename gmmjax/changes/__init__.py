@@ -1,7 +1,9 @@
 """From two clouds to changes: the stages of detection, the detectors, the records."""
 
+from gmmjax.changes.align.alignment import AlignSettings as AlignSettings
 from gmmjax.changes.align.alignment import aligned as aligned
 from gmmjax.changes.candidates import Candidates as Candidates
+from gmmjax.changes.candidates import CandidateSettings as CandidateSettings
 from gmmjax.changes.change import Box as Box
 from gmmjax.changes.change import Change as Change
 from gmmjax.changes.change import Changes as Changes
@@ -24,8 +26,10 @@ from gmmjax.changes.detectors.greedy_removal import Removals as Removals
 from gmmjax.changes.detectors.greedy_removal import remove_changed as remove_changed
 from gmmjax.changes.detectors.unmatched_mass import Unmatched as Unmatched
 from gmmjax.changes.detectors.unmatched_mass import unmatched_shares as unmatched_shares
+from gmmjax.changes.differences import DifferenceSettings as DifferenceSettings
 from gmmjax.changes.differences import LocalDifference as LocalDifference
 from gmmjax.changes.differences import differences_between as differences_between
+from gmmjax.changes.evidence.examination import EvidenceSettings as EvidenceSettings
 from gmmjax.changes.evidence.examination import without_evidence as without_evidence
 from gmmjax.changes.evidence.free_space import Survey as Survey
 from gmmjax.changes.fit.joint_mixture import JointMixture as JointMixture
@@ -39,8 +43,10 @@ from gmmjax.changes.fit.joint_mixture_model import fit_joint_mixture_from_seeds 
 from gmmjax.changes.fit.joint_mixture_model import joint_prior as joint_prior
 from gmmjax.changes.fit.joint_problem import JointFitSettings as JointFitSettings
 from gmmjax.changes.fit.joint_problem import joint_problem as joint_problem
+from gmmjax.changes.objects.found import ObjectSettings as ObjectSettings
 from gmmjax.changes.prepare.checking import NAMES as NAMES
 from gmmjax.changes.prepare.checking import CheckedCloud as CheckedCloud
+from gmmjax.changes.prepare.checking import CheckSettings as CheckSettings
 from gmmjax.changes.prepare.checking import check_overlap as check_overlap
 from gmmjax.changes.prepare.checking import check_pair as check_pair
 from gmmjax.changes.prepare.resolution import ResolutionSettings as ResolutionSettings
@@ -51,5 +57,6 @@ from gmmjax.changes.prepare.separate_clouds import default_components as default
 from gmmjax.changes.prepare.separate_clouds import reduced as reduced
 from gmmjax.changes.progress import Progress as Progress
 from gmmjax.changes.progress import silent as silent
+from gmmjax.changes.registration import Registration as Registration
 from gmmjax.changes.storage import CHANGES_FILE as CHANGES_FILE
 from gmmjax.changes.storage import LABELS_FILE as LABELS_FILE

@@ -20,7 +20,7 @@ from gmmjax.changes.fit.joint_fit import JointFits, fit_joint_restarts, mixtures
 from gmmjax.changes.fit.joint_problem import JointFitSettings, JointProblem, joint_problem
 from gmmjax.changes.objects.found import Found, ObjectSettings, surfaces_found, volumes_found
 from gmmjax.changes.objects.moved import with_moved
-from gmmjax.changes.prepare.checking import NAMES, CheckedCloud, check_overlap, check_pair
+from gmmjax.changes.prepare.checking import NAMES, CheckedCloud, CheckSettings, check_overlap, check_pair
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.changes.progress import Clock, Progress, silent
 from gmmjax.changes.registration import Registration
@@ -37,6 +37,7 @@ class JointDetector(AbstractChangeDetector):
 
     Attributes:
         config: what the user set; it is kept with the result.
+        prepare: what clouds can be compared.
         align: how the clouds are brought into one frame.
         fit: how the mixture is fitted to both clouds.
         differences: from which distance and offset on a point of a scan is surely changed.
@@ -46,6 +47,7 @@ class JointDetector(AbstractChangeDetector):
     """
 
     config: DetectionConfig = DetectionConfig()
+    prepare: CheckSettings = CheckSettings()
     align: AlignSettings = AlignSettings()
     fit: JointFitSettings = JointFitSettings()
     differences: DifferenceSettings = DifferenceSettings()
@@ -62,7 +64,7 @@ class JointDetector(AbstractChangeDetector):
         """What changed: prepare, align, fit, differences, candidates, evidence, objects."""
         clock = Clock(report)
         clock.start("preparation", "Reading the scales of the clouds", 0.0)
-        prepared = check_pair(scans.map(lambda scan: scan.cloud), self.config.crop)
+        prepared = check_pair(scans.map(lambda scan: scan.cloud), self.config.crop, self.prepare)
         clock.start("registration", "Registering the clouds", 0.1)
         pair = self._aligned(prepared)
         surveys = _surveys(pair, scans, self.evidence)
