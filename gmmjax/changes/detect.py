@@ -54,7 +54,7 @@ def detect_changes(
     """
     config = _overridden(config or DetectionConfig(), method=method, restarts=restarts, seed=seed)
     scans = Pair(Scan(before, _views(before, views_before)), Scan(after, _views(after, views_after)))
-    return DETECTORS[config.method].of(config).changes(scans, progress or silent)
+    return DETECTORS[config.method](config).changes(scans, progress or silent)
 
 
 def _overridden(config: DetectionConfig, **settings: Any) -> DetectionConfig:

@@ -89,4 +89,4 @@ def available(*, evidence: bool = True) -> tuple[Name, ...]:
 
 
 def _ours(method: str, config: DetectionConfig) -> AbstractDetector:
-    return DETECTORS[method].of(dataclasses.replace(config, method=cast(Method, method)))
+    return DETECTORS[method](dataclasses.replace(config, method=cast(Method, method)))

@@ -42,7 +42,7 @@ class Reliability:
         number = np.minimum((probability * BINS).astype(int), BINS - 1)
         return cls(
             count=np.bincount(number, minlength=BINS),
-            # Of no numbers the sums are whole ones.
+            # The bincount of an empty array is of integers, whatever the weights.
             predicted=np.bincount(number, probability, minlength=BINS).astype(float),
             true=np.bincount(number[truth], minlength=BINS),
             squared_error=float(((probability - truth) ** 2).sum()),

@@ -1,7 +1,8 @@
 """What all detectors have in common: two scans in, a detection out."""
 
 import abc
-from typing import NamedTuple, TypeVar
+import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import ArrayLike, Int
@@ -11,8 +12,6 @@ from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.progress import Progress, silent
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.pair import Pair
-
-Own = TypeVar("Own", bound="AbstractChangeDetector")
 
 
 class Scan(NamedTuple):
@@ -60,18 +59,20 @@ class AbstractDetector(abc.ABC):
         """
 
 
+@dataclasses.dataclass(frozen=True)
 class AbstractChangeDetector(AbstractDetector):
-    """A detector whose result is a full record, with probabilities."""
+    """A detector whose result is a full record, with probabilities.
+
+    Attributes:
+        config: what the user set; it is kept with the result.
+    """
+
+    config: DetectionConfig = DetectionConfig()
 
     def detect(self, scans: Pair[Scan], report: Progress = silent) -> Detection:
         """What changed; see `AbstractDetector`."""
         changes = self.changes(scans, report)
         return Detection(changes.labels_before, changes.labels_after, _moved(changes), changes)
-
-    @classmethod
-    @abc.abstractmethod
-    def of(cls: type[Own], config: DetectionConfig) -> Own:
-        """The detector with a user's settings."""
 
     @abc.abstractmethod
     def changes(self, scans: Pair[Scan], report: Progress = silent) -> Changes:

@@ -10,7 +10,6 @@ from jaxtyping import Int
 from gmmjax.changes.align.alignment import AlignedPair, AlignSettings, aligned
 from gmmjax.changes.candidates import CandidateSettings, candidates_of
 from gmmjax.changes.change import Changes
-from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.detectors.detector import AbstractChangeDetector, Scan
 from gmmjax.changes.differences import DifferenceSettings, differences_between
 from gmmjax.changes.evidence.examination import EvidenceSettings, examined, unexamined
@@ -36,7 +35,6 @@ class JointDetector(AbstractChangeDetector):
     """One mixture for both clouds, each component with its share of either; on scans with distances and evidence.
 
     Attributes:
-        config: what the user set; it is kept with the result.
         prepare: what clouds can be compared.
         align: how the clouds are brought into one frame.
         fit: how the mixture is fitted to both clouds.
@@ -46,7 +44,6 @@ class JointDetector(AbstractChangeDetector):
         objects: which changes are significant, and which of them are one moved object.
     """
 
-    config: DetectionConfig = DetectionConfig()
     prepare: CheckSettings = CheckSettings()
     align: AlignSettings = AlignSettings()
     fit: JointFitSettings = JointFitSettings()
@@ -54,11 +51,6 @@ class JointDetector(AbstractChangeDetector):
     candidates: CandidateSettings = CandidateSettings()
     evidence: EvidenceSettings = EvidenceSettings()
     objects: ObjectSettings = ObjectSettings()
-
-    @classmethod
-    def of(cls, config: DetectionConfig) -> "JointDetector":
-        """The detector with a user's settings."""
-        return cls(config)
 
     def changes(self, scans: Pair[Scan], report: Progress = silent) -> Changes:
         """What changed: prepare, align, fit, differences, candidates, evidence, objects."""

@@ -3,7 +3,7 @@
 import abc
 import dataclasses
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -23,8 +23,6 @@ from gmmjax.changes.progress import Clock, Progress, silent
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, default_noise_floor, fits_of
 from gmmjax.pair import Pair, each
-
-Own = TypeVar("Own", bound="AbstractSeparateDetector")
 
 Compared = tuple[Bool[Array, "r0 r1 k0"], Bool[Array, "r0 r1 k1"], Float[Array, "r0 r1"], Bool[Array, "r0 r1"]]
 """For each pair of restarts which Gaussians changed, the earth mover's distance, and whether it could be compared."""
@@ -58,7 +56,6 @@ class AbstractSeparateDetector(AbstractChangeDetector):
     Points and Gaussians get the mean of the votes as probability.
 
     Attributes:
-        config: what the user set; it is kept with the result.
         counts: which Gaussians have significantly more points than the other cloud in their place.
         slots: the mixtures are compared in as few slots as they fit in: programs compile for these numbers only, and
             for K_max. (): always K_max.
@@ -68,16 +65,10 @@ class AbstractSeparateDetector(AbstractChangeDetector):
         consensus: how points are labelled with the Gaussians.
     """
 
-    config: DetectionConfig = DetectionConfig()
     counts: CountSettings = CountSettings()
     slots: tuple[int, ...] = (8, 16)
     patience: float = 0.25
     consensus: ConsensusSettings = ConsensusSettings()
-
-    @classmethod
-    def of(cls: type[Own], config: DetectionConfig) -> Own:
-        """The detector with a user's settings."""
-        return cls(config)
 
     @abc.abstractmethod
     def compare(self, mixtures: Pair[GaussianMixture], points: Pair[float]) -> Compared:
