@@ -1,0 +1,74 @@
+"""Why a candidate is a change, or is none: the facts that decided, each with its part in the log odds."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+
+@dataclasses.dataclass(frozen=True)
+class Contribution:
+    """One fact of a candidate, and what it adds to the verdict.
+
+    Attributes:
+        fact: its name.
+        value: as measured, without a unit.
+        log_odds: what it adds to the log odds of a change against the likelier of the alternatives (unchanged, not
+            observed), compared with an average candidate.
+        sentence: the fact in words, such as "92 % of it lies where the other survey saw through".
+    """
+
+    fact: str
+    value: float
+    log_odds: float
+    sentence: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """The contribution as plain values."""
+        return dataclasses.asdict(self)
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> "Contribution":
+        """The contribution that `to_dict` made plain.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is no such dictionary.
+        """
+        value, log_odds = float(content["value"]), float(content["log_odds"])
+        return cls(str(content["fact"]), value, log_odds, str(content["sentence"]))
+
+
+@dataclasses.dataclass(frozen=True)
+class Explanation:
+    """The verdict on one candidate.
+
+    Attributes:
+        changed: probability that it is a change.
+        unchanged: that both surveys observed the same there, but for noise, registration error and density.
+        unobserved: that the other survey did not observe the place.
+        contributions: of all facts, those with the greatest magnitude first.
+    """
+
+    changed: float
+    unchanged: float
+    unobserved: float
+    contributions: tuple[Contribution, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The explanation as plain values."""
+        return {
+            "changed": self.changed,
+            "unchanged": self.unchanged,
+            "unobserved": self.unobserved,
+            "contributions": [contribution.to_dict() for contribution in self.contributions],
+        }
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> "Explanation":
+        """The explanation that `to_dict` made plain.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is no such dictionary.
+        """
+        contributions = tuple(Contribution.from_dict(one) for one in content["contributions"])
+        shares = (float(content[name]) for name in ("changed", "unchanged", "unobserved"))
+        return cls(*shares, contributions)
