@@ -13,6 +13,7 @@ from gmmjax.changes.evidence.coverage_edge import ReferenceSurfaces
 from gmmjax.changes.evidence.free_space import FreeSpaceSettings, Observed, Survey, observation
 from gmmjax.changes.evidence.support_planes import SupportSettings, supports
 from gmmjax.changes.evidence.view_checks import ViewCheckSettings
+from gmmjax.changes.explanation import Explanation
 from gmmjax.geometry import density_clusters
 from gmmjax.pair import Pair, each
 
@@ -65,18 +66,34 @@ class EvidenceSettings:
     view_checks: ViewCheckSettings = ViewCheckSettings()
 
 
+class Rejected(NamedTuple):
+    """A candidate of one cloud that there is no evidence for.
+
+    Attributes:
+        points: whether each point of the cloud is one of its points.
+        explanation: the verdict on it.
+    """
+
+    points: Bool[np.ndarray, " n"]
+    explanation: Explanation
+
+
 class Examined(NamedTuple):
-    """The candidates of one cloud that there is evidence for.
+    """The candidates of one cloud that there is evidence for, and those that there is none for.
 
     Attributes:
         labels: -1, or the number of the candidate.
         probability: for each restart, that the point is changed; 0 where it is unobserved.
         unobserved: whether the other survey did not observe the point's place.
+        explanations: the verdict on each candidate; empty where there was none.
+        rejected: the others, with the verdict on each.
     """
 
     labels: Int[np.ndarray, " n"]
     probability: Float[np.ndarray, "r n"]
     unobserved: Bool[np.ndarray, " n"]
+    explanations: tuple[Explanation, ...] = ()
+    rejected: tuple[Rejected, ...] = ()
 
     def without(self, unobserved: Bool[np.ndarray, " n"]) -> "Examined":
         """Without these points, which the other survey did not observe."""

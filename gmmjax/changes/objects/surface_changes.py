@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from gmmjax.changes.change import Kind
 from gmmjax.changes.differences import DetectionLimits, LocalDifference
 from gmmjax.changes.evidence.examination import Examined
-from gmmjax.changes.objects.cloud_changes import CloudChanges, change_of
+from gmmjax.changes.objects.cloud_changes import CloudChanges, change_of, rejected_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,15 +53,20 @@ def surface_changes(
     """
     probability = calibrated(examined.probability.mean(axis=0), settings)
     found = CloudChanges(probability, np.full(len(examined.labels), -1), [])
+    rejected = [rejected_of(points[one.points[member]], kind, one.explanation) for one in examined.rejected]
     for label in range(examined.labels.max(initial=-1) + 1):
         own = examined.labels == label
         deviations = significance(difference, own, limits)
+        explanation = examined.explanations[label] if examined.explanations else None
         if deviations < settings.least_significance:
+            if explanation is not None:
+                rejected.append(rejected_of(points[own[member]], kind, explanation, "not significant"))
             continue
         found.labels[own] = len(found.items)
-        found.items.append(change_of(points[own[member]], kind, float(probability[own].mean()), deviations))
+        mean = float(probability[own].mean())
+        found.items.append(change_of(points[own[member]], kind, mean, deviations, explanation))
     probability = np.where(found.labels >= 0, probability, settings.outside * probability)
-    return CloudChanges(probability[member], found.labels[member], found.items)
+    return CloudChanges(probability[member], found.labels[member], found.items, tuple(rejected))
 
 
 def calibrated(

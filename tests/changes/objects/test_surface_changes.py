@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from gmmjax.changes.differences import DetectionLimits, DifferenceSettings, LocalDifference
-from gmmjax.changes.evidence.examination import Examined
+from gmmjax.changes.evidence.examination import Examined, Rejected
 from gmmjax.changes.objects.surface_changes import SurfaceChangeSettings, calibrated, significance, surface_changes
+from tests.changes.explained import explanation
 
 LIMITS = DetectionLimits(
     spacing=0.01, median_distance=0.005, registration_error=0.001, distance=0.03, offset=0.007,
@@ -58,3 +59,24 @@ def test_significance_counts_points_without_counterpart_in_deviations():
 
 def test_calibration_moves_probabilities_away_from_a_half():
     np.testing.assert_allclose(calibrated(np.array([0.0, 0.25, 0.5, 0.75, 1.0])), [0, 1 / 28, 0.5, 27 / 28, 1])
+
+
+def test_every_candidate_keeps_its_verdict():
+    examined = EXAMINED._replace(
+        explanations=(explanation(0.8), explanation(0.6)),
+        rejected=(Rejected(np.arange(100) >= 90, explanation(0.1, 0.2)),),
+    )
+    changes = surface_changes(POINTS, MEMBER, DIFFERENCE, examined, LIMITS, "appeared")
+    assert changes.items[0].explanation == explanation(0.8)
+    by_reason = {one.reason: one for one in changes.rejected}
+    assert by_reason.keys() == {"not observed", "not significant"}
+    unseen, small = by_reason["not observed"], by_reason["not significant"]
+    assert (unseen.kind, unseen.probability, unseen.point_count) == ("appeared", 0.1, 20)
+    np.testing.assert_array_equal(unseen.mean, POINTS[180:].mean(axis=0))
+    assert (small.explanation, small.point_count) == (explanation(0.6), 20)
+
+
+def test_without_a_verdict_there_is_no_explanation():
+    changes = found()
+    assert changes.items[0].explanation is None
+    assert changes.rejected == ()
