@@ -93,7 +93,5 @@ def _rejected_rows(candidate: RejectedCandidate, longest: float) -> str:
 def _fact(fact: Contribution, longest: float) -> str:
     side = "against" if fact.log_odds < 0 else "for"
     width = 50 * abs(fact.log_odds) / longest if longest else 0.0
-    return (
-        f'<li><b>{signed(fact.log_odds)}</b><span class="bar"><span class="{side}" style="width:{width:.1f}%"></span>'
-        f"</span><span>{escape(fact.sentence)}</span></li>"
-    )
+    bar = f'<span class="bar" aria-hidden="true"><span class="{side}" style="width:{width:.1f}%"></span></span>'
+    return f"<li><b>{signed(fact.log_odds)}</b>{bar}<span>{escape(fact.sentence)}</span></li>"
