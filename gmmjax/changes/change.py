@@ -25,7 +25,7 @@ from gmmjax.changes.storage import (
 from gmmjax.errors import InputError, one_line, shown
 
 Kind = Literal["appeared", "disappeared", "moved"]
-Reason = Literal["unchanged", "not observed", "not significant"]
+Reason = Literal["unchanged", "not observed"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,8 +91,9 @@ class Change:
         box: around its points.
         partner: for a moved object, the index of the change that it was or became; else None.
         transform: for a moved object, the rigid motion [4, 4] of the object alone, from before to after; else None.
-        explanation: the facts that decided; None where none were measured: in clouds that fill volumes, without
-            evidence, and by the methods that compare mixtures. The confidence in the registration is not in it.
+        explanation: the facts that decided, of a change of several pieces those of its largest one. None where none
+            were measured: in clouds that fill volumes, without evidence, and by the methods that compare mixtures. The
+            confidence in the registration is not in it.
     """
 
     kind: Kind
@@ -152,7 +153,7 @@ class RejectedCandidate:
     Attributes:
         kind: of the change that it would be: "appeared" (its points are in the after cloud) or "disappeared".
         reason: "unchanged" (noise, registration error or density) or "not observed" by the other survey, whichever is
-            likelier; "not significant": probably a change, but of too few points or too small an offset.
+            likelier.
         probability: that it is a change nevertheless.
         point_count: how many points of the cloud belong to it.
         mean: of its points, in the unit of the clouds.

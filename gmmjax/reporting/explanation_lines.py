@@ -9,7 +9,6 @@ from gmmjax.reporting.explanations import (
     Facts,
     confidence_text,
     rejected_text,
-    side_of,
     signed,
     verdict_text,
 )
@@ -68,7 +67,7 @@ def _of_rejected(changes: Changes, width: int, settings: ExplanationSettings) ->
         place = f"{count} point{'s' * (candidate.point_count != 1)} at {centre}"
         yield from _wrapped(_heading(candidate, listed), place, width, KIND_COLORS[candidate.kind])
         limits = settings.least_log_odds, settings.facts_of_rejected
-        yield from _facts(Facts.of(candidate.explanation, *limits, side_of(candidate)), width)
+        yield from _facts(Facts.of(candidate.explanation, *limits, "against"), width)
     if left:
         yield from _wrapped("", f"{left:,} more are in report.html and changes.json.", width, "dim")
 

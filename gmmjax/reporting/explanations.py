@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from gmmjax.changes import Changes, Contribution, Explanation, RejectedCandidate
+from gmmjax.changes import Changes, Contribution, Explanation
 from gmmjax.reporting.summary import percent
 
 Side = Literal["for", "against"]
@@ -70,11 +70,6 @@ class Facts(NamedTuple):
         more = "more " if self.listed else ""
         total = signed(sum((one.log_odds for one in self.others), 0.0))
         return (total, f"{count} {more}fact{'s' * (count != 1)} together") if count else None
-
-
-def side_of(candidate: RejectedCandidate) -> Side:
-    """Whether the facts that decided on a rejected candidate speak for a change or against it."""
-    return "for" if candidate.reason == "not significant" else "against"
 
 
 def signed(log_odds: float) -> str:

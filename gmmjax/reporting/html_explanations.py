@@ -9,7 +9,6 @@ from gmmjax.reporting.explanations import (
     Side,
     confidence_text,
     rejected_text,
-    side_of,
     signed,
     verdict_text,
 )
@@ -87,7 +86,7 @@ def _rejected_rows(candidate: RejectedCandidate, longest: float) -> str:
     cells = "".join(f"<td>{escape(text)}</td>" for text in texts)
     dot = f'<i style="background:{KIND_COLORS[candidate.kind]}"></i>'
     row = f"<tr><td>{dot}{escape(candidate.kind)}</td>{cells}</tr>"
-    return row + why_row(candidate.explanation, side_of(candidate), len(REJECTED_HEADINGS), longest)
+    return row + why_row(candidate.explanation, "against", len(REJECTED_HEADINGS), longest)
 
 
 def _fact(fact: Contribution, longest: float) -> str:

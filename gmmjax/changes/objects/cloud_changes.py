@@ -62,21 +62,12 @@ def change_of(
     )
 
 
-def rejected_of(
-    points: Float[np.ndarray, "n 3"], kind: Kind, explanation: Explanation, reason: Reason | None = None
-) -> RejectedCandidate:
-    """The record of a candidate with these points that is no change: their mean and box.
-
-    Args:
-        points: of the candidate.
-        kind: of the change that it would be.
-        explanation: the verdict.
-        reason: None: the likelier one of the verdict.
-    """
-    likelier: Reason = "unchanged" if explanation.unchanged >= explanation.unobserved else "not observed"
+def rejected_of(points: Float[np.ndarray, "n 3"], kind: Kind, explanation: Explanation) -> RejectedCandidate:
+    """The record of a candidate with these points that is no change; the reason is the likelier one of the verdict."""
+    reason: Reason = "not observed" if explanation.unobserved > explanation.unchanged else "unchanged"
     return RejectedCandidate(
         kind=kind,
-        reason=reason or likelier,
+        reason=reason,
         probability=explanation.changed,
         point_count=len(points),
         mean=points.mean(axis=0),

@@ -65,7 +65,6 @@ def test_a_rejected_candidate_has_the_verdict_and_the_box_of_its_points():
     np.testing.assert_allclose(unchanged.mean, points.mean(axis=0))
     np.testing.assert_allclose(unchanged.box.extent, EXTENT, atol=0.06)
     assert rejected_of(points, "appeared", explanation(0.2, 0.3)).reason == "not observed"
-    assert rejected_of(points, "appeared", explanation(0.9, 0.1), "not significant").reason == "not significant"
 
 
 def test_rejected_candidates_of_both_clouds_are_one_list_most_probable_and_largest_first():
