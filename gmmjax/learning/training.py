@@ -118,7 +118,7 @@ def _odds_left_out(
         others = {other: own for other, own in families.items() if other != name}
         verdict = _fitted(_rows(others, names), names, penalty, settings)
         with jax.enable_x64(True):
-            odds[name] = np.asarray(verdict.log_odds(jnp.asarray(_scaled(rows, names))))
+            odds[name] = np.asarray(jax.vmap(verdict.log_odds)(jnp.asarray(_scaled(rows, names))))
     return odds
 
 
@@ -163,7 +163,7 @@ def _signed(free: Float[Array, " p"], signs: Int[Array, " f"]) -> tuple[Float[Ar
     """The weights and the bias: where a fact has a sign, it never speaks more for unobserved than for changed."""
     changed, second = free[:-2].reshape(2, -1)
     signed = jnp.stack([signs * changed, signs * (changed - second)])
-    return jnp.where(signs == 0, jnp.stack([changed, second]), signed), free[-2:]
+    return jnp.where(signs[None] == 0, jnp.stack([changed, second]), signed), free[-2:]
 
 
 @jax.jit
@@ -178,7 +178,7 @@ def _penalised(
 ) -> Float[Array, ""]:
     """The weighted negative log likelihood with the penalty of the weights."""
     weights, bias = _signed(free, signs)
-    odds = facts @ weights.T + bias
+    odds = facts @ weights.T + bias[None]
     log_probabilities = jax.nn.log_softmax(jnp.concatenate([odds, jnp.zeros_like(odds[:, :1])], axis=1), axis=1)
     likelihood = jnp.take_along_axis(log_probabilities, kind[:, None], axis=1)[:, 0]
     return -weight @ likelihood + penalty * jnp.sum(weights**2)

@@ -43,36 +43,35 @@ class Verdict(eqx.Module):
     lower: Float[Array, " f"]
     upper: Float[Array, " f"]
 
-    def terms(self, facts: Float[Array, "n f"]) -> Float[Array, "n 2 f"]:
+    def terms(self, facts: Float[Array, " f"]) -> Float[Array, "2 f"]:
         """What each fact adds to both log odds, compared with its mean; beyond what was learned as at its edge."""
         inside = jnp.clip(facts, self.lower, self.upper)
-        return self.weights * ((inside - self.centre) / self.spread)[:, None]
+        return self.weights * ((inside - self.centre) / self.spread)[None]
 
-    def beyond(self, facts: Float[Array, "n f"]) -> Float[Array, "n f"]:
+    def beyond(self, facts: Float[Array, " f"]) -> Float[Array, " f"]:
         """How far each fact is beyond those that the weights were learned from, in widths of their range."""
         outside = jnp.maximum(facts - self.upper, self.lower - facts)
         return jnp.maximum(outside, 0.0) / jnp.maximum(self.upper - self.lower, self.spread)
 
-    def log_odds(self, facts: Float[Array, "n f"]) -> Float[Array, "n 2"]:
+    def log_odds(self, facts: Float[Array, " f"]) -> Float[Array, " 2"]:
         """The log odds of changed, and of not observed, each against unchanged."""
-        return self.bias + self.terms(facts).sum(axis=2)
+        return self.bias + self.terms(facts).sum(axis=1)
 
-    def log_probabilities(self, facts: Float[Array, "n f"]) -> Float[Array, "n 3"]:
-        """Log probabilities of changed, not observed and unchanged, of candidates like those that were learned from."""
-        odds = self.log_odds(facts)
-        return jax.nn.log_softmax(jnp.concatenate([odds, jnp.zeros_like(odds[:, :1])], axis=1), axis=1)
+    def log_probabilities(self, facts: Float[Array, " f"]) -> Float[Array, " 3"]:
+        """Log probabilities of changed, not observed and unchanged, for a candidate like those that were learned from."""
+        return jax.nn.log_softmax(jnp.append(self.log_odds(facts), 0.0))
 
-    def probabilities(self, facts: Float[Array, "n f"]) -> Float[Array, "n 3"]:
+    def probabilities(self, facts: Float[Array, " f"]) -> Float[Array, " 3"]:
         """Probabilities of changed, not observed and unchanged.
 
         The further a fact is beyond all that was learned, the nearer that of a change is to one half; the others keep
         their ratio.
         """
         learned = jnp.exp(self.log_probabilities(facts))
-        trust = 1 / (1 + self.beyond(facts).max(axis=1))
-        changed = 0.5 + trust * (learned[:, 0] - 0.5)
-        others = learned[:, 1:] / jnp.maximum(learned[:, 1:].sum(axis=1, keepdims=True), jnp.finfo(learned.dtype).tiny)
-        return jnp.concatenate([changed[:, None], others * (1 - changed)[:, None]], axis=1)
+        trust = 1 / (1 + self.beyond(facts).max())
+        changed = 0.5 + trust * (learned[0] - 0.5)
+        others = learned[1:] / jnp.maximum(learned[1:].sum(), jnp.finfo(learned.dtype).tiny)
+        return jnp.concatenate([changed[None], others * (1 - changed)])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,7 +113,7 @@ def judged(verdict: Verdict, measured: Sequence[Mapping[str, float]]) -> Judgeme
 def _judge(
     verdict: Verdict, facts: Float[Array, "b f"]
 ) -> tuple[Float[Array, "b 3"], Float[Array, "b 2 f"], Float[Array, "b f"]]:
-    return verdict.probabilities(facts), verdict.terms(facts), verdict.beyond(facts)
+    return jax.vmap(lambda own: (verdict.probabilities(own), verdict.terms(own), verdict.beyond(own)))(facts)
 
 
 def _explanation(

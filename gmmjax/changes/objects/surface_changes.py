@@ -48,7 +48,8 @@ def surface_changes(
     """
     labels, looks_changed = examined.labels, calibrated(examined.looks_changed, settings)
     probability = settings.outside * looks_changed
-    probability[examined.unobserved] = 0.0
+    for rows, explanation in examined.rejected:
+        probability[rows] = explanation.changed
     items = []
     for label, (of_change, why) in enumerate(zip(examined.probability, examined.explanations, strict=True)):
         own = labels == label

@@ -7,7 +7,11 @@ from types import MappingProxyType
 import numpy as np
 
 from gmmjax.errors import check_choice
+from gmmjax.scenes.families.apartments import apartments
+from gmmjax.scenes.families.corridors import corridors
+from gmmjax.scenes.families.halls import halls
 from gmmjax.scenes.families.rooms import kitchens, rooms
+from gmmjax.scenes.families.station import station
 from gmmjax.scenes.surveyed_scene import SurveyedScene
 
 # What each family's name makes from a random generator.
@@ -15,6 +19,10 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator], SurveyedScene]] = Mapping
     {
         "rooms": rooms,
         "kitchens": kitchens,
+        "station": station,
+        "corridors": corridors,
+        "halls": halls,
+        "apartments": apartments,
     }
 )
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,7 @@ from gmmjax.scenes.objects import StandingObject
 from gmmjax.scenes.ray_casting import UNLABELLED, Solid
 
 
+@runtime_checkable
 class Place(Protocol):
     """Somewhere that things can be."""
 
