@@ -48,19 +48,18 @@ def surface_changes(
     """
     labels, looks_changed = examined.labels, calibrated(examined.looks_changed, settings)
     probability = settings.outside * looks_changed
-    for rows, explanation in examined.rejected:
-        probability[rows] = explanation.changed
+    rejected = []
+    for rows, why_not in examined.rejected:
+        probability[rows] = why_not.changed
+        own = np.zeros(len(labels), bool)
+        own[rows] = True
+        rejected.append(rejected_of(points[own[member]], kind, why_not))
     items = []
     for label, (of_change, why) in enumerate(zip(examined.probability, examined.explanations, strict=True)):
         own = labels == label
         probability[own] = of_change
         deviations = significance(difference, own, limits)
         items.append(change_of(points[own[member]], kind, float(of_change), deviations, why))
-    rejected = []
-    for rows, why_not in examined.rejected:
-        own = np.zeros(len(labels), bool)
-        own[rows] = True
-        rejected.append(rejected_of(points[own[member]], kind, why_not))
     return CloudChanges(probability[member], labels[member], items, tuple(rejected))
 
 

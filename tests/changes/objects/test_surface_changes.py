@@ -44,13 +44,11 @@ def test_changes_and_their_points_have_the_probability_of_the_verdict():
     np.testing.assert_array_equal(changes.probability[:140], np.repeat([0.97, 0.6], [120, 20]))
 
 
-def test_points_of_no_change_are_hardly_probable():
-    outside = found().probability[140:]
-    np.testing.assert_allclose(outside[:50], 0.05 * calibrated(np.full(50, 0.6)))
-    # Nothing is known of what was not observed.
-    np.testing.assert_array_equal(outside[50:], 0.0)
-    as_measured = found(SurfaceChangeSettings(sharpening=1.0, outside=1.0)).probability[140:]
-    np.testing.assert_allclose(as_measured[:50], 0.6)
+def test_points_of_no_candidate_are_hardly_probable():
+    outside = np.repeat(np.arange(100), 2) >= 95
+    np.testing.assert_allclose(found().probability[outside], 0.05 * calibrated(np.full(10, 0.6)))
+    as_measured = found(SurfaceChangeSettings(sharpening=1.0, outside=1.0))
+    np.testing.assert_allclose(as_measured.probability[outside], 0.6)
 
 
 def test_every_candidate_keeps_its_verdict():
@@ -60,6 +58,7 @@ def test_every_candidate_keeps_its_verdict():
     assert (rejected.kind, rejected.reason, rejected.probability) == ("appeared", "unchanged", 0.1)
     assert rejected.explanation == explanation(0.1, 0.8)
     assert rejected.point_count == 30
+    np.testing.assert_array_equal(changes.probability[160:190], 0.1)
     np.testing.assert_array_equal(rejected.mean, POINTS[160:190].mean(axis=0))
 
 
