@@ -1,4 +1,5 @@
 import csv
+import dataclasses
 import errno
 import io
 import json
@@ -17,6 +18,7 @@ from gmmjax.changes import Changes
 from gmmjax.cli import compilation_cache, main
 from gmmjax.clouds import read_cloud, write_ply
 from gmmjax.reporting import read_mixture
+from tests.changes.explained import rejected
 
 QUICK = ["--restarts", "2", "--max-components", "8"]
 MEANS = np.array([[0, 0, 0], [5, 0, 0], [0, 5, 1], [5, 5, 1], [2, 10, 3]])
@@ -120,6 +122,16 @@ def test_the_table_says_what_was_found_dropped_and_written(scans, tmp_path, caps
     assert "1 row of the before cloud" in captured.out
     assert str(tmp_path / "a") in captured.out
     assert not captured.err
+
+
+def test_explain_reaches_the_terminal(scans, result, tmp_path, capsys, monkeypatch):
+    changes = dataclasses.replace(Changes.load(result), rejected=(rejected(),))
+    monkeypatch.setattr("gmmjax.changes.detect_changes", lambda *clouds, **settings: changes)
+    assert main(["detect", *scans, "--out", str(tmp_path / "a"), "--explain"]) == 0
+    assert "\n1 candidate was rejected:\n● disappeared   20 %  unchanged" in capsys.readouterr().out
+    assert main(["detect", *scans, "--out", str(tmp_path / "b")]) == 0
+    assert "\n1 candidate was rejected; --explain says why.\n" in capsys.readouterr().out
+    assert Changes.load(tmp_path / "b").rejected[0].explanation == changes.rejected[0].explanation
 
 
 def test_quiet_prints_nothing(scans, tmp_path, capsys):

@@ -8,6 +8,8 @@ from gmmjax.changes.change import Box as Box
 from gmmjax.changes.change import Change as Change
 from gmmjax.changes.change import Changes as Changes
 from gmmjax.changes.change import Kind as Kind
+from gmmjax.changes.change import Reason as Reason
+from gmmjax.changes.change import RejectedCandidate as RejectedCandidate
 from gmmjax.changes.config import METHODS as METHODS
 from gmmjax.changes.config import PRIOR_LEAVES as PRIOR_LEAVES
 from gmmjax.changes.config import DetectionConfig as DetectionConfig
@@ -40,6 +42,8 @@ from gmmjax.changes.evidence.verdict_file import Verdicts as Verdicts
 from gmmjax.changes.evidence.verdict_file import read_verdicts as read_verdicts
 from gmmjax.changes.evidence.verdict_file import shipped_verdicts as shipped_verdicts
 from gmmjax.changes.evidence.verdict_file import write_verdicts as write_verdicts
+from gmmjax.changes.explanation import Contribution as Contribution
+from gmmjax.changes.explanation import Explanation as Explanation
 from gmmjax.changes.fit.joint_mixture import JointMixture as JointMixture
 from gmmjax.changes.fit.joint_mixture import component_posterior as component_posterior
 from gmmjax.changes.fit.joint_mixture import density_ratio as density_ratio

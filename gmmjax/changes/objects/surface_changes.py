@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from gmmjax.changes.change import Kind
 from gmmjax.changes.differences import DetectionLimits, LocalDifference
 from gmmjax.changes.evidence.examination import Examined
-from gmmjax.changes.objects.cloud_changes import CloudChanges, change_of
+from gmmjax.changes.objects.cloud_changes import CloudChanges, change_of, rejected_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,15 +48,19 @@ def surface_changes(
     """
     labels, looks_changed = examined.labels, calibrated(examined.looks_changed, settings)
     probability = settings.outside * looks_changed
-    for rows, explanation in examined.rejected:
-        probability[rows] = explanation.changed
+    rejected = []
+    for rows, why_not in examined.rejected:
+        probability[rows] = why_not.changed
+        own = np.zeros(len(labels), bool)
+        own[rows] = True
+        rejected.append(rejected_of(points[own[member]], kind, why_not))
     items = []
-    for label, of_change in enumerate(examined.probability):
+    for label, (of_change, why) in enumerate(zip(examined.probability, examined.explanations, strict=True)):
         own = labels == label
         probability[own] = of_change
         deviations = significance(difference, own, limits)
-        items.append(change_of(points[own[member]], kind, float(of_change), deviations))
-    return CloudChanges(probability[member], labels[member], items)
+        items.append(change_of(points[own[member]], kind, float(of_change), deviations, why))
+    return CloudChanges(probability[member], labels[member], items, tuple(rejected))
 
 
 def calibrated(
