@@ -29,9 +29,9 @@ class DifferenceSettings:
             0: thick surfaces, such as vegetation, look changed.
         offsets: offset from the other cloud's plane, in registration errors, and in standard deviations of the offset
             there. It must be positive.
-        overlap: distance to the other cloud, in spacings there, up to which a point is of the overlap of both clouds; the
-            usual distances and offsets are those of the overlap. Infinite: at half overlap half of the points have no
-            counterpart, and every change is within the usual distance.
+        overlap: distance to the other cloud, in spacings there, up to which a point is of the overlap of both clouds,
+            whose median distances and offsets count. Infinite: at half overlap half of the points have no counterpart,
+            and every change is within the median distance.
         least_overlap: fraction of a cloud that is of the overlap, at least; of less, all points are taken. 0: of clouds
             that lie far apart, a few points that meet by chance are taken.
         finest_offset: least registration error, in point spacings, for surfaces without noise such as computed planes.

@@ -16,7 +16,7 @@ def without_unobserved(
     labels: Pair[Int[np.ndarray, " _"]],
     config: DetectionConfig = DetectionConfig(),
 ) -> Pair[Int[np.ndarray, " _"]]:
-    """The labels without those segments that the verdict of "joint" turns down, by the same facts as its own candidates.
+    """The labels without those segments that the verdict of "joint" turns down, by the facts of its own candidates.
 
     The clouds are taken as they are, without registration. Clouds that fill volumes hide nothing: all their segments
     stay.

@@ -64,16 +64,14 @@ def rows_of(pair: LabelledPair, config: DetectionConfig = DetectionConfig()) -> 
     if not of_poses:
         return Pair(CandidateRows.none(poses=False), CandidateRows.none(poses=True))
     truths = each(_truth_of, clouds, members)
-    unknown, given = (
-        CandidateRows.joined(
-            [
-                *each(lambda own, truth: _rows(own, truth, poses=poses), candidates, truths),
-            ],
-            poses=poses,
-        )
-        for poses, candidates in zip((False, True), of_poses, strict=True)
-    )
-    return Pair(unknown, given)
+    unknown, given = of_poses
+    return Pair(_rows_of_both(unknown, truths, poses=False), _rows_of_both(given, truths, poses=True))
+
+
+def _rows_of_both(candidates: Pair[list[Candidate]], truths: Pair[_Truth], *, poses: bool) -> CandidateRows:
+    """The rows of the candidates of both clouds."""
+    parts = each(lambda own, truth: _rows(own, truth, poses=poses), candidates, truths)
+    return CandidateRows.joined([*parts], poses=poses)
 
 
 def _truth_of(cloud: LabelledCloud, member: np.ndarray) -> _Truth:

@@ -1,5 +1,6 @@
 """How families that were left out are judged, as text: F1 and calibration over candidates."""
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -27,7 +28,7 @@ def left_out_table(families: Mapping[str, CandidateRows], left_out: LeftOut) -> 
     everything = CandidateRows(*(np.concatenate(own) for own in zip(*joined.values(), strict=True)))
     lines += [_row("all", everything, pooled), "", "| probability | candidates | mean | true |", "|---|---|---|---|"]
     changed = everything.kind == CHANGED
-    for lower, upper in zip(EDGES[:-1], EDGES[1:], strict=True):
+    for lower, upper in itertools.pairwise(EDGES):
         own = (pooled >= lower) & ((pooled < upper) | (upper == 1.0))
         if own.any():
             lines.append(f"| {lower} to {upper} | {own.sum()} | {pooled[own].mean():.3f} | {changed[own].mean():.3f} |")

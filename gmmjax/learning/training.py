@@ -134,7 +134,8 @@ def _rows(families: Mapping[str, CandidateRows], names: Sequence[str]) -> _Rows:
 
 
 def _scaled(rows: CandidateRows, names: Sequence[str]) -> Float[np.ndarray, "n f"]:
-    columns = [[FACTS[name].scaled(value) for value in column] for name, column in zip(names, rows.values.T, strict=True)]
+    by_name = zip(names, rows.values.T, strict=True)
+    columns = [[FACTS[name].scaled(value) for value in column] for name, column in by_name]
     return np.array(columns).T.reshape(len(rows.kind), len(names))
 
 
@@ -154,7 +155,8 @@ def _fitted(rows: _Rows, names: Sequence[str], penalty: float, settings: Trainin
             value, gradient = _penalised(jnp.asarray(free), *arguments, penalty)
             return float(value), np.asarray(gradient)
 
-        best = minimize(objective, free, jac=True, bounds=bounds, method="L-BFGS-B", options={"maxiter": settings.most_steps})
+        options = {"maxiter": settings.most_steps}
+        best = minimize(objective, free, jac=True, bounds=bounds, method="L-BFGS-B", options=options)
         weights, bias = _signed(jnp.asarray(best.x), arguments[-1])
     return Verdict(tuple(names), np.asarray(weights), np.asarray(bias), centre, spread, lower, upper)
 

@@ -1,7 +1,8 @@
-"""One candidate with all that facts are measured from: its points, the surfaces beside it, and what is there instead."""
+"""One candidate with all that facts are measured from: its points, and what of both clouds surrounds them."""
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -170,7 +171,7 @@ class Candidate:
 
     @functools.cached_property
     def to_opposite(self) -> Float[np.ndarray, " m"]:
-        """Distance of its points to the nearest point of a candidate of the other cloud, in spacings; inf without one."""
+        """Distance of its points to the nearest point of a candidate of the other cloud, in spacings, or inf."""
         return np.asarray(self.surroundings.opposite.query(self.points)[0] / self.spacing)
 
     @property
@@ -219,5 +220,5 @@ def candidates_in(surroundings: Surroundings) -> list[Candidate]:
     starts = np.searchsorted(labels[order], np.arange(labels.max(initial=-1) + 2))
     return [
         Candidate(order[first:last], number, surroundings)
-        for number, (first, last) in enumerate(zip(starts[:-1], starts[1:], strict=True))
+        for number, (first, last) in enumerate(itertools.pairwise(starts))
     ]

@@ -1,7 +1,7 @@
 """The facts of a candidate: what the verdict is made from. A function each, without a unit.
 
-The function measures a plain quantity, which the sentence puts into words. The verdict sees it on a scale on which equal
-steps mean about the same: shares as they are, counts and ratios by their logarithm.
+The function measures a plain quantity, which the sentence puts into words. The verdict sees it on a scale on which
+equal steps mean about the same: shares as they are, counts and ratios by their logarithm.
 """
 
 import math

@@ -1,14 +1,14 @@
-"""Candidates cut into pieces that are one thing each: what continues a surface beside it is not the object before it."""
+"""Candidates cut into pieces that are one thing each: an object, and the wall behind it that it occluded."""
 
 import dataclasses
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
 
 from gmmjax.changes.evidence.continuation import Continuation, ContinuationSettings, continuation
 from gmmjax.changes.evidence.coverage_edge import ReferenceSurfaces
 from gmmjax.geometry import density_clusters, nearest_neighbours
-from scipy.spatial import cKDTree
 
 
 @dataclasses.dataclass(frozen=True)

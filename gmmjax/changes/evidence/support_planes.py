@@ -105,14 +105,10 @@ class _Segment:
         if (least > upper + reach).any() or (greatest < lower - reach).any():
             return False
         plane, noise = self.plane
-        return plane is not None and _stands_on(
-            change.points, self.points, plane, noise, self.spacing, self.settings
-        )
+        return plane is not None and _stands_on(change.points, self.points, plane, noise, self.spacing, self.settings)
 
 
-def _segments(
-    points: np.ndarray, labels: np.ndarray, spacing: float, settings: SupportSettings
-) -> dict[int, _Segment]:
+def _segments(points: np.ndarray, labels: np.ndarray, spacing: float, settings: SupportSettings) -> dict[int, _Segment]:
     return {
         int(label): _Segment(points[labels == label], spacing, settings) for label in np.unique(labels[labels >= 0])
     }

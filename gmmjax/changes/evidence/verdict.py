@@ -58,7 +58,7 @@ class Verdict(eqx.Module):
         return self.bias + self.terms(facts).sum(axis=1)
 
     def log_probabilities(self, facts: Float[Array, " f"]) -> Float[Array, " 3"]:
-        """Log probabilities of changed, not observed and unchanged, for a candidate like those that were learned from."""
+        """Log probabilities of changed, not observed and unchanged, for candidates like those learned from."""
         return jax.nn.log_softmax(jnp.append(self.log_odds(facts), 0.0))
 
     def probabilities(self, facts: Float[Array, " f"]) -> Float[Array, " 3"]:

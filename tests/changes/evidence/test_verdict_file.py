@@ -52,5 +52,5 @@ def test_a_file_that_cannot_be_used_is_refused_by_name(tmp_path, change, message
 
 def test_detection_names_the_file_that_it_cannot_use(tmp_path):
     floor = np.random.default_rng(0).uniform(size=(2000, 3)) * [1, 1, 0]
-    with pytest.raises(InputError, match="none.json"):
+    with pytest.raises(InputError, match=r"none\.json"):
         detect_changes(floor, floor, config=DetectionConfig(restarts=1, verdict=str(tmp_path / "none.json")))
