@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
+from gmmjax.scenes.depth_edges import behind_edges
 from gmmjax.scenes.ray_casting import UNLABELLED, Solid, cast
 from gmmjax.surveys import Intrinsics
 
@@ -58,7 +59,7 @@ class DepthCamera:
         ranges, labels = cast(solids, pose[:3, 3], self.directions() @ pose[:3, :3].T)
         ranges = np.minimum(ranges, 2 * self.max_range)
         measured = ranges + self.noise * (0.5 + ranges / 4) * random.standard_normal(len(ranges))
-        behind = self._behind_edge(ranges)
+        behind = behind_edges(ranges.reshape(self.rows, self.columns), EDGE).ravel()
         flies = (behind > ranges) & (random.random(len(ranges)) < self.flying)
         measured = np.where(flies, ranges + random.random(len(ranges)) * (behind - ranges), measured)
         returned = (ranges > self.least_range) & (measured < self.max_range)
@@ -74,16 +75,6 @@ class DepthCamera:
         returned = np.isfinite(measured)
         directions = self.directions() @ pose[:3, :3].T
         return pose[:3, 3] + directions[returned] * measured[returned, None], labels[returned]
-
-    def _behind_edge(self, ranges: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """The range of a pixel beside where that is at least 10 cm further; the own range elsewhere."""
-        image = ranges.reshape(self.rows, self.columns)
-        behind = image.copy()
-        for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
-            for near, far in ((one, other), (other, one)):
-                jump = image[far] - image[near] > EDGE
-                behind[near] = np.where(jump, image[far], behind[near])
-        return np.asarray(behind.ravel())
 
     def _facing(self, ranges: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Cosine between each ray and the surface's normal, from the neighbouring pixels; 1 at edges and borders."""
