@@ -34,7 +34,7 @@ def drawn_camera(random: np.random.Generator, pixels: float, max_range: float, e
         lost=random.uniform(0.0, 0.1),
         edge=edge,
     )
-    noise = np.exp(random.uniform(np.log(0.0007), np.log(0.006)))
+    noise = np.exp(random.uniform(np.log(0.0007), np.log(0.004)))
     blur = random.uniform(0.5, 1.5) if chance(random, 0.4) else 0.0
     return TriangulatingCamera(camera, noise, blur, distortion=random.uniform(0.0, 0.003))
 

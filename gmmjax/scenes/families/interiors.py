@@ -45,17 +45,14 @@ def surveyed_room(
         size: inner lengths along x and y, and the height, metres.
         aim: what a depth camera looks at.
     """
-    if chance(random, 0.5):
-        recordings, shift, degrees = _frames(random, arrangement, size, aim)
-    else:
-        recordings, shift, degrees = _stations(random, arrangement, size)
-    frame = Frame.drawn(random, shift=shift, degrees=degrees)
-    return surveyed_scene(arrangement.solids, recordings, frame)
+    survey = _frames if chance(random, 0.6) else _stations
+    recordings, frame, hidden_by = survey(random, arrangement, size, aim)
+    return surveyed_scene(arrangement.solids, recordings, frame, hidden_by=hidden_by)
 
 
 def _frames(
     random: np.random.Generator, arrangement: Arrangement, size: np.ndarray, aim: np.ndarray
-) -> tuple[Pair[Recording], float, float]:
+) -> tuple[Pair[Recording], Frame, float]:
     views = int(random.integers(1, 4))
     camera = drawn_camera(random, random.uniform(12_000, 36_000) / views, random.uniform(3.5, 6.0), edge=0.08)
     # Towards the middle of the room, so that the cameras stand in it.
@@ -70,12 +67,14 @@ def _frames(
     still = chance(random, 0.4)
     stands = Pair(poses, poses if still else put_up_again(random, poses, 0.03))
     recordings = each(lambda solids, own: surveyed_by(random, camera, solids, own), arrangement.solids, stands)
-    return recordings, 0.003 if still else 0.02, 0.2 if still else 1.0
+    frame = Frame.drawn(random, shift=0.003 if still else 0.02, degrees=0.2 if still else 1.0)
+    # The noise at 3 m.
+    return recordings, frame, 0.03 + 2 * 9 * camera.noise
 
 
 def _stations(
-    random: np.random.Generator, arrangement: Arrangement, size: np.ndarray
-) -> tuple[Pair[Recording], float, float]:
+    random: np.random.Generator, arrangement: Arrangement, size: np.ndarray, aim: np.ndarray
+) -> tuple[Pair[Recording], Frame, float]:
     beam = Beam(
         noise=np.exp(random.uniform(np.log(0.001), np.log(0.006))),
         max_range=30.0,
@@ -83,29 +82,40 @@ def _stations(
         lost=random.uniform(0.0, 0.05),
     )
     stations = int(random.integers(1, 3))
-    scanner = TripodScanner(beam, rays=int(random.uniform(14_000, 38_000) / stations), lowest=random.uniform(-65, -45))
+    scanner = TripodScanner(
+        beam,
+        rays=int(random.uniform(22_000, 39_000) / stations),
+        horizontal=360.0 if chance(random, 0.5) else random.uniform(190.0, 270.0),
+        lowest=random.uniform(-65, -45),
+        highest=random.uniform(30, 90),
+    )
     places = random.uniform(-0.25, 0.25, (stations, 2)) * size[:2] + [0.0, -0.1 * size[1]]
     again = places if chance(random, 0.3) else places + random.uniform(-0.4, 0.4, (stations, 2))
     height = random.uniform(1.1, 1.7)
     recordings = each(
-        lambda solids, own: scanner.recording(solids, level_poses(random, own, height), random),
+        lambda solids, own: scanner.recording(solids, level_poses(random, own, height, aim), random),
         arrangement.solids,
         Pair(places, again),
     )
-    return recordings, 0.01, 0.2
+    return recordings, Frame.drawn(random, shift=0.01, degrees=0.2), 0.03
 
 
 def level_poses(
-    random: np.random.Generator, places: Float[np.ndarray, "v 2"], height: float | Sequence[float]
+    random: np.random.Generator,
+    places: Float[np.ndarray, "v 2"],
+    height: float | Sequence[float],
+    aim: Float[np.ndarray, "3"],
 ) -> Float[np.ndarray, "v 4 4"]:
-    """Poses of a scanner that stands level, each with an azimuth of its own.
+    """Poses of a scanner that stands level and looks about where something is.
 
     Args:
-        random: of the azimuths.
+        random: of the azimuths, which are up to 0.4 off.
         places: x and y of the stations, metres.
         height: of all, or of each; in the world, metres.
+        aim: what the middle of the field of view is turned to, metres.
     """
     positions = np.column_stack([places, np.broadcast_to(height, len(places))])
-    azimuths = random.uniform(0, 2 * np.pi, len(places))
+    towards = aim[:2] - places
+    azimuths = np.arctan2(towards[:, 1], towards[:, 0]) + random.uniform(-0.4, 0.4, len(places))
     ahead = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(len(places))], axis=1)
     return np.stack([looking_at(place, place + axis) for place, axis in zip(positions, ahead, strict=True)])

@@ -43,17 +43,19 @@ def tabletop_scene(random: np.random.Generator) -> SurveyedScene:
     split = chance(random, 0.25)
     views = 1 if split else int(random.choice([1, 2, 3], p=[0.6, 0.25, 0.15]))
     pixels = random.uniform(12_000, 36_000) * (2 if split else 1) / views
-    camera = drawn_camera(random, pixels, max_range=random.uniform(2.0, 5.0), edge=0.03)
+    camera = drawn_camera(random, pixels, max_range=random.uniform(2.0, 5.0), edge=0.05)
+    # Of the noise at the far end of the table; of what lies beyond it, less is called hidden than is.
+    hidden_by = 0.012 + 6 * camera.noise + 2 * camera.distortion
     poses = _poses(random, views, half)
     if split:
         recordings = _halves(random, camera, arrangement, poses[0])
         unmoved = Frame.drawn(random, shift=0.0, degrees=0.0)
-        return surveyed_scene(arrangement.solids, recordings, unmoved, hidden_by=0.015)
+        return surveyed_scene(arrangement.solids, recordings, unmoved, hidden_by=hidden_by)
     still = chance(random, 0.5)
     stands = Pair(poses, poses if still else put_up_again(random, poses, 0.01))
     recordings = each(lambda solids, own: surveyed_by(random, camera, solids, own), arrangement.solids, stands)
     frame = Frame.drawn(random, shift=0.003 if still else 0.015, degrees=0.2 if still else 1.0)
-    return surveyed_scene(arrangement.solids, recordings, frame, hidden_by=0.015)
+    return surveyed_scene(arrangement.solids, recordings, frame, hidden_by=hidden_by)
 
 
 def _poses(random: np.random.Generator, views: int, half: np.ndarray) -> list[np.ndarray]:
