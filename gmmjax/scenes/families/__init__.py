@@ -7,10 +7,16 @@ from types import MappingProxyType
 import numpy as np
 
 from gmmjax.errors import check_choice
+from gmmjax.scenes.families.rooms import kitchens, rooms
 from gmmjax.scenes.surveyed_scene import SurveyedScene
 
 # What each family's name makes from a random generator.
-FAMILIES: Mapping[str, Callable[[np.random.Generator], SurveyedScene]] = MappingProxyType({})
+FAMILIES: Mapping[str, Callable[[np.random.Generator], SurveyedScene]] = MappingProxyType(
+    {
+        "rooms": rooms,
+        "kitchens": kitchens,
+    }
+)
 
 
 def family_scene(name: str, seed: int) -> SurveyedScene:
