@@ -1,4 +1,4 @@
-"""A depth camera that triangulates: its noise grows with the square of the range, and its frames are slowly distorted."""
+"""A depth camera that triangulates: noise that grows with the square of the range, frames that are slowly distorted."""
 
 import dataclasses
 from collections.abc import Sequence

@@ -7,7 +7,12 @@ from types import MappingProxyType
 import numpy as np
 
 from gmmjax.errors import check_choice
+from gmmjax.scenes.families.doors import doors
 from gmmjax.scenes.families.rooms import kitchens, rooms
+from gmmjax.scenes.families.small_motions import small_motions
+from gmmjax.scenes.families.tabletop import tabletop
+from gmmjax.scenes.families.terrain import terrain
+from gmmjax.scenes.families.town import town
 from gmmjax.scenes.surveyed_scene import SurveyedScene
 
 # What each family's name makes from a random generator.
@@ -15,6 +20,11 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator], SurveyedScene]] = Mapping
     {
         "rooms": rooms,
         "kitchens": kitchens,
+        "tabletop": tabletop,
+        "doors": doors,
+        "small_motions": small_motions,
+        "terrain": terrain,
+        "town": town,
     }
 )
 

@@ -13,7 +13,9 @@ from gmmjax.scenes.rigid_motions import looking_at
 from gmmjax.scenes.triangulating_camera import TriangulatingCamera
 
 
-def drawn_camera(random: np.random.Generator, pixels: float, max_range: float, edge: float) -> TriangulatingCamera:
+def triangulating_camera(
+    random: np.random.Generator, pixels: float, max_range: float, edge: float
+) -> TriangulatingCamera:
     """A random depth camera.
 
     Args:
@@ -45,8 +47,8 @@ def poses_about(
     azimuth: float,
     distance: float,
     elevation: float,
-    apart: Sequence[float],
-) -> list[Float[np.ndarray, "4 4"]]:
+    apart: Float[np.ndarray, " v"],
+) -> Float[np.ndarray, "v 4 4"]:
     """Poses on an arc about what they look at.
 
     Args:
@@ -62,31 +64,19 @@ def poses_about(
         level = np.cos(elevation) * np.array([np.cos(azimuth + angle), np.sin(azimuth + angle)])
         off = 0.03 * distance * random.standard_normal(3)
         poses.append(looking_at(aim + distance * np.array([*level, np.sin(elevation)]), aim + off))
-    return poses
-
-
-def put_up_again(
-    random: np.random.Generator, poses: Sequence[Float[np.ndarray, "4 4"]], deviation: float
-) -> list[Float[np.ndarray, "4 4"]]:
-    """Poses near by, as of a camera that was put up again; place and aim deviate on each axis, metres."""
-    there = []
-    for pose in poses:
-        position = pose[:3, 3] + deviation * random.standard_normal(3)
-        there.append(looking_at(position, pose[:3, 3] + pose[:3, 2] + deviation * random.standard_normal(3)))
-    return there
+    return np.stack(poses)
 
 
 def surveyed_by(
     random: np.random.Generator,
     camera: TriangulatingCamera,
     solids: Sequence[Solid],
-    poses: Sequence[Float[np.ndarray, "4 4"]],
+    poses: Float[np.ndarray, "v 4 4"],
 ) -> Recording:
     """A frame from each pose; the distortion is the same in all."""
     distortion = camera.distortion_of(random)
     frames = [camera.frame(solids, pose, distortion, random) for pose in poses]
-    stands = np.stack(list(poses))
-    return joined(frames, stands, stands, camera.camera.field_of_view, camera.camera.max_range)
+    return joined(frames, poses, poses, camera.camera.field_of_view, camera.camera.max_range)
 
 
 def checkerboard(camera: DepthCamera) -> Bool[np.ndarray, " n"]:

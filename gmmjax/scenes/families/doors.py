@@ -3,25 +3,19 @@
 import numpy as np
 from jaxtyping import Float
 
-from gmmjax.geometry import rigid_transform, rotation_about
-from gmmjax.scenes.families.arrangements import (
-    Arrangement,
-    FreePlaces,
-    Thing,
-    about_vertical,
-    box,
-    chance,
-    moved,
-    reach,
-    standing_on,
-)
-from gmmjax.scenes.families.furnishings import furniture
-from gmmjax.scenes.families.interiors import room, surveyed_room
+from gmmjax.geometry import rigid_transform
+from gmmjax.scenes.families.arrangements import Arrangement, chance, cuboid
+from gmmjax.scenes.families.room_surveys import surveyed_room
+from gmmjax.scenes.families.staging import Support, turned
+from gmmjax.scenes.families.things import bin_, box, cart, chair, lamp, moved, one_of, plant, table
+from gmmjax.scenes.objects import StandingObject
 from gmmjax.scenes.ray_casting import Solid
 from gmmjax.scenes.surveyed_scene import SurveyedScene
 
+_FURNITURE = one_of(bin_, box, cart, chair, chair, lamp, plant, table)
 
-def doors_scene(random: np.random.Generator) -> SurveyedScene:
+
+def doors(random: np.random.Generator) -> SurveyedScene:
     """A room with a door and cupboards with doors and drawers along one wall.
 
     One or two of them are opened or closed: leaves by 5 to 100 degrees about their hinge, drawers by 5 to 40 cm;
@@ -32,7 +26,7 @@ def doors_scene(random: np.random.Generator) -> SurveyedScene:
     """
     size = random.uniform([3.0, 2.8, 2.3], [6.0, 5.0, 2.8])
     arrangement = Arrangement()
-    arrangement.stays(room(random, size, without="back"))
+    arrangement.stays(_room(random, size))
     movable = _wall_with_door(random, arrangement, size)
     movable += _cupboards(random, arrangement, size, movable[0][0][0].centre[0])
     changes = 0 if chance(random, 1 / 3) else 1 + chance(random, 0.25)
@@ -48,9 +42,20 @@ def doors_scene(random: np.random.Generator) -> SurveyedScene:
     return surveyed_room(random, arrangement, size, aim)
 
 
+def _room(random: np.random.Generator, size: np.ndarray) -> list[Solid]:
+    """Floor and walls but for the one at the largest y, of one in two with a ceiling."""
+    wide, deep, tall = size
+    solids = [cuboid((0.0, 0.0, -0.05), (wide + 8.0, deep + 8.0, 0.1))]
+    solids += [cuboid((side * (wide / 2 + 0.05), 0.0, tall / 2), (0.1, deep + 0.2, tall)) for side in (-1, 1)]
+    solids.append(cuboid((0.0, -deep / 2 - 0.05, tall / 2), (wide, 0.1, tall)))
+    if chance(random, 0.5):
+        solids.append(cuboid((0.0, 0.0, tall + 0.05), (wide, deep, 0.1)))
+    return solids
+
+
 def _wall_with_door(
     random: np.random.Generator, arrangement: Arrangement, size: np.ndarray
-) -> list[tuple[Thing, np.ndarray]]:
+) -> list[tuple[StandingObject, np.ndarray]]:
     """The back wall about an opening, a further room behind or none, and the door with the motion it may make."""
     wide, tall = random.uniform(0.7, 1.0), random.uniform(1.9, min(2.15, size[2] - 0.1))
     left = random.uniform(-size[0] / 2 + 0.15, size[0] / 2 - 0.15 - wide)
@@ -60,7 +65,7 @@ def _wall_with_door(
     arrangement.stays(_wall(left, right, tall, size[2], back))
     if chance(random, 0.8):
         behind = back + random.uniform(1.0, 3.0)
-        arrangement.stays([box((0.0, behind, size[2] / 2), (size[0] + 4.0, 0.1, size[2]))])
+        arrangement.stays([cuboid((0.0, behind, size[2] / 2), (size[0] + 4.0, 0.1, size[2]))])
     inward = chance(random, 0.5)
     hinge = np.array([0.0, back + (0.0 if inward else 0.1), 0.0])
     handle = random.uniform(0.9, 1.1)
@@ -71,22 +76,22 @@ def _wall_with_door(
 def _wall(left: float, right: float, low: float, high: float, back: float) -> list[Solid]:
     """A piece of the back wall."""
     middle = ((left + right) / 2, back + 0.05, (low + high) / 2)
-    return [box(middle, (right - left, 0.1, high - low))]
+    return [cuboid(middle, (right - left, 0.1, high - low))]
 
 
-def _leaf(wide: float, tall: float, thick: float, handle: float, sunk: bool) -> Thing:
+def _leaf(wide: float, tall: float, thick: float, handle: float, sunk: bool) -> StandingObject:
     """A leaf from the hinge at the origin along x, whose face is at y = 0, with a handle before and behind."""
     side = 0.5 if sunk else -0.5
-    parts = [box((wide / 2, side * thick, tall / 2), (wide, thick, tall))]
+    parts = [cuboid((wide / 2, side * thick, tall / 2), (wide, thick, tall))]
     if handle > 0:
         depth = 2 * 0.05 + thick
-        parts.append(box((wide - 0.07, side * thick, handle), (0.12, depth, 0.025)))
+        parts.append(cuboid((wide - 0.07, side * thick, handle), (0.12, depth, 0.025)))
     return tuple(parts)
 
 
 def _swung(
-    random: np.random.Generator, leaf: Thing, hinge: np.ndarray, span: tuple[float, float], inward: bool
-) -> tuple[Thing, np.ndarray]:
+    random: np.random.Generator, leaf: StandingObject, hinge: np.ndarray, span: tuple[float, float], inward: bool
+) -> tuple[StandingObject, np.ndarray]:
     """A leaf with its hinge on the left or on the right, closed or ajar, and its motion by 5 to 100 degrees.
 
     Args:
@@ -108,19 +113,18 @@ def _swung(
     angles = np.radians([first, second] if abs(second - first) >= 5 else [0.0, step])
     if chance(random, 0.3):
         angles = angles[::-1]
-    standing = moved(leaf, rigid_transform(about_vertical(way * angles[0]), place))
-    turn = about_vertical(float(way * (angles[1] - angles[0])))
-    return standing, rotation_about(turn, place, place)
+    ajar, wide = (turned(float(way * angle), place) for angle in angles)
+    return moved(leaf, ajar), wide @ np.linalg.inv(ajar)
 
 
 def _mirrored(part: Solid) -> Solid:
     """A box on the other side of x = 0."""
-    return box(part.centre * [-1.0, 1.0, 1.0], part.extent)
+    return cuboid(part.centre * [-1.0, 1.0, 1.0], part.extent)
 
 
 def _cupboards(
     random: np.random.Generator, arrangement: Arrangement, size: np.ndarray, door: float
-) -> list[tuple[Thing, np.ndarray]]:
+) -> list[tuple[StandingObject, np.ndarray]]:
     """One to three cupboards along the back wall, away from the door; what moves of them, with its motion."""
     movable = []
     left = -size[0] / 2 + random.uniform(0.05, 0.3)
@@ -150,22 +154,23 @@ def _carcass(corner: np.ndarray, extent: np.ndarray) -> list[Solid]:
         ((wide / 2, deep / 2, 0.009), (wide, deep, 0.018)),
         ((wide / 2, deep / 2, tall - 0.009), (wide, deep, 0.018)),
     ]
-    return [box(corner + middle, size) for middle, size in panels]
+    return [cuboid(corner + middle, size) for middle, size in panels]
 
 
 def _fronts(
     random: np.random.Generator, arrangement: Arrangement, corner: np.ndarray, extent: np.ndarray
-) -> list[tuple[Thing, np.ndarray]]:
+) -> list[tuple[StandingObject, np.ndarray]]:
     """Drawers one above the other, or one or two leaves with shelves behind."""
     wide, deep, tall = extent
     if chance(random, 0.5):
         rows = int(random.integers(2, 6))
         step = tall / rows
         return [
-            _drawer(random, corner + [0.0, 0.0, row * step], np.array([wide, deep, step - 0.004])) for row in range(rows)
+            _drawer(random, corner + np.array([0.0, 0.0, row * step]), np.array([wide, deep, step - 0.004]))
+            for row in range(rows)
         ]
     for share in np.linspace(0, 1, int(random.integers(2, 5)))[1:-1]:
-        arrangement.stays([box(corner + [wide / 2, deep / 2, share * tall], (wide, deep - 0.04, 0.018))])
+        arrangement.stays([cuboid(corner + np.array([wide / 2, deep / 2, share * tall]), (wide, deep - 0.04, 0.018))])
     leaves = 1 if wide < 0.6 else 2
     swung = []
     for number in range(leaves):
@@ -177,7 +182,7 @@ def _fronts(
 
 def _drawer(
     random: np.random.Generator, corner: np.ndarray, extent: np.ndarray
-) -> tuple[Thing, Float[np.ndarray, "4 4"]]:
+) -> tuple[StandingObject, Float[np.ndarray, "4 4"]]:
     """A front before the cupboard with an open box behind it, something in it or nothing, and its motion."""
     wide, deep, tall = extent
     inner, low, behind = wide - 0.06, 0.6 * tall, 0.9 * deep
@@ -197,16 +202,15 @@ def _drawer(
     second = first + pulled if first + pulled <= most else max(first - pulled, 0.0)
     if abs(second - first) < 0.05:
         first, second = 0.0, pulled
-    drawer = tuple(box(corner + middle + [0.0, -first, 0.0], size) for middle, size in panels)
+    drawer = tuple(cuboid(corner + middle + [0.0, -first, 0.0], size) for middle, size in panels)
     return drawer, rigid_transform(translation=np.array([0.0, first - second, 0.0]))
 
 
 def _furnish(random: np.random.Generator, arrangement: Arrangement, size: np.ndarray) -> None:
     """Up to four pieces of furniture in the front part of the room."""
-    places = FreePlaces(np.array([size[0] / 2, size[1] / 4]), gap=0.05)
+    floor = Support(turned(0.0, (0.0, -size[1] / 4, 0.0)), (size[0], size[1] / 2))
     for _ in range(int(random.integers(0, 5))):
-        thing = furniture(random)
-        place = places.take(random, reach(thing))
-        if place is not None:
-            middle = (place[0], place[1] - size[1] / 4, 0.0)
-            arrangement.stays(moved(thing, standing_on(middle, random.uniform(0, 2 * np.pi))))
+        thing = _FURNITURE(random)
+        pose = floor.pose(random, thing)
+        if pose is not None:
+            arrangement.stays(moved(thing, pose))

@@ -7,7 +7,8 @@ from jaxtyping import Float
 
 from gmmjax.geometry import rigid_transform
 from gmmjax.pair import Pair, each
-from gmmjax.scenes.families.arrangements import Arrangement, about_vertical, chance
+from gmmjax.scenes.families.arrangements import Arrangement, chance
+from gmmjax.scenes.families.staging import turned
 from gmmjax.scenes.laser_scanner import AirborneScanner, Beam
 from gmmjax.scenes.pose_errors import PoseErrors
 from gmmjax.scenes.recording import Recording
@@ -37,7 +38,7 @@ class Flight:
         """Above the middle of each scan, looking down, the tops of the images ahead."""
         across, along = (self.edge * ((np.arange(count) + 0.5) / count - 0.5) for count in (self.lines, self.scans))
         down = np.diag([1.0, -1.0, -1.0])
-        turn = rigid_transform(about_vertical(self.heading))
+        turn = turned(self.heading, (0.0, 0.0, 0.0))
         places = [np.array([x, y, self.altitude]) for x in across for y in along]
         return np.stack([turn @ rigid_transform(down, place) for place in places])
 
@@ -50,7 +51,9 @@ class Flight:
         return AirborneScanner(beam, float(across), float(along), int(rays / self.lines / self.scans))
 
 
-def flown_over(random: np.random.Generator, arrangement: Arrangement, edge: float, beam: Beam, rays: float) -> Pair[Recording]:
+def flown_over(
+    random: np.random.Generator, arrangement: Arrangement, edge: float, beam: Beam, rays: float
+) -> Pair[Recording]:
     """An area flown over twice, not by the same lines.
 
     Args:

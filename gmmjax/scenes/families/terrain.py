@@ -7,10 +7,12 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax.geometry import rigid_transform
 from gmmjax.pair import Pair, each
-from gmmjax.scenes.families.arrangements import Arrangement, Thing, chance, moved
+from gmmjax.scenes.families.arrangements import Arrangement, chance
 from gmmjax.scenes.families.flights import flown_over
-from gmmjax.scenes.families.interiors import level_poses
+from gmmjax.scenes.families.room_surveys import level_poses
+from gmmjax.scenes.families.things import moved
 from gmmjax.scenes.laser_scanner import AirborneScanner, Beam, TripodScanner
+from gmmjax.scenes.objects import StandingObject
 from gmmjax.scenes.ray_casting import Solid
 from gmmjax.scenes.recording import Recording
 from gmmjax.scenes.rigid_motions import looking_at
@@ -18,7 +20,7 @@ from gmmjax.scenes.shapes import Ellipsoid, Ground, Vegetation
 from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
 
 
-def terrain_scene(random: np.random.Generator) -> SurveyedScene:
+def terrain(random: np.random.Generator) -> SurveyedScene:
     """A slope of 20 to 200 m, surveyed by a scanner from one or two stations, or from an aircraft.
 
     Boulders come, go and roll; ground of 5 to 40 cm (more on long slopes) is deposited or eroded; nothing changes in a
@@ -92,7 +94,7 @@ def _change(random: np.random.Generator, arrangement: Arrangement, ground: Groun
             arrangement.moves(standing, _rolled(random, ground, place, edge))
 
 
-def _rock(random: np.random.Generator, size: float) -> Thing:
+def _rock(random: np.random.Generator, size: float) -> StandingObject:
     """Of one to three ellipsoids or blocks, half in the ground at the origin."""
     parts = []
     for _ in range(int(random.integers(1, 4))):
@@ -178,7 +180,11 @@ def _stations(
         stands = Pair(places, places + again * random.standard_normal((stations, 2)))
         height = ground.heights.min() + random.uniform(0.0, 0.3) * edge
         poses = stands.map(lambda own: np.stack([looking_at(np.array([*place, height]), np.zeros(3)) for place in own]))
-    return each(lambda solids, own: scanner.recording(solids, own, random).thinned(int(stations * rays), random), arrangement.solids, poses)
+    return each(
+        lambda solids, own: scanner.recording(solids, own, random).thinned(int(stations * rays), random),
+        arrangement.solids,
+        poses,
+    )
 
 
 def _on_tripods(random: np.random.Generator, ground: Ground, places: np.ndarray) -> Float[np.ndarray, "v 4 4"]:

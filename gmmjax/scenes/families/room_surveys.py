@@ -1,37 +1,20 @@
-"""Rooms of 3 to 6 m about the origin, and how depth cameras and scanners on tripods survey them."""
+"""Surveys of rooms about the origin by depth cameras and by scanners on tripods."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from gmmjax.pair import Pair, each
-from gmmjax.scenes.families.arrangements import Arrangement, box, chance
-from gmmjax.scenes.families.depth_frames import drawn_camera, poses_about, put_up_again, surveyed_by
+from gmmjax.scenes.families.arrangements import Arrangement, chance
+from gmmjax.scenes.families.density import drawn_density
+from gmmjax.scenes.families.depth_frames import poses_about, surveyed_by, triangulating_camera
+from gmmjax.scenes.families.handheld import again
 from gmmjax.scenes.laser_scanner import Beam, TripodScanner
-from gmmjax.scenes.ray_casting import Solid
+from gmmjax.scenes.ray_casting import UNLABELLED, Solid, cast
 from gmmjax.scenes.recording import Recording
 from gmmjax.scenes.rigid_motions import looking_at
 from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
-
-
-def room(random: np.random.Generator, size: Float[np.ndarray, "3"], without: str = "") -> list[Solid]:
-    """Floor and walls, of one in two with a ceiling.
-
-    Args:
-        random: of the ceiling.
-        size: inner lengths along x and y, and the height, metres.
-        without: "back" leaves out the wall at the largest y.
-    """
-    wide, deep, tall = size
-    solids = [box((0.0, 0.0, -0.05), (wide + 8.0, deep + 8.0, 0.1))]
-    solids += [box((side * (wide / 2 + 0.05), 0.0, tall / 2), (0.1, deep + 0.2, tall)) for side in (-1, 1)]
-    solids.append(box((0.0, -deep / 2 - 0.05, tall / 2), (wide, 0.1, tall)))
-    if without != "back":
-        solids.append(box((0.0, deep / 2 + 0.05, tall / 2), (wide, 0.1, tall)))
-    if chance(random, 0.5):
-        solids.append(box((0.0, 0.0, tall + 0.05), (wide, deep, 0.1)))
-    return solids
 
 
 def surveyed_room(
@@ -47,6 +30,8 @@ def surveyed_room(
     """
     survey = _frames if chance(random, 0.6) else _stations
     recordings, frame, hidden_by = survey(random, arrangement, size, aim)
+    if chance(random, 0.3):
+        recordings = drawn_density(random, recordings)
     return surveyed_scene(arrangement.solids, recordings, frame, hidden_by=hidden_by)
 
 
@@ -54,22 +39,44 @@ def _frames(
     random: np.random.Generator, arrangement: Arrangement, size: np.ndarray, aim: np.ndarray
 ) -> tuple[Pair[Recording], Frame, float]:
     views = int(random.integers(1, 4))
-    camera = drawn_camera(random, random.uniform(12_000, 36_000) / views, random.uniform(3.5, 6.0), edge=0.08)
-    # Towards the middle of the room, so that the cameras stand in it.
-    inward = np.array([0.0, -0.2 * size[1]]) - aim[:2]
-    azimuth = float(np.arctan2(inward[1], inward[0])) + random.uniform(-0.4, 0.4)
-    apart = random.uniform(0.15, 0.4) * (np.arange(views) - (views - 1) / 2)
-    distance = random.uniform(1.3, max(1.5, min(3.2, 0.7 * size[1])))
-    poses = poses_about(random, aim, azimuth, distance, random.uniform(0.1, 0.6), list(apart))
-    margin = np.array([*(size[:2] / 2 - 0.2), size[2] - 0.2])
-    for pose in poses:
-        pose[:3, 3] = np.clip(pose[:3, 3], [-margin[0], -margin[1], 0.3], margin)
+    camera = triangulating_camera(random, random.uniform(14_000, 36_000) / views, random.uniform(3.5, 6.0), edge=0.08)
+    poses = _in_sight(arrangement.solids.before, aim, lambda: _camera_poses(random, views, size, aim))
     still = chance(random, 0.4)
-    stands = Pair(poses, poses if still else put_up_again(random, poses, 0.03))
+    stands = Pair(poses, poses if still else again(random, poses, 0.06, 2.0))
     recordings = each(lambda solids, own: surveyed_by(random, camera, solids, own), arrangement.solids, stands)
     frame = Frame.drawn(random, shift=0.003 if still else 0.02, degrees=0.2 if still else 1.0)
     # The noise at 3 m.
     return recordings, frame, 0.03 + 2 * 9 * camera.noise
+
+
+def _camera_poses(
+    random: np.random.Generator, views: int, size: np.ndarray, aim: np.ndarray
+) -> Float[np.ndarray, "v 4 4"]:
+    """Side by side within the room, on the side of its middle."""
+    inward = np.array([0.0, -0.2 * size[1]]) - aim[:2]
+    azimuth = float(np.arctan2(inward[1], inward[0])) + random.uniform(-0.6, 0.6)
+    apart = random.uniform(0.15, 0.4) * (np.arange(views) - (views - 1) / 2)
+    distance = random.uniform(1.3, max(1.5, min(3.2, 0.7 * size[1])))
+    poses = poses_about(random, aim, azimuth, distance, random.uniform(0.1, 0.8), apart)
+    margin = np.array([*(size[:2] / 2 - 0.2), size[2] - 0.2])
+    poses[:, :3, 3] = np.clip(poses[:, :3, 3], [-margin[0], -margin[1], 0.3], margin)
+    return poses
+
+
+def _in_sight(
+    solids: Sequence[Solid], aim: np.ndarray, draw: Callable[[], Float[np.ndarray, "v 4 4"]]
+) -> Float[np.ndarray, "v 4 4"]:
+    """Poses from the first of which nothing that stays hides what is looked at, where such are found."""
+    standing = [solid for solid in solids if solid.label == UNLABELLED]
+    poses = draw()
+    for _ in range(10):
+        position = poses[0, :3, 3]
+        distance = float(np.linalg.norm(aim - position))
+        first_hit, _ = cast(standing, position, (aim - position)[None] / distance)
+        if first_hit[0] > distance - 0.6 and not any(solid.contains(position[None], 0.1)[0] for solid in standing):
+            break
+        poses = draw()
+    return poses
 
 
 def _stations(
@@ -89,13 +96,18 @@ def _stations(
         lowest=random.uniform(-65, -45),
         highest=random.uniform(30, 90),
     )
-    places = random.uniform(-0.25, 0.25, (stations, 2)) * size[:2] + [0.0, -0.1 * size[1]]
-    again = places if chance(random, 0.3) else places + random.uniform(-0.4, 0.4, (stations, 2))
     height = random.uniform(1.1, 1.7)
+
+    def stands() -> Float[np.ndarray, "v 4 4"]:
+        places = random.uniform(-0.3, 0.3, (stations, 2)) * size[:2] + np.array([0.0, -0.1 * size[1]])
+        return level_poses(random, places, height, aim)
+
+    first = _in_sight(arrangement.solids.before, aim, stands)
+    second = first.copy()
+    if chance(random, 0.7):
+        second[:, :2, 3] += random.uniform(-0.4, 0.4, (stations, 2))
     recordings = each(
-        lambda solids, own: scanner.recording(solids, level_poses(random, own, height, aim), random),
-        arrangement.solids,
-        Pair(places, again),
+        lambda solids, own: scanner.recording(solids, own, random), arrangement.solids, Pair(first, second)
     )
     return recordings, Frame.drawn(random, shift=0.01, degrees=0.2), 0.03
 
