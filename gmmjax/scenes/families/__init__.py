@@ -7,9 +7,13 @@ from types import MappingProxyType
 import numpy as np
 
 from gmmjax.errors import check_choice
+from gmmjax.scenes.families.apartments import apartments
+from gmmjax.scenes.families.corridors import corridors
 from gmmjax.scenes.families.doors import doors
+from gmmjax.scenes.families.halls import halls
 from gmmjax.scenes.families.rooms import kitchens, rooms
 from gmmjax.scenes.families.small_motions import small_motions
+from gmmjax.scenes.families.station import station
 from gmmjax.scenes.families.tabletop import tabletop
 from gmmjax.scenes.families.terrain import terrain
 from gmmjax.scenes.families.town import town
@@ -25,6 +29,10 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator], SurveyedScene]] = Mapping
         "small_motions": small_motions,
         "terrain": terrain,
         "town": town,
+        "station": station,
+        "corridors": corridors,
+        "halls": halls,
+        "apartments": apartments,
     }
 )
 

@@ -12,6 +12,7 @@ def drawn_density(
     *,
     most: tuple[int, int] = (12_000, 40_000),
     least: int = 5_000,
+    fused: float = 0.7,
 ) -> Pair[Recording]:
     """The recordings fused in voxels or thinned, half of the time to densities of up to ten to one.
 
@@ -20,12 +21,13 @@ def drawn_density(
         recordings: of the two surveys.
         most: between how many points the denser one has, where it has so many.
         least: that the other one keeps.
+        fused: share of the clouds that are fused in voxels; the others keep points drawn at random.
     """
     points = int(random.uniform(*most))
     ratio = float(np.exp(random.uniform(0, np.log(10)))) if random.random() < 0.5 else 1.0
     counts = (points, max(least, int(points / ratio)))
     ordered = Pair(*(counts if random.random() < 0.5 else counts[::-1]))
-    fuses = random.random(2) < 0.7
+    fuses = random.random(2) < fused
     return each(
         lambda recording, count, fuse: _reduced(random, recording, count, bool(fuse)), recordings, ordered, Pair(*fuses)
     )

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import numpy.typing as npt
 from jaxtyping import Float
 
 from gmmjax.scenes.families.staging import Support, top_of, turned
@@ -42,7 +43,7 @@ class Interior:
     size: Float[np.ndarray, "3"]
 
 
-def between(lowest: Sequence[float], highest: Sequence[float]) -> Solid:
+def between(lowest: npt.ArrayLike, highest: npt.ArrayLike) -> Solid:
     """The box between two opposite corners."""
     corners = np.array([lowest, highest], float)
     return Solid(corners.mean(axis=0), corners[1] - corners[0])

@@ -67,7 +67,9 @@ def kitchens(random: np.random.Generator) -> SurveyedScene:
     )
     recordings = recorded(random, solids, Pair(first, second), camera)
     frame = Frame.drawn(random, shift=0.03, degrees=0.5)
-    return surveyed_scene(solids, drawn_density(random, recordings, most=(20_000, 40_000)), frame, hidden_by=0.025)
+    return surveyed_scene(
+        solids, drawn_density(random, recordings, most=(20_000, 40_000), least=12_000), frame, hidden_by=0.025
+    )
 
 
 def _panoramas(random: np.random.Generator, room: Interior, solids: Pair[list[Solid]]) -> Pair[Recording]:

@@ -22,8 +22,7 @@ def town(random: np.random.Generator) -> SurveyedScene:
     """A block of 60 to 200 m, surveyed twice from an aircraft, or by a spinning lidar on a car.
 
     Cars and containers come, go and are driven on, houses are built, extended and pulled down, trees felled; nothing
-    changes in a
-    third of the scenes. Trees show other leaves in each survey.
+    changes in a third of the scenes. Trees show other leaves in each survey.
 
     Args:
         random: of everything.
