@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from gmmjax.geometry import rigid_transform
 from gmmjax.pair import Pair, each
 from gmmjax.scenes.families.arrangements import Arrangement, chance
 from gmmjax.scenes.families.staging import turned
 from gmmjax.scenes.laser_scanner import AirborneScanner, Beam
 from gmmjax.scenes.pose_errors import PoseErrors
 from gmmjax.scenes.recording import Recording
+from gmmjax.scenes.rigid_motions import looking_down
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Flight:
         altitude: above it, metres.
         lines: flight lines, side by side.
         overlap: share of a swath that it has in common with the next.
-        heading: of the lines, radians.
+        heading: direction of the lines from the x axis, radians.
         scans: poses of each line.
     """
 
@@ -37,16 +37,15 @@ class Flight:
     def poses(self) -> Float[np.ndarray, "v 4 4"]:
         """Above the middle of each scan, looking down, the tops of the images ahead."""
         across, along = (self.edge * ((np.arange(count) + 0.5) / count - 0.5) for count in (self.lines, self.scans))
-        down = np.diag([1.0, -1.0, -1.0])
         turn = turned(self.heading, (0.0, 0.0, 0.0))
-        places = [np.array([x, y, self.altitude]) for x in across for y in along]
-        return np.stack([turn @ rigid_transform(down, place) for place in places])
+        places = [turn[:3, :3] @ [x, y, self.altitude] for x in along for y in across]
+        return np.stack([looking_down(place, self.heading) for place in places])
 
     def scanner(self, beam: Beam, rays: float) -> AirborneScanner:
         """One that covers the area with about so many rays."""
         across, along = (
             2 * np.degrees(np.arctan(self.edge * (1 + more) / count / 2 / self.altitude))
-            for count, more in ((self.lines, self.overlap), (self.scans, 0.03))
+            for count, more in ((self.lines, self.overlap), (self.scans, 0.1))
         )
         return AirborneScanner(beam, float(across), float(along), int(rays / self.lines / self.scans))
 
@@ -63,7 +62,7 @@ def flown_over(
         beam: of the scanner.
         rays: about so many of the denser survey.
     """
-    altitude = random.uniform(1.5, 6.0) * edge
+    altitude = random.uniform(2.5, 7.0) * edge
     high = dataclasses.replace(beam, max_range=2 * altitude)
     first = _flight(random, edge, altitude)
     second = _flight(random, edge, altitude * random.uniform(0.8, 1.25)) if chance(random, 0.7) else first
@@ -81,4 +80,4 @@ def flown_over(
 
 def _flight(random: np.random.Generator, edge: float, altitude: float) -> Flight:
     heading = float(random.choice([0.0, np.pi / 2, random.uniform(0, np.pi)], p=[0.4, 0.3, 0.3]))
-    return Flight(edge, altitude, int(random.integers(1, 4)), random.uniform(0.0, 0.4), heading)
+    return Flight(edge, altitude, int(random.integers(1, 4)), random.uniform(0.1, 0.5), heading)

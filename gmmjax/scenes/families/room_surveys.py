@@ -13,7 +13,7 @@ from gmmjax.scenes.families.handheld import again
 from gmmjax.scenes.laser_scanner import Beam, TripodScanner
 from gmmjax.scenes.ray_casting import UNLABELLED, Solid, cast
 from gmmjax.scenes.recording import Recording
-from gmmjax.scenes.rigid_motions import looking_at
+from gmmjax.scenes.rigid_motions import upright
 from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
 
 
@@ -129,5 +129,4 @@ def level_poses(
     positions = np.column_stack([places, np.broadcast_to(height, len(places))])
     towards = aim[:2] - places
     azimuths = np.arctan2(towards[:, 1], towards[:, 0]) + random.uniform(-0.4, 0.4, len(places))
-    ahead = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(len(places))], axis=1)
-    return np.stack([looking_at(place, place + axis) for place, axis in zip(positions, ahead, strict=True)])
+    return np.stack([upright(place, azimuth) for place, azimuth in zip(positions, azimuths, strict=True)])

@@ -10,7 +10,8 @@ from gmmjax.pair import Pair, each
 from gmmjax.scenes.families.arrangements import Arrangement, chance
 from gmmjax.scenes.families.flights import flown_over
 from gmmjax.scenes.families.room_surveys import level_poses
-from gmmjax.scenes.families.things import moved
+from gmmjax.scenes.families.staging import Support
+from gmmjax.scenes.families.things import moved, pillar
 from gmmjax.scenes.laser_scanner import AirborneScanner, Beam, TripodScanner
 from gmmjax.scenes.objects import StandingObject
 from gmmjax.scenes.ray_casting import Solid
@@ -35,8 +36,9 @@ def terrain(random: np.random.Generator) -> SurveyedScene:
     arrangement.stays([ground])
     noise = random.uniform(0.003, 0.03)
     changes = 0 if chance(random, 1 / 3) else int(random.choice([1, 2, 3], p=[0.5, 0.3, 0.2]))
+    free = Support(np.eye(4), (0.8 * edge, 0.8 * edge), gap=0.02 * edge)
     for _ in range(changes):
-        _change(random, arrangement, ground, edge)
+        _change(random, arrangement, ground, free)
     _cover(random, arrangement, ground, edge)
     beam = Beam(
         noise=noise,
@@ -76,15 +78,20 @@ def _rough(random: np.random.Generator, nodes: int, cells: np.ndarray, heights: 
     return total
 
 
-def _change(random: np.random.Generator, arrangement: Arrangement, ground: Ground, edge: float) -> None:
+def _change(random: np.random.Generator, arrangement: Arrangement, ground: Ground, free: Support) -> None:
+    """Ground more or less, or a boulder more, less or elsewhere; apart from the other changes."""
+    edge = float(ground.extent[0])
     kind = str(random.choice(["comes", "goes", "rolls", "deposit", "erosion"]))
-    if kind == "deposit":
-        arrangement.comes((_patch(random, ground, edge),))
-    elif kind == "erosion":
-        arrangement.goes((_patch(random, ground, edge),))
+    if kind in ("deposit", "erosion"):
+        patch = _patch(random, ground, free)
+        if patch is not None:
+            (arrangement.comes if kind == "deposit" else arrangement.goes)((patch,))
     else:
         boulder = _rock(random, min(random.uniform(0.03, 0.1) * edge, random.uniform(2.0, 6.0)))
-        place = _on_ground(random, ground, 0.4 * edge)
+        level = free.pose(random, boulder)
+        if level is None:
+            return
+        place = rigid_transform(level[:3, :3], _lifted(ground, level[:2, 3]))
         standing = moved(boulder, place)
         if kind == "comes":
             arrangement.comes(standing)
@@ -127,10 +134,14 @@ def _rolled(random: np.random.Generator, ground: Ground, place: np.ndarray, edge
     return np.asarray(rigid_transform(rotation, target) @ np.linalg.inv(place))
 
 
-def _patch(random: np.random.Generator, ground: Ground, edge: float) -> Ground:
-    """What lies on the ground about some place: thickest in the middle, below the ground outside."""
-    middle = random.uniform(-0.3, 0.3, 2) * edge
+def _patch(random: np.random.Generator, ground: Ground, free: Support) -> Ground | None:
+    """What lies on the ground about a free place: thickest in the middle, below the ground outside."""
+    edge = float(ground.extent[0])
     radius = random.uniform([0.03, 0.03], [0.12, 0.12]) * edge
+    pose = free.pose(random, (pillar(2 * radius.max(), 1.0),))
+    if pose is None:
+        return None
+    middle = pose[:2, 3]
     thickness = random.uniform(0.05, 0.4) * max(1.0, edge / 60)
     nodes = 41
     steps = np.linspace(-1.2, 1.2, nodes)
@@ -169,12 +180,12 @@ def _stations(
     rays = random.uniform(18_000, 38_000) / stations
     again = 0.0 if chance(random, 0.4) else random.uniform(0.0, 0.05) * edge
     if chance(random, 0.35):
-        scanner: TripodScanner | AirborneScanner = TripodScanner(beam, int(3 * rays), lowest=-60.0, highest=40.0)
+        scanner: TripodScanner | AirborneScanner = TripodScanner(beam, int(3.5 * rays), lowest=-60.0, highest=40.0)
         places = random.uniform(-0.3, 0.3, (stations, 2)) * edge
         stands = Pair(places, places + again * random.standard_normal((stations, 2)))
         poses = stands.map(lambda own: _on_tripods(random, ground, own))
     else:
-        scanner = AirborneScanner(beam, random.uniform(50, 80), random.uniform(35, 60), int(1.2 * rays))
+        scanner = AirborneScanner(beam, random.uniform(50, 80), random.uniform(35, 60), int(2.5 * rays))
         foot = -edge * random.uniform(0.6, 1.0)
         places = np.column_stack([random.uniform(-0.4, 0.4, stations) * edge, np.full(stations, foot)])
         stands = Pair(places, places + again * random.standard_normal((stations, 2)))

@@ -13,7 +13,7 @@ from gmmjax.scenes.objects import StandingObject
 from gmmjax.scenes.pose_errors import PoseErrors
 from gmmjax.scenes.ray_casting import Solid
 from gmmjax.scenes.recording import Recording
-from gmmjax.scenes.rigid_motions import looking_at
+from gmmjax.scenes.rigid_motions import upright
 from gmmjax.scenes.shapes import Ground, Vegetation
 from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
 
@@ -236,7 +236,7 @@ def _driven(random: np.random.Generator, arrangement: Arrangement, edge: float, 
         along = np.arange(-0.4 * edge, 0.4 * edge, step) + random.uniform(0, step)
         lane = random.uniform(-1.0, 1.0) + 0.1 * random.standard_normal(len(along))
         places = np.column_stack([along, lane, np.full(len(along), height)])
-        poses = np.stack([looking_at(place, place + np.array([1.0, 0.0, 0.0])) for place in places])
+        poses = np.stack([upright(place, 0.0) for place in places])
         return scanner.recording(solids, poses, random, drift).thinned(most, random)
 
     return each(drive, arrangement.solids)
