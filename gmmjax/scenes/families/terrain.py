@@ -40,20 +40,21 @@ def terrain(random: np.random.Generator) -> SurveyedScene:
     for _ in range(changes):
         _change(random, arrangement, ground, free)
     _cover(random, arrangement, ground, edge)
+    flown = chance(random, 0.4)
     beam = Beam(
         noise=noise,
-        growth=random.uniform(0.0, 0.0002),
+        growth=0.0 if flown else random.uniform(0.0, 0.0002),
         max_range=3 * edge,
         mixed=random.uniform(0.0, 0.3),
         edge=0.3,
         lost=random.uniform(0.0, 0.2),
     )
-    if chance(random, 0.4):
+    if flown:
         recordings = flown_over(random, arrangement, edge, beam, random.uniform(18_000, 40_000))
     else:
         recordings = _stations(random, arrangement, ground, edge, beam)
     frame = Frame.drawn(random, shift=random.uniform(0.0, 0.1), degrees=0.05)
-    return surveyed_scene(arrangement.solids, recordings, frame, hidden_by=0.03 + 3 * noise)
+    return surveyed_scene(arrangement.solids, recordings, frame, hidden_by=0.03 + 3 * (noise + beam.growth * edge))
 
 
 def _slope(random: np.random.Generator, edge: float) -> Ground:
@@ -180,7 +181,7 @@ def _stations(
     rays = random.uniform(18_000, 38_000) / stations
     again = 0.0 if chance(random, 0.4) else random.uniform(0.0, 0.05) * edge
     if chance(random, 0.35):
-        scanner: TripodScanner | AirborneScanner = TripodScanner(beam, int(3.5 * rays), lowest=-60.0, highest=40.0)
+        scanner: TripodScanner | AirborneScanner = TripodScanner(beam, int(2.5 * rays), lowest=-60.0, highest=40.0)
         places = random.uniform(-0.3, 0.3, (stations, 2)) * edge
         stands = Pair(places, places + again * random.standard_normal((stations, 2)))
         poses = stands.map(lambda own: _on_tripods(random, ground, own))
