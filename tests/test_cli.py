@@ -404,6 +404,12 @@ def test_evaluate_laboratory_surveys_a_room(capsys):
     assert evaluated(["laboratory"], capsys, *flags).splitlines()[1] == "(+1)"
 
 
+def test_evaluate_scenes_surveys_places_of_a_family(capsys):
+    flags = ["--families", "apartments", "--seeds", 1, "--poses", "unknown", "--methods", "voxels", "--json"]
+    rows = {row["condition"]: row for row in json.loads(evaluated(["scenes"], capsys, *flags))["rows"]}
+    assert rows["apartments"]["pairs"] == 1 and rows["apartments"]["group"] == "poses unknown"
+
+
 BAD_EVALUATIONS = {
     "gaussians --out a.xlsx": ".csv, .json, .md",
     "gaussians --reliability a.csv": ".html, .json, .md",
@@ -414,6 +420,8 @@ BAD_EVALUATIONS = {
     "gaussians --points 0": "--points 0",
     "gaussians --conditions (+9)*": "fits none of (+1) low; (+1) medium",
     "laboratory --conditions (+9)": "fits none of (+1); (+2)",
+    "scenes --families room": "--families room: there is no such family; choose from rooms, kitchens",
+    "scenes --seeds 0": "--seeds 0",
     "pairs nowhere": "nowhere: there is no such folder",
 }
 

@@ -10,6 +10,8 @@ from gmmjax.evaluation.detectors import Detector as Detector
 from gmmjax.evaluation.detectors import Name as Name
 from gmmjax.evaluation.detectors import available as available
 from gmmjax.evaluation.detectors import detector as detector
+from gmmjax.evaluation.families import family_pair as family_pair
+from gmmjax.evaluation.families import family_sources as family_sources
 from gmmjax.evaluation.gaussians import FAMILIES as FAMILIES
 from gmmjax.evaluation.gaussians import Condition as Condition
 from gmmjax.evaluation.gaussians import gaussian_pair as gaussian_pair

@@ -95,7 +95,7 @@ def recorded_frames(
 
 
 def joined(
-    frames: Sequence[tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]],
+    frames: Sequence[tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, " _"]]],
     poses: Float[np.ndarray, "v 4 4"],
     believed: Float[np.ndarray, "v 4 4"],
     field_of_view: tuple[float, float],

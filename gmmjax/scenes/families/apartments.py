@@ -44,28 +44,27 @@ def apartments(random: np.random.Generator) -> SurveyedScene:
     ]
     inner = cell - [0.3, 0.3, 0.0]
     interiors = [furnished_room(random, inner, middle=tuple(middle), walls=False) for middle in middles]
-    places = _stations(random, interiors)
+    scanned_rooms, places = _stations(random, interiors)
     fixed = [*_walls(random, cell, columns, rows), *(solid for room in interiors for solid in room.solids)]
-    supports: list[Place] = [room.floor for room in interiors]
-    supports += [top for room in interiors for top in room.tops]
+    # What changes in a room that nobody scanned teaches nothing.
+    supports: list[Place] = [room.floor for room in scanned_rooms]
+    supports += [top for room in scanned_rooms for top in room.tops]
     solids = staged(random, fixed, supports, _THINGS, int(random.integers(3, 9)), Turnover(appeared=4, disappeared=4))
-    height = random.uniform(1.2, 1.8)
-    poses = places.map(lambda side: stations(random, side, height))
+    poses = stations(random, places)
     scanners = drawn_scanners(random, rays=100_000)
     recordings = drawn_density(random, scanned(random, solids, poses, scanners), most=(25_000, 40_000), least=10_000)
     frame = Frame.drawn(random, shift=0.05, degrees=0.4)
     return surveyed_scene(solids, recordings, frame, hidden_by=0.04)
 
 
-def _stations(random: np.random.Generator, rooms: list[Interior]) -> Pair[list[Float[np.ndarray, "2"]]]:
-    """A free place in a room that both surveys scan, a bit apart, and now and then one of either's own in any room."""
+def _stations(
+    random: np.random.Generator, rooms: list[Interior]
+) -> tuple[list[Interior], Pair[list[Float[np.ndarray, "2"]]]]:
+    """The rooms that are scanned, and where: both surveys scan one of them, and either now and then one of its own."""
     common = int(random.integers(len(rooms)))
-
-    def side() -> list[np.ndarray]:
-        chosen = [common, *random.integers(len(rooms), size=int(random.integers(0, 2)))]
-        return [_free_place(random, rooms[int(room)]) for room in chosen]
-
-    return Pair(side(), side())
+    chosen = Pair(*([common, *random.integers(len(rooms), size=int(random.integers(0, 2)))] for _ in range(2)))
+    places = chosen.map(lambda side: [_free_place(random, rooms[int(room)]) for room in side])
+    return [rooms[int(room)] for side in chosen for room in side], places
 
 
 def _free_place(random: np.random.Generator, room: Interior) -> np.ndarray:

@@ -30,7 +30,7 @@ from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
 
 def halls(random: np.random.Generator) -> SurveyedScene:
     """Halls of 15 to 40 m in which pallets, crates and carts come, go and move, scanned from one to three stations."""
-    size = random.uniform([15.0, 8.0, 3.5], [40.0, 18.0, 7.0])
+    size = random.uniform([15.0, 8.0, 3.5], [35.0, 14.0, 6.0])
     floor = Support(np.eye(4), (float(size[0]), float(size[1])), gap=0.1)
     places = _places(random, floor)
     fixed = _hall(random, size, floor)
@@ -38,9 +38,8 @@ def halls(random: np.random.Generator) -> SurveyedScene:
         pallet, pallet, _crate, _crate, cart, stack, drum, machine, clutter, shelves, table, cupboard, tripod
     )
     solids = staged(random, fixed, [floor], things, int(random.integers(5, 20)), Turnover(appeared=4, disappeared=4))
-    height = random.uniform(1.3, 2.2)
-    poses = places.map(lambda side: stations(random, side, height))
-    scanners = drawn_scanners(random, rays=140_000)
+    poses = stations(random, places)
+    scanners = drawn_scanners(random, rays=140_000, highest=(15.0, 70.0))
     recordings = drawn_density(
         random, scanned(random, solids, poses, scanners), most=(30_000, 40_000), least=12_000, fused=0.9
     )

@@ -4,11 +4,11 @@ import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from jaxtyping import Float
 
 from gmmjax.scenes.families.staging import Support, top_of, turned
 from gmmjax.scenes.families.things import (
+    Coordinates,
     chair,
     counter,
     cupboard,
@@ -43,7 +43,7 @@ class Interior:
     size: Float[np.ndarray, "3"]
 
 
-def between(lowest: npt.ArrayLike, highest: npt.ArrayLike) -> Solid:
+def between(lowest: Coordinates, highest: Coordinates) -> Solid:
     """The box between two opposite corners."""
     corners = np.array([lowest, highest], float)
     return Solid(corners.mean(axis=0), corners[1] - corners[0])

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -13,13 +13,6 @@ from gmmjax.pair import Pair
 from gmmjax.scenes.families.things import Drawing, footprint, height, labelled, moved
 from gmmjax.scenes.objects import StandingObject
 from gmmjax.scenes.ray_casting import UNLABELLED, Solid
-
-
-class Place(Protocol):
-    """Somewhere that things can be."""
-
-    def pose(self, random: np.random.Generator, thing: StandingObject) -> Float[np.ndarray, "4 4"] | None:
-        """A free pose for the thing, which is taken from then on; None where none was found."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -91,6 +84,10 @@ class Space:
                 turn = Rotation.from_quat(random.standard_normal(4)).as_matrix()
                 return rigid_transform(turn, spot - turn @ [0.0, 0.0, half])
         return None
+
+
+# Somewhere that things can be.
+Place: TypeAlias = Support | Space
 
 
 def turned(yaw: float, at: Sequence[float]) -> Float[np.ndarray, "4 4"]:

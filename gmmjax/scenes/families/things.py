@@ -1,21 +1,23 @@
 """Furniture, vessels, luggage and clutter: tuples of solids that stand on the plane z = 0 about the origin."""
 
 import dataclasses
-from collections.abc import Callable
-from typing import TypeAlias
+from collections.abc import Callable, Sequence
+from typing import SupportsFloat, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from jaxtyping import Float
 
 from gmmjax.scenes.objects import StandingObject
 from gmmjax.scenes.ray_casting import Solid
 from gmmjax.scenes.shapes import Bowl, Cup, Ellipsoid, Vegetation
 
+# Three lengths, of any kind of numbers.
+Coordinates: TypeAlias = Sequence[SupportsFloat] | np.ndarray
+# Draws a thing.
 Drawing: TypeAlias = Callable[[np.random.Generator], StandingObject]
 
 
-def block(extent: npt.ArrayLike, at: npt.ArrayLike = (0.0, 0.0, 0.0), kind: type[Solid] = Solid) -> Solid:
+def block(extent: Coordinates, at: Coordinates = (0.0, 0.0, 0.0), kind: type[Solid] = Solid) -> Solid:
     """An upright solid.
 
     Args:
@@ -27,7 +29,7 @@ def block(extent: npt.ArrayLike, at: npt.ArrayLike = (0.0, 0.0, 0.0), kind: type
     return kind(np.array(at, float) + np.array([0.0, 0.0, size[2] / 2]), size)
 
 
-def pillar(diameter: float, height: float, at: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Solid:
+def pillar(diameter: float, height: float, at: Coordinates = (0.0, 0.0, 0.0)) -> Solid:
     """An upright cylinder on the middle of its base."""
     return dataclasses.replace(block((diameter, diameter, height), at), round=True)
 

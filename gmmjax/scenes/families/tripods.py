@@ -1,7 +1,6 @@
 """Surveys by a terrestrial scanner: where it stands, and how it measures."""
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -14,8 +13,16 @@ from gmmjax.scenes.recording import Recording
 from gmmjax.scenes.rigid_motions import upright
 
 
-def drawn_scanners(random: np.random.Generator, rays: int) -> Pair[TripodScanner]:
-    """The scanners of two surveys: one make, or two, of about so many rays together a survey."""
+def drawn_scanners(
+    random: np.random.Generator, rays: int, highest: tuple[float, float] = (60.0, 90.0)
+) -> Pair[TripodScanner]:
+    """The scanners of two surveys: one make, or two.
+
+    Args:
+        random: of everything.
+        rays: of a survey, from all of its stations together.
+        highest: between which elevations the highest rays are, degrees.
+    """
     full = random.random() < 0.75
 
     def one() -> TripodScanner:
@@ -28,18 +35,24 @@ def drawn_scanners(random: np.random.Generator, rays: int) -> Pair[TripodScanner
             lost=random.uniform(0.0, 0.05),
         )
         horizontal = 360.0 if full else random.uniform(200, 300)
-        return TripodScanner(beam, rays, horizontal, random.uniform(-65, -40), random.uniform(60, 90))
+        return TripodScanner(beam, rays, horizontal, random.uniform(-65, -40), random.uniform(*highest))
 
     first = one()
     return Pair(first, one() if random.random() < 0.4 else first)
 
 
 def stations(
-    random: np.random.Generator, places: Sequence[Float[np.ndarray, "2"]], height: float
-) -> Float[np.ndarray, "v 4 4"]:
-    """Level poses over places on the floor, looking anywhere, at about this height, metres."""
-    return np.stack(
-        [upright(np.array([*place, height + random.normal(0, 0.05)]), random.uniform(0, 2 * np.pi)) for place in places]
+    random: np.random.Generator, places: Pair[list[Float[np.ndarray, "2"]]]
+) -> Pair[Float[np.ndarray, "v 4 4"]]:
+    """Level poses over places on the floor: all look the same way within half a right angle, for sectors to overlap."""
+    height, heading = random.uniform(1.2, 2.0), random.uniform(0, 2 * np.pi)
+    return places.map(
+        lambda side: np.stack(
+            [
+                upright(np.array([*place, height + random.normal(0, 0.05)]), heading + random.uniform(-0.8, 0.8))
+                for place in side
+            ]
+        )
     )
 
 
