@@ -61,7 +61,8 @@ def _cones(start: np.ndarray, along: np.ndarray, lower: np.ndarray, upper: np.nd
     growth = slope * along[:, 2:]
     quadratic = (along[:, :2] ** 2).sum(axis=1)[:, None] - growth**2
     linear = (along[:, :2] @ start[:2])[:, None] - growth * radius
-    root = np.sqrt(linear**2 - quadratic * (start[:2] @ start[:2] - radius**2))
+    square = linear**2 - quadratic * (start[:2] @ start[:2] - radius**2)
+    root = np.sqrt(np.where(square >= 0, square, np.nan))
     least, most = np.minimum(lower[:, 1], upper[:, 1]), np.maximum(lower[:, 1], upper[:, 1])
     nearest = np.full(len(along), np.inf)
     for ranges in ((-linear - root) / quadratic, (-linear + root) / quadratic):

@@ -42,9 +42,9 @@ class TriangulatingCamera:
         self,
         solids: Sequence[Solid],
         pose: Float[np.ndarray, "4 4"],
-        distortion: Float[np.ndarray, " n"],
+        distortion: Float[np.ndarray, " pixels"],
         random: np.random.Generator,
-        pixels: Bool[np.ndarray, " n"] | None = None,
+        pixels: Bool[np.ndarray, " pixels"] | None = None,
     ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
         """The points that it returns from a pose, in the world, and the label of what each belongs to.
 

@@ -4,12 +4,11 @@ import dataclasses
 from collections.abc import Iterable
 
 import numpy as np
-import numpy.typing as npt
 from jaxtyping import Float
 
 from gmmjax.pair import Pair
 from gmmjax.scenes.families.staging import Support
-from gmmjax.scenes.families.things import labelled, moved
+from gmmjax.scenes.families.things import Coordinates, labelled, moved
 from gmmjax.scenes.objects import StandingObject
 from gmmjax.scenes.ray_casting import Solid
 
@@ -78,7 +77,7 @@ def displaced(
     return np.asarray(there @ np.linalg.inv(pose))
 
 
-def cuboid(centre: npt.ArrayLike, extent: npt.ArrayLike, yaw: float = 0.0) -> Solid:
+def cuboid(centre: Coordinates, extent: Coordinates, yaw: float = 0.0) -> Solid:
     """A box by its centre and its edge lengths, metres."""
     return Solid(np.array(centre, float), np.array(extent, float), yaw)
 
