@@ -34,7 +34,7 @@ _THINGS = one_of(
 
 
 def apartments(random: np.random.Generator) -> SurveyedScene:
-    """Two to five rooms joined by doors, scanned from one or two places each time: large shadows, partial overlap."""
+    """Two to four rooms joined by doors, scanned from one or two places each time: large shadows, partial overlap."""
     columns, rows = ((2, 1), (3, 1), (2, 2))[int(random.integers(3))]
     cell = random.uniform([3.0, 3.0, 2.4], [5.0, 4.5, 3.0])
     middles = [

@@ -69,7 +69,7 @@ def _lidars(random: np.random.Generator) -> Pair[SpinningLidar]:
 
     def one() -> SpinningLidar:
         beam = Beam(random.uniform(0.004, 0.03), 0.0, 0.4, reach, random.uniform(0, 0.15), 0.2, random.uniform(0, 0.05))
-        return SpinningLidar(beam, rings, vertical, columns=int(7000 / rings * random.uniform(0.8, 1.4)))
+        return SpinningLidar(beam, rings, vertical, columns=int(6000 / rings * random.uniform(0.8, 1.4)))
 
     return Pair(one(), one())
 

@@ -29,7 +29,7 @@ from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
 
 
 def halls(random: np.random.Generator) -> SurveyedScene:
-    """Halls of 15 to 40 m in which pallets, crates and carts come, go and move, scanned from one to three stations."""
+    """Halls of 15 to 35 m in which pallets, crates and carts come, go and move, scanned from one to three stations."""
     size = random.uniform([15.0, 8.0, 3.5], [35.0, 14.0, 6.0])
     floor = Support(np.eye(4), (float(size[0]), float(size[1])), gap=0.1)
     places = _places(random, floor)
