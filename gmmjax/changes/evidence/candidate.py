@@ -7,12 +7,12 @@ from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from gmmjax.changes.candidates import Candidates
 from gmmjax.changes.differences import DetectionLimits
 from gmmjax.changes.evidence.continuation import Continuation
-from gmmjax.geometry import evenly_chosen
+from gmmjax.geometry import evenly_chosen, plane_surface
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,6 +29,7 @@ class SurroundingsSettings:
         least_around: number of points of the other cloud within reach, at least, for the directions in which they lie
             to say anything; of fewer there are none. 0: a single stray point is a direction.
         directions: number of directions, evenly spread over the sphere, that are looked into.
+        farthest: distance to unchanged points, in spacings, at most: where there are none. Larger: the same.
         nearby: distance, in spacings, within which unchanged points tell the registration error at a candidate. Larger:
             it is that of the whole scan.
     """
@@ -39,6 +40,7 @@ class SurroundingsSettings:
     adjacent: float = 5.0
     least_around: int = 10
     directions: int = 32
+    farthest: float = 1000.0
     nearby: float = 25.0
 
 
@@ -75,6 +77,12 @@ class Surroundings:
     def unchanged_offsets(self) -> Float[np.ndarray, " u"]:
         """Offset of each of these points."""
         return self.own.difference.offset[self.own.labels < 0]
+
+    @functools.cached_property
+    def hull(self) -> Float[np.ndarray, "f 4"]:
+        """The planes of the convex hull of the other cloud: normals outwards, and offsets."""
+        # Joggled, so that a flat cloud has one, too.
+        return np.asarray(ConvexHull(self.other.data, qhull_options="QJ").equations)
 
     @functools.cached_property
     def relative_distance(self) -> Float[np.ndarray, " n"]:
@@ -160,7 +168,8 @@ class Candidate:
     @functools.cached_property
     def to_unchanged(self) -> Float[np.ndarray, " m"]:
         """Distance of its points to the nearest point of its cloud that is of no candidate, in spacings."""
-        return np.asarray(self.surroundings.unchanged.query(self.points)[0] / self.spacing)
+        distances = self.surroundings.unchanged.query(self.points)[0] / self.spacing
+        return np.asarray(np.minimum(distances, self.surroundings.settings.farthest))
 
     @functools.cached_property
     def to_other(self) -> Float[np.ndarray, " m"]:
@@ -198,6 +207,17 @@ class Candidate:
         if len(self.around) < self.surroundings.settings.least_around:
             return np.empty((0, 3))
         return np.asarray(self.around / np.linalg.norm(self.around, axis=1, keepdims=True))
+
+    @functools.cached_property
+    def beyond_hull(self) -> Float[np.ndarray, " m"]:
+        """How far its points are outside of the convex hull of the other cloud, in spacings; negative inside."""
+        planes = self.surroundings.hull
+        return np.asarray((self.points @ planes[:, :3].T + planes[:, 3]).max(axis=1) / self.spacing)
+
+    @functools.cached_property
+    def roughness(self) -> float:
+        """Standard deviation of its points from the planes through their neighbours, the median, in spacings."""
+        return plane_surface(self.points).thickness / self.spacing
 
     @functools.cached_property
     def offsets_nearby(self) -> Float[np.ndarray, " k"]:

@@ -62,13 +62,13 @@ class Continuation(NamedTuple):
         continued: the points on planes that both clouds have beside the segment, where the other cloud has a hole.
         at_edge: the points on walls at the edge of the other survey's coverage; not looked for where nearly all of the
             segment is continued.
-        shown: whether the other cloud has such a plane where the segment stands on it or covers it, and this cloud has
-            not: what the other survey observed there, the segment would have hidden.
+        shown: largest share of the segment's footprint on one of those planes where the other cloud has the plane and
+            its own has not: what the other survey observed there, the segment hides or replaces.
     """
 
     continued: Bool[np.ndarray, " m"]
     at_edge: Bool[np.ndarray, " m"]
-    shown: Bool[np.ndarray, " m"]
+    shown: float
 
     @property
     def unobserved(self) -> Bool[np.ndarray, " m"]:
@@ -94,7 +94,7 @@ def continuation(
     """
     nothing = np.zeros(len(segment), bool)
     if not reference.unchanged.n or not reference.other.n:
-        return Continuation(nothing, nothing, nothing)
+        return Continuation(nothing, nothing, 0.0)
     tree = cKDTree(segment)
     adjacent = _within(tree, reference.unchanged.data, settings.reach * reference.spacing)
     # The segment may have curved sides; the noise is that of the adjacent points, where there are any.
@@ -159,18 +159,21 @@ def _shown(
     flatness: float,
     reference: ReferenceSurfaces,
     settings: ContinuationSettings,
-) -> Bool[np.ndarray, " m"]:
-    """The points whose projection onto one of the planes falls where only the other cloud has the plane."""
-    shown = np.zeros(len(segment), bool)
-    near = settings.coverage_edge.near * reference.spacing
+) -> float:
+    """The largest share of a segment's footprint on a plane that only the other cloud has there."""
+    near, other = settings.coverage_edge.near * reference.spacing, reference.other.data
+    shares = [0.0]
     for plane in planes:
-        off_plane = plane.distance(segment) > flatness
-        if not off_plane.any():
+        on_plane = plane.distance(segment) <= flatness
+        if on_plane.mean() > settings.continued:
             continue
-        surface = reference.other.data[plane.distance(reference.other.data) <= flatness + reference.tolerance]
+        # Cells of one size: the footprint of an upright side is a line, however many points it has.
+        footprint = voxel_grid(plane.projections(segment[~on_plane]), near).points
+        surface = other[plane.distance(other) <= flatness + reference.tolerance]
         own = adjacent[plane.distance(adjacent) <= flatness + reference.tolerance]
-        shown |= off_plane & plane.near(segment, surface, near) & ~plane.near(segment, own, near)
-    return shown
+        shown = plane.near(footprint, surface, near) & ~plane.near(footprint, own, near)
+        shares.append(float(shown.mean()))
+    return max(shares)
 
 
 def _covered(

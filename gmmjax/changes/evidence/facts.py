@@ -137,7 +137,7 @@ def contact(candidate: Candidate) -> float:
 
 def apartness(candidate: Candidate) -> float:
     """Distance to the unchanged points of its own cloud, of the farthest tenth, in spacings, from 0."""
-    return _finite(float(np.quantile(candidate.to_unchanged, 0.9)), 1e3)
+    return float(np.quantile(candidate.to_unchanged, 0.9))
 
 
 def one_sided(candidate: Candidate) -> float:
@@ -181,8 +181,30 @@ def at_edge(candidate: Candidate) -> float:
 
 
 def shown(candidate: Candidate) -> float:
-    """Share of its points that stand where the other cloud shows the bare surface below, and its own none, 0 to 1."""
-    return float(candidate.continuation.shown.mean())
+    """Share of its footprint where the other cloud has the bare surface that it stands on, and its own not, 0 to 1."""
+    return candidate.continuation.shown
+
+
+def beyond(candidate: Candidate) -> float:
+    """Share of its points outside of the convex hull of the other cloud, 0 to 1."""
+    return float((candidate.beyond_hull > 1).mean())
+
+
+def roughness(candidate: Candidate) -> float:
+    """Deviation of its points from the planes through their neighbours, in spacings, from 0: foliage, flying pixels."""
+    return candidate.roughness
+
+
+def other_spacing(candidate: Candidate) -> float:
+    """Spacing of the other cloud there by its spacing elsewhere, from 0."""
+    difference = candidate.surroundings.own.difference
+    return float(np.median(difference.spacing[candidate.rows])) / candidate.spacing
+
+
+def other_roughness(candidate: Candidate) -> float:
+    """Deviation of the other cloud there from the planes through its neighbours, in spacings, from 0."""
+    difference = candidate.surroundings.own.difference
+    return float(np.median(difference.thickness[candidate.rows])) / candidate.spacing
 
 
 def supports(candidate: Candidate) -> float:
@@ -236,7 +258,7 @@ def cluster_free(candidate: Candidate) -> float:
 
 
 FACTS: dict[str, Fact] = {
-    "count": Fact(count, "it has {:.0f} points", "count", 1),
+    "count": Fact(count, "it has {:.0f} points at the resolution of the comparison", "count", 1),
     "length": Fact(length, "it is {:.0f} spacings of points long (standard deviation)", "ratio"),
     "width": Fact(width, "it is {:.1f} spacings of points wide (standard deviation)", "ratio"),
     "thickness": Fact(thickness, "it is {:.1f} spacings of points thick (standard deviation)", "ratio"),
@@ -267,7 +289,11 @@ FACTS: dict[str, Fact] = {
     "other_around": Fact(other_around, "the other scan has {:.1f} points around it for each of its own", "ratio"),
     "continued": Fact(continued, "{:.0%} of it continues surfaces that did not change", "share", -1),
     "at_edge": Fact(at_edge, "{:.0%} of it is a wall at the edge of what the other scan covers", "share", -1),
-    "shown": Fact(shown, "{:.0%} of it stands where the other scan shows the bare surface", "share", 1),
+    "shown": Fact(shown, "the other scan shows {:.0%} of the surface that it stands on bare", "share", 1),
+    "beyond": Fact(beyond, "{:.0%} of it lies outside of all that the other scan reaches", "share"),
+    "roughness": Fact(roughness, "its surface is rough by {:.1f} spacings of points", "ratio"),
+    "other_spacing": Fact(other_spacing, "the other scan is {:.1f} times as sparse there as usual", "ratio"),
+    "other_roughness": Fact(other_roughness, "the other scan is rough by {:.1f} spacings of points there", "ratio"),
     "supports": Fact(supports, "{:.0%} of it is what a change of the other scan stands on", "share", -1),
     "opposite_nearby": Fact(
         opposite_nearby, "candidates of the other scan have {:.1f} points around it for each of its own", "ratio"
@@ -327,7 +353,3 @@ def _sides(candidate: Candidate) -> tuple[float, float]:
 def _share_observed(candidate: Candidate, kind: int) -> float:
     assert candidate.observed is not None
     return float((candidate.observed == kind).mean())
-
-
-def _finite(value: float, most: float) -> float:
-    return min(value, most)
