@@ -23,6 +23,7 @@ from gmmjax.evaluation.labelled_pair import at_origin as at_origin
 from gmmjax.evaluation.labelled_pair import cloud_file as cloud_file
 from gmmjax.evaluation.labelled_pair import find_pairs as find_pairs
 from gmmjax.evaluation.labelled_pair import pair_folders as pair_folders
+from gmmjax.evaluation.labelled_pair import pair_views as pair_views
 from gmmjax.evaluation.labelled_pair import read_pair as read_pair
 from gmmjax.evaluation.laboratory import CONDITIONS as CONDITIONS
 from gmmjax.evaluation.laboratory import laboratory_sources as laboratory_sources

@@ -161,10 +161,11 @@ def _read_cloud(folder: Path, side: str) -> LabelledCloud:
     truth = _read_rows(_required(folder / f"truth_{side}.npy"), cloud, file, "iu")
     unseen_file = folder / f"unseen_{side}.npy"
     unseen = _read_rows(unseen_file, cloud, file, "b") if unseen_file.is_file() else None
-    views_files = [folder / f"views_{side}{ending}" for ending in VIEWS_ENDINGS]
-    views = next((read_views(path) for path in views_files if path.is_file()), cloud.views)
+    views = pair_views(folder, side)
     not_counted = _read_ids(folder / f"not_counted_{side}.npy")
-    return LabelledCloud(cloud.points, truth.astype(np.int64), unseen, views, not_counted)
+    return LabelledCloud(
+        cloud.points, truth.astype(np.int64), unseen, cloud.views if views is None else views, not_counted
+    )
 
 
 def _read_ids(path: Path) -> frozenset[int]:
@@ -205,6 +206,16 @@ def cloud_file(folder: Path, side: str) -> Path:
         names = ", ".join(path.name for path in files)
         raise InputError(f"{folder}: has several clouds {names}; leave the one that is meant")
     return files[0]
+
+
+def pair_views(folder: Path, side: str) -> SensorViews | None:
+    """Where the sensor stood, by the views file of one side in a pair's folder; None without one.
+
+    Raises:
+        InputError: a file that cannot be read.
+    """
+    files = [folder / f"views_{side}{ending}" for ending in VIEWS_ENDINGS]
+    return next((read_views(path) for path in files if path.is_file()), None)
 
 
 def _cloud_files(folder: Path, side: str) -> Sequence[Path]:

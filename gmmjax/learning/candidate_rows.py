@@ -1,17 +1,18 @@
 """The candidates of scenes whose changes are known: their facts, and what each is."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from gmmjax.changes import Candidate, DetectionConfig, JointDetector, Scan, measured, names_of
+from gmmjax.changes import FACTS, Candidate, DetectionConfig, JointDetector, Scan, measured, names_of
 from gmmjax.evaluation import LabelledCloud, LabelledPair
 from gmmjax.pair import Pair, each
 
-# What a candidate is; the columns of `Verdict.probabilities`.
-CHANGED, UNOBSERVED, UNCHANGED = 0, 1, 2
+# What a candidate is; the columns of `Verdict.probabilities`, and last what is one of the two before, not known which.
+CHANGED, UNOBSERVED, UNCHANGED, NOT_CHANGED = range(4)
 
 
 class CandidateRows(NamedTuple):
@@ -19,7 +20,7 @@ class CandidateRows(NamedTuple):
 
     Attributes:
         values: the facts as they were measured, in the order of `names_of`.
-        kind: what each is: `CHANGED`, `UNOBSERVED` or `UNCHANGED`.
+        kind: what each is: `CHANGED`, `UNOBSERVED`, `UNCHANGED`, or `NOT_CHANGED`: one of these two.
         points: number of its judged points.
         changed_points: number of those that changed.
     """
@@ -40,14 +41,38 @@ class CandidateRows(NamedTuple):
         """The rows of all parts, one after the other."""
         return cls(*(np.concatenate(own) for own in zip(cls.none(poses=poses), *parts, strict=True)))
 
+    def scaled(self, names: Sequence[str]) -> Float[np.ndarray, "n f"]:
+        """The facts as the verdict sees them.
+
+        Args:
+            names: of the facts, in the order of the columns.
+        """
+        by_name = zip(names, self.values.T, strict=True)
+        columns = [[FACTS[name].scaled(value) for value in column] for name, column in by_name]
+        return np.array(columns).T.reshape(len(self.kind), len(names))
+
+
+class PointTruth(NamedTuple):
+    """What is known of each point of a cloud.
+
+    Attributes:
+        judged: whether its truth counts.
+        changed: whether it changed.
+        unseen: whether the other survey could not see its place; None: not known.
+    """
+
+    judged: Bool[np.ndarray, " n"]
+    changed: Bool[np.ndarray, " n"]
+    unseen: Bool[np.ndarray, " n"] | None = None
+
 
 @dataclasses.dataclass(frozen=True)
-class _Truth:
-    """Of each working point: how many of its points are judged, changed, and could not be seen."""
+class _Counts:
+    """Of each working point: how many of its points are judged, changed, and could not be seen (None: not known)."""
 
     judged: np.ndarray
     changed: np.ndarray
-    unseen: np.ndarray
+    unseen: np.ndarray | None
 
 
 def rows_of(pair: LabelledPair, config: DetectionConfig = DetectionConfig()) -> Pair[CandidateRows]:
@@ -62,43 +87,73 @@ def rows_of(pair: LabelledPair, config: DetectionConfig = DetectionConfig()) -> 
     poses = [False, clouds.before.views is not None and clouds.after.views is not None]
     members, of_poses = JointDetector(config).cut_candidates(scans, poses=poses)
     if not of_poses:
-        return Pair(CandidateRows.none(poses=False), CandidateRows.none(poses=True))
-    truths = each(_truth_of, clouds, members)
+        return _no_rows()
+    counts = each(_counts, clouds.map(_truth_of), members)
     unknown, given = of_poses
-    return Pair(_rows_of_both(unknown, truths, poses=False), _rows_of_both(given, truths, poses=True))
+    return Pair(_rows_of_both(unknown, counts, poses=False), _rows_of_both(given, counts, poses=True))
 
 
-def _rows_of_both(candidates: Pair[list[Candidate]], truths: Pair[_Truth], *, poses: bool) -> CandidateRows:
+def rows_of_scans(
+    scans: Pair[Scan], truths: Pair[PointTruth], config: DetectionConfig = DetectionConfig()
+) -> Pair[CandidateRows]:
+    """The candidates that detection judges: those whose other survey has no views, and those whose other survey has.
+
+    Args:
+        scans: with their views, where they are known.
+        truths: of their points.
+        config: of the detection.
+    """
+    members, of_poses = JointDetector(config).cut_candidates(scans, poses=[True])
+    if not of_poses:
+        return _no_rows()
+    counts = each(_counts, truths, members)
+    (candidates,) = of_poses
+    return Pair(_rows_of_both(candidates, counts, poses=False), _rows_of_both(candidates, counts, poses=True))
+
+
+def _no_rows() -> Pair[CandidateRows]:
+    return Pair(CandidateRows.none(poses=False), CandidateRows.none(poses=True))
+
+
+def _rows_of_both(candidates: Pair[list[Candidate]], counts: Pair[_Counts], *, poses: bool) -> CandidateRows:
     """The rows of the candidates of both clouds."""
-    parts = each(lambda own, truth: _rows(own, truth, poses=poses), candidates, truths)
+    parts = each(lambda own, counted: _rows(own, counted, poses=poses), candidates, counts)
     return CandidateRows.joined([*parts], poses=poses)
 
 
-def _truth_of(cloud: LabelledCloud, member: np.ndarray) -> _Truth:
-    used = member >= 0
-    count = int(member.max()) + 1
-    judged = used & (cloud.truth >= -1) & ~np.isin(cloud.truth, list(cloud.not_counted))
-    unseen = np.zeros(len(member), bool) if cloud.unseen is None else cloud.unseen
+def _truth_of(cloud: LabelledCloud) -> PointTruth:
+    judged = (cloud.truth >= -1) & ~np.isin(cloud.truth, list(cloud.not_counted))
+    return PointTruth(judged, cloud.truth >= 0, cloud.unseen)
+
+
+def _counts(truth: PointTruth, member: np.ndarray) -> _Counts:
+    judged, count = (member >= 0) & truth.judged, int(member.max()) + 1
 
     def counted(which: np.ndarray) -> np.ndarray:
         return np.bincount(member[which], minlength=count)
 
-    return _Truth(counted(judged), counted(judged & (cloud.truth >= 0)), counted(judged & unseen))
+    unseen = None if truth.unseen is None else counted(judged & truth.unseen)
+    return _Counts(counted(judged), counted(judged & truth.changed), unseen)
 
 
-def _rows(candidates: list[Candidate], truth: _Truth, *, poses: bool) -> CandidateRows:
+def _rows(candidates: list[Candidate], counts: _Counts, *, poses: bool) -> CandidateRows:
     """The rows of the candidates of one cloud, most of whose points are judged."""
     values, kinds, points, changed = [], [], [], []
     for candidate in candidates:
         own = candidate.rows
-        judged, changes = int(truth.judged[own].sum()), int(truth.changed[own].sum())
-        if (truth.judged[own] == 0).mean() > 0.5 or (candidate.observed is None) == poses:
+        judged, changes = int(counts.judged[own].sum()), int(counts.changed[own].sum())
+        if (counts.judged[own] == 0).mean() > 0.5 or (candidate.observed is None) == poses:
             continue
-        unseen = truth.unseen[own].sum() > judged / 2
-        kinds.append(CHANGED if changes > judged / 2 else UNOBSERVED if unseen else UNCHANGED)
+        kinds.append(CHANGED if changes > judged / 2 else _unchanged_kind(counts, own, judged))
         values.append(list(measured(candidate).values()))
         points.append(judged)
         changed.append(changes)
     if not values:
         return CandidateRows.none(poses=poses)
     return CandidateRows(np.array(values), np.array(kinds), np.array(points), np.array(changed))
+
+
+def _unchanged_kind(counts: _Counts, rows: np.ndarray, judged: int) -> int:
+    if counts.unseen is None:
+        return NOT_CHANGED
+    return UNOBSERVED if counts.unseen[rows].sum() > judged / 2 else UNCHANGED

@@ -14,6 +14,7 @@ from gmmjax._typing import Array
 from gmmjax.changes import FACTS, Verdict, names_of
 from gmmjax.errors import InputError
 from gmmjax.learning.candidate_rows import CHANGED, CandidateRows
+from gmmjax.learning.objective import bounds_of, log_likelihood, signed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,7 +119,7 @@ def _odds_left_out(
         others = {other: own for other, own in families.items() if other != name}
         verdict = _fitted(_rows(others, names), names, penalty, settings)
         with jax.enable_x64(True):
-            odds[name] = np.asarray(jax.vmap(verdict.log_odds)(jnp.asarray(_scaled(rows, names))))
+            odds[name] = np.asarray(jax.vmap(verdict.log_odds)(jnp.asarray(rows.scaled(names))))
     return odds
 
 
@@ -127,16 +128,10 @@ def _rows(families: Mapping[str, CandidateRows], names: Sequence[str]) -> _Rows:
     weights = [np.full(len(rows.kind), max(len(rows.kind), 1) ** -0.5) for rows in families.values()]
     weight = np.concatenate(weights)
     return _Rows(
-        np.concatenate([_scaled(rows, names) for rows in families.values()]),
+        np.concatenate([rows.scaled(names) for rows in families.values()]),
         np.concatenate([rows.kind for rows in families.values()]),
         weight * len(weight) / weight.sum(),
     )
-
-
-def _scaled(rows: CandidateRows, names: Sequence[str]) -> Float[np.ndarray, "n f"]:
-    by_name = zip(names, rows.values.T, strict=True)
-    columns = [[FACTS[name].scaled(value) for value in column] for name, column in by_name]
-    return np.array(columns).T.reshape(len(rows.kind), len(names))
 
 
 def _fitted(rows: _Rows, names: Sequence[str], penalty: float, settings: TrainingSettings) -> Verdict:
@@ -144,10 +139,8 @@ def _fitted(rows: _Rows, names: Sequence[str], penalty: float, settings: Trainin
     lower, upper = np.quantile(rows.facts, [settings.trimmed, 1 - settings.trimmed], axis=0)
     inside = np.clip(rows.facts, lower, upper)
     centre, spread = inside.mean(axis=0), np.maximum(inside.std(axis=0), 1e-6)
-    signs = np.array([FACTS[name].change for name in names])
+    signs = np.array([float(FACTS[name].change) for name in names])
     free = np.zeros(2 * len(names) + 2)
-    # Of a fact with a sign the changed side is bounded, and so is what it has beyond the unobserved side.
-    bounds = [(0, None) if sign else (None, None) for sign in np.tile(signs, 2)] + [(None, None)] * 2
     with jax.enable_x64(True):
         arguments = [jnp.asarray(own) for own in ((inside - centre) / spread, rows.kind, rows.weight, signs)]
 
@@ -156,16 +149,9 @@ def _fitted(rows: _Rows, names: Sequence[str], penalty: float, settings: Trainin
             return float(value), np.asarray(gradient)
 
         options = {"maxiter": settings.most_steps}
-        best = minimize(objective, free, jac=True, bounds=bounds, method="L-BFGS-B", options=options)
-        weights, bias = _signed(jnp.asarray(best.x), arguments[-1])
+        best = minimize(objective, free, jac=True, bounds=bounds_of(signs), method="L-BFGS-B", options=options)
+        weights, bias = signed(jnp.asarray(best.x), arguments[-1])
     return Verdict(tuple(names), np.asarray(weights), np.asarray(bias), centre, spread, lower, upper)
-
-
-def _signed(free: Float[Array, " p"], signs: Int[Array, " f"]) -> tuple[Float[Array, "2 f"], Float[Array, " 2"]]:
-    """The weights and the bias: where a fact has a sign, it never speaks more for unobserved than for changed."""
-    changed, second = free[:-2].reshape(2, -1)
-    signed = jnp.stack([signs * changed, signs * (changed - second)])
-    return jnp.where(signs[None] == 0, jnp.stack([changed, second]), signed), free[-2:]
 
 
 @jax.jit
@@ -175,15 +161,12 @@ def _penalised(
     facts: Float[Array, "n f"],
     kind: Int[Array, " n"],
     weight: Float[Array, " n"],
-    signs: Int[Array, " f"],
+    signs: Float[Array, " f"],
     penalty: float,
 ) -> Float[Array, ""]:
     """The weighted negative log likelihood with the penalty of the weights."""
-    weights, bias = _signed(free, signs)
-    odds = facts @ weights.T + bias[None]
-    log_probabilities = jax.nn.log_softmax(jnp.concatenate([odds, jnp.zeros_like(odds[:, :1])], axis=1), axis=1)
-    likelihood = jnp.take_along_axis(log_probabilities, kind[:, None], axis=1)[:, 0]
-    return -weight @ likelihood + penalty * jnp.sum(weights**2)
+    weights, bias = signed(free, signs)
+    return -log_likelihood(weights, bias, facts, kind, weight) + penalty * jnp.sum(weights**2)
 
 
 def _cooled(verdict: Verdict, temperature: float) -> Verdict:
@@ -199,5 +182,8 @@ def _softmax(odds: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
 
 def _loss(odds: Float[np.ndarray, "n 2"], rows: _Rows) -> float:
     """The weighted mean negative log likelihood of what the candidates are."""
-    probabilities = _softmax(odds)[np.arange(len(odds)), rows.kind]
-    return float(-(rows.weight @ np.log(np.maximum(probabilities, 1e-300))) / rows.weight.sum())
+    probabilities = _softmax(odds)
+    # The last column is of candidates that did not change, by whatever reason.
+    of_kinds = np.concatenate([probabilities, probabilities[:, 1:].sum(axis=1, keepdims=True)], axis=1)
+    of_truth = of_kinds[np.arange(len(odds)), rows.kind]
+    return float(-(rows.weight @ np.log(np.maximum(of_truth, 1e-300))) / rows.weight.sum())

@@ -1,4 +1,4 @@
-"""Gradients through the fit: scores, checks, and priors tuned by gradient."""
+"""Gradients through the fit: scores, checks, and priors and verdicts tuned by gradient."""
 
 from gmmjax.changes import joint_prior as joint_prior
 from gmmjax.tuning.folders import find_tuning_pairs as find_tuning_pairs
@@ -8,9 +8,11 @@ from gmmjax.tuning.gradient_check import check_gradient as check_gradient
 from gmmjax.tuning.pair_loss import DESCRIPTIONS as DESCRIPTIONS
 from gmmjax.tuning.pair_loss import LOSSES as LOSSES
 from gmmjax.tuning.parameters import PARAMETERS as PARAMETERS
+from gmmjax.tuning.parameters import TUNABLE as TUNABLE
 from gmmjax.tuning.posterior import JointPosterior as JointPosterior
 from gmmjax.tuning.posterior import joint_posterior as joint_posterior
 from gmmjax.tuning.scan_pairs import ScanPair as ScanPair
+from gmmjax.tuning.scan_pairs import unchanged_pair as unchanged_pair
 from gmmjax.tuning.scores import brier_score as brier_score
 from gmmjax.tuning.scores import expected_f1 as expected_f1
 from gmmjax.tuning.scores import held_out_log_likelihood as held_out_log_likelihood
@@ -23,3 +25,8 @@ from gmmjax.tuning.settings import TuningSettings as TuningSettings
 from gmmjax.tuning.tune import STOPS as STOPS
 from gmmjax.tuning.tune import TuningResult as TuningResult
 from gmmjax.tuning.tune import tune as tune
+from gmmjax.tuning.tune import tune_mixture as tune_mixture
+from gmmjax.tuning.verdict_tuning import VerdictCourse as VerdictCourse
+from gmmjax.tuning.verdict_tuning import VerdictResult as VerdictResult
+from gmmjax.tuning.verdict_tuning import VerdictState as VerdictState
+from gmmjax.tuning.verdict_tuning import tune_verdict as tune_verdict

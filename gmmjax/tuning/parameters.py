@@ -17,6 +17,11 @@ ParameterName = Literal[
     "noise_floor", "tolerance", "concentration", "noise_share", "covariance_scale", "degrees_of_freedom"
 ]
 PARAMETERS: tuple[ParameterName, ...] = get_args(ParameterName)
+# The parameters of the verdict on scans, all together.
+Verdict = Literal["verdict"]
+VERDICT: Verdict = "verdict"
+Tunable = ParameterName | Verdict
+TUNABLE: tuple[Tunable, ...] = (VERDICT, *PARAMETERS)
 
 
 class _Constraint(NamedTuple):
@@ -52,9 +57,14 @@ def check_parameters(names: Sequence[str], config: DetectionConfig) -> None:
         InputError: none, one twice, an unknown one, or one that says nothing without another.
     """
     if not names:
-        raise InputError(f"parameters is empty; choose from {', '.join(PARAMETERS)}")
+        raise InputError(f"parameters is empty; choose from {', '.join(TUNABLE)}")
     for name in names:
-        check_choice("parameters", name, PARAMETERS)
+        check_choice("parameters", name, TUNABLE)
+    if VERDICT in names and len(names) > 1:
+        raise InputError(
+            f"parameters {', '.join(names)}: the verdict is tuned alone, because the mixture's posterior is one of its "
+            "facts; tune the others first, and then the verdict with their config"
+        )
     if len(set(names)) < len(names):
         raise InputError(f"parameters {', '.join(names)} has a name twice")
     together = ("covariance_scale", "degrees_of_freedom")

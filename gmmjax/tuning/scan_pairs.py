@@ -18,6 +18,7 @@ from gmmjax.changes import (
     check_overlap,
     check_pair,
     joint_problem,
+    working_pair,
 )
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.errors import InputError
@@ -41,6 +42,9 @@ class ScanPair:
         views_before: where the sensor stood; None: not known. The fits do without; `detect_changes`, which has the last
             word, uses them.
         views_after: the same for `after`.
+        unseen_before: for each point of `before` whether the other survey could not see its place: there the verdict
+            should say that it was not observed. None: not known.
+        unseen_after: the same for `after`.
     """
 
     name: str
@@ -52,11 +56,48 @@ class ScanPair:
     ignored_after: Bool[np.ndarray, " n1"] | None = None
     views_before: SensorViews | None = None
     views_after: SensorViews | None = None
+    unseen_before: Bool[np.ndarray, " n0"] | None = None
+    unseen_after: Bool[np.ndarray, " n1"] | None = None
 
     @property
     def labelled(self) -> bool:
         """Whether the truth is known, of both clouds."""
         return self.truth_before is not None and self.truth_after is not None
+
+
+def unchanged_pair(
+    name: str,
+    before: ArrayLike | PointCloud,
+    after: ArrayLike | PointCloud,
+    views_before: SensorViews | None = None,
+    views_after: SensorViews | None = None,
+) -> ScanPair:
+    """Two scans of a place where nothing changed: every change reported there is a false alarm.
+
+    Args:
+        name: of the pair.
+        before: coordinates [n0, 3] or a `PointCloud`.
+        after: coordinates [n1, 3] or a `PointCloud`, in the same unit.
+        views_before: where the sensor stood; None: not known.
+        views_after: the same for `after`.
+    """
+    truth = Pair(before, after).map(lambda cloud: np.full(point_count(cloud), -1))
+    return ScanPair(name, before, after, truth.before, truth.after, views_before=views_before, views_after=views_after)
+
+
+def point_count(cloud: ArrayLike | PointCloud) -> int:
+    """The number of rows of a cloud."""
+    return len(cloud) if isinstance(cloud, PointCloud) else len(np.asarray(cloud))
+
+
+def on_surfaces(pair: ScanPair, config: DetectionConfig) -> bool:
+    """Whether the clouds lie on surfaces, where the verdict decides, and do not fill volumes.
+
+    Raises:
+        InputError: clouds that cannot be compared; it names the pair.
+    """
+    checked, _ = _checked(pair, config)
+    return not working_pair(checked.map(lambda cloud: cloud.points), config.voxel_size).volumetric
 
 
 class JudgedPoints(NamedTuple):

@@ -4,8 +4,10 @@ import dataclasses
 from typing import Literal, get_args
 
 from gmmjax.errors import InputError, check_choice, check_seed
-from gmmjax.tuning.parameters import ParameterName
+from gmmjax.tuning.parameters import VERDICT, ParameterName, Tunable
 
+# What is tuned where the verdict does not decide.
+DEFAULT: tuple[ParameterName, ...] = ("noise_floor", "tolerance")
 LossChoice = Literal["auto", "f1", "brier", "log", "likelihood"]
 
 
@@ -14,11 +16,13 @@ class TuningSettings:
     """How settings are tuned.
 
     Attributes:
-        parameters: the settings that are tuned: noise_floor, tolerance, concentration, noise_share, covariance_scale,
-            degrees_of_freedom.
-        loss: "f1" (1 less the expected F1 of the points), "brier" or "log" score of their probabilities, all against
-            truth; "likelihood" of held-out points, without. "auto": "f1" where all pairs have truth, else "likelihood".
-        steps: of the optimiser at the most.
+        parameters: what is tuned: "verdict", by which a difference between scans is a change, alone; or settings of the
+            mixture: noise_floor, tolerance, concentration, noise_share, covariance_scale, degrees_of_freedom. None: the
+            verdict on labelled scans of surfaces, else noise_floor and tolerance.
+        loss: of the mixture's settings: "f1" (1 less the expected F1 of the points), "brier" or "log" score of their
+            probabilities, all against truth; "likelihood" of held-out points, without. "auto": "f1" where all pairs
+            have truth, else "likelihood".
+        steps: of the mixture's optimiser at the most.
         learning_rate: of Adam, where no other optimiser is given: about the factor, less 1, by which a setting changes
             in a step.
         pairs_per_step: drawn at random for each step; all, where there are no more.
@@ -28,9 +32,13 @@ class TuningSettings:
         patience: steps without a lower loss of the pairs held back after which it ends.
         max_points: that each fit sees, and that are judged of each cloud.
         seed: of all that is random.
+        draws: towards the verdict's parameters as they were, in candidates that each would outweigh; the one is chosen
+            by which pairs that were held back are judged best. Infinite: they stay. Near 0: what a few candidates have
+            in common by chance is learned.
+        folds: of the pairs, each held back once for the verdict; as many as pairs, where these are fewer.
     """
 
-    parameters: tuple[ParameterName, ...] = ("noise_floor", "tolerance")
+    parameters: tuple[Tunable, ...] | None = None
     loss: LossChoice = "auto"
     steps: int = 40
     learning_rate: float = 0.2
@@ -40,6 +48,8 @@ class TuningSettings:
     patience: int = 12
     max_points: int = 4096
     seed: int = 0
+    draws: tuple[float, ...] = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)
+    folds: int = 10
 
     def __post_init__(self) -> None:
         """Checks every setting.
@@ -48,7 +58,7 @@ class TuningSettings:
             InputError: a setting out of its range, by name.
         """
         check_choice("loss", self.loss, get_args(LossChoice))
-        least = {"steps": 1, "pairs_per_step": 1, "starts": 1, "patience": 1, "max_points": 100, "seed": 0}
+        least = {"steps": 1, "pairs_per_step": 1, "starts": 1, "patience": 1, "max_points": 100, "seed": 0, "folds": 2}
         for name, lowest in least.items():
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or value < lowest:
@@ -58,3 +68,10 @@ class TuningSettings:
             raise InputError(f"learning_rate={self.learning_rate!r} must be a positive number")
         if not (isinstance(self.validation_share, int | float) and 0 < self.validation_share < 1):
             raise InputError(f"validation_share={self.validation_share!r} must lie between 0 and 1")
+        if not self.draws or not all(isinstance(draw, int | float) and draw > 0 for draw in self.draws):
+            raise InputError(f"draws={self.draws!r} must be positive numbers, at least one")
+
+    @property
+    def of_mixture(self) -> tuple[ParameterName, ...]:
+        """The mixture's settings that are tuned."""
+        return DEFAULT if self.parameters is None else tuple(name for name in self.parameters if name != VERDICT)

@@ -1,4 +1,4 @@
-"""Settings of change detection, tuned by gradient on scans of one's own."""
+"""Settings of change detection, tuned by gradient on scans of one's own: those of the mixture, or the verdict."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -7,15 +7,17 @@ from typing import Any, Literal
 import numpy as np
 import optax
 
-from gmmjax.changes import DetectionConfig, detect_changes
+from gmmjax.changes import DetectionConfig
 from gmmjax.errors import InputError
-from gmmjax.evaluation import Scores, score_pair
+from gmmjax.evaluation import Scores
+from gmmjax.tuning.detection_scores import detection_scores, gained
 from gmmjax.tuning.pair_loss import LABELLED, UNLABELLED, Loss
-from gmmjax.tuning.parameters import check_parameters
-from gmmjax.tuning.scan_pairs import ScanPair
+from gmmjax.tuning.parameters import VERDICT, check_parameters
+from gmmjax.tuning.scan_pairs import ScanPair, on_surfaces
 from gmmjax.tuning.search import ALL, HELD_BACK, Search, TuningState, alike, described, least
 from gmmjax.tuning.settings import LossChoice, TuningSettings
 from gmmjax.tuning.split_pairs import split_pairs
+from gmmjax.tuning.verdict_tuning import VerdictResult, VerdictState, tune_verdict
 
 Stop = Literal["steps", "patience", "not finite"]
 STOPS: dict[Stop, str] = {
@@ -23,13 +25,11 @@ STOPS: dict[Stop, str] = {
     "patience": "the loss of the pairs held back had not fallen any more",
     "not finite": "no pair gave a loss and a gradient that are numbers; the last good settings were kept",
 }
-# A difference of segment or point F1 on the pairs that says nothing.
-NEGLIGIBLE = 0.002
 
 
 @dataclasses.dataclass(frozen=True)
 class TuningResult:
-    """Result of `tune`.
+    """Result of tuning settings of the mixture.
 
     Attributes:
         config: with the tuned settings; as it was given where they are no better.
@@ -105,6 +105,68 @@ def tune(
     config: DetectionConfig = DetectionConfig(),
     settings: TuningSettings = TuningSettings(),
     optimiser: optax.GradientTransformation | None = None,
+    resume: TuningState | VerdictState | None = None,
+    checkpoint: Callable[[TuningState | VerdictState], None] = lambda state: None,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> TuningResult | VerdictResult:
+    """Tunes change detection by gradient, on pairs of one's own: the verdict on scans, or settings of the mixture.
+
+    What is tuned is said by `TuningSettings.parameters`; see `tune_verdict` and `tune_mixture`. By default it is the
+    verdict where all pairs are labelled scans of surfaces, and the mixture's settings elsewhere.
+
+    Args:
+        pairs: of scans like those that changes will be looked for in; see `unchanged_pair` for those of places where
+            nothing changed.
+        config: everything that is not tuned, and where tuning starts.
+        settings: what is tuned, and how.
+        optimiser: of the mixture's settings, see `tune_mixture`.
+        resume: of an earlier call with the same pairs and settings that was interrupted.
+        checkpoint: called with the state after every step.
+        progress: called with what is being done and the share of the work that is done.
+
+    Returns:
+        What was tuned and how it was found.
+
+    Raises:
+        InputError: no pairs, truth that does not fit the points or is missing where it is needed, or parameters that
+            cannot be tuned; it names the pair.
+
+    Warns:
+        InputWarning: too few pairs to hold some back.
+    """
+    if not len(pairs):
+        raise InputError("pairs is empty; give at least one pair of scans")
+    if _of_verdict(pairs, config, settings):
+        known = resume if isinstance(resume, VerdictState) else None
+        return tune_verdict(
+            pairs, config=config, settings=settings, resume=known, checkpoint=checkpoint, progress=progress
+        )
+    return tune_mixture(
+        pairs,
+        config=config,
+        settings=settings,
+        optimiser=optimiser,
+        resume=resume if isinstance(resume, TuningState) else None,
+        checkpoint=checkpoint,
+        progress=progress,
+    )
+
+
+def _of_verdict(pairs: Sequence[ScanPair], config: DetectionConfig, settings: TuningSettings) -> bool:
+    """Whether the verdict is tuned."""
+    if settings.parameters is not None:
+        check_parameters(settings.parameters, config)
+        return VERDICT in settings.parameters
+    decides = config.method == "joint" and config.evidence and settings.loss == "auto"
+    return decides and all(pair.labelled for pair in pairs) and all(on_surfaces(pair, config) for pair in pairs)
+
+
+def tune_mixture(
+    pairs: Sequence[ScanPair],
+    *,
+    config: DetectionConfig = DetectionConfig(),
+    settings: TuningSettings = TuningSettings(),
+    optimiser: optax.GradientTransformation | None = None,
     resume: TuningState | None = None,
     checkpoint: Callable[[TuningState], None] = lambda state: None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
@@ -139,7 +201,7 @@ def tune(
     Warns:
         InputWarning: fewer than three pairs: those that are trained on are also validated on.
     """
-    names = tuple(settings.parameters)
+    names = settings.of_mixture
     check_parameters(names, config)
     loss = _loss_of(pairs, settings.loss)
     progress("Preparing the pairs", 0.0)
@@ -186,21 +248,20 @@ def _judged_by_detection(
 
     They are kept if it finds no less by them; where the loss is not clearly lower, only if it finds more.
     """
-    totals = []
-    for number, settings in enumerate((config, result.config)):
-        total = Scores()
-        for place, pair in enumerate(pairs):
-            progress(f"Detecting: {pair.name}", 0.92 + 0.04 * (number + place / len(pairs)))
-            changes = detect_changes(
-                pair.before, pair.after, config=settings, views_before=pair.views_before, views_after=pair.views_after
-            )
-            assert pair.truth_before is not None and pair.truth_after is not None
-            total += score_pair(changes.labels_before, changes.labels_after, pair.truth_before, pair.truth_after)
-        totals.append((total.f1, total.point_f1))
-    before, after = totals
-    gains = [now - then for now, then in zip(after, before, strict=True)]
-    no_less, more = min(gains) >= -NEGLIGIBLE, max(gains) > NEGLIGIBLE
-    return dataclasses.replace(result, improved=no_less and (result.improved or more), f1_before=before, f1_after=after)
+
+    def scores(settings: DetectionConfig, first: float) -> Scores:
+        return detection_scores(
+            pairs, [settings] * len(pairs), lambda stage, share: progress(stage, first + 0.04 * share)
+        )
+
+    before, after = scores(config, 0.92), scores(result.config, 0.96)
+    no_less, more = gained(before, after)
+    return dataclasses.replace(
+        result,
+        improved=no_less and (result.improved or more),
+        f1_before=(before.f1, before.point_f1),
+        f1_after=(after.f1, after.point_f1),
+    )
 
 
 def _loss_of(pairs: Sequence[ScanPair], choice: LossChoice) -> Loss:
