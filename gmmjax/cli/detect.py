@@ -98,16 +98,19 @@ def detect(
 
 
 def read_settings(file: Path) -> DetectionConfig:
-    """The settings in a TOML file.
+    """The settings in a TOML file; a path in them is relative to it.
 
     Raises:
         InputError: a file that cannot be read, is no TOML, or has unknown or wrong settings; it names the file.
     """
     settings = read_toml(file)
     try:
-        return DetectionConfig.from_dict(settings)
+        config = DetectionConfig.from_dict(settings)
     except InputError as error:
         raise InputError(f"{file}: {error}") from error
+    if config.verdict is None:
+        return config
+    return dataclasses.replace(config, verdict=str((file.parent / config.verdict).resolve()))
 
 
 def _config_file(arguments: Sequence[str]) -> Path | None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional
 
-from gmmjax.changes import DetectionConfig
+from gmmjax.changes import DetectionConfig, names_of
 from gmmjax.cli.compilation_cache import use_compilation_cache
 from gmmjax.cli.detect import read_settings
 from gmmjax.cli.flags import flags_of
@@ -18,7 +18,7 @@ from gmmjax.errors import InputError
 from gmmjax.tuning import TuningSettings
 
 if TYPE_CHECKING:
-    from gmmjax.tuning import ScanPair
+    from gmmjax.tuning import ScanPair, TuningState, VerdictState
 
 
 Flags = flags_of(TuningSettings)
@@ -35,22 +35,26 @@ def tune(
     *,
     out: Annotated[Path, tyro.conf.arg(metavar="FILE.toml")],
     config: Annotated[Path | None, tyro.conf.arg(metavar="FILE.toml")] = None,
+    unchanged: bool = False,
     overwrite: bool = False,
     restart: bool = False,
     quiet: bool = False,
     print_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
     settings: OmitArgPrefixes[Flags] = Flags(),  # type: ignore[valid-type]
 ) -> int:
-    """Tune settings by gradient on pairs of scans; the result is a file for detect --config.
+    """Tune detection by gradient on pairs of scans; the result is a file for detect --config.
 
     Each pair is a folder with before.* and after.* (any format that detect reads), and truth_before.npy and
-    truth_after.npy as for "gmmjax evaluate pairs"; without truth in any of them, the likelihood of held-out points is
-    the loss. A tuning that was interrupted goes on where it was when the same command is given again.
+    truth_after.npy as for "gmmjax evaluate pairs". On scans the verdict is tuned, by which a difference is a change;
+    pairs without truth can take part where nothing changed in them (--unchanged). Of clouds that fill volumes, and
+    where no pair has truth, settings of the mixture are tuned, without truth by the likelihood of held-out points. A
+    tuning that was interrupted goes on where it was when the same command is given again.
 
     Args:
         folder: that holds the pairs' folders.
-        out: the settings; the course of the tuning goes beside them, as HTML.
+        out: the settings; the course of the tuning goes beside them, as HTML, and so does a tuned verdict.
         config: TOML file with settings to begin with; those that are not tuned are kept.
+        unchanged: nothing changed in the pairs without truth: what is reported there is a false alarm.
         overwrite: replace the output files.
         restart: begin anew where an interrupted tuning could go on.
         quiet: print nothing but errors.
@@ -67,11 +71,11 @@ def tune(
     state_file = tuning_files.progress_file(out)
     with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
         progress("Reading the pairs", 0.0)
-        pairs = tuning.find_tuning_pairs(folder)
+        pairs = tuning.find_tuning_pairs(folder, unchanged=unchanged)
         fingerprint = _fingerprint(pairs, given, chosen)
         resume = tuning_files.read_state(state_file, fingerprint) if state_file.exists() and not restart else None
         if resume is not None and not quiet:
-            console.print_note(f"Going on after step {resume.steps} of {state_file}.")
+            console.print_note(f"Going on after {_place(resume)} of {state_file}.")
         result = tuning.tune(
             pairs,
             config=given,
@@ -89,7 +93,14 @@ def tune(
     return 0
 
 
-def _checkpoint(file: Path, fingerprint: str, state: "tuning.TuningState") -> None:  # type: ignore[name-defined]
+def _place(state: "TuningState | VerdictState") -> str:
+    """Where an unfinished tuning stands."""
+    from gmmjax.tuning import VerdictState
+
+    return f"pair {len(state.measured)}" if isinstance(state, VerdictState) else f"step {state.steps}"
+
+
+def _checkpoint(file: Path, fingerprint: str, state: "TuningState | VerdictState") -> None:
     from gmmjax.reporting import tuning_files
 
     tuning_files.write_state(file, state, fingerprint)
@@ -100,7 +111,7 @@ def _check_out(out: Path, overwrite: bool) -> None:
         raise InputError(f"--out {out}: must end in .toml")
     if not out.resolve().parent.is_dir():
         raise InputError(f"--out {out}: there is no folder {out.parent}; make it first")
-    for file in (out, out.with_suffix(".html")):
+    for file in (out, out.with_suffix(".html"), out.with_suffix(".verdict.json")):
         if file.exists() and not overwrite:
             raise InputError(f"--out {out}: {file} is there already; choose another name, or give --overwrite")
 
@@ -110,6 +121,7 @@ def _fingerprint(pairs: "Sequence[ScanPair]", config: DetectionConfig, settings:
     about = [
         sorted(config.to_dict().items()),
         sorted((name, value) for name, value in dataclasses.asdict(settings).items() if name != "steps"),
+        names_of(poses=True),
         [(pair.name, len(pair.before), len(pair.after), pair.labelled) for pair in pairs],  # type: ignore[arg-type]
     ]
     return hashlib.sha256(repr(about).encode()).hexdigest()

@@ -37,7 +37,7 @@ from gmmjax.scenes import GaussianScene
 
 if TYPE_CHECKING:
     from gmmjax.surveys import Bag
-    from gmmjax.tuning import TuningResult
+    from gmmjax.tuning import TuningResult, VerdictResult
 
 
 @contextmanager
@@ -198,15 +198,64 @@ def print_note(text: str) -> None:
     print(f"gmmjax: {text}", file=sys.stderr)
 
 
-def print_tuning(result: "TuningResult", settings: Path, page: Path) -> None:
-    """The tuned settings beside what they began with, the losses, and what to do with the file.
-
-    Of settings that stay as they were, those that were tried.
+def print_tuning(result: "TuningResult | VerdictResult", settings: Path, page: Path) -> None:
+    """What was tuned, and what to do with the file.
 
     Args:
         result: of the tuning.
         settings: the TOML file.
         page: the HTML file.
+    """
+    from gmmjax.tuning import VerdictResult
+
+    if isinstance(result, VerdictResult):
+        _print_verdict(result)
+    else:
+        _print_mixture(result)
+    Console().print(
+        f"\nSettings in [bold]{escape(str(settings))}[/bold], the course in {escape(str(page))}", highlight=False
+    )
+    print_next_command(f"gmmjax detect BEFORE AFTER --out DIR --config {settings}")
+
+
+def _print_verdict(result: "VerdictResult", weights: int = 5) -> None:
+    """How the candidates that were held back are judged, and what `detect_changes` finds, before and after.
+
+    Args:
+        result: of the tuning.
+        weights: of each verdict that are printed, at the most: those that moved most.
+    """
+    console = Console()
+    verdict = "Verdict tuned" if result.improved else "The verdict stays as it was: no better one was found"
+    console.print(verdict, style="bold", highlight=False)
+    console.print(f"{len(result.pairs)} pairs, each held back once", style="dim", highlight=False)
+    table = plain_table()
+    for heading in ("", "Start", "Tuned" if result.improved else "Tried"):
+        table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
+    for name, course in result.courses.items():
+        poses = name.replace("_", " ")
+        table.add_row(f"{poses}: candidates; changes", str(course.candidates), str(course.changes))
+        losses = [f"{course.losses[place]:.4g}" for place in (0, course.chosen)]
+        table.add_row("  log score, held back", *losses)
+        table.add_row("  false alarms, held back", *(str(course.false_alarms[place]) for place in (0, course.chosen)))
+        for fact, before, after in course.moved_weights()[:weights]:
+            if before != after:
+                table.add_row(f"  weight of {fact}", f"{before:+.2f}", f"{after:+.2f}")
+    if result.before is not None and result.after is not None:
+        scores = (result.before, result.after)
+        table.add_row("segment F1 of detect, held back", *(f"{own.f1:.3f}" for own in scores))
+        table.add_row("point F1 of detect, held back", *(f"{own.point_f1:.3f}" for own in scores))
+        table.add_row("false segments of detect, held back", *(str(own.false_segments) for own in scores))
+    print_whole(table)
+
+
+def _print_mixture(result: "TuningResult") -> None:
+    """The tuned settings beside what they began with, and the losses.
+
+    Of settings that stay as they were, those that were tried.
+
+    Args:
+        result: of the tuning.
     """
     from gmmjax.tuning import STOPS
 
@@ -225,10 +274,6 @@ def print_tuning(result: "TuningResult", settings: Path, page: Path) -> None:
         for label, own, tuned in zip(("segment F1", "point F1"), result.f1_before, result.f1_after, strict=True):
             table.add_row(f"{label} of detect, all pairs", f"{own:.3f}", f"{tuned:.3f}")
     print_whole(table)
-    console.print(
-        f"\nSettings in [bold]{escape(str(settings))}[/bold], the course in {escape(str(page))}", highlight=False
-    )
-    print_next_command(f"gmmjax detect BEFORE AFTER --out DIR --config {settings}")
 
 
 def print_next_command(command: str) -> None:
@@ -236,7 +281,7 @@ def print_next_command(command: str) -> None:
     Console().print(f"  [dim]{escape(command)}[/dim]", highlight=False, soft_wrap=True)
 
 
-def print_tuning_json(result: "TuningResult") -> None:
+def print_tuning_json(result: "TuningResult | VerdictResult") -> None:
     """The result of a tuning as JSON, on standard output."""
     print(json.dumps(result.to_dict(), indent=2, allow_nan=False))
 

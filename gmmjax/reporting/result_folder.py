@@ -3,12 +3,13 @@
 import dataclasses
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomli_w
 from jaxtyping import Bool, Float, Int
 
-from gmmjax.changes import CHANGES_FILE, LABELS_FILE, Changes
+from gmmjax.changes import CHANGES_FILE, LABELS_FILE, Changes, DetectionConfig
 from gmmjax.clouds import PointCloud, atomic_write, write_ply
 from gmmjax.errors import InputError
 from gmmjax.reporting.html_report import report_html
@@ -67,8 +68,14 @@ def write_result(
         with atomic_write(staging / REPORT_FILE) as file:
             file.write(report_html(before, after, changes).encode())
         with atomic_write(staging / CONFIG_FILE) as file:
-            tomli_w.dump(changes.config.to_dict(), file)
+            tomli_w.dump(_portable(changes.config), file)
     return Path(folder)
+
+
+def _portable(config: DetectionConfig) -> dict[str, Any]:
+    """The settings by name; the path is one that does not depend on the folder that it is used from."""
+    settings = config.to_dict()
+    return settings if config.verdict is None else {**settings, "verdict": str(Path(config.verdict).resolve())}
 
 
 def _check_lengths(before: PointCloud, after: PointCloud, changes: Changes) -> None:

@@ -1,21 +1,27 @@
 """What `gmmjax tune` writes: the tuned settings, the course as a page, and where it stands while it runs."""
 
+import functools
 import os
 from pathlib import Path
 
 import numpy as np
 import tomli_w
 
+from gmmjax.changes import NAMES, names_of, write_verdicts
 from gmmjax.clouds import atomic_write, load_archive, require_file
 from gmmjax.errors import InputError
+from gmmjax.learning import CandidateRows
 from gmmjax.reporting.tuning_plot import tuning_html
-from gmmjax.tuning import TuningResult, TuningState
+from gmmjax.reporting.verdict_plot import verdict_html
+from gmmjax.tuning import TuningResult, TuningState, VerdictResult, VerdictState
 
 OPTIMISER = "optimiser_"
+MEASURED = "measured"
+USE = "Written by gmmjax tune; use it by: gmmjax detect BEFORE AFTER --out DIR --config THIS_FILE"
 
 
-def write_tuned(path: str | os.PathLike[str], result: TuningResult) -> Path:
-    """Writes the settings as TOML for `gmmjax detect --config`, and the course as HTML beside it.
+def write_tuned(path: str | os.PathLike[str], result: TuningResult | VerdictResult) -> Path:
+    """Writes the settings as TOML for `gmmjax detect --config`, and beside it the course as HTML and a tuned verdict.
 
     Args:
         path: of the TOML file.
@@ -27,19 +33,36 @@ def write_tuned(path: str | os.PathLike[str], result: TuningResult) -> Path:
     Raises:
         InputError: a file that cannot be written.
     """
-    page = Path(path).with_suffix(".html")
+    page, settings = Path(path).with_suffix(".html"), result.config.to_dict()
+    if isinstance(result, VerdictResult):
+        lines, shown = _verdict_comments(result), verdict_html(result)
+    else:
+        lines, shown = _comments(result), tuning_html(result)
+    if isinstance(result, VerdictResult) and result.improved:
+        # Before the settings that name it.
+        write_verdicts(verdict_file(path), result.verdicts, result.made)
+        settings["verdict"] = verdict_file(path).name
     with atomic_write(page) as file:
-        file.write(tuning_html(result).encode())
+        file.write(shown.encode())
     with atomic_write(path) as file:
-        file.write("".join(f"# {line}\n" for line in _comments(result)).encode())
-        tomli_w.dump(result.config.to_dict(), file)
+        file.write("".join(f"# {line}\n" for line in (USE, *lines)).encode())
+        tomli_w.dump(settings, file)
     return page
 
 
+def verdict_file(path: str | os.PathLike[str]) -> Path:
+    """Where a tuned verdict lies."""
+    return Path(path).with_suffix(".verdict.json")
+
+
+def _verdict_comments(result: VerdictResult) -> list[str]:
+    verdict = "tuned" if result.improved else "left as it was: no better one was found"
+    return [f"Verdict {verdict}.", f"Pairs: {', '.join(result.pairs)}."]
+
+
 def _comments(result: TuningResult) -> list[str]:
-    lines = ["Written by gmmjax tune; use it by: gmmjax detect BEFORE AFTER --out DIR --config THIS_FILE"]
     verdict = "tuned" if result.improved else "left as they were: tuning did not lower the loss"
-    lines.append(f"Settings {verdict}. Loss ({result.loss}) {result.best[0]:.6g}; untuned {result.baseline[0]:.6g}.")
+    lines = [f"Settings {verdict}. Loss ({result.loss}) {result.best[0]:.6g}; untuned {result.baseline[0]:.6g}."]
     lines.append(f"Trained on {', '.join(result.training)}.")
     lines.append(f"Held back: {', '.join(result.held_back)}.")
     return lines
@@ -50,7 +73,7 @@ def progress_file(path: str | os.PathLike[str]) -> Path:
     return Path(path).with_suffix(".progress.npz")
 
 
-def write_state(path: str | os.PathLike[str], state: TuningState, fingerprint: str) -> None:
+def write_state(path: str | os.PathLike[str], state: TuningState | VerdictState, fingerprint: str) -> None:
     """Stores the state of a tuning, whole or not at all.
 
     Args:
@@ -58,13 +81,26 @@ def write_state(path: str | os.PathLike[str], state: TuningState, fingerprint: s
         state: of `tune`.
         fingerprint: what the tuning was called with.
     """
-    arrays = {name: value for name, value in state._asdict().items() if name != "optimiser"}
-    leaves = {f"{OPTIMISER}{number:03}": leaf for number, leaf in enumerate(state.optimiser)}
+    arrays = _measured_arrays(state) if isinstance(state, VerdictState) else _course_arrays(state)
     with atomic_write(path) as file:
-        np.savez(file, fingerprint=np.array(fingerprint), allow_pickle=False, **arrays, **leaves)
+        np.savez(file, fingerprint=np.array(fingerprint), allow_pickle=False, **arrays)
 
 
-def read_state(path: str | os.PathLike[str], fingerprint: str) -> TuningState:
+def _course_arrays(state: TuningState) -> dict[str, np.ndarray]:
+    arrays = {name: value for name, value in state._asdict().items() if name != "optimiser"}
+    return arrays | {f"{OPTIMISER}{number:03}": leaf for number, leaf in enumerate(state.optimiser)}
+
+
+def _measured_arrays(state: VerdictState) -> dict[str, np.ndarray]:
+    """The candidates of each pair, and how many pairs there are."""
+    arrays = {MEASURED: np.array(len(state.measured))}
+    for number, pair in enumerate(state.measured):
+        for side, rows in zip(NAMES, pair, strict=True):
+            arrays |= {f"{number}/{side}/{column}": values for column, values in rows._asdict().items()}
+    return arrays
+
+
+def read_state(path: str | os.PathLike[str], fingerprint: str) -> TuningState | VerdictState:
     """The state of an unfinished tuning.
 
     Raises:
@@ -72,16 +108,33 @@ def read_state(path: str | os.PathLike[str], fingerprint: str) -> TuningState:
     """
     remedy = "begin anew with --restart"
     stored = load_archive(require_file(path), remedy)
-    names = [name for name in TuningState._fields if name != "optimiser"]
+    names = [] if MEASURED in stored else [name for name in TuningState._fields if name != "optimiser"]
     if missing := [name for name in ("fingerprint", *names) if name not in stored]:
         raise InputError(f"{path}: is damaged (it has no {', '.join(missing)}); {remedy}")
     if str(stored["fingerprint"]) != fingerprint:
         raise InputError(f"{path}: is of a tuning with other pairs or settings; {remedy}, or give those")
+    if MEASURED in stored:
+        return _measured_state(path, stored, remedy)
     leaves = tuple(stored[name] for name in sorted(stored) if name.startswith(OPTIMISER))
     state = TuningState(optimiser=leaves, **{name: stored[name] for name in names})
     if not _fits(state):
         raise InputError(f"{path}: is damaged (its arrays do not fit each other); {remedy}")
     return state
+
+
+def _measured_state(path: str | os.PathLike[str], stored: dict[str, np.ndarray], remedy: str) -> VerdictState:
+    def rows(number: int, side: str) -> CandidateRows:
+        own = CandidateRows(*(stored[f"{number}/{side}/{column}"] for column in CandidateRows._fields))
+        count, facts = len(own.kind), len(names_of(poses=side == NAMES.after))
+        if own.values.shape != (count, facts) or any(column.shape != (count,) for column in own[1:]):
+            raise ValueError("its arrays do not fit each other")
+        return own
+
+    try:
+        numbers = range(int(stored[MEASURED]))
+        return VerdictState(tuple(NAMES.map(functools.partial(rows, number)) for number in numbers))
+    except (KeyError, ValueError, TypeError) as error:
+        raise InputError(f"{path}: is damaged ({error}); {remedy}") from error
 
 
 def _fits(state: TuningState) -> bool:

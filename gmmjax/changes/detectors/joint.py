@@ -66,6 +66,8 @@ class JointDetector(AbstractChangeDetector):
 
     def changes(self, scans: Pair[Scan], report: Progress = silent) -> Changes:
         """What changed: prepare, align, fit, differences, candidates, evidence, objects."""
+        # First of all, so that a file that cannot be used is told before the work.
+        verdicts = self._verdicts()
         clock = Clock(report)
         clock.start("preparation", "Reading the scales of the clouds", 0.0)
         prepared = check_pair(scans.map(lambda scan: scan.cloud), self.config.crop, self.prepare)
@@ -79,7 +81,7 @@ class JointDetector(AbstractChangeDetector):
         if pair.working.volumetric:
             found = volumes_found(pair.points, problem, fits, self.config.threshold, self.objects.volumes)
         else:
-            found = self._found_on_surfaces(pair, surveys, fits)
+            found = self._found_on_surfaces(pair, surveys, fits, verdicts)
         found = found.of_kinds(self.config.kinds).with_confidence(pair.registration.confidence)
         items, labels = found.merged()
         clock.start("moved", "Looking for moved objects", 0.9)
@@ -172,12 +174,14 @@ class JointDetector(AbstractChangeDetector):
             progress=lambda: report("Fitting the mixtures", 0.25 + 0.5 * next(done) / restarts),
         )
 
-    def _found_on_surfaces(self, pair: AlignedPair, surveys: Pair[Survey], fits: JointFits) -> Found:
+    def _found_on_surfaces(
+        self, pair: AlignedPair, surveys: Pair[Survey], fits: JointFits, verdicts: Verdicts
+    ) -> Found:
         measured = differences_between(pair.surfaces, pair.working.spacing, self.differences)
         looks_changed = self._candidates(pair, surveys, fits, measured)
         if self.config.evidence:
             threshold = self.config.threshold
-            evident = examined(looks_changed, measured.limits, self._verdicts(), threshold, self.evidence)
+            evident = examined(looks_changed, measured.limits, verdicts, threshold, self.evidence)
         else:
             evident = unexamined(looks_changed)
         return surfaces_found(pair, measured, evident, self.objects.surfaces)
