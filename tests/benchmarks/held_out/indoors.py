@@ -94,7 +94,7 @@ def station(random: np.random.Generator, changed: bool) -> Staged:
             at = _free_place(things, random, (2 * (number % 10) / 9 - 1) * (length / 2 - 0.5), half - 0.55)
             angle, onward = 2.4 * number + u(0, 0.3), 1.1 if number < 10 else -1.1
             poses.append(looking(at, at + np.array([onward, np.cos(angle), np.sin(angle)]), u(0, 360)))
-        return rig_of(sensor, poses, random, off=(0.003, 0.1), thinned=0.015)
+        return rig_of(sensor, poses, random, off=(0.003, 0.1), thinned=0.019)
 
     motion = motion_about(random, u(0.01, 0.02), u(0.1, 0.5))
     return Staged(stage, stage.worlds.map(rig), motion)
@@ -150,8 +150,8 @@ def corridor(random: np.random.Generator, changed: bool) -> Staged:
 def two_sensors(random: np.random.Generator, changed: bool) -> Staged:
     """A terrestrial scanner before, a depth camera with a tenth of its points after."""
     stage, floor = _furnished(random, changed)
-    dense = scanner(300, np.linspace(-62, 50, 100), 20.0, (0.002,), slanted=0.1, mixed=0.05, grazing=0.05)
-    sparse = camera(30, 23, 70.0, 5.0, (0.004, 0.0, random.uniform(0.001, 0.002)), blur=0.7, mixed=0.05)
+    dense = scanner(320, np.linspace(-62, 50, 108), 20.0, (0.002,), slanted=0.1, mixed=0.05, grazing=0.05)
+    sparse = camera(26, 20, 70.0, 5.0, (0.004, 0.0, random.uniform(0.001, 0.002)), blur=0.7, mixed=0.05)
     stands = [_stand(floor, stage.worlds.before, random, s, 1.4) for s in (-1, 1)]
     upright = [
         looking(at, at + np.array([np.cos(angle), np.sin(angle), 0]))
