@@ -14,18 +14,17 @@ from gmmjax.changes.detectors.detector import AbstractChangeDetector, Scan
 from gmmjax.changes.differences import DifferenceSettings, differences_between
 from gmmjax.changes.evidence.examination import EvidenceSettings, examined, unexamined
 from gmmjax.changes.evidence.free_space import Survey
-from gmmjax.changes.evidence.view_checks import usable_views
+from gmmjax.changes.evidence.surveys import surveys_of
 from gmmjax.changes.fit.joint_fit import JointFits, fit_joint_restarts, mixtures_distance, point_excess
 from gmmjax.changes.fit.joint_problem import JointFitSettings, JointProblem, joint_problem
 from gmmjax.changes.objects.found import Found, ObjectSettings, surfaces_found, volumes_found
 from gmmjax.changes.objects.moved import with_moved
-from gmmjax.changes.prepare.checking import NAMES, CheckedCloud, CheckSettings, check_overlap, check_pair
+from gmmjax.changes.prepare.checking import CheckedCloud, CheckSettings, check_overlap, check_pair
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.changes.progress import Clock, Progress, silent
 from gmmjax.changes.registration import Registration
 from gmmjax.clouds import SensorViews
 from gmmjax.errors import warn
-from gmmjax.geometry import LocalSurface
 from gmmjax.mixtures import FitStatus
 from gmmjax.pair import Pair, each
 
@@ -59,7 +58,8 @@ class JointDetector(AbstractChangeDetector):
         prepared = check_pair(scans.map(lambda scan: scan.cloud), self.config.crop, self.prepare)
         clock.start("registration", "Registering the clouds", 0.1)
         pair = self._aligned(prepared)
-        surveys = _surveys(pair, scans, self.evidence)
+        views, evidence = scans.map(lambda scan: scan.views), self.evidence
+        surveys = surveys_of(pair, views, evidence.free_space, evidence.view_checks)
         clock.start("fits", "Fitting the mixtures", 0.25)
         problem = joint_problem(pair.working, pair.registration, self.config, self.fit)
         fits = self._fitted(problem, report)
@@ -113,18 +113,6 @@ class JointDetector(AbstractChangeDetector):
         else:
             evident = unexamined(looks_changed)
         return surfaces_found(pair, measured, evident, self.objects.surfaces)
-
-
-def _surveys(pair: AlignedPair, scans: Pair[Scan], settings: EvidenceSettings) -> Pair[Survey]:
-    """Both clouds with their views in the before frame, where these do not contradict them."""
-    views = scans.map(lambda scan: scan.views)
-    if views.after is not None and pair.registration.applied:
-        views = Pair(views.before, views.after.moved(pair.registration.transform))
-
-    def survey(name: str, surface: LocalSurface, views: SensorViews | None) -> Survey:
-        return usable_views(f"views_{name}", Survey(surface, views, settings.free_space), settings.view_checks)
-
-    return each(survey, NAMES, pair.surfaces, views)
 
 
 def _warn_about_registration(registration: Registration) -> None:
