@@ -15,6 +15,7 @@ from typing import NamedTuple, get_args
 from gmmjax.errors import InputError
 from gmmjax.evaluation import NAMES, detector, evaluate
 from tests.benchmarks.held_out.kinds import KINDS, Poses, held_out_sources
+from tests.benchmarks.held_out.peers import best_peers
 from tests.benchmarks.held_out.table import Line, lines_of, to_markdown
 
 
@@ -92,7 +93,7 @@ def result(job: Job) -> Done:
     """Runs a job."""
     sources = held_out_sources([job.kind], job.seeds, [job.poses])
     evaluation = evaluate({name: detector(name) for name in job.methods}, sources)
-    lines = lines_of(evaluation)
+    lines = lines_of(evaluation) + (best_peers(sources) if job.peers_best else [])
     for line in lines:
         print(" | ".join(line.cells()), file=sys.stderr, flush=True)
     return Done(lines, [str(failure) for failure in evaluation.failures])

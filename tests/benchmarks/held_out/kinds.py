@@ -1,6 +1,7 @@
 """The kinds of held-out scenes, as sources of labelled pairs."""
 
 import functools
+import itertools
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Literal
@@ -8,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from gmmjax.errors import check_choice
-from gmmjax.evaluation import LabelledPair, PairSource
+from gmmjax.evaluation import LabelledCloud, LabelledPair, PairSource
 from tests.benchmarks.held_out import indoors, outdoors
 from tests.benchmarks.held_out.surveys import Staged, labelled
 
@@ -67,6 +68,14 @@ def held_out_sources(
 
 
 def held_out_pair(kind: str, seed: int, changed: bool, poses: Poses = "given") -> LabelledPair:
-    """One scene, drawn from the seed."""
-    random = np.random.default_rng([zlib.crc32(kind.encode()), seed, changed])
-    return labelled(f"{kind} {seed}", KINDS[kind](random, changed), random, given=poses == "given")
+    """One scene, drawn from the seed; where nobody can be asked to find any of its changes, another is drawn."""
+    for attempt in itertools.count():
+        random = np.random.default_rng([zlib.crc32(kind.encode()), seed, changed, *([attempt] if attempt else [])])
+        pair = labelled(f"{kind} {seed}", KINDS[kind](random, changed), random, given=poses == "given")
+        if not changed or _findable(pair.before) or _findable(pair.after):
+            break
+    return pair
+
+
+def _findable(cloud: LabelledCloud) -> bool:
+    return bool(set(np.unique(cloud.truth)) - {-1} - cloud.not_counted)
