@@ -1,7 +1,8 @@
 """How detectors do on scenes that nothing was trained on: `python -m tests.benchmarks.held_out --seeds 2`.
 
-For each kind of scene, with the sensors' poses and without, a line of figures for each detector. With `--peers-best`
-each peer is given the setting, of a coarse series, that is the best for that very kind.
+For each kind of scene, with the sensors' poses and without, a line of figures for each detector; below, how far the
+probabilities of all of them can be believed. With `--peers-best` each peer is given the setting, of a coarse series,
+that is the best for that very kind.
 """
 
 import argparse
@@ -13,9 +14,10 @@ from pathlib import Path
 from typing import NamedTuple, get_args
 
 from gmmjax.errors import InputError
-from gmmjax.evaluation import NAMES, detector, evaluate
+from gmmjax.evaluation import NAMES, ReliabilityRecord, detector, evaluate
 from tests.benchmarks.held_out.kinds import KINDS, Poses, held_out_sources
 from tests.benchmarks.held_out.peers import best_peers
+from tests.benchmarks.held_out.records import Records, pooled
 from tests.benchmarks.held_out.table import Line, lines_of, to_markdown
 
 
@@ -30,19 +32,23 @@ class Job(NamedTuple):
 
 
 class Done(NamedTuple):
-    """The figures of a job, and what failed."""
+    """The figures of a job, how far its probabilities can be believed, and what failed."""
 
     lines: list[Line]
+    reliability: ReliabilityRecord
     failures: list[str]
 
 
 def main() -> None:
     arguments = parser().parse_args()
     try:
-        done = list(results(jobs_of(arguments), arguments.workers))
+        jobs = jobs_of(arguments)
+        done = list(results(jobs, arguments.workers))
     except InputError as error:
         sys.exit(str(error))
     text = to_markdown([line for job in done for line in job.lines])
+    reliability = pooled([(f"poses {job.poses}", own.reliability) for job, own in zip(jobs, done, strict=True)])
+    text += "\n" + reliability.to_markdown() if reliability.changes else ""
     failures = dict.fromkeys(failure for job in done for failure in job.failures)
     text += "".join(f"\n- failed: {failure}" for failure in failures)
     print(text)
@@ -92,11 +98,12 @@ def results(jobs: list[Job], workers: int) -> Iterator[Done]:
 def result(job: Job) -> Done:
     """Runs a job."""
     sources = held_out_sources([job.kind], job.seeds, [job.poses])
-    evaluation = evaluate({name: detector(name) for name in job.methods}, sources)
-    lines = lines_of(evaluation) + (best_peers(sources) if job.peers_best else [])
+    records = Records()
+    evaluation = evaluate({name: detector(name) for name in job.methods}, sources, record=records.add)
+    lines = lines_of(evaluation, records.motions) + (best_peers(sources) if job.peers_best else [])
     for line in lines:
         print(" | ".join(line.cells()), file=sys.stderr, flush=True)
-    return Done(lines, [str(failure) for failure in evaluation.failures])
+    return Done(lines, records.reliability, [str(failure) for failure in evaluation.failures])
 
 
 if __name__ == "__main__":

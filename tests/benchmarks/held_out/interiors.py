@@ -79,14 +79,14 @@ def furnish(stage: Stage, floor: Ground, random: np.random.Generator, *, pieces:
             tops.append(Ground((at[0], at[1], height), width, depth))
         elif kind == 1:
             width, depth = u(0.6, 1.0), u(0.25, 0.35)
-            at = floor.occupy((u(-x + 0.6, x - 0.6), y - depth / 2), width / 2)
+            at = floor.occupy((max(x - 0.6, 0) * u(-1, 1), y - depth / 2), width / 2)
             stage.stays(meshes.placed(meshes.shelf(width, depth, u(0.9, 1.8), int(random.integers(3, 6))), at))
         elif kind == 2:
             at = floor.take(0.33, random)
             stage.stays(meshes.placed(meshes.chair(), at, u(0, 360)))
         elif kind == 3:
             width, depth = u(1.2, 1.7), u(0.7, 0.8)
-            at = floor.occupy((x - depth / 2, u(-y + 0.9, y - 0.9)), width / 2)
+            at = floor.occupy((x - depth / 2, max(y - 0.9, 0) * u(-1, 1)), width / 2)
             seat = meshes.joined(
                 meshes.box(depth, width, 0.42), meshes.shifted(meshes.box(0.2, width, 0.75), (depth / 2 - 0.1, 0, 0))
             )

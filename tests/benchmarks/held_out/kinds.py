@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 
 from gmmjax.errors import check_choice
-from gmmjax.evaluation import LabelledCloud, LabelledPair, PairSource
+from gmmjax.evaluation import LabelledCloud, PairSource
 from tests.benchmarks.held_out import indoors, outdoors
-from tests.benchmarks.held_out.surveys import Staged, labelled
+from tests.benchmarks.held_out.surveys import HeldOutPair, Staged, labelled
 
 Poses = Literal["given", "unknown"]
 CHANGED, UNCHANGED = "changed", "unchanged"
@@ -67,7 +67,7 @@ def held_out_sources(
     ]
 
 
-def held_out_pair(kind: str, seed: int, changed: bool, poses: Poses = "given") -> LabelledPair:
+def held_out_pair(kind: str, seed: int, changed: bool, poses: Poses = "given") -> HeldOutPair:
     """One scene, drawn from the seed; where nobody can be asked to find any of its changes, another is drawn."""
     for attempt in itertools.count():
         random = np.random.default_rng([zlib.crc32(kind.encode()), seed, changed, *([attempt] if attempt else [])])

@@ -1,13 +1,14 @@
 """Two surveys of a scene that changed in between, as a labelled pair."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gmmjax.clouds import SensorViews
 from gmmjax.evaluation import LabelledCloud, LabelledPair
+from gmmjax.geometry import least_squares_transform
 from gmmjax.pair import Pair, each
 from tests.benchmarks.held_out.casting import Thing
 from tests.benchmarks.held_out.sensors import Sensor
@@ -21,6 +22,7 @@ class Stage:
 
     def __init__(self) -> None:
         self.worlds: Pair[list[Thing]] = Pair([], [])
+        self.motions: dict[int, np.ndarray] = {}
         self._changes = 0
 
     def stays(self, *meshes: np.ndarray) -> None:
@@ -37,6 +39,7 @@ class Stage:
 
     def moves(self, before: np.ndarray, after: np.ndarray) -> None:
         number = self._next()
+        self.motions[number] = least_squares_transform(before.reshape(-1, 3), after.reshape(-1, 3))
         self.worlds.before.append(Thing(before, number))
         self.worlds.after.append(Thing(after, number))
 
@@ -80,13 +83,24 @@ class Staged:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
+class HeldOutPair(LabelledPair):
+    """A labelled pair with the true motions.
+
+    Attributes:
+        motions: by the id of each object that moved, its rigid motion [4, 4] in the frame of the before cloud.
+    """
+
+    motions: Mapping[int, np.ndarray] = dataclasses.field(default_factory=dict)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class _Survey:
     points: np.ndarray
     places: np.ndarray
     change: np.ndarray
 
 
-def labelled(name: str, staged: Staged, random: np.random.Generator, *, given: bool) -> LabelledPair:
+def labelled(name: str, staged: Staged, random: np.random.Generator, *, given: bool) -> HeldOutPair:
     """Surveys the scene at both times.
 
     Args:
@@ -110,7 +124,7 @@ def labelled(name: str, staged: Staged, random: np.random.Generator, *, given: b
             _not_counted(world, own.change, unseen),
         )
 
-    return LabelledPair(name, *each(cloud, surveys, unseen, rigs, worlds, moved))
+    return HeldOutPair(name, *each(cloud, surveys, unseen, rigs, worlds, moved), staged.stage.motions)
 
 
 def rig_of(

@@ -1,10 +1,13 @@
 """The figures of one kind of scene: a line for each detector."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from gmmjax.evaluation import Evaluation, Row, Scores
 from tests.benchmarks.held_out.kinds import CHANGED, UNCHANGED
+from tests.benchmarks.held_out.records import MotionError
 
 HEADINGS = (
     "kind, poses",
@@ -13,6 +16,7 @@ HEADINGS = (
     "false in changed",
     "false in unchanged",
     "moved found, + false",
+    "motions off by (median)",
     "seconds",
 )
 
@@ -28,6 +32,7 @@ class Line:
         unchanged: over those that did not.
         seconds: median time of a detection; None: not taken.
         failed: pairs without a result.
+        motions: errors of the motions that were found.
     """
 
     group: str
@@ -36,6 +41,7 @@ class Line:
     unchanged: Scores
     seconds: float | None = None
     failed: int = 0
+    motions: Sequence[MotionError] = ()
 
     @property
     def goodness(self) -> tuple[float, float]:
@@ -59,12 +65,26 @@ class Line:
                 if changed.moved_false or unchanged.moved_false
                 else ""
             ),
+            self._motions(),
             "" if self.seconds is None else f"{self.seconds:.1f}",
         )
 
+    def _motions(self) -> str:
+        if not self.motions:
+            return ""
+        spacings, degrees = (
+            np.median([getattr(own, name) for own in self.motions]) for name in ("spacings", "degrees")
+        )
+        return f"{spacings:.1f} spacings, {degrees:.1f}°"
 
-def lines_of(evaluation: Evaluation) -> list[Line]:
-    """A line for each group and detector of an evaluation."""
+
+def lines_of(evaluation: Evaluation, motions: Mapping[str, Sequence[MotionError]]) -> list[Line]:
+    """A line for each group and detector of an evaluation.
+
+    Args:
+        evaluation: of pairs of one group.
+        motions: by detector the errors of the motions that it found in them.
+    """
     rows = {(row.group, row.detector, row.condition): row for row in evaluation.rows}
 
     def scores(total: Row, condition: str) -> Scores:
@@ -79,6 +99,7 @@ def lines_of(evaluation: Evaluation) -> list[Line]:
             scores(total, UNCHANGED),
             total.seconds,
             total.failed,
+            motions.get(total.detector, ()),
         )
         for total in evaluation.totals
     ]

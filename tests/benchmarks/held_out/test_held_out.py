@@ -1,15 +1,20 @@
 """That the held-out scenes are what they say: rays meet what is there, and the truth is where things changed."""
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gmmjax import InputError
 from gmmjax.changes import Survey
-from gmmjax.evaluation import Scores
+from gmmjax.evaluation import Detection, Scores
+from gmmjax.geometry import rotation_about, transformed
+from gmmjax.pair import Pair
 from tests.benchmarks.held_out import KINDS, __main__, held_out_pair, held_out_sources, meshes
 from tests.benchmarks.held_out.casting import Thing, first_hits
+from tests.benchmarks.held_out.records import motion_errors
 from tests.benchmarks.held_out.sensors import camera, looking
 from tests.benchmarks.held_out.table import Line
 
@@ -56,6 +61,21 @@ def test_a_box_moves_by_what_its_kind_says():
     before, after = (cloud.points[cloud.truth == 0] for cloud in (pair.before, pair.after))
     assert np.linalg.norm(after.mean(axis=0) - before.mean(axis=0)) == pytest.approx(0.1, abs=0.03)
     assert not pair.before.not_counted and not pair.after.not_counted
+    assert np.linalg.norm(pair.motions[0][:3, 3]) == pytest.approx(0.1)
+    np.testing.assert_allclose(pair.motions[0][:3, :3], np.eye(3), atol=1e-9)
+
+
+def test_the_error_of_a_motion_is_that_at_the_object():
+    pair = held_out_pair("box_by_10_cm", 3, True)
+    turn = Rotation.from_euler("z", 2, degrees=True).as_matrix()
+    centre = pair.before.points[pair.before.truth == 0].mean(axis=0)
+    arrives = transformed(centre[None], pair.motions[0])[0]
+    off = rotation_about(turn, arrives, arrives + [0.02, 0, 0]) @ pair.motions[0]
+    record = SimpleNamespace(items=[SimpleNamespace(transform=off)], diagnostics={"spacing": 0.01})
+    labels = Pair(pair.before.truth, np.where(pair.after.truth == 0, 1, -1))
+    (error,) = motion_errors(pair, Detection(*labels, moved=((0, 1),), changes=record))
+    assert error.degrees == pytest.approx(2)
+    assert error.spacings == pytest.approx(2)
 
 
 def test_poses_change_nothing_but_the_views():
