@@ -70,7 +70,7 @@ def test_the_error_of_a_motion_is_that_at_the_object():
     turn = Rotation.from_euler("z", 2, degrees=True).as_matrix()
     centre = pair.before.points[pair.before.truth == 0].mean(axis=0)
     arrives = transformed(centre[None], pair.motions[0])[0]
-    off = rotation_about(turn, arrives, arrives + [0.02, 0, 0]) @ pair.motions[0]
+    off = rotation_about(turn, arrives, arrives + np.array([0.02, 0, 0])) @ pair.motions[0]
     record = SimpleNamespace(items=[SimpleNamespace(transform=off)], diagnostics={"spacing": 0.01})
     labels = Pair(pair.before.truth, np.where(pair.after.truth == 0, 1, -1))
     (error,) = motion_errors(pair, Detection(*labels, moved=((0, 1),), changes=record))
