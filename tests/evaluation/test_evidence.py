@@ -23,6 +23,8 @@ def new_box():
 def test_it_is_that_of_the_registered_clouds(new_box):
     evidence, on_box = new_box
     assert evidence.pair.registration.applied
+    places = evidence.surveys.after.views.poses[:, :3, 3]
+    np.testing.assert_allclose(places, around(8).poses[:, :3, 3], atol=0.01)
     nothing = np.full(len(evidence.pair.points.before), -1)
     kept = evidence.kept(Pair(nothing, np.where(on_box, 0, 1)))
     assert (kept.before < 0).all()

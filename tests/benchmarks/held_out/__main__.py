@@ -6,46 +6,25 @@ that is the best for that very kind.
 """
 
 import argparse
-import sys
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
-from typing import NamedTuple, get_args
+from typing import get_args
 
-from gmmjax.errors import InputError
-from gmmjax.evaluation import NAMES, ReliabilityRecord, detector, evaluate
-from tests.benchmarks.held_out.kinds import KINDS, Poses, held_out_sources
-from tests.benchmarks.held_out.peers import best_peers
-from tests.benchmarks.held_out.records import Records, pooled
-from tests.benchmarks.held_out.table import Line, lines_of, to_markdown
-
-
-class Job(NamedTuple):
-    """The scenes of one kind, with poses or without, and what is asked of them."""
-
-    kind: str
-    poses: Poses
-    seeds: range
-    methods: tuple[str, ...]
-    peers_best: bool
-
-
-class Done(NamedTuple):
-    """The figures of a job, how far its probabilities can be believed, and what failed."""
-
-    lines: list[Line]
-    reliability: ReliabilityRecord
-    failures: list[str]
+from gmmjax.evaluation import NAMES
+from tests.benchmarks.held_out.jobs import Job, results
+from tests.benchmarks.held_out.kinds import KINDS, Poses
+from tests.benchmarks.held_out.records import pooled
+from tests.benchmarks.held_out.table import to_markdown
 
 
 def main() -> None:
-    arguments = parser().parse_args()
-    try:
-        jobs = jobs_of(arguments)
-        done = list(results(jobs, arguments.workers))
-    except InputError as error:
-        sys.exit(str(error))
+    options = parser()
+    arguments = options.parse_args()
+    if min(arguments.seeds, arguments.workers) < 1 or arguments.first_seed < 0:
+        options.error("--seeds and --workers must be at least 1, --first-seed at least 0")
+    if arguments.out and not arguments.out.parent.is_dir():
+        options.error(f"--out {arguments.out}: there is no folder {arguments.out.parent}")
+    jobs = jobs_of(arguments)
+    done = list(results(jobs, arguments.workers))
     text = to_markdown([line for job in done for line in job.lines])
     reliability = pooled([(f"poses {job.poses}", own.reliability) for job, own in zip(jobs, done, strict=True)])
     text += "\n" + reliability.to_markdown() if reliability.changes else ""
@@ -84,26 +63,6 @@ def jobs_of(arguments: argparse.Namespace) -> list[Job]:
         for kind in arguments.kinds
         for poses in sorted(known, reverse=True)
     ]
-
-
-def results(jobs: list[Job], workers: int) -> Iterator[Done]:
-    """The results of the jobs, in their order."""
-    if workers == 1:
-        yield from map(result, jobs)
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(result, jobs)
-
-
-def result(job: Job) -> Done:
-    """Runs a job."""
-    sources = held_out_sources([job.kind], job.seeds, [job.poses])
-    records = Records()
-    evaluation = evaluate({name: detector(name) for name in job.methods}, sources, record=records.add)
-    lines = lines_of(evaluation, records.motions) + (best_peers(sources) if job.peers_best else [])
-    for line in lines:
-        print(" | ".join(line.cells()), file=sys.stderr, flush=True)
-    return Done(lines, records.reliability, [str(failure) for failure in evaluation.failures])
 
 
 if __name__ == "__main__":

@@ -123,7 +123,7 @@ def camera(
     rays = np.stack([*np.meshgrid(across, down), np.ones((rows, columns))], axis=-1)
     vertical = 2 * float(np.degrees(np.arctan(half * rows / columns)))
     unit = rays / np.linalg.norm(rays, axis=2, keepdims=True)
-    return Sensor(unit, (degrees, vertical), max_range, noise, **settings)  # type: ignore[arg-type]
+    return Sensor(unit, (degrees, vertical), max_range, noise, **settings)
 
 
 def scanner(
@@ -142,7 +142,7 @@ def scanner(
     a, e = np.meshgrid(azimuth, np.radians(elevations))
     rays = np.stack([np.cos(e) * np.sin(a), -np.sin(e), np.cos(e) * np.cos(a)], axis=-1)
     vertical = min(2 * float(np.abs(elevations).max()) + 0.2, 179.0)
-    return Sensor(rays, (360.0, vertical), max_range, noise, **settings)  # type: ignore[arg-type]
+    return Sensor(rays, (360.0, vertical), max_range, noise, **settings)
 
 
 def looking(

@@ -115,3 +115,11 @@ def test_the_command_writes_a_line_for_each_detector(tmp_path, monkeypatch, caps
         ["| single_frame, poses unknown", name] for name in ("c2c", "voxels")
     ]
     assert table.read_text() in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("options", ["--seeds 0", "--out nowhere/table.md"])
+def test_the_command_refuses_before_it_starts(options, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["held_out", *options.split()])
+    with pytest.raises(SystemExit):
+        __main__.main()
+    assert options.split()[0] in capsys.readouterr().err
