@@ -1,15 +1,15 @@
 """From two clouds to changes: the stages of detection, the detectors, the records."""
 
-from gmmjax.changes.align.alignment import AlignedPair as AlignedPair
 from gmmjax.changes.align.alignment import AlignSettings as AlignSettings
 from gmmjax.changes.align.alignment import aligned as aligned
 from gmmjax.changes.candidates import Candidates as Candidates
 from gmmjax.changes.candidates import CandidateSettings as CandidateSettings
-from gmmjax.changes.candidates import changed_probability as changed_probability
 from gmmjax.changes.change import Box as Box
 from gmmjax.changes.change import Change as Change
 from gmmjax.changes.change import Changes as Changes
 from gmmjax.changes.change import Kind as Kind
+from gmmjax.changes.change import Reason as Reason
+from gmmjax.changes.change import RejectedCandidate as RejectedCandidate
 from gmmjax.changes.config import METHODS as METHODS
 from gmmjax.changes.config import PRIOR_LEAVES as PRIOR_LEAVES
 from gmmjax.changes.config import DetectionConfig as DetectionConfig
@@ -28,16 +28,22 @@ from gmmjax.changes.detectors.greedy_removal import Removals as Removals
 from gmmjax.changes.detectors.greedy_removal import remove_changed as remove_changed
 from gmmjax.changes.detectors.unmatched_mass import Unmatched as Unmatched
 from gmmjax.changes.detectors.unmatched_mass import unmatched_shares as unmatched_shares
-from gmmjax.changes.differences import Differences as Differences
 from gmmjax.changes.differences import DifferenceSettings as DifferenceSettings
 from gmmjax.changes.differences import LocalDifference as LocalDifference
 from gmmjax.changes.differences import differences_between as differences_between
+from gmmjax.changes.evidence.candidate import Candidate as Candidate
 from gmmjax.changes.evidence.examination import EvidenceSettings as EvidenceSettings
-from gmmjax.changes.evidence.examination import examined as examined
+from gmmjax.changes.evidence.facts import FACTS as FACTS
+from gmmjax.changes.evidence.facts import measured as measured
+from gmmjax.changes.evidence.facts import names_of as names_of
 from gmmjax.changes.evidence.free_space import Survey as Survey
-from gmmjax.changes.evidence.surveys import surveys_of as surveys_of
-from gmmjax.changes.fit.joint_fit import fit_joint_restarts as fit_joint_restarts
-from gmmjax.changes.fit.joint_fit import point_excess as point_excess
+from gmmjax.changes.evidence.verdict import Verdict as Verdict
+from gmmjax.changes.evidence.verdict_file import Verdicts as Verdicts
+from gmmjax.changes.evidence.verdict_file import read_verdicts as read_verdicts
+from gmmjax.changes.evidence.verdict_file import shipped_verdicts as shipped_verdicts
+from gmmjax.changes.evidence.verdict_file import write_verdicts as write_verdicts
+from gmmjax.changes.explanation import Contribution as Contribution
+from gmmjax.changes.explanation import Explanation as Explanation
 from gmmjax.changes.fit.joint_mixture import JointMixture as JointMixture
 from gmmjax.changes.fit.joint_mixture import component_posterior as component_posterior
 from gmmjax.changes.fit.joint_mixture import density_ratio as density_ratio

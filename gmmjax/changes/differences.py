@@ -9,7 +9,7 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from gmmjax.geometry import MEDIAN_TO_DEVIATION, LocalSurface, nearest_neighbours
 from gmmjax.pair import Pair, each
@@ -29,6 +29,11 @@ class DifferenceSettings:
             0: thick surfaces, such as vegetation, look changed.
         offsets: offset from the other cloud's plane, in registration errors, and in standard deviations of the offset
             there. It must be positive.
+        overlap: distance to the other cloud, in spacings there, up to which a point is of the overlap of both clouds,
+            whose median distances and offsets count. Infinite: at half overlap half of the points have no counterpart,
+            and every change is within the median distance.
+        least_overlap: fraction of a cloud that is of the overlap, at least; of less, all points are taken. 0: of clouds
+            that lie far apart, a few points that meet by chance are taken.
         finest_offset: least registration error, in point spacings, for surfaces without noise such as computed planes.
             0: the rounding of their coordinates (1e-9 m in a country's grid) looks like an offset.
     """
@@ -37,6 +42,8 @@ class DifferenceSettings:
     distances: float = 3.0
     thicknesses: float = 4.0
     offsets: float = 7.0
+    overlap: float = 10.0
+    least_overlap: float = 0.2
     finest_offset: float = 1e-6
 
 
@@ -144,7 +151,7 @@ def local_difference(
 def detection_limits(
     local: Pair[LocalDifference], spacing: float, settings: DifferenceSettings = DifferenceSettings()
 ) -> DetectionLimits:
-    """The limits, from the median distance and offset of the cloud in which less has changed.
+    """The limits, from the median distance and offset in the overlap, of the cloud in which less has changed.
 
     Args:
         local: the differences of both clouds.
@@ -152,8 +159,16 @@ def detection_limits(
         settings: of the limits.
     """
     finest = settings.finest_offset * max(float(np.median(side.spacing)) for side in local)
-    error = max(MEDIAN_TO_DEVIATION * min(float(np.median(side.offset)) for side in local), finest)
-    median_distance = min(float(np.median(side.distance)) for side in local)
+    common = local.map(lambda side: _in_overlap(side, spacing, settings))
+    offsets = each(lambda side, own: float(np.median(side.offset[own])), local, common)
+    distances = each(lambda side, own: float(np.median(side.distance[own])), local, common)
+    error, median_distance = max(MEDIAN_TO_DEVIATION * min(offsets), finest), min(distances)
     offset = settings.offsets * error
     distance = max(settings.spacings * spacing, settings.distances * median_distance, offset)
     return DetectionLimits(spacing, median_distance, error, distance, offset, settings)
+
+
+def _in_overlap(side: LocalDifference, spacing: float, settings: DifferenceSettings) -> Bool[np.ndarray, " n"]:
+    """The points of the overlap of both clouds, or all points where that is too small."""
+    common = side.distance <= settings.overlap * np.maximum(side.spacing, spacing)
+    return common if common.mean() >= settings.least_overlap else np.ones(len(common), bool)

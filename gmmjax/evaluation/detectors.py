@@ -7,7 +7,7 @@ from typing import Literal, cast, get_args
 from gmmjax.changes import DETECTORS, AbstractDetector, DetectionConfig, Method, Progress, Scan, silent
 from gmmjax.changes import Detection as Detection
 from gmmjax.errors import check_choice
-from gmmjax.evaluation.evidence import Evidence
+from gmmjax.evaluation.evidence import without_unobserved
 from gmmjax.evaluation.labelled_pair import LabelledPair
 from gmmjax.evaluation.peers import PEERS, coordinates, has_m3c2
 from gmmjax.pair import Pair
@@ -42,19 +42,15 @@ class EvidenceDetector(AbstractDetector):
 
     Attributes:
         detector: without the test.
-        config: of the registration and the mixtures that the test looks at.
     """
 
     detector: AbstractDetector
-    config: DetectionConfig = DetectionConfig()
 
     def detect(self, scans: Pair[Scan], report: Progress = silent) -> Detection:
         """What the detector finds, where the other survey looked."""
         found = self.detector.detect(scans, report)
-        evidence = Evidence.of(coordinates(scans), scans.map(lambda scan: scan.views), self.config)
-        if evidence is None:
-            return Detection(found.labels_before, found.labels_after)
-        return Detection(*evidence.kept(Pair(found.labels_before, found.labels_after)))
+        views = scans.map(lambda scan: scan.views)
+        return Detection(*without_unobserved(coordinates(scans), views, Pair(found.labels_before, found.labels_after)))
 
 
 def detector(name: str, config: DetectionConfig = DetectionConfig()) -> Detector:
@@ -62,7 +58,7 @@ def detector(name: str, config: DetectionConfig = DetectionConfig()) -> Detector
 
     Args:
         name: one of `NAMES`.
-        config: settings of ours, but for the method, and of the evidence; the peers have none.
+        config: settings of ours, but for the method; the peers have none.
 
     Raises:
         InputError: an unknown name.
@@ -72,7 +68,7 @@ def detector(name: str, config: DetectionConfig = DetectionConfig()) -> Detector
         config = dataclasses.replace(config, evidence=False)
     bare = name.removesuffix(WITH_EVIDENCE).removesuffix(WITHOUT_EVIDENCE)
     found = PEERS[bare] if bare in PEERS else _ours(bare, config)
-    return on_pairs(EvidenceDetector(found, config) if name.endswith(WITH_EVIDENCE) else found)
+    return on_pairs(EvidenceDetector(found) if name.endswith(WITH_EVIDENCE) else found)
 
 
 def on_pairs(detector: AbstractDetector) -> Detector:

@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from gmmjax.changes.change import Box, Change, Kind
+from gmmjax.changes.change import Box, Change, Kind, Reason, RejectedCandidate
+from gmmjax.changes.explanation import Explanation
 from gmmjax.mixtures import parameters_per_component
 from gmmjax.pair import Pair
 
@@ -21,11 +22,13 @@ class CloudChanges(NamedTuple):
         probability: of each point, that it is changed.
         labels: per point -1 or the index into `items`.
         items: the changes of this cloud.
+        rejected: what looked changed in it, and is no change.
     """
 
     probability: Float[np.ndarray, " n"]
     labels: Int[np.ndarray, " n"]
     items: list[Change]
+    rejected: tuple[RejectedCandidate, ...] = ()
 
     def none(self) -> "CloudChanges":
         """No changes of the same points."""
@@ -34,10 +37,17 @@ class CloudChanges(NamedTuple):
     def with_confidence(self, confidence: float) -> "CloudChanges":
         """With all probabilities multiplied by a confidence."""
         items = [dataclasses.replace(change, probability=confidence * change.probability) for change in self.items]
-        return CloudChanges(confidence * self.probability, self.labels, items)
+        rejected = tuple(dataclasses.replace(one, probability=confidence * one.probability) for one in self.rejected)
+        return CloudChanges(confidence * self.probability, self.labels, items, rejected)
 
 
-def change_of(points: Float[np.ndarray, "n 3"], kind: Kind, probability: float, significance: float) -> Change:
+def change_of(
+    points: Float[np.ndarray, "n 3"],
+    kind: Kind,
+    probability: float,
+    significance: float,
+    explanation: Explanation | None = None,
+) -> Change:
     """The record of a change with these points: their mean, covariance and box."""
     mean = points.mean(axis=0)
     return Change(
@@ -48,16 +58,40 @@ def change_of(points: Float[np.ndarray, "n 3"], kind: Kind, probability: float, 
         mean=mean,
         covariance=(points - mean).T @ (points - mean) / len(points),
         box=Box.around(points),
+        explanation=explanation,
+    )
+
+
+def rejected_of(points: Float[np.ndarray, "n 3"], kind: Kind, explanation: Explanation) -> RejectedCandidate:
+    """The record of a candidate with these points that is no change; the reason is the likelier one of the verdict."""
+    reason: Reason = "not observed" if explanation.unobserved > explanation.unchanged else "unchanged"
+    return RejectedCandidate(
+        kind=kind,
+        reason=reason,
+        probability=explanation.changed,
+        point_count=len(points),
+        mean=points.mean(axis=0),
+        box=Box.around(points),
+        explanation=explanation,
     )
 
 
 def merged(changes: Pair[CloudChanges]) -> tuple[tuple[Change, ...], Pair[Int[np.ndarray, " _"]]]:
     """The changes of both clouds in one list, most probable and then largest first, and the labels that refer to it."""
     items = changes.before.items + changes.after.items
-    order = sorted(range(len(items)), key=lambda index: (-items[index].probability, -items[index].point_count))
+    order = sorted(range(len(items)), key=lambda index: _rank(items[index]))
     # One more entry, so that the label -1 stays -1.
     place = np.full(len(items) + 1, -1)
     place[order] = np.arange(len(items))
     after = changes.after.labels
     shifted = np.where(after >= 0, after + len(changes.before.items), -1)
     return tuple(items[index] for index in order), Pair(place[changes.before.labels], place[shifted])
+
+
+def merged_rejected(changes: Pair[CloudChanges]) -> tuple[RejectedCandidate, ...]:
+    """The rejected candidates of both clouds in one list, most probable and then largest first."""
+    return tuple(sorted(changes.before.rejected + changes.after.rejected, key=_rank))
+
+
+def _rank(found: Change | RejectedCandidate) -> tuple[float, int]:
+    return -found.probability, -found.point_count

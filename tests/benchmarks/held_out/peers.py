@@ -7,18 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gmmjax.changes import Scan
+from gmmjax.changes import DetectionConfig, JointDetector, Scan, aligned
 from gmmjax.evaluation import LabelledPair, PairSource, Scores, score_labelled_pair
-from gmmjax.evaluation.evidence import Evidence
 from gmmjax.evaluation.peers import (
     AbstractPeer,
     CloudToCloudDetector,
     M3C2Detector,
     VoxelDetector,
-    coordinates,
     has_m3c2,
 )
-from gmmjax.pair import Pair
+from gmmjax.pair import Pair, each
 from tests.benchmarks.held_out.kinds import CHANGED
 from tests.benchmarks.held_out.table import Line
 
@@ -72,16 +70,23 @@ def best_peers(sources: Sequence[PairSource]) -> list[Line]:
 
 def _scored(pair: LabelledPair) -> Iterator[tuple[str, str, Scores]]:
     """The scores of all settings, without evidence and with it."""
-    points = coordinates(Pair(Scan(pair.before.points), Scan(pair.after.points)))
-    evidence = Evidence.of(points, Pair(pair.before.views, pair.after.views))
-    registered = evidence.pair.points if evidence else points
+    scans = _registered(pair)
+    evident = JointDetector(DetectionConfig(registration="never")).evidence_on(scans)
     judged: dict[bytes, Pair[np.ndarray]] = {}
     for setting in settings():
-        found = setting.peer.detect(registered.map(Scan))
+        found = setting.peer.detect(scans)
         labels = Pair(found.labels_before, found.labels_after)
         yield setting.name, setting.text, score_labelled_pair(pair, *labels)
-        if evidence:
-            key = b"".join(own.tobytes() for own in labels)
-            # Settings that find the same are judged once.
-            judged[key] = judged.get(key) or evidence.kept(labels)
-            yield f"{setting.name}+evidence", setting.text, score_labelled_pair(pair, *judged[key])
+        key = b"".join(own.tobytes() for own in labels)
+        # Settings that find the same are judged once.
+        if key not in judged:
+            judged[key] = evident(labels)
+        yield f"{setting.name}+evidence", setting.text, score_labelled_pair(pair, *judged[key])
+
+
+def _registered(pair: LabelledPair) -> Pair[Scan]:
+    found = aligned(Pair(pair.before.points, pair.after.points))
+    views = Pair(pair.before.views, pair.after.views)
+    if views.after is not None and found.registration.applied:
+        views = Pair(views.before, views.after.moved(found.registration.transform))
+    return each(Scan, found.points, views)
