@@ -45,7 +45,9 @@ def result(job: Job) -> Done:
     sources = held_out_sources([job.kind], job.seeds, [job.poses])
     records = Records()
     evaluation = evaluate({name: detector(name) for name in job.methods}, sources, record=records.add)
-    lines = lines_of(evaluation, records.motions) + (best_peers(sources) if job.peers_best else [])
+    lines, failures = lines_of(evaluation, records.motions), [str(failure) for failure in evaluation.failures]
+    if job.peers_best:
+        lines, failures = (own + more for own, more in zip((lines, failures), best_peers(sources), strict=True))
     for line in lines:
         print(" | ".join(line.cells()), file=sys.stderr, flush=True)
-    return Done(lines, records.reliability, [str(failure) for failure in evaluation.failures])
+    return Done(lines, records.reliability, failures)

@@ -49,23 +49,33 @@ def settings() -> Iterator[Setting]:
         yield Setting("m3c2", peer, f"cylinder {cylinder:g}, normals {normals:g}, registration {registration:g}")
 
 
-def best_peers(sources: Sequence[PairSource]) -> list[Line]:
+def best_peers(sources: Sequence[PairSource]) -> tuple[list[Line], list[str]]:
     """Each peer, with our evidence and without it, at the setting that is best on these very pairs.
 
     The clouds are registered as ours are, so that what is compared is how changes are found.
 
     Args:
         sources: pairs of one group.
+
+    Returns:
+        A line for each peer, and what failed: those pairs are left out.
     """
     lines: dict[tuple[str, str], Line] = {}
+    failures = []
     for source in sources:
-        for name, text, scores in _scored(source.load()):
+        try:
+            scored = list(_scored(source.load()))
+        # Whatever is wrong with this pair, there are the others.
+        except Exception as error:
+            failures.append(f"{source.label}, peers: {type(error).__name__}: {error}")
+            continue
+        for name, text, scores in scored:
             line = lines.get((name, text)) or Line(source.group, f"{name}: {text}", Scores(), Scores())
             field = "changed" if source.condition == CHANGED else "unchanged"
             lines[name, text] = dataclasses.replace(line, **{field: getattr(line, field) + scores})
     names = dict.fromkeys(name for name, _ in lines)
     of_name = ([line for (own, _), line in lines.items() if own == name] for name in names)
-    return [max(own, key=lambda line: line.goodness) for own in of_name]
+    return [max(own, key=lambda line: line.goodness) for own in of_name], failures
 
 
 def _scored(pair: LabelledPair) -> Iterator[tuple[str, str, Scores]]:
