@@ -112,7 +112,7 @@ class JointDetector(AbstractChangeDetector):
         for given in poses:
             surveys = compared.surveys if given else compared.pair.surfaces.map(Survey)
             found = self._candidates(compared.pair, surveys, compared.fits, compared.differences)
-            of_poses.append(measured_candidates(found, compared.differences.limits, self.evidence))
+            of_poses.append(measured_candidates(found, surveys, compared.differences.limits, self.evidence))
         return compared.members, of_poses
 
     def evident(self, scans: Pair[Scan], labels: Pair[Int[np.ndarray, " _"]]) -> Pair[Int[np.ndarray, " _"]]:
@@ -131,7 +131,8 @@ class JointDetector(AbstractChangeDetector):
         found = self._candidates(compared.pair, compared.surveys, compared.fits, compared.differences)
         segments = each(_with_labels, found, compared.members, labels)
         threshold = self.config.threshold
-        evident = examined(segments, compared.differences.limits, self._verdicts(), threshold, self.evidence)
+        limits, verdicts = compared.differences.limits, self._verdicts()
+        evident = examined(segments, compared.surveys, limits, verdicts, threshold, self.evidence)
 
         def left(own: Examined, member: np.ndarray, labels: np.ndarray) -> np.ndarray:
             return np.where((member >= 0) & (own.labels[member] >= 0), labels, -1)
@@ -177,7 +178,7 @@ class JointDetector(AbstractChangeDetector):
         looks_changed = self._candidates(pair, surveys, fits, measured)
         if self.config.evidence:
             threshold = self.config.threshold
-            evident = examined(looks_changed, measured.limits, self._verdicts(), threshold, self.evidence)
+            evident = examined(looks_changed, surveys, measured.limits, self._verdicts(), threshold, self.evidence)
         else:
             evident = unexamined(looks_changed)
         return surfaces_found(pair, measured, evident, self.objects.surfaces)
@@ -187,7 +188,7 @@ class JointDetector(AbstractChangeDetector):
     ) -> Pair[Candidates]:
         points = pair.surfaces.map(lambda surface: surface.points)
         excess = Pair(point_excess(fits, points.before, False), point_excess(fits, points.after, True))
-        observed = observed_places(points, surveys, measured.limits)
+        observed = observed_places(points, surveys, measured)
         return candidates_of(points, measured, excess, observed, self.config.threshold, self.candidates)
 
     def _verdicts(self) -> Verdicts:
