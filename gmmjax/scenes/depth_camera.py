@@ -10,8 +10,6 @@ from gmmjax.scenes.depth_edges import behind_edges
 from gmmjax.scenes.ray_casting import UNLABELLED, Solid, cast
 from gmmjax.surveys import Intrinsics
 
-# A jump in range between neighbouring pixels from which there is a depth edge, metres.
-EDGE = 0.1
 # Surfaces whose normal is further from the ray than this cosine return less and less, none at zero.
 GRAZING = 0.2
 
@@ -29,6 +27,7 @@ class DepthCamera:
         noise: standard deviation along the ray at 2 m; half of it is constant, half grows with the range.
         flying: share of the pixels at depth edges that fall between the two surfaces.
         lost: share of the pixels without a return.
+        edge: a jump in range between neighbouring pixels from which there is a depth edge, metres.
     """
 
     columns: int = 224
@@ -39,6 +38,7 @@ class DepthCamera:
     noise: float = 0.008
     flying: float = 0.05
     lost: float = 0.03
+    edge: float = 0.1
 
     def directions(self) -> Float[np.ndarray, "n 3"]:
         """Unit directions of all pixels, row by row; x right, y down, z forward."""
@@ -59,7 +59,7 @@ class DepthCamera:
         ranges, labels = cast(solids, pose[:3, 3], self.directions() @ pose[:3, :3].T)
         ranges = np.minimum(ranges, 2 * self.max_range)
         measured = ranges + self.noise * (0.5 + ranges / 4) * random.standard_normal(len(ranges))
-        behind = behind_edges(ranges.reshape(self.rows, self.columns), EDGE).ravel()
+        behind = behind_edges(ranges.reshape(self.rows, self.columns), self.edge).ravel()
         flies = (behind > ranges) & (random.random(len(ranges)) < self.flying)
         measured = np.where(flies, ranges + random.random(len(ranges)) * (behind - ranges), measured)
         returned = (ranges > self.least_range) & (measured < self.max_range)
@@ -85,6 +85,6 @@ class DepthCamera:
         length = np.linalg.norm(normal, axis=2) * np.linalg.norm(places[1:-1, 1:-1], axis=2)
         facing = np.ones((self.rows, self.columns))
         cosine = np.abs((normal * places[1:-1, 1:-1]).sum(axis=2)) / np.maximum(length, 1e-12)
-        smooth = np.maximum(np.linalg.norm(right, axis=2), np.linalg.norm(down, axis=2)) < EDGE
+        smooth = np.maximum(np.linalg.norm(right, axis=2), np.linalg.norm(down, axis=2)) < self.edge
         facing[1:-1, 1:-1] = np.where(smooth, cosine, 1.0)
         return facing.ravel()
