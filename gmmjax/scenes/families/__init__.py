@@ -9,9 +9,14 @@ import numpy as np
 from gmmjax.errors import check_choice
 from gmmjax.scenes.families.apartments import apartments
 from gmmjax.scenes.families.corridors import corridors
+from gmmjax.scenes.families.doors import doors
 from gmmjax.scenes.families.halls import halls
 from gmmjax.scenes.families.rooms import kitchens, rooms
+from gmmjax.scenes.families.small_motions import small_motions
 from gmmjax.scenes.families.station import station
+from gmmjax.scenes.families.tabletop import tabletop
+from gmmjax.scenes.families.terrain import terrain
+from gmmjax.scenes.families.town import town
 from gmmjax.scenes.surveyed_scene import SurveyedScene
 
 # What each family's name makes from a random generator.
@@ -23,6 +28,11 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator], SurveyedScene]] = Mapping
         "corridors": corridors,
         "halls": halls,
         "apartments": apartments,
+        "tabletop": tabletop,
+        "doors": doors,
+        "small_motions": small_motions,
+        "terrain": terrain,
+        "town": town,
     }
 )
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax.geometry import rigid_transform
 from gmmjax.pair import Pair
-from gmmjax.scenes.families.things import Drawing, footprint, height, labelled, moved
+from gmmjax.scenes.families.things import Coordinates, Drawing, footprint, height, labelled, moved
 from gmmjax.scenes.objects import StandingObject
 from gmmjax.scenes.ray_casting import UNLABELLED, Solid
 
@@ -90,7 +90,7 @@ class Space:
 Place: TypeAlias = Support | Space
 
 
-def turned(yaw: float, at: Sequence[float]) -> Float[np.ndarray, "4 4"]:
+def turned(yaw: float, at: Coordinates) -> Float[np.ndarray, "4 4"]:
     """The pose of a thing that stands at a place, turned about the vertical by the yaw, radians."""
     return rigid_transform(Rotation.from_euler("z", yaw).as_matrix(), np.array(at, float))
 
