@@ -1,7 +1,7 @@
 """Changes by one mixture for both clouds: the pipeline of the default method."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import jax
@@ -125,19 +125,29 @@ class JointDetector(AbstractChangeDetector):
         Returns:
             The labels, -1 where the evidence speaks against a change; as they are for clouds that fill volumes.
         """
+        return self.evidence_on(scans)(labels)
+
+    def evidence_on(self, scans: Pair[Scan]) -> Callable[[Pair[Int[np.ndarray, " _"]]], Pair[Int[np.ndarray, " _"]]]:
+        """`evident` for the segments of any number of detectors: what the scans alone say is computed once.
+
+        Args:
+            scans: both clouds.
+        """
         compared = self._compared(scans)
         if compared is None:
-            return labels
+            return lambda labels: labels
         found = self._candidates(compared.pair, compared.surveys, compared.fits, compared.differences)
-        segments = each(_with_labels, found, compared.members, labels)
-        threshold = self.config.threshold
-        limits, verdicts = compared.differences.limits, self._verdicts()
-        evident = examined(segments, compared.surveys, limits, verdicts, threshold, self.evidence)
+        limits, verdicts, threshold = compared.differences.limits, self._verdicts(), self.config.threshold
 
         def left(own: Examined, member: np.ndarray, labels: np.ndarray) -> np.ndarray:
             return np.where((member >= 0) & (own.labels[member] >= 0), labels, -1)
 
-        return each(left, evident, compared.members, labels)
+        def evident(labels: Pair[np.ndarray]) -> Pair[np.ndarray]:
+            segments = each(_with_labels, found, compared.members, labels)
+            judged = examined(segments, compared.surveys, limits, verdicts, threshold, self.evidence)
+            return each(left, judged, compared.members, labels)
+
+        return evident
 
     def _compared(self, scans: Pair[Scan]) -> "_Compared | None":
         """Both scans up to their differences; None where they fill volumes."""

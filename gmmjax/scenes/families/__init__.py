@@ -33,11 +33,6 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator], SurveyedScene]] = Mapping
         "corridors": corridors,
         "halls": halls,
         "apartments": apartments,
-        "tabletop": tabletop,
-        "doors": doors,
-        "small_motions": small_motions,
-        "terrain": terrain,
-        "town": town,
     }
 )
 
