@@ -112,7 +112,7 @@ class JointDetector(AbstractChangeDetector):
         for given in poses:
             surveys = compared.surveys if given else compared.pair.surfaces.map(Survey)
             found = self._candidates(compared.pair, surveys, compared.fits, compared.differences)
-            of_poses.append(measured_candidates(found, compared.differences.limits, self.evidence))
+            of_poses.append(measured_candidates(found, surveys, compared.differences.limits, self.evidence))
         return compared.members, of_poses
 
     def evident(self, scans: Pair[Scan], labels: Pair[Int[np.ndarray, " _"]]) -> Pair[Int[np.ndarray, " _"]]:
@@ -144,7 +144,7 @@ class JointDetector(AbstractChangeDetector):
 
         def evident(labels: Pair[np.ndarray]) -> Pair[np.ndarray]:
             segments = each(_with_labels, found, compared.members, labels)
-            judged = examined(segments, limits, verdicts, threshold, self.evidence)
+            judged = examined(segments, compared.surveys, limits, verdicts, threshold, self.evidence)
             return each(left, judged, compared.members, labels)
 
         return evident
@@ -188,7 +188,7 @@ class JointDetector(AbstractChangeDetector):
         looks_changed = self._candidates(pair, surveys, fits, measured)
         if self.config.evidence:
             threshold = self.config.threshold
-            evident = examined(looks_changed, measured.limits, self._verdicts(), threshold, self.evidence)
+            evident = examined(looks_changed, surveys, measured.limits, self._verdicts(), threshold, self.evidence)
         else:
             evident = unexamined(looks_changed)
         return surfaces_found(pair, measured, evident, self.objects.surfaces)
@@ -198,7 +198,7 @@ class JointDetector(AbstractChangeDetector):
     ) -> Pair[Candidates]:
         points = pair.surfaces.map(lambda surface: surface.points)
         excess = Pair(point_excess(fits, points.before, False), point_excess(fits, points.after, True))
-        observed = observed_places(points, surveys, measured.limits)
+        observed = observed_places(points, surveys, measured)
         return candidates_of(points, measured, excess, observed, self.config.threshold, self.candidates)
 
     def _verdicts(self) -> Verdicts:
