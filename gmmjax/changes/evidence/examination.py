@@ -93,8 +93,8 @@ def observed_places(
     """
 
     def of_cloud(points: np.ndarray, other: Survey, local: LocalDifference) -> np.ndarray | None:
-        limits = differences.limits
-        return None if other.views is None else observation(points, other, limits.distance, limits.local_offset(local))
+        margin, offset = differences.limits.local_distance(local), differences.limits.local_offset(local)
+        return None if other.views is None else observation(points, other, margin, offset)
 
     return each(of_cloud, points, surveys.swapped, differences.local)
 
@@ -141,7 +141,8 @@ def measured_candidates(
 def _sightlines(own: Candidates, survey: Survey, limits: DetectionLimits) -> Sightlines:
     """How surely the other survey observed the places of all points to be empty; 0 for those of no candidate."""
     rows = np.flatnonzero(own.labels >= 0)
-    found = sightlines(own.points[rows], survey, limits.distance, limits.local_offset(own.difference)[rows])
+    margin, offset = limits.local_distance(own.difference), limits.local_offset(own.difference)
+    found = sightlines(own.points[rows], survey, margin[rows], offset[rows])
     whole = Sightlines(*(np.zeros(len(own.labels), values.dtype) for values in found))
     for values, of_rows in zip(whole, found, strict=True):
         values[rows] = of_rows
