@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
 
-from gmmjax.geometry import MEDIAN_TO_DEVIATION, LocalSurface, nearest_neighbours
+from gmmjax.geometry import MEDIAN_TO_DEVIATION, LocalSurface, evenly_chosen, nearest_neighbours
 from gmmjax.pair import Pair, each
 
 
@@ -34,6 +35,15 @@ class DifferenceSettings:
             and every change is within the median distance.
         least_overlap: fraction of a cloud that is of the overlap, at least; of less, all points are taken. 0: of clouds
             that lie far apart, a few points that meet by chance are taken.
+        region: number of the nearest points, of those that are no sure change, whose median offset is the registration
+            error at a place: it grows with the range and differs from place to place. Few: a change of that size is
+            taken for registration error; infinite: that of the pair is everywhere.
+        regions: number of places, evenly chosen, that the registration error is computed at; elsewhere it is that of
+            the nearest one. 1: that of one place is everywhere.
+        least_error: registration error at a place, in that of the pair, at least. 1: small changes near the sensor
+            are lost in the error far from it.
+        most_error: the same, at most. 1: the edges of what is badly registered look changed; infinite: where a change
+            fills a region, all of it is taken for registration error.
         finest_offset: least registration error, in point spacings, for surfaces without noise such as computed planes.
             0: the rounding of their coordinates (1e-9 m in a country's grid) looks like an offset.
     """
@@ -44,6 +54,10 @@ class DifferenceSettings:
     offsets: float = 7.0
     overlap: float = 10.0
     least_overlap: float = 0.2
+    region: int = 400
+    regions: int = 400
+    least_error: float = 0.3
+    most_error: float = 2.0
     finest_offset: float = 1e-6
 
 
@@ -56,6 +70,7 @@ class LocalDifference(NamedTuple):
         noise: standard deviation of that offset by the scatter of both surfaces about their planes.
         thickness: standard deviation of the other cloud's points about their plane there.
         spacing: of the other cloud's points there.
+        error: registration error there; None: that of the pair.
     """
 
     distance: Float[np.ndarray, " n"]
@@ -63,6 +78,7 @@ class LocalDifference(NamedTuple):
     noise: Float[np.ndarray, " n"]
     thickness: Float[np.ndarray, " n"]
     spacing: Float[np.ndarray, " n"]
+    error: Float[np.ndarray, " n"] | None = None
 
 
 class DetectionLimits(NamedTuple):
@@ -86,15 +102,16 @@ class DetectionLimits(NamedTuple):
     settings: DifferenceSettings
 
     def local_offset(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
-        """The limit of the offset of each point, larger where its neighbourhood is noisier."""
-        return np.maximum(self.offset, self.settings.offsets * difference.noise)
+        """The limit of the offset of each point, by the registration error and the noise there."""
+        error = self.registration_error if difference.error is None else difference.error
+        return self.settings.offsets * np.maximum(error, difference.noise)
 
     def local_distance(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
-        """The limit of the distance of each point, larger where the other cloud is sparser or thicker."""
-        local = np.maximum(
-            self.settings.spacings * difference.spacing, self.settings.thicknesses * difference.thickness
-        )
-        return np.maximum(self.distance, local)
+        """The limit of the distance of each point, larger where the other cloud is sparser, thicker or farther off."""
+        settings, error = self.settings, self.registration_error if difference.error is None else difference.error
+        of_pair = max(settings.spacings * self.spacing, settings.distances * self.median_distance)
+        of_other = np.maximum(settings.spacings * difference.spacing, settings.thicknesses * difference.thickness)
+        return np.maximum(of_pair, np.maximum(settings.offsets * error, of_other))
 
 
 class Differences(NamedTuple):
@@ -120,7 +137,8 @@ def differences_between(
         settings: of the limits.
     """
     local = each(local_difference, surfaces, surfaces.swapped)
-    return Differences(local, detection_limits(local, spacing, settings))
+    limits = detection_limits(local, spacing, settings)
+    return Differences(each(lambda own, side: _with_error(own, side, limits), surfaces, local), limits)
 
 
 def local_difference(
@@ -172,3 +190,18 @@ def _in_overlap(side: LocalDifference, spacing: float, settings: DifferenceSetti
     """The points of the overlap of both clouds, or all points where that is too small."""
     common = side.distance <= settings.overlap * np.maximum(side.spacing, spacing)
     return common if common.mean() >= settings.least_overlap else np.ones(len(common), bool)
+
+
+def _with_error(own: LocalSurface, side: LocalDifference, limits: DetectionLimits) -> LocalDifference:
+    """The differences of a cloud with the registration error at each point: the median offset of the region around."""
+    settings = limits.settings
+    unsure = np.flatnonzero((side.distance <= limits.distance) & (side.offset <= limits.offset))
+    if len(unsure) < settings.region:
+        return side
+    tree = cKDTree(own.points[unsure])
+    places = own.points[unsure[evenly_chosen(len(unsure), settings.regions)]]
+    regions = nearest_neighbours(tree, places, settings.region)[1]
+    errors = MEDIAN_TO_DEVIATION * np.median(side.offset[unsure][regions], axis=1)
+    nearest = nearest_neighbours(cKDTree(places), own.points, 1)[1][:, 0]
+    least, most = settings.least_error, settings.most_error
+    return side._replace(error=np.clip(errors[nearest], *(limits.registration_error * np.array([least, most]))))

@@ -26,6 +26,7 @@ from gmmjax.scenes.ray_casting import UNLABELLED as UNLABELLED
 from gmmjax.scenes.ray_casting import Solid as Solid
 from gmmjax.scenes.recording import Recording as Recording
 from gmmjax.scenes.recording import recorded_frames as recorded_frames
+from gmmjax.scenes.revolved import Revolved as Revolved
 from gmmjax.scenes.rigid_motions import looking_at as looking_at
 from gmmjax.scenes.rigid_motions import looking_down as looking_down
 from gmmjax.scenes.rigid_motions import small_motion as small_motion
@@ -38,5 +39,6 @@ from gmmjax.scenes.shapes import Vegetation as Vegetation
 from gmmjax.scenes.surveyed_scene import Frame as Frame
 from gmmjax.scenes.surveyed_scene import SurveyedScene as SurveyedScene
 from gmmjax.scenes.surveyed_scene import surveyed_scene as surveyed_scene
+from gmmjax.scenes.triangulating_camera import TriangulatingCamera as TriangulatingCamera
 from gmmjax.scenes.visibility import seen as seen
 from gmmjax.scenes.visibility import uncounted as uncounted

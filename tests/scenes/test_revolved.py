@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from gmmjax.scenes import Ellipsoid, Solid, small_motion
-from gmmjax.scenes.revolved import Revolved
+from gmmjax.scenes import Ellipsoid, Revolved, Solid, small_motion
 
 CUP = Revolved.standing([(0.0, 0.0), (0.04, 0.0), (0.05, 0.1), (0.045, 0.1), (0.035, 0.01), (0.0, 0.01)], label=3)
 DOWN = np.array([[0.0, 0.0, -1.0]])

@@ -63,7 +63,7 @@ def test_ground_is_hit_where_its_height_is(origin):
     ground = Ground(np.zeros(3), np.array([20.0, 20.0, 3.0]), heights=HILLS)
     places = hit_places(ground, np.array(origin))
     assert len(places) > 300
-    np.testing.assert_allclose(places[:, 2], ground.height_at(places[:, :2]), atol=0.03)
+    np.testing.assert_allclose(places[:, 2], ground.height_at(places[:, :2]), atol=0.002)
     assert ground.contains(places, 0.05).all() and not ground.contains(places - [0.0, 0.0, -0.1], 0.01).any()
 
 

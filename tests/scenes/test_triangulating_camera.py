@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from gmmjax.scenes import DepthCamera, Solid, looking_at
-from gmmjax.scenes.triangulating_camera import TriangulatingCamera
+from gmmjax.scenes import DepthCamera, Solid, TriangulatingCamera, looking_at
 
 PIXELS = DepthCamera(columns=80, rows=60, flying=0.0, lost=0.0)
 POSE = looking_at(np.array([0.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))

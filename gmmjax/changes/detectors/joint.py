@@ -1,7 +1,7 @@
 """Changes by one mixture for both clouds: the pipeline of the default method."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import jax
@@ -114,7 +114,7 @@ class JointDetector(AbstractChangeDetector):
         for given in poses:
             surveys = compared.surveys if given else compared.pair.surfaces.map(Survey)
             found = self._candidates(compared.pair, surveys, compared.fits, compared.differences)
-            of_poses.append(measured_candidates(found, compared.differences.limits, self.evidence))
+            of_poses.append(measured_candidates(found, surveys, compared.differences.limits, self.evidence))
         return compared.members, of_poses
 
     def evident(self, scans: Pair[Scan], labels: Pair[Int[np.ndarray, " _"]]) -> Pair[Int[np.ndarray, " _"]]:
@@ -127,18 +127,29 @@ class JointDetector(AbstractChangeDetector):
         Returns:
             The labels, -1 where the evidence speaks against a change; as they are for clouds that fill volumes.
         """
+        return self.evidence_on(scans)(labels)
+
+    def evidence_on(self, scans: Pair[Scan]) -> Callable[[Pair[Int[np.ndarray, " _"]]], Pair[Int[np.ndarray, " _"]]]:
+        """`evident` for the segments of any number of detectors: what the scans alone say is computed once.
+
+        Args:
+            scans: both clouds.
+        """
         compared = self._compared(scans)
         if compared is None:
-            return labels
+            return lambda labels: labels
         found = self._candidates(compared.pair, compared.surveys, compared.fits, compared.differences)
-        segments = each(_with_labels, found, compared.members, labels)
-        threshold = self.config.threshold
-        evident = examined(segments, compared.differences.limits, self._verdicts(), threshold, self.evidence)
+        limits, verdicts, threshold = compared.differences.limits, self._verdicts(), self.config.threshold
 
         def left(own: Examined, member: np.ndarray, labels: np.ndarray) -> np.ndarray:
             return np.where((member >= 0) & (own.labels[member] >= 0), labels, -1)
 
-        return each(left, evident, compared.members, labels)
+        def evident(labels: Pair[np.ndarray]) -> Pair[np.ndarray]:
+            segments = each(_with_labels, found, compared.members, labels)
+            judged = examined(segments, compared.surveys, limits, verdicts, threshold, self.evidence)
+            return each(left, judged, compared.members, labels)
+
+        return evident
 
     def _compared(self, scans: Pair[Scan]) -> "_Compared | None":
         """Both scans up to their differences; None where they fill volumes."""
@@ -181,7 +192,7 @@ class JointDetector(AbstractChangeDetector):
         looks_changed = self._candidates(pair, surveys, fits, measured)
         if self.config.evidence:
             threshold = self.config.threshold
-            evident = examined(looks_changed, measured.limits, verdicts, threshold, self.evidence)
+            evident = examined(looks_changed, surveys, measured.limits, verdicts, threshold, self.evidence)
         else:
             evident = unexamined(looks_changed)
         return surfaces_found(pair, measured, evident, self.objects.surfaces)
@@ -191,7 +202,7 @@ class JointDetector(AbstractChangeDetector):
     ) -> Pair[Candidates]:
         points = pair.surfaces.map(lambda surface: surface.points)
         excess = Pair(point_excess(fits, points.before, False), point_excess(fits, points.after, True))
-        observed = observed_places(points, surveys, measured.limits)
+        observed = observed_places(points, surveys, measured)
         return candidates_of(points, measured, excess, observed, self.config.threshold, self.candidates)
 
     def _verdicts(self) -> Verdicts:

@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from gmmjax.changes.candidates import Candidates
 from gmmjax.changes.differences import DetectionLimits
 from gmmjax.changes.evidence.continuation import Continuation
+from gmmjax.changes.evidence.free_space import Sightlines
 from gmmjax.geometry import evenly_chosen, plane_surface
 
 
@@ -56,6 +57,7 @@ class Surroundings:
         other: tree of the points of the other cloud.
         opposite: tree of those of them that are of candidates.
         limits: of distances and offsets.
+        sightlines: how surely the other survey observed each place to be empty; None: its views are not known.
         settings: what surrounds a candidate.
     """
 
@@ -66,6 +68,7 @@ class Surroundings:
     other: cKDTree
     opposite: cKDTree
     limits: DetectionLimits
+    sightlines: Sightlines | None = None
     settings: SurroundingsSettings = SurroundingsSettings()
 
     @functools.cached_property
@@ -164,6 +167,13 @@ class Candidate:
         """What the other survey observed at its points, where its views are known."""
         observed = self.surroundings.own.observed
         return None if observed is None else observed[self.rows]
+
+    @property
+    def sightlines(self) -> Sightlines:
+        """How surely the other survey, whose views are known, observed its points' places to be empty."""
+        of_cloud = self.surroundings.sightlines
+        assert of_cloud is not None
+        return Sightlines(*(values[self.rows] for values in of_cloud))
 
     @functools.cached_property
     def to_unchanged(self) -> Float[np.ndarray, " m"]:

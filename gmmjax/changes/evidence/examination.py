@@ -10,12 +10,19 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.candidates import Candidates
-from gmmjax.changes.differences import DetectionLimits
+from gmmjax.changes.differences import DetectionLimits, Differences, LocalDifference
 from gmmjax.changes.evidence.candidate import Candidate, Surroundings, SurroundingsSettings, candidates_in
 from gmmjax.changes.evidence.continuation import ContinuationSettings
 from gmmjax.changes.evidence.coverage_edge import ReferenceSurfaces
 from gmmjax.changes.evidence.facts import measured
-from gmmjax.changes.evidence.free_space import FreeSpaceSettings, Observed, Survey, observation
+from gmmjax.changes.evidence.free_space import (
+    FreeSpaceSettings,
+    Observed,
+    Sightlines,
+    Survey,
+    observation,
+    sightlines,
+)
 from gmmjax.changes.evidence.pieces import PieceSettings, cut
 from gmmjax.changes.evidence.support_planes import SupportSettings, supports
 from gmmjax.changes.evidence.verdict import Judgement, judged
@@ -75,29 +82,34 @@ class Examined(NamedTuple):
 
 
 def observed_places(
-    points: Pair[Float[np.ndarray, "_ 3"]], surveys: Pair[Survey], limits: DetectionLimits
+    points: Pair[Float[np.ndarray, "_ 3"]], surveys: Pair[Survey], differences: Differences
 ) -> Pair[np.ndarray | None]:
     """What the other survey observed at the place of each point, values of `Observed`; None without its views.
 
     Args:
         points: of both clouds.
         surveys: the same clouds, with their views where they are known.
-        limits: of distances.
+        differences: of the clouds from each other.
     """
 
-    def of_cloud(points: np.ndarray, other: Survey) -> np.ndarray | None:
-        return None if other.views is None else observation(points, other, limits.distance)
+    def of_cloud(points: np.ndarray, other: Survey, local: LocalDifference) -> np.ndarray | None:
+        margin, offset = differences.limits.local_distance(local), differences.limits.local_offset(local)
+        return None if other.views is None else observation(points, other, margin, offset)
 
-    return each(of_cloud, points, surveys.swapped)
+    return each(of_cloud, points, surveys.swapped, differences.local)
 
 
 def measured_candidates(
-    candidates: Pair[Candidates], limits: DetectionLimits, settings: EvidenceSettings = EvidenceSettings()
+    candidates: Pair[Candidates],
+    surveys: Pair[Survey],
+    limits: DetectionLimits,
+    settings: EvidenceSettings = EvidenceSettings(),
 ) -> Pair[list[Candidate]]:
     """The candidates of both clouds, cut into pieces, with all that facts are measured from.
 
     Args:
         candidates: of both clouds.
+        surveys: the same clouds, with their views where they are known.
         limits: of distances and offsets.
         settings: how they are cut.
     """
@@ -114,17 +126,32 @@ def measured_candidates(
     support_planes = supports(points, labels, limits.spacing, settings.support)
     opposite = each(lambda own, label: cKDTree(own[label >= 0]), points, labels).swapped
 
-    def surroundings(own: tuple, support: np.ndarray, opposite: cKDTree) -> list[Candidate]:
+    def surroundings(own: tuple, support: np.ndarray, opposite: cKDTree, survey: Survey) -> list[Candidate]:
         pieces, clusters, continuations, other = own
+        sight = None if survey.views is None else _sightlines(pieces, survey, limits)
         return candidates_in(
-            Surroundings(pieces, clusters, continuations, support, other, opposite, limits, settings.surroundings)
+            Surroundings(
+                pieces, clusters, continuations, support, other, opposite, limits, sight, settings.surroundings
+            )
         )
 
-    return each(surroundings, cuts, support_planes, opposite)
+    return each(surroundings, cuts, support_planes, opposite, surveys.swapped)
+
+
+def _sightlines(own: Candidates, survey: Survey, limits: DetectionLimits) -> Sightlines:
+    """How surely the other survey observed the places of all points to be empty; 0 for those of no candidate."""
+    rows = np.flatnonzero(own.labels >= 0)
+    margin, offset = limits.local_distance(own.difference), limits.local_offset(own.difference)
+    found = sightlines(own.points[rows], survey, margin[rows], offset[rows])
+    whole = Sightlines(*(np.zeros(len(own.labels), values.dtype) for values in found))
+    for values, of_rows in zip(whole, found, strict=True):
+        values[rows] = of_rows
+    return whole
 
 
 def examined(
     candidates: Pair[Candidates],
+    surveys: Pair[Survey],
     limits: DetectionLimits,
     verdicts: Verdicts,
     threshold: float = 0.5,
@@ -134,6 +161,7 @@ def examined(
 
     Args:
         candidates: of both clouds.
+        surveys: the same clouds, with their views where they are known.
         limits: of distances and offsets.
         verdicts: with and without the views of the other survey.
         threshold: probability from which on a candidate is a change.
@@ -142,7 +170,7 @@ def examined(
     Warns:
         InputWarning: a candidate is unlike all that the verdict was learned from.
     """
-    pieces = measured_candidates(candidates, limits, settings)
+    pieces = measured_candidates(candidates, surveys, limits, settings)
     judgements = each(lambda own, cut: _judged(own, cut, verdicts), candidates, pieces)
     _warn_of_unlike([unlike for own in judgements for unlike in own.unlike], settings)
     return each(

@@ -250,6 +250,17 @@ def free_by_offset(candidate: Candidate) -> float:
     return float(((candidate.observed == 0) & (candidate.relative_offset >= 1)).mean())
 
 
+def seen_through(candidate: Candidate) -> float:
+    """Share of the lines of sight to it that passed through its place, of those that reached it or were blocked."""
+    through, blocked = (float(own.sum()) for own in candidate.sightlines[:2])
+    return through / max(through + blocked, 1.0)
+
+
+def depth_beyond(candidate: Candidate) -> float:
+    """How far beyond its place the other survey saw, of the deepest half, in the distance that is surely a change."""
+    return float(np.quantile(candidate.sightlines.beyond, 0.75))
+
+
 def cluster_free(candidate: Candidate) -> float:
     """Share of the cluster that it was cut from in free space of the other survey, 0 to 1: the hidden side of that."""
     observed = candidate.surroundings.own.observed
@@ -307,6 +318,16 @@ FACTS: dict[str, Fact] = {
     "not_seen": Fact(not_seen, "{:.0%} of it lies where the other survey saw nothing", "share", -1, poses=True),
     "free_by_offset": Fact(
         free_by_offset, "{:.0%} of it is off the surface that the other survey saw there", "share", 1, poses=True
+    ),
+    "seen_through": Fact(
+        seen_through, "{:.0%} of the other survey's lines of sight there passed through it", "share", 1, poses=True
+    ),
+    "depth_beyond": Fact(
+        depth_beyond,
+        "the other survey saw {:.1f} times the distance of a sure change beyond it",
+        "ratio",
+        1,
+        poses=True,
     ),
     "cluster_free": Fact(
         cluster_free, "the other survey saw through {:.0%} of what differs there", "share", 1, poses=True

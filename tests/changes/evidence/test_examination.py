@@ -7,7 +7,7 @@ from gmmjax import DetectionConfig, detect_changes
 from gmmjax.changes.candidates import Candidates
 from gmmjax.changes.detectors.detector import Scan
 from gmmjax.changes.detectors.joint import JointDetector
-from gmmjax.changes.differences import DetectionLimits, DifferenceSettings, LocalDifference
+from gmmjax.changes.differences import DetectionLimits, Differences, DifferenceSettings, LocalDifference
 from gmmjax.changes.evidence.examination import (
     EvidenceSettings,
     examined,
@@ -132,6 +132,11 @@ def candidates_of(points, labels, observed=None):
     return Candidates(points, difference, looks_changed, looks_changed, labels, observed)
 
 
+def surveys_of(pair, *views):
+    """Both clouds as surveys; of the after cloud with these views."""
+    return Pair(Survey.of(pair.before.points), Survey.of(pair.after.points, *views))
+
+
 def nothing_of(points):
     return candidates_of(points, np.full(len(points), -1))
 
@@ -162,7 +167,8 @@ BY_CONTINUATION = Verdicts(
 def test_an_object_and_what_it_occluded_are_judged_by_themselves(with_object):
     points, labels, other = with_object
     on_floor = (labels == 0) & (points[:, 2] < 0.02)
-    found = examined(Pair(candidates_of(points, labels), nothing_of(other)), LIMITS, BY_CONTINUATION).before
+    pair = Pair(candidates_of(points, labels), nothing_of(other))
+    found = examined(pair, surveys_of(pair), LIMITS, BY_CONTINUATION).before
     assert (found.labels[on_floor] < 0).mean() > 0.95 and (found.labels[(labels == 0) & ~on_floor] == 0).mean() > 0.95
     assert found.unobserved[on_floor].mean() > 0.95 and not found.unobserved[found.labels == 0].any()
     ((rows, explanation),) = found.rejected
@@ -174,7 +180,8 @@ def test_an_object_and_what_it_occluded_are_judged_by_themselves(with_object):
 def test_as_one_piece_they_have_one_verdict(with_object):
     points, labels, other = with_object
     settings = EvidenceSettings(pieces=PieceSettings(share=1.0))
-    (piece,), _ = measured_candidates(Pair(candidates_of(points, labels), nothing_of(other)), LIMITS, settings)
+    pair = Pair(candidates_of(points, labels), nothing_of(other))
+    (piece,), _ = measured_candidates(pair, surveys_of(pair), LIMITS, settings)
     np.testing.assert_array_equal(np.sort(piece.rows), np.flatnonzero(labels == 0))
     assert 0.2 < measured(piece)["continued"] < 0.8
 
@@ -182,7 +189,8 @@ def test_as_one_piece_they_have_one_verdict(with_object):
 def test_pieces_that_touch_and_are_changes_are_one_change(with_object):
     points, labels, other = with_object
     everything = Verdicts(verdict({}, bias=(3.0, -3.0)), BY_CONTINUATION.poses_given)
-    found = examined(Pair(candidates_of(points, labels), nothing_of(other)), LIMITS, everything).before
+    pair = Pair(candidates_of(points, labels), nothing_of(other))
+    found = examined(pair, surveys_of(pair), LIMITS, everything).before
     np.testing.assert_array_equal(found.labels, labels)
     assert len(found.probability) == len(found.explanations) == 1 and found.rejected == ()
 
@@ -191,8 +199,8 @@ def test_the_threshold_decides_what_is_a_change(with_object):
     points, labels, other = with_object
     even = Verdicts(verdict({}, bias=(0.0, -20.0)), BY_CONTINUATION.poses_given)
     pair = Pair(candidates_of(points, labels), nothing_of(other))
-    assert examined(pair, LIMITS, even, threshold=0.4).before.labels.max() == 0
-    rejected = examined(pair, LIMITS, even, threshold=0.6).before
+    assert examined(pair, surveys_of(pair), LIMITS, even, threshold=0.4).before.labels.max() == 0
+    rejected = examined(pair, surveys_of(pair), LIMITS, even, threshold=0.6).before
     assert rejected.labels.max() == -1
     # As likely as not, and unchanged where it is no change.
     assert all(explanation.changed == pytest.approx(0.5, abs=1e-6) for _, explanation in rejected.rejected)
@@ -201,20 +209,21 @@ def test_the_threshold_decides_what_is_a_change(with_object):
 
 def test_a_candidate_unlike_all_that_was_learned_is_warned_of_by_the_fact(with_object):
     points, labels, other = with_object
+    pair = Pair(candidates_of(points, labels), nothing_of(other))
     known = Verdicts(verdict({}, lower=-0.01, upper=0.01), BY_CONTINUATION.poses_given)
     with pytest.warns(InputWarning, match=r"unlike all that the verdict was learned from \(\w+ is [\d.]+ times"):
-        examined(Pair(candidates_of(points, labels), nothing_of(other)), LIMITS, known)
+        examined(pair, surveys_of(pair), LIMITS, known)
 
 
 def test_the_order_of_the_points_changes_no_verdict(with_object):
     points, labels, other = with_object
     order = np.random.default_rng(0).permutation(len(points))
-    pair = Pair(candidates_of(points, labels), nothing_of(other))
-    here = examined(pair, LIMITS, shipped_verdicts()).before
-    there = examined(
-        Pair(candidates_of(points[order], labels[order]), nothing_of(other)), LIMITS, shipped_verdicts()
-    ).before
-    np.testing.assert_array_equal(here.labels[order] >= 0, there.labels >= 0)
+
+    def of(points, labels):
+        pair = Pair(candidates_of(points, labels), nothing_of(other))
+        return examined(pair, surveys_of(pair), LIMITS, shipped_verdicts()).before.labels >= 0
+
+    np.testing.assert_array_equal(of(points, labels)[order], of(points[order], labels[order]))
 
 
 def test_labels_are_renumbered_without_gaps():
@@ -228,13 +237,15 @@ def test_with_views_the_object_is_kept_and_what_nobody_observed_is_not():
     thing, far = cube((1, 1), 0.4), plane((4, 0), (4.5, 0.5), 0.0)
     points = np.concatenate([thing, far])
     is_thing = np.arange(len(points)) < len(thing)
-    surveys = Pair(Survey.of(points), Survey.of(floor, FROM_ABOVE))
-    observed = observed_places(Pair(points, floor), surveys, LIMITS)
+    pair = Pair(candidates_of(points, np.where(is_thing, 0, 1)), nothing_of(floor))
+    surveys = surveys_of(pair, FROM_ABOVE)
+    differences = Differences(pair.map(lambda own: own.difference), LIMITS)
+    observed = observed_places(Pair(points, floor), surveys, differences)
     assert observed.after is None
     assert (observed.before[is_thing] == Observed.free).mean() > 0.9
     assert (observed.before[~is_thing] == Observed.unobserved).all()
-    own = candidates_of(points, np.where(is_thing, 0, 1), observed.before)
-    found = examined(Pair(own, nothing_of(floor)), LIMITS, BY_CONTINUATION).before
+    own = pair.before._replace(observed=observed.before)
+    found = examined(Pair(own, pair.after), surveys, LIMITS, BY_CONTINUATION).before
     np.testing.assert_array_equal(found.labels, np.where(is_thing, 0, -1))
     assert found.unobserved[~is_thing].all() and not found.unobserved[is_thing].any()
 

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from gmmjax.geometry import transformed
 from gmmjax.scenes import family_scene
 
-SEEDS = range(8)
+SEEDS = range(10)
 scene_of = functools.cache(functools.partial(family_scene, "doors"))
 
 
