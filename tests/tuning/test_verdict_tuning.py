@@ -8,10 +8,12 @@ import pytest
 
 from gmmjax import DetectionConfig, InputError, InputWarning
 from gmmjax.changes import Verdicts, read_verdicts, write_verdicts
+from gmmjax.cli import main
+from gmmjax.clouds import write_ply
 from gmmjax.evaluation import Scores
-from gmmjax.learning import CHANGED, NOT_CHANGED
+from gmmjax.learning import CHANGED, NOT_CHANGED, UNOBSERVED
 from gmmjax.reporting.tuning_files import read_state, write_state, write_tuned
-from gmmjax.tuning import ScanPair, TuningSettings, VerdictState, tune, tune_verdict
+from gmmjax.tuning import ScanPair, TuningSettings, VerdictState, tune, tune_verdict, unchanged_pair
 from tests.changes.evidence.verdicts import verdict
 from tests.changes.rooms import around, box, scanned
 from tests.tuning.candidates import DISTANT, measured_pairs, pairs_of
@@ -197,27 +199,118 @@ ROOM = {"pixels": (64, 48), "noise": 0.003}
 CRATE = box((0.3, 0.0, 0.0), (0.3, 0.3, 0.3))
 
 
-def room_pair(*, known=True, unseen=False):
-    """A room in which a box appears; `known`: with its truth."""
+@pytest.fixture(scope="module")
+def room():
+    """A room in which a box appears, with its truth."""
     before, after = scanned(VIEWS, **ROOM), scanned(VIEWS, [CRATE], seed=1, **ROOM)
     inside = ((after > CRATE[0] - 0.01) & (after < CRATE[1] + 0.01)).all(axis=1) & (after[:, 2] > 0.02)
-    truth = (np.full(len(before), -1), np.where(inside, 0, -1)) if known else (None, None)
-    pair = ScanPair("room", before, after, *truth, views_before=VIEWS, views_after=VIEWS)
-    hidden = np.ones(len(before), bool), np.zeros(len(after), bool)
-    return dataclasses.replace(pair, unseen_before=hidden[0], unseen_after=hidden[1]) if unseen else pair
+    truth = np.full(len(before), -1), np.where(inside, 0, -1)
+    return ScanPair("room", before, after, *truth, views_before=VIEWS, views_after=VIEWS)
 
 
-def test_candidates_are_what_the_truth_says_and_measured_as_detection_does(config):
-    states = []
-    STEPS._measured([room_pair()], config, VerdictState(), states.append, lambda stage, share: None)
-    ((rows,),) = (state.measured for state in states)
+def candidates_of(pair):
+    """The candidates of a pair, without and with the other survey's views."""
+    ((rows),) = STEPS._measured(
+        [pair], DetectionConfig(), VerdictState(), lambda state: None, lambda stage, share: None
+    ).measured
+    return rows
+
+
+def test_candidates_are_what_the_truth_says(room):
+    rows = candidates_of(room)
     # The views of both surveys are known, so that all candidates are judged with them.
     assert not len(rows.before.kind)
-    kinds = set(rows.after.kind)
-    assert CHANGED in kinds and kinds <= {CHANGED, NOT_CHANGED}
+    assert CHANGED in set(rows.after.kind) and set(rows.after.kind) <= {CHANGED, NOT_CHANGED}
 
 
-def test_truth_that_does_not_fit_is_named(config):
-    wrong = dataclasses.replace(room_pair(), truth_after=np.zeros(3, int))
+def test_without_views_it_is_the_other_verdict_that_is_tuned(room):
+    hidden = np.ones(len(room.before), bool), np.ones(len(room.after), bool)
+    blind = dataclasses.replace(
+        unchanged_pair("room", room.before, room.after), unseen_before=hidden[0], unseen_after=hidden[1]
+    )
+    rows = candidates_of(blind)
+    assert len(rows.before.kind) and not len(rows.after.kind)
+    # What is said to be hidden is judged as not observed.
+    assert set(rows.before.kind) == {UNOBSERVED}
+
+
+def test_points_that_are_ignored_are_no_candidates(room):
+    ignored = np.ones(len(room.before), bool), np.ones(len(room.after), bool)
+    rows = candidates_of(dataclasses.replace(room, ignored_before=ignored[0], ignored_after=ignored[1]))
+    assert not len(rows.after.kind)
+
+
+def test_truth_that_does_not_fit_is_named(room, config):
+    wrong = dataclasses.replace(room, truth_after=np.zeros(3, int))
     with pytest.raises(InputError, match=r"room: truth_after must hold whole numbers .* each of the \d+ points"):
         tune_verdict([wrong], config=config)
+
+
+@pytest.fixture(scope="module")
+def folder(room, tmp_path_factory):
+    """An unchanged place surveyed twice, without truth, and a verdict by which all candidates are changes."""
+    folder = tmp_path_factory.mktemp("folder")
+    (folder / "pairs" / "room").mkdir(parents=True)
+    for side in ("before", "after"):
+        write_ply(folder / "pairs" / "room" / f"{side}.ply", getattr(room, side))
+    every = [verdict({}, bias=(2.0, 0.0), poses=poses) for poses in (False, True)]
+    write_verdicts(folder / "every.json", Verdicts(*every), {})
+    (folder / "every.toml").write_text('verdict = "every.json"\nrestarts = 1\n')
+    return folder
+
+
+def run(folder, *more):
+    return main(["tune", str(folder / "pairs"), "--config", str(folder / "every.toml"), *more])
+
+
+@pytest.fixture(autouse=True, scope="module")
+def no_compilation_cache():
+    """JAX's own variable keeps the command line from changing JAX's settings for the other tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("JAX_COMPILATION_CACHE_DIR", "")
+        yield
+
+
+def test_an_unchanged_place_stops_false_alarms_and_detection_uses_the_file(folder, capsys, monkeypatch):
+    out = folder / "tuned.toml"
+    assert run(folder, "--out", str(out), "--unchanged") == 0
+    printed = capsys.readouterr()
+    assert "Verdict tuned" in printed.out and "false segments of detect" in printed.out
+    assert "1 pair is too few" in printed.err
+    assert sorted(path.name for path in folder.glob("tuned*")) == ["tuned.html", "tuned.toml", "tuned.verdict.json"]
+    # From another folder: the path in the settings is relative to them.
+    monkeypatch.chdir(folder / "pairs")
+    clouds = ["room/before.ply", "room/after.ply", "--quiet"]
+    found = []
+    for config in ("every", "tuned"):
+        assert main(["detect", *clouds, "--out", str(folder / config), "--config", f"../{config}.toml"]) == 0
+        found.append(len(json.loads((folder / config / "changes.json").read_text())["changes"]))
+    assert found[0] > found[1] == 0
+    used = tomllib.loads((folder / "tuned" / "config.toml").read_text())["verdict"]
+    assert used == str(folder / "tuned.verdict.json")
+
+
+def test_goes_on_after_an_interruption(folder, tmp_path, monkeypatch, capsys):
+    out = tmp_path / "later.toml"
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(STEPS, "_course", interrupted)
+        assert run(folder, "--out", str(out), "--unchanged", "--draws", "1") == 130
+    assert [path.name for path in tmp_path.iterdir()] == ["later.progress.npz"]
+    capsys.readouterr()
+    # The candidates are not measured again.
+    monkeypatch.setattr(STEPS, "rows_of_scans", interrupted)
+    assert run(folder, "--out", str(out), "--unchanged", "--draws", "1") == 0
+    assert "Going on after pair 1" in capsys.readouterr().err and not list(tmp_path.glob("*.npz"))
+
+
+def test_a_file_of_another_version_is_refused_before_the_work(folder, tmp_path, capsys):
+    content = json.loads((folder / "every.json").read_text())
+    (tmp_path / "old.json").write_text(json.dumps({**content, "schema_version": 99}))
+    clouds = [str(folder / "pairs" / "room" / f"{side}.ply") for side in ("before", "after")]
+    result = ["--out", str(tmp_path / "result"), "--verdict", str(tmp_path / "old.json")]
+    assert main(["detect", *clouds, *result]) == 2
+    assert "old.json: has schema version 99" in capsys.readouterr().err and not (tmp_path / "result").exists()
