@@ -62,7 +62,9 @@ def main() -> None:
     unseen = scenes(options.scenes, seeds[options.training :], options.points)
     by_hand = BY_HAND[options.scenes]
     wrong = dataclasses.replace(by_hand, noise_floor=by_hand.noise_floor / 3, tolerance=5 * by_hand.tolerance)
-    settings = TuningSettings(steps=options.steps, starts=options.starts, max_points=options.max_points)
+    settings = TuningSettings(
+        ("noise_floor", "tolerance"), steps=options.steps, starts=options.starts, max_points=options.max_points
+    )
     of_wrong, of_default = tune(training, config=wrong, settings=settings), tune(training, settings=settings)
     rows = {
         "wrong sensor": wrong,

@@ -16,6 +16,7 @@ from gmmjax.learning.collection import write_rows as write_rows
 from gmmjax.learning.objective import bounds_of as bounds_of
 from gmmjax.learning.objective import free_from as free_from
 from gmmjax.learning.objective import log_likelihood as log_likelihood
+from gmmjax.learning.objective import log_probabilities as log_probabilities
 from gmmjax.learning.objective import signed as signed
 from gmmjax.learning.training import LeftOut as LeftOut
 from gmmjax.learning.training import TrainingSettings as TrainingSettings

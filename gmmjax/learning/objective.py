@@ -8,6 +8,14 @@ from jaxtyping import Float, Int
 from gmmjax._typing import Array
 
 
+def log_probabilities(
+    weights: Float[Array, "2 f"], bias: Float[Array, " 2"], facts: Float[Array, "n f"]
+) -> Float[Array, "n 3"]:
+    """Log probabilities of changed, not observed and unchanged; arguments as of `log_likelihood`."""
+    odds = facts @ weights.T + bias[None]
+    return jax.nn.log_softmax(jnp.concatenate([odds, jnp.zeros_like(odds[:, :1])], axis=1), axis=1)
+
+
 def log_likelihood(
     weights: Float[Array, "2 f"],
     bias: Float[Array, " 2"],
@@ -24,8 +32,7 @@ def log_likelihood(
         kind: `CHANGED`, `UNOBSERVED`, `UNCHANGED` or `NOT_CHANGED`.
         weight: how many candidates each stands for; 0 is one that is not looked at.
     """
-    odds = facts @ weights.T + bias[None]
-    logs = jax.nn.log_softmax(jnp.concatenate([odds, jnp.zeros_like(odds[:, :1])], axis=1), axis=1)
+    logs = log_probabilities(weights, bias, facts)
     not_changed = jnp.logaddexp(logs[:, 1], logs[:, 2])
     kinds = jnp.concatenate([logs, not_changed[:, None]], axis=1)
     return weight @ jnp.take_along_axis(kinds, kind[:, None], axis=1)[:, 0]

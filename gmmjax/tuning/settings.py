@@ -32,9 +32,9 @@ class TuningSettings:
         patience: steps without a lower loss of the pairs held back after which it ends.
         max_points: that each fit sees, and that are judged of each cloud.
         seed: of all that is random.
-        draws: towards the verdict's parameters as they were, in candidates that each would outweigh; the one is chosen
-            by which pairs that were held back are judged best. Infinite: they stay. Near 0: what a few candidates have
-            in common by chance is learned.
+        draws: towards the verdict as it was, as if it had judged so many candidates like those that it was learned
+            from; the one is chosen by which pairs that were held back are judged best. Infinite: it stays. Near 0: what
+            a few candidates have in common by chance is learned, and what was known is forgotten.
         folds: of the pairs, each held back once for the verdict; as many as pairs, where these are fewer.
     """
 
@@ -48,7 +48,7 @@ class TuningSettings:
     patience: int = 12
     max_points: int = 4096
     seed: int = 0
-    draws: tuple[float, ...] = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)
+    draws: tuple[float, ...] = (1000.0, 300.0, 100.0, 30.0, 10.0)
     folds: int = 10
 
     def __post_init__(self) -> None:

@@ -48,6 +48,8 @@ class VerdictCourse:
             what was tuned on other pairs; nats. NaN without candidates.
         false_alarms: for each draw the number of candidates that are no change and were taken for one.
         draw: the chosen one.
+        clear: whether its log score is less than the start's by more than the standard error; never where no candidate
+            is a change.
         start: the verdict as it was given.
         tuned: with the chosen draw, from all pairs.
         held_back: for each fold of the pairs, with the chosen draw, from all other folds.
@@ -59,6 +61,7 @@ class VerdictCourse:
     losses: tuple[float, ...]
     false_alarms: tuple[int, ...]
     draw: float
+    clear: bool
     start: Verdict
     tuned: Verdict
     held_back: tuple[Verdict, ...]
@@ -80,6 +83,7 @@ class VerdictCourse:
             "candidates": self.candidates,
             "changes": self.changes,
             "draw": _plain(self.draw),
+            "clear": self.clear,
             "draws": [_plain(draw) for draw in self.draws],
             "losses": [_plain(loss) for loss in self.losses],
             "false_alarms": list(self.false_alarms),
@@ -151,11 +155,11 @@ def tune_verdict(
     """Tunes the parameters by which a difference between two scans is a change.
 
     The candidates of every pair are measured once. The parameters maximise their log likelihood, drawn towards the
-    config's (or the shipped ones). How strongly is chosen by pairs that are held back, each once: it is the strongest
-    draw with which the log score of their candidates is within one standard error of the least, and where nothing
-    changed in any pair, the strongest with which the fewest candidates are taken for changes. The tuned verdict is kept
-    only if `detect_changes` finds no less by it in the pairs held back: segment and point F1, and where nothing changed
-    fewer false segments.
+    config's (or the shipped ones). How strongly is chosen by pairs that are held back, each once: by the least log
+    score of their candidates, and where nothing changed in any pair, it is the strongest draw with which the fewest
+    candidates are taken for changes. The tuned verdict is kept only if that score is clearly less than the start's and
+    `detect_changes` finds no less in the pairs held back (segment and point F1; where nothing changed, false segments);
+    or if it finds more there.
 
     Args:
         pairs: of scans with truth; of `unchanged_pair` where nothing changed. With views the verdict with poses is
@@ -282,7 +286,7 @@ def _course(
     count = len(rows.kind)
     if not count:
         same = (start,) * (int(folds.max()) + 1)
-        return VerdictCourse(0, 0, draws, (np.nan,) * len(draws), (0,) * len(draws), np.inf, start, start, same)
+        return VerdictCourse(0, 0, draws, (np.nan,) * len(draws), (0,) * len(draws), np.inf, False, start, start, same)
     fold_of = folds[of_pair]
     alone = folds.max() == 0
     held_back = [
@@ -296,14 +300,16 @@ def _course(
     changed = rows.kind == CHANGED
     losses = -np.log(np.clip(np.where(changed, probability, 1 - probability), 1e-12, None))
     false_alarms = ((probability >= threshold) & ~changed).sum(axis=1)
-    chosen = _chosen(losses * rows.weight, of_pair) if changed.any() else int(false_alarms.argmin())
+    scores = losses @ rows.weight
+    chosen = int(scores.argmin() if changed.any() else false_alarms.argmin())
     return VerdictCourse(
         candidates=count,
         changes=int(changed.sum()),
         draws=draws,
-        losses=tuple((losses @ rows.weight / rows.weight.sum()).tolist()),
+        losses=tuple((scores / rows.weight.sum()).tolist()),
         false_alarms=tuple(false_alarms.tolist()),
         draw=draws[chosen],
+        clear=bool(changed.any()) and _clearly_less((losses[0] - losses[chosen]) * rows.weight, of_pair),
         start=start,
         tuned=tuned_verdict(start, rows, draws[chosen]),
         held_back=held_back[chosen],
@@ -335,16 +341,11 @@ def _changed(verdict: Verdict, facts: Float[Array, "n f"]) -> Float[Array, " n"]
     return jax.vmap(verdict.probabilities)(facts)[:, 0]
 
 
-def _chosen(losses: Float[np.ndarray, "d n"], of_pair: Int[np.ndarray, " n"]) -> int:
-    """The strongest draw whose loss of the pairs held back is within one standard error of the least one.
-
-    That is the one-standard-error rule of Breiman et al. (1984): the infinite draw, unless another is clearly better.
-    """
-    excess = losses - losses[losses.sum(axis=1).argmin()]
-    of_pairs = np.array([np.bincount(of_pair, own)[np.unique(of_pair)] for own in excess])
-    pairs = of_pairs.shape[1]
-    errors = np.sqrt(pairs) * of_pairs.std(axis=1, ddof=1) if pairs > 1 else np.zeros(len(excess))
-    return int((of_pairs.sum(axis=1) <= errors).argmax())
+def _clearly_less(gains: Float[np.ndarray, " n"], of_pair: Int[np.ndarray, " n"]) -> bool:
+    """Whether the gains of the candidates sum up to more than their standard error, which is that over the pairs."""
+    of_pairs = np.bincount(of_pair, gains)[np.unique(of_pair)]
+    error = np.sqrt(len(of_pairs)) * of_pairs.std(ddof=1) if len(of_pairs) > 1 else 0.0
+    return bool(of_pairs.sum() > error)
 
 
 def _judged_by_detection(
@@ -363,7 +364,7 @@ def _judged_by_detection(
         tuned = [dataclasses.replace(result.config, verdict=str(files[fold])) for fold in folds]
         after = detection_scores(pairs, tuned, lambda stage, share: progress(stage, 0.5 + share / 2))
     no_less, more = gained(before, after)
-    improved = no_less and (more or bool(before.changes))
+    improved = no_less and (more or unknown.clear or given.clear)
     verdicts = Verdicts(unknown.tuned, given.tuned) if improved else result.verdicts
     return dataclasses.replace(result, improved=improved, verdicts=verdicts, before=before, after=after)
 

@@ -2,19 +2,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from gmmjax.changes import FACTS
 from gmmjax.learning import CHANGED, NOT_CHANGED, UNCHANGED, UNOBSERVED, free_from, signed
 from gmmjax.tuning import check_gradient
-from gmmjax.tuning.verdict_fit import lowered_loss, moved_loss, standardised, tuned_verdict
+from gmmjax.tuning.verdict_fit import negative_log_posterior, remembered_facts, standardised, tuned_verdict
 from tests.changes.evidence.verdicts import verdict
 from tests.tuning.candidates import DISTANT, NAMES, measured, weighted
 
 SIGNS = np.array([float(FACTS[name].change) for name in NAMES])
 UNCHANGED_ROWS = weighted(measured(40, changes=0.0, seed=3))
-LOWERED = tuned_verdict(DISTANT, UNCHANGED_ROWS, 1.0)
+LOWERED = tuned_verdict(DISTANT, UNCHANGED_ROWS, 10.0)
 
 
 def changed(own, facts):
@@ -41,7 +39,7 @@ def test_an_infinite_draw_gives_the_verdict_as_it_was():
 def test_the_stronger_the_draw_the_nearer_to_the_start():
     rows = weighted(measured(40))
     apart = [np.linalg.norm(tuned_verdict(DISTANT, rows, draw).weights - DISTANT.weights) for draw in (1e6, 30.0, 1.0)]
-    assert apart[0] < 1e-4 and apart[0] < apart[1] < apart[2]
+    assert apart[0] < 1e-2 and apart[0] < apart[1] < apart[2]
 
 
 def test_candidates_without_weight_teach_nothing():
@@ -71,42 +69,34 @@ def test_what_was_tuned_on_is_no_extrapolation():
         assert max(float(tuned.beyond(own).max()) for own in rows.facts) == 0
 
 
-@given(st.integers(0, 10**6))
-def test_unchanged_pairs_lower_the_probability_of_a_change_for_whatever_facts(seed):
-    # A third of them beyond what was learned.
-    facts = np.random.default_rng(seed).uniform(-15, 15, (50, len(NAMES)))
-    before, after = changed(DISTANT, facts), changed(LOWERED, facts)
-    assert (after <= before + 1e-12).all()
-    np.testing.assert_array_equal(LOWERED.weights[1], DISTANT.weights[1])
+def test_unchanged_pairs_lower_the_probability_of_candidates_like_theirs():
+    unseen = weighted(measured(200, changes=0.0, seed=1))
+    tuned = tuned_verdict(DISTANT, UNCHANGED_ROWS, 100.0)
+    fallen = changed(DISTANT, unseen.facts) - changed(tuned, unseen.facts)
+    others = remembered_facts(DISTANT, 500)
+    assert (fallen > 0).all()
+    # Of candidates like those learned from, which nothing was said about, much less.
+    assert fallen.mean() > 2.5 * np.abs(changed(DISTANT, others) - changed(tuned, others)).mean()
 
 
-def test_unchanged_pairs_stop_their_false_alarms():
-    assert (changed(DISTANT, UNCHANGED_ROWS.facts) >= 0.5).mean() > 0.9
-    assert (changed(LOWERED, UNCHANGED_ROWS.facts) >= 0.5).mean() < 0.1
-
-
-def test_lowered_weights_keep_their_signs():
-    tuned = tuned_verdict(verdict({"distance": 0.2}, bias=(3.0, 0.0)), UNCHANGED_ROWS, 0.01)
-    assert (SIGNS * tuned.weights[0] >= 0).all()
+def test_what_was_known_is_not_forgotten():
+    facts = remembered_facts(DISTANT, 100)
+    tuned = [changed(tuned_verdict(DISTANT, weighted(measured(40)), draw), facts) for draw in (1000.0, 10.0)]
+    forgotten = [np.abs(own - changed(DISTANT, facts)).mean() for own in tuned]
+    assert forgotten[0] < 0.02 < forgotten[1]
 
 
 @pytest.mark.parametrize("kinds", [(CHANGED, NOT_CHANGED), (CHANGED, UNOBSERVED, UNCHANGED, NOT_CHANGED)])
 def test_the_gradient_is_that_of_the_loss(kinds):
     random = np.random.default_rng(0)
     rows = weighted(measured(20))
-    kind, weight = random.choice(kinds, 20), random.uniform(0, 2, 20)
-    own = (DISTANT.weights, DISTANT.bias, standardised(DISTANT, rows.facts))
-    signed_free = np.abs(random.normal(size=2 * len(NAMES) + 2))
+    facts, kind, weight = standardised(DISTANT, rows.facts), random.choice(kinds, 20), random.uniform(0, 2, 20)
+    own = (DISTANT.weights, DISTANT.bias, facts, kind, weight, SIGNS, remembered_facts(DISTANT, 20), 3.0)
 
-    def moved(free):
-        return moved_loss(free, *map(jnp.asarray, own), jnp.asarray(kind), *map(jnp.asarray, (weight, SIGNS, 3.0)))
+    def loss(free):
+        return negative_log_posterior(free, *map(jnp.asarray, own))
 
-    def lowered(free):
-        edges = standardised(DISTANT, np.stack([DISTANT.lower, DISTANT.upper]))
-        return lowered_loss(free, *map(jnp.asarray, own), jnp.asarray(kind), *map(jnp.asarray, (weight, edges, 3.0)))
-
-    assert check_gradient(moved, signed_free).largest_error < 1e-7
-    assert check_gradient(lowered, signed_free[: 2 * len(NAMES) + 1] / 10).largest_error < 1e-7
+    assert check_gradient(loss, np.abs(random.normal(size=2 * len(NAMES) + 2))).largest_error < 1e-7
 
 
 def test_the_parameters_are_those_of_their_free_numbers(float64):

@@ -93,6 +93,19 @@ def test_what_detection_finds_less_by_is_not_kept(config, detection, after):
     )
 
 
+def test_a_gain_that_is_not_clear_must_show_in_detection(config, detection, monkeypatch):
+    monkeypatch.setattr(STEPS, "_clearly_less", lambda gains, of_pair: False)
+    detection(FOUND_LESS, FOUND_LESS)
+    assert not tuned(config, measured_pairs(4), draws=(30.0,)).improved
+    detection(FOUND_LESS, FOUND_MORE)
+    assert tuned(config, measured_pairs(4), draws=(30.0,)).improved
+
+
+def test_a_clear_gain_need_not_show_in_detection(config, detection):
+    detection(FOUND_LESS, FOUND_LESS)
+    assert tuned(config, measured_pairs(4), draws=(30.0,)).improved
+
+
 def test_a_verdict_that_is_right_already_stays(config, tmp_path):
     right = verdict({"count": 40.0}, bias=(-174.0, 0.0))
     write_verdicts(tmp_path / "right.json", Verdicts(right, verdict({}, poses=True)), {})
