@@ -10,12 +10,13 @@ judged on pairs that tuning did not see. The table of docs/tuning.md is made by
 import argparse
 import dataclasses
 import tempfile
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from gmmjax import DetectionConfig, detect_changes
+from gmmjax import DetectionConfig, InputWarning, detect_changes
 from gmmjax.changes import write_verdicts
 from gmmjax.evaluation import LabelledCloud, LabelledPair, Scores, family_pair, score_labelled_pair
 from gmmjax.tuning import TuningSettings, scan_pair, tune_verdict, unchanged_pair
@@ -49,8 +50,10 @@ def scored(pairs: Sequence[LabelledPair], config: DetectionConfig) -> Scores:
     """The scores of all pairs with these settings."""
     total = Scores()
     for pair in pairs:
-        views = {"views_before": pair.before.views, "views_after": pair.after.views}
-        changes = detect_changes(pair.before.points, pair.after.points, config=config, **views)
+        before, after = pair.before, pair.after
+        changes = detect_changes(
+            before.points, after.points, config=config, views_before=before.views, views_after=after.views
+        )
         total += score_labelled_pair(pair, changes.labels_before, changes.labels_after)
     return total
 
@@ -64,6 +67,8 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=9900)
     parser.add_argument("--poses", action="store_true", help="the poses of the sensor are given")
     options = parser.parse_args()
+    # What tuning is for: registrations in doubt, and candidates unlike those that the verdict was learned from.
+    warnings.simplefilter("ignore", InputWarning)
     seeds = range(options.first_seed, options.first_seed + options.training + options.unseen)
     pairs = [surveyed(options.family, seed, poses=options.poses) for seed in seeds]
     training, unseen = pairs[: options.training], pairs[options.training :]
