@@ -144,7 +144,7 @@ def _fitted(rows: _Rows, names: Sequence[str], penalty: float, settings: Trainin
     lower, upper = np.quantile(rows.facts, [settings.trimmed, 1 - settings.trimmed], axis=0)
     inside = np.clip(rows.facts, lower, upper)
     centre, spread = inside.mean(axis=0), np.maximum(inside.std(axis=0), 1e-6)
-    signs = np.array([FACTS[name].change for name in names])
+    signs = np.array([float(FACTS[name].change) for name in names])
     free = np.zeros(2 * len(names) + 2)
     # Of a fact with a sign the changed side is bounded, and so is what it has beyond the unobserved side.
     bounds = [(0, None) if sign else (None, None) for sign in np.tile(signs, 2)] + [(None, None)] * 2
@@ -161,7 +161,7 @@ def _fitted(rows: _Rows, names: Sequence[str], penalty: float, settings: Trainin
     return Verdict(tuple(names), np.asarray(weights), np.asarray(bias), centre, spread, lower, upper)
 
 
-def _signed(free: Float[Array, " p"], signs: Int[Array, " f"]) -> tuple[Float[Array, "2 f"], Float[Array, " 2"]]:
+def _signed(free: Float[Array, " p"], signs: Float[Array, " f"]) -> tuple[Float[Array, "2 f"], Float[Array, " 2"]]:
     """The weights and the bias: where a fact has a sign, it never speaks more for unobserved than for changed."""
     changed, second = free[:-2].reshape(2, -1)
     signed = jnp.stack([signs * changed, signs * (changed - second)])
@@ -175,7 +175,7 @@ def _penalised(
     facts: Float[Array, "n f"],
     kind: Int[Array, " n"],
     weight: Float[Array, " n"],
-    signs: Int[Array, " f"],
+    signs: Float[Array, " f"],
     penalty: float,
 ) -> Float[Array, ""]:
     """The weighted negative log likelihood with the penalty of the weights."""

@@ -52,8 +52,9 @@ class SurfaceRegistrationSettings:
         same_transform: transforms that differ by fewer spacings, over the points, are one.
         preference: for the given frame, in the score from 0 to 1: of transforms that fit equally well, such as along a
             plane, it is the one from there. 0: any of them may be applied.
-        more_consistent: the transform from the given frame is also taken where another one has more overlap, but is less
-            consistent by this: two surveys that share half of their extent are else slid over each other. 1: it never is.
+        more_consistent: the transform from the given frame is also taken where another one has more overlap, but is
+            less consistent by this: two surveys that share half of their extent are else slid over each other. 1: it
+            never is.
         least_overlap: overlap of the transform from the given frame, at least, for that. 0: a corner may be enough.
         needed: the transform is applied when it lowers the residual to this fraction or raises the overlap by the rest.
     """
