@@ -88,6 +88,8 @@ class Change:
         box: around its points.
         partner: for a moved object, the index of the change that it was or became; else None.
         transform: for a moved object, the rigid motion [4, 4] of the object alone, from before to after; else None.
+        moved_probability: for a moved object, the probability that the partner is the same object; else None, and where
+            it was not computed.
     """
 
     kind: Kind
@@ -99,6 +101,7 @@ class Change:
     box: Box
     partner: int | None = None
     transform: Float[np.ndarray, "4 4"] | None = None
+    moved_probability: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The change as plain numbers, strings, lists and dictionaries."""
@@ -112,6 +115,7 @@ class Change:
             "box": self.box.to_dict(),
             "partner": self.partner,
             "transform": None if self.transform is None else self.transform.tolist(),
+            "moved_probability": self.moved_probability,
         }
 
     @classmethod
@@ -124,6 +128,8 @@ class Change:
         if content["kind"] not in get_args(Kind):
             raise ValueError(f"kind {shown(content['kind'])} is none of {', '.join(get_args(Kind))}")
         partner, transform = content["partner"], content["transform"]
+        # Not in the first records of this schema version.
+        moved_probability = content.get("moved_probability")
         return cls(
             kind=content["kind"],
             probability=float(_finite(content["probability"], ())),
@@ -134,6 +140,7 @@ class Change:
             box=Box.from_dict(content["box"]),
             partner=None if partner is None else _whole(partner),
             transform=None if transform is None else _finite(transform, (4, 4)),
+            moved_probability=None if moved_probability is None else _share(moved_probability),
         )
 
 
@@ -245,6 +252,13 @@ def _finite(values: Any, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
     if array.shape != shape or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
         raise ValueError(f"{shown(values)} must be finite numbers {list(shape)}")
     return array.astype(np.float64)
+
+
+def _share(value: Any) -> float:
+    share = float(_finite(value, ()))
+    if not 0 <= share <= 1:
+        raise ValueError(f"{shown(value)} must lie between 0 and 1")
+    return share
 
 
 def _whole(value: Any) -> int:

@@ -1,0 +1,125 @@
+"""What is known of a match between two objects, in numbers without a unit: what the probability is computed from."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Float64
+
+from gmmjax.changes.objects.match import Match
+from gmmjax.geometry import LocalSurface, evenly_chosen, offset_derivatives, transformed
+from gmmjax.pair import Pair
+
+# Points from which the observability is computed.
+SAMPLE = 400
+
+
+class MatchFacts(NamedTuple):
+    """The facts of a match; each is finite, and of moderate size.
+
+    Attributes:
+        covered_least: fraction of the points that lie on the other object, of the object where it is smaller.
+        covered_most: of the object where it is larger.
+        explained: of what differs between the clouds, the fraction that lies on the other object; for an object that was
+            put elsewhere all of it differs, and this is `covered_least`.
+        contradicted: fractions of the points of both that the other survey must have observed, but did not; the sum.
+        residual: root mean square offset of the covered points, in standard deviations of the noise; the mean of both.
+        overhang_least: how far an object reaches beyond the other's hull, in the other's radii, the smaller of both.
+        overhang_most: the larger of both.
+        height_difference: of the tops above their support planes, logarithm of one plus standard deviations of the
+            noise; 0 where the tops are not known.
+        outline_difference: of the sides of the tops' outlines, likewise.
+        tops_known: 1 where both tops are known, else 0.
+        observability: square root of the least eigenvalue of the normal equations of point-to-plane ICP, per point and
+            in radii: 0 where the object can slide or rotate along itself, as a plane or a strip can.
+        width: logarithm of the second principal extent of the smaller object, in spacings.
+        thickness: of the third one.
+        count: logarithm of the number of points of the object that has fewer.
+        distance: logarithm of one plus the distance that the object's middle moves, in its radii.
+    """
+
+    covered_least: float
+    covered_most: float
+    explained: float
+    contradicted: float
+    residual: float
+    overhang_least: float
+    overhang_most: float
+    height_difference: float
+    outline_difference: float
+    tops_known: float
+    observability: float
+    width: float
+    thickness: float
+    count: float
+    distance: float
+
+    def vector(self) -> Float64[np.ndarray, " f"]:
+        """The facts in their order."""
+        return np.array(self, np.float64)
+
+
+def match_facts(
+    match: Match, parts: Pair[LocalSurface], noise: float, explained: float | None = None
+) -> MatchFacts:
+    """The facts of a match.
+
+    Args:
+        match: of the two objects.
+        parts: what disappeared from the before cloud, and what appeared in the after cloud.
+        noise: standard deviation of the offset between local means of one surface.
+        explained: of what differs, the fraction that lies on the other object; None: all of both objects differs.
+    """
+    sides = (match.there, match.back)
+    covered, overhang = [side.covered for side in sides], [side.overhang for side in sides]
+    height, outline = _top_differences(match, noise)
+    smaller = min(parts, key=lambda part: _radius(part.points))
+    spacing = max(part.nearest_distance for part in parts)
+    extents = principal_extents(smaller.points)
+    middle = parts.before.points.mean(axis=0)
+    moved_by = float(np.linalg.norm(transformed(middle[None], match.transform)[0] - middle))
+    return MatchFacts(
+        covered_least=min(covered),
+        covered_most=max(covered),
+        explained=min(covered) if explained is None else explained,
+        contradicted=sum(side.contradicted for side in sides),
+        residual=sum(side.residual for side in sides) / 2,
+        overhang_least=min(overhang),
+        overhang_most=min(max(overhang), 3.0),
+        height_difference=height,
+        outline_difference=outline,
+        tops_known=float(match.tops is not None),
+        observability=min(observability(part) for part in parts),
+        width=float(np.log(max(extents[1] / spacing, 0.1))),
+        thickness=float(np.log(max(extents[2] / spacing, 0.1))),
+        count=float(np.log(min(len(part) for part in parts))),
+        distance=float(np.log1p(moved_by / _radius(smaller.points))),
+    )
+
+
+def principal_extents(points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, " 3"]:
+    """The extents along the principal axes, longest first, of points that fill them evenly: sqrt 12 deviations."""
+    variances = np.linalg.eigvalsh(np.cov(points.T, bias=True))
+    return np.asarray(np.sqrt(12 * np.maximum(variances[::-1], 0)))
+
+
+def observability(part: LocalSurface) -> float:
+    """How well the normals of an object determine a rigid motion of it: 0 where some motion leaves it in its planes.
+
+    Gelfand, Ikemoto, Rusinkiewicz and Levoy (2003): the least eigenvalue of the normal equations of point-to-plane ICP.
+    """
+    chosen = evenly_chosen(len(part), SAMPLE)
+    points = part.points[chosen]
+    rows = offset_derivatives(points, part.normals[chosen], points.mean(axis=0), _radius(points))
+    return float(np.sqrt(max(np.linalg.eigvalsh(rows.T @ rows / len(rows))[0], 0.0)))
+
+
+def _top_differences(match: Match, noise: float) -> tuple[float, float]:
+    if match.tops is None:
+        return 0.0, 0.0
+    first, second = match.tops
+    outline = float(np.abs(first.sides - second.sides).max())
+    return float(np.log1p(abs(first.height - second.height) / noise)), float(np.log1p(outline / noise))
+
+
+def _radius(points: Float[np.ndarray, "n 3"]) -> float:
+    return max(float(np.sqrt(points.var(axis=0).sum())), np.finfo(np.float64).tiny)
