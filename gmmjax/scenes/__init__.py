@@ -17,6 +17,11 @@ from gmmjax.scenes.objects import on_floor as on_floor
 from gmmjax.scenes.objects import standing_at as standing_at
 from gmmjax.scenes.ray_casting import UNLABELLED as UNLABELLED
 from gmmjax.scenes.ray_casting import Solid as Solid
+from gmmjax.scenes.rearrangements import Gravity as Gravity
+from gmmjax.scenes.rearrangements import InPlace as InPlace
+from gmmjax.scenes.rearrangements import RearrangedScene as RearrangedScene
+from gmmjax.scenes.rearrangements import RearrangementSettings as RearrangementSettings
+from gmmjax.scenes.rearrangements import rearranged_scene as rearranged_scene
 from gmmjax.scenes.rigid_motions import looking_at as looking_at
 from gmmjax.scenes.rigid_motions import small_motion as small_motion
 from gmmjax.scenes.visibility import seen as seen

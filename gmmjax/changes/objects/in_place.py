@@ -50,6 +50,8 @@ class InPlaceSettings:
         border: outermost fraction of the radius; a plane with points there goes beyond the place.
         at_border: fraction of a plane's points there, at least, of a wall, a floor or another plane that the object
             merely touches. Above 1: none is removed, and the object cannot be told from what it stands on.
+        parallel: cosine between a plane's normal and that of a point on it, at least. 0: surfaces that the plane cuts
+            count for its size.
         connected: points nearer to each other than this, in spacings, are of one thing.
         neighbours: of a point of a thing, within that distance, itself counted.
         fewest: points, at least, that differ in either cloud.
@@ -58,11 +60,15 @@ class InPlaceSettings:
             only appeared has not moved. 0: any.
         angles: of the rotations, in degrees and either sense, that the search starts from.
         flat: third by second extent, at most, of what may be a panel on a hinge.
+        hinge_bonus: fraction of the points that differ that a motion about a hinge may explain less than another one. 0:
+            a panel is often slid along itself.
         candidates: starts, the best, that are refined.
         refinements: rounds of point-to-plane ICP on what the motion explains.
         least_explained: fraction of the points that differ that the motion explains, at least, in either cloud; the
             rest of the decision is the model's of the facts. 0: left to the model alone.
         margin_of_hull: points of the object lie within the hull of what differs, or this many spacings outside of it.
+        least_fitting: of what looks unchanged and is connected outside of the hull, the fraction, at least, that fits
+            the motion for it to be of the object. Above 1: nothing there is.
     """
 
     most_groups: int = 6
@@ -74,6 +80,7 @@ class InPlaceSettings:
     flatness: float = 3.0
     border: float = 0.15
     at_border: float = 0.05
+    parallel: float = 0.8
     connected: float = 4.0
     neighbours: int = 5
     fewest: int = 15
@@ -81,10 +88,12 @@ class InPlaceSettings:
     least_ratio: float = 0.1
     angles: tuple[float, ...] = (8.0, 20.0, 35.0, 50.0)
     flat: float = 0.25
+    hinge_bonus: float = 0.1
     candidates: int = 5
     refinements: int = 2
     least_explained: float = 0.4
     margin_of_hull: float = 3.0
+    least_fitting: float = 0.85
 
 
 class InPlaceMotion(NamedTuple):
@@ -95,12 +104,14 @@ class InPlaceMotion(NamedTuple):
         members: of either cloud, the indices of its points.
         parts: the surfaces of those points.
         explained: fraction of the points that differ that the motion explains, in the cloud where it is smaller.
+        hinged: whether the motion is a rotation about a hinge.
     """
 
     match: Match
     members: Pair[Int[np.ndarray, " _"]]
     parts: Pair[LocalSurface]
     explained: float
+    hinged: bool
 
 
 class _Place(NamedTuple):
@@ -168,7 +179,7 @@ def motion_in_place(
     place = _place(seeds, surfaces, noise, match, settings)
     if place is None:
         return None
-    transform = _best_transform(place, noise, match, settings)
+    transform, hinged = _best_transform(place, noise, match, settings)
     explained = _explained(place, transform, noise, match)
     shares = [float(own[differs].mean()) for own, differs in zip(explained, place.differs, strict=True)]
     if min(shares) < settings.least_explained:
@@ -178,7 +189,7 @@ def motion_in_place(
         return None
     parts = each(lambda thing, own: LocalSurface.of(thing.points[own]), place.things, chosen)
     members = each(lambda own, kept: own[kept], place.members, chosen)
-    return InPlaceMotion(match_of(parts, transform, surfaces, noise, match), members, parts, min(shares))
+    return InPlaceMotion(match_of(parts, transform, surfaces, noise, match), members, parts, min(shares), hinged)
 
 
 def _place(
@@ -225,11 +236,12 @@ def _large_planes(
     settings: InPlaceSettings,
 ) -> list[tuple[Float64[np.ndarray, " 3"], float]]:
     """The planes of a place that go beyond it: walls, floors, the table that an object stands on."""
-    few = points[evenly_chosen(len(points), settings.sample)]
-    outer = np.linalg.norm(few - centre, axis=1) > (1 - settings.border) * radius
+    few = plane_surface(points[evenly_chosen(len(points), settings.sample)], settings.planes)
+    outer = np.linalg.norm(few.points - centre, axis=1) > (1 - settings.border) * radius
     large = []
-    for plane in planes_of(plane_surface(few, settings.planes), flatness, settings=settings.planes):
-        inliers = plane.distance(few) <= flatness
+    for plane in planes_of(few, flatness, settings=settings.planes):
+        # Without the points of other surfaces that the plane cuts, such as a wall at the height of a table.
+        inliers = (plane.distance(few.points) <= flatness) & (np.abs(few.normals @ plane.normal) > settings.parallel)
         if inliers.any() and outer[inliers].mean() >= settings.at_border:
             large.append((plane.normal, plane.offset))
     return large
@@ -254,30 +266,49 @@ def _connected_to(
 
 def _best_transform(
     place: _Place, noise: float, match: MatchSettings, settings: InPlaceSettings
-) -> Float64[np.ndarray, "4 4"]:
-    """The motion that explains most of what differs; of equal ones that with the smallest rotation."""
-    rigid = match.rigid
+) -> tuple[Float64[np.ndarray, "4 4"], bool]:
+    """The motion that explains most of what differs, and whether it is one about a hinge.
+
+    Of equal ones the smallest rotation is taken, and a hinge before any other: a panel's planes do not tell how far it
+    slid along itself.
+    """
     different = each(lambda thing, differs: thing.points[differs], place.things, place.differs)
-    starts = best_starts(different, place.things, _starts(place, different, settings), settings.candidates, rigid)
-    best = max((_refined(place, start, noise, match, settings) for start in starts), key=lambda found: found[0])
-    return best[1]
+    starts = best_starts(different, place.things, _starts(place, different, settings), settings.candidates, match.rigid)
+    hinged = _hinged(different, settings)
+    found = [(*_refined(place, start, noise, match, settings), False) for start in starts]
+    found += [(*_refined(place, start, noise, match, settings), True) for start in hinged]
+    best = max(found, key=lambda one: one[0] + settings.hinge_bonus * one[2])
+    return best[1], best[2]
 
 
 def _starts(
     place: _Place, different: Pair[Float64[np.ndarray, "_ 3"]], settings: InPlaceSettings
 ) -> Float64[np.ndarray, "s 4 4"]:
-    """No motion, the translation of what differs, rotations about walls' and own axes, and about a hinge."""
+    """No motion, the translation of what differs, and rotations about the walls' axes and the object's own."""
     middles = different.map(lambda points: (points.min(axis=0) + points.max(axis=0)) / 2)
     means = different.map(lambda points: points.mean(axis=0))
-    own_axes = np.linalg.svd(place.things.before.points - place.things.before.points.mean(axis=0), full_matrices=False)[2]
     starts = [rigid_transform(), rigid_transform(translation=means.after - means.before)]
     starts.append(rigid_transform(translation=middles.after - middles.before))
-    for axis in _distinct([*place.axes, *own_axes]):
+    for axis in _distinct([*place.axes, *_own_axes(place.things.before)]):
         for angle in np.radians(settings.angles):
             for sense in (-1, 1):
                 rotation = Rotation.from_rotvec(sense * angle * axis).as_matrix()
                 starts.append(rotation_about(rotation, middles.before, middles.after))
-    return np.stack([*starts, *_hinged(different, settings)])
+    return np.stack(starts)
+
+
+def _own_axes(thing: LocalSurface) -> Float64[np.ndarray, "6 3"]:
+    """The directions of most normals, one across the other, and the principal axes."""
+    normals = thing.normals[evenly_chosen(len(thing), 300)]
+    parallel = np.abs(normals @ normals.T)
+    first = normals[int((parallel > 0.95).sum(axis=1).argmax())]
+    across = normals - np.outer(normals @ first, first)
+    lengths = np.linalg.norm(across, axis=1)
+    far = lengths > 0.7
+    across = across[far] / lengths[far, None] if far.any() else np.linalg.svd(first[None])[2][1:2]
+    second = across[int((np.abs(across @ across.T) > 0.95).sum(axis=1).argmax())]
+    own = np.linalg.svd(thing.points - thing.points.mean(axis=0), full_matrices=False)[2]
+    return np.stack([first, second, np.cross(first, second), *own])
 
 
 def _distinct(axes: Sequence[Float64[np.ndarray, " 3"]]) -> list[Float64[np.ndarray, " 3"]]:
@@ -351,16 +382,28 @@ def _moved_points(
     transform: Float64[np.ndarray, "4 4"],
     settings: InPlaceSettings,
 ) -> Pair[Bool[np.ndarray, " _"]] | None:
-    """The points of the object: what differs, and what fits the motion within the hull of what it explains."""
+    """The points of the object: what differs, and what fits the motion within the hull of what it explains.
+
+    What looks unchanged outside of that hull belongs to the object where all that is connected with it fits the motion,
+    as the top of a box does that was shifted. Of a thing that stays some sides do not.
+    """
     spacing = max(thing.nearest_distance for thing in place.things)
     ways = Pair(transform, np.linalg.inv(transform))
     sure = each(lambda thing, fits, differs: thing.points[fits & differs], place.things, explained, place.differs)
     moved_sure = each(transformed, sure, ways)
 
-    def own(thing: LocalSurface, fits: np.ndarray, differs: np.ndarray, here: np.ndarray, there: np.ndarray) -> np.ndarray:
+    def own(
+        thing: LocalSurface, fits: np.ndarray, differs: np.ndarray, here: np.ndarray, there: np.ndarray
+    ) -> np.ndarray:
         hull = ConvexHull(np.concatenate([here, there]), qhull_options="QJ").equations
-        beyond = (thing.points @ hull[:, :3].T + hull[:, 3]).max(axis=1)
-        return np.asarray((differs | fits) & (beyond < settings.margin_of_hull * spacing))
+        inside = (thing.points @ hull[:, :3].T + hull[:, 3]).max(axis=1) < settings.margin_of_hull * spacing
+        chosen = (differs | fits) & inside
+        beyond = np.flatnonzero(~inside & ~differs)
+        components = density_clusters(thing.points[beyond], settings.connected * spacing, settings.neighbours)
+        for component in range(components.max(initial=-1) + 1):
+            whole = beyond[components == component]
+            chosen[whole] = fits[whole] & (fits[whole].mean() >= settings.least_fitting)
+        return np.asarray(chosen)
 
     try:
         chosen = each(own, place.things, explained, place.differs, sure, moved_sure.swapped)

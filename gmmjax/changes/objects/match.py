@@ -43,8 +43,8 @@ class MatchSettings:
         upright: what objects stand on, and which transforms keep them upright.
     """
 
-    transforms: int = 10
-    upright_transforms: int = 16
+    transforms: int = 7
+    upright_transforms: int = 10
     coarse_sample: int = 200
     most_contradicted: float = 0.3
     refined: int = 2

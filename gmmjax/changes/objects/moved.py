@@ -1,7 +1,7 @@
 """Moved objects: changes of both clouds that a rigid transform makes one object, elsewhere or within its old place."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from gmmjax.changes.objects.cloud_changes import change_of, most_probable_first,
 from gmmjax.changes.objects.in_place import InPlaceMotion, InPlaceSettings, adjacent_groups, motion_in_place
 from gmmjax.changes.objects.match import MatchSettings, best_match
 from gmmjax.changes.objects.match_facts import MatchFacts, match_facts, principal_extents
+from gmmjax.changes.objects.outline import OutlineSettings, aligned_outlines
 from gmmjax.changes.objects.pairing import PairingSettings, pairing_probabilities
 from gmmjax.changes.objects.same_object import Situation, shipped_model
 from gmmjax.changes.objects.support_plane import SupportPlane, support_planes
@@ -39,6 +40,7 @@ class MovedSettings:
             the time. 0: none.
         match: how two changes are laid onto each other.
         in_place: motions within a place.
+        outline: how an object is slid along its planes to where the outlines agree.
         pairing: how the probability is shared among several partners that fit.
     """
 
@@ -51,6 +53,7 @@ class MovedSettings:
     most_pairs: int = 24
     match: MatchSettings = MatchSettings()
     in_place: InPlaceSettings = InPlaceSettings()
+    outline: OutlineSettings = OutlineSettings()
     pairing: PairingSettings = PairingSettings()
 
 
@@ -58,11 +61,13 @@ class PairHypothesis(NamedTuple):
     """A disappeared and an appeared change that may be one object.
 
     Attributes:
+        parts: the points of both.
         transform: rigid transform [4, 4] from the one to the other.
         facts: of the match.
         situation: what was known of the motion beforehand.
     """
 
+    parts: Pair[LocalSurface]
     transform: Float64[np.ndarray, "4 4"]
     facts: MatchFacts
     situation: Situation
@@ -112,7 +117,9 @@ def with_moved(
     items, working = _with_united(items, working, pair, noise, settings)
     hypotheses = pair_hypotheses(items, working, pair.surfaces, noise, settings)
     for (i, j), probability in _partners(hypotheses, settings).items():
-        items = _joined(items, i, j, hypotheses[i, j].transform, probability)
+        found = hypotheses[i, j]
+        transform = aligned_outlines(found.parts, found.transform, settings.outline)
+        items = _joined(items, i, j, transform, probability)
     items, working = most_probable_first(items, working)
     return items, each(lambda own, member: own[member], working, members)
 
@@ -180,7 +187,7 @@ def pair_hypotheses(
         match = best_match(both, surfaces, noise, Pair(stood_on[i], stood_on[j]), settings.match)
         if match is not None:
             facts = match_facts(match, both, noise)
-            hypotheses[i, j] = PairHypothesis(match.transform, facts, "standing" if match.upright else "free")
+            hypotheses[i, j] = PairHypothesis(both, match.transform, facts, "standing" if match.upright else "free")
     return hypotheses
 
 
@@ -262,12 +269,32 @@ def _with_united(
 ) -> tuple[tuple[Change, ...], Pair[Int[np.ndarray, " _"]]]:
     """The changes, where every group that one motion within its place explains has become a moved object."""
     absorbed: set[int] = set()
-    for found in place_hypotheses(items, labels, pair.surfaces, noise, settings):
-        probability = sigmoid(shipped_model().log_odds(found.facts, "in place"))
-        if probability >= settings.threshold:
-            items, labels = _united(items, labels, pair, found, probability)
-            absorbed.update(found.group)
+    hypotheses = place_hypotheses(items, labels, pair.surfaces, noise, settings)
+    odds = [shipped_model().log_odds(found.facts, "in place") for found in hypotheses]
+    for index in sorted(range(len(hypotheses)), key=lambda index: -odds[index]):
+        probability, found = sigmoid(odds[index]), hypotheses[index]
+        if probability < settings.threshold or not absorbed.isdisjoint(found.group):
+            continue
+        group = [*found.group, *_within(found, items, labels, absorbed)]
+        transform = found.motion.match.transform
+        if not found.motion.hinged:
+            transform = aligned_outlines(found.motion.parts, transform, settings.outline)
+        items, labels = _united(items, labels, pair, found._replace(group=group), probability, transform)
+        absorbed.update(group)
     return reordered(items, labels, [index for index in range(len(items)) if index not in absorbed])
+
+
+def _within(
+    found: PlaceHypothesis, items: Sequence[Change], labels: Pair[Int[np.ndarray, " _"]], absorbed: Container[int]
+) -> list[int]:
+    """The other changes most of whose points are the object's: slivers that are no neighbours of the group's."""
+    own = np.concatenate([*each(lambda label, members: label[members], labels, found.motion.members)])
+    counts = np.bincount(own[own >= 0], minlength=len(items))
+    totals = np.bincount(np.concatenate([own[own >= 0] for own in labels]), minlength=len(items))
+    taken = {*found.group, *(index for index, item in enumerate(items) if item.kind == "moved")}
+    return [
+        index for index in range(len(items)) if index not in taken and index not in absorbed and 2 * counts[index] > totals[index]
+    ]
 
 
 def _united(
@@ -276,6 +303,7 @@ def _united(
     pair: AlignedPair,
     found: PlaceHypothesis,
     probability: float,
+    transform: Float64[np.ndarray, "4 4"],
 ) -> tuple[tuple[Change, ...], Pair[Int[np.ndarray, " _"]]]:
     """The changes with one more moved object, whose labels replace those of a group and grow to all its points."""
     group = [items[index] for index in found.group]
@@ -297,4 +325,4 @@ def _united(
     first = len(items)
     numbered = each(lambda label, mine, number: np.where(mine, number, label), labels, own, Pair(first, first + 1))
     united = (*items, changes.before, changes.after)
-    return _joined(united, first, first + 1, found.motion.match.transform, probability), numbered
+    return _joined(united, first, first + 1, transform, probability), numbered

@@ -50,16 +50,16 @@ class RigidMatchSettings:
         refined_icp: how the refinement proceeds.
     """
 
-    coarse_sample: int = 200
+    coarse_sample: int = 150
     first_steps: int = 5
-    kept: int = 30
+    kept: int = 24
     last_steps: int = 8
     fewest_correspondences: int = 6
     orientations: int = 72
     first_distance: float = 1.0
     first_distance_near: float = 0.3
     duplicate: float = 0.5
-    sample: int = 500
+    sample: int = 350
     first_reach: float = 16.0
     last_reach: float = 3.0
     icp: IcpSettings = IcpSettings()

@@ -111,8 +111,9 @@ def _upwards(
     parallel = np.abs(normals @ normals.T) > settings.level
     leader = int(np.argmax(parallel.sum(axis=1)))
     own = normals[parallel[leader]]
-    touching = [(np.abs(patch.normals @ normals[leader]) > settings.level).sum() >= settings.fewest for patch in patches]
-    if min(len(own) / len(normals), np.mean(touching)) < settings.agreement:
+    touching = [patch.normals for patch in patches if len(patch.normals) >= settings.fewest]
+    agree = [(np.abs(own_normals @ normals[leader]) > settings.level).sum() >= settings.fewest for own_normals in touching]
+    if len(own) < settings.agreement * len(normals) or sum(agree) < settings.agreement * len(touching):
         return None
     up = (own * np.sign(own @ normals[leader])[:, None]).sum(axis=0)
     up /= np.linalg.norm(up)
