@@ -44,6 +44,7 @@ from gmmjax.changes.fit.joint_mixture_model import joint_prior as joint_prior
 from gmmjax.changes.fit.joint_problem import JointFitSettings as JointFitSettings
 from gmmjax.changes.fit.joint_problem import joint_problem as joint_problem
 from gmmjax.changes.objects.cloud_changes import change_of as change_of
+from gmmjax.changes.objects.found import KINDS as KINDS
 from gmmjax.changes.objects.found import ObjectSettings as ObjectSettings
 from gmmjax.changes.objects.match_facts import MatchFacts as MatchFacts
 from gmmjax.changes.objects.moved import MovedSettings as MovedSettings

@@ -15,10 +15,10 @@ from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
 from gmmjax.changes import (
+    KINDS,
     Change,
     LogisticWeights,
     MatchFacts,
-    MovedSettings,
     SameObjectModel,
     Situation,
     change_of,
@@ -28,7 +28,7 @@ from gmmjax.changes import (
 )
 from gmmjax.clouds import atomic_write
 from gmmjax.geometry import LocalSurface, density_clusters, transformed
-from gmmjax.pair import Pair, each
+from gmmjax.pair import Pair
 from gmmjax.scenes import Gravity, InPlace, RearrangedScene, RearrangementSettings, rearranged_scene
 
 # Of each fact whether more of it speaks for one object (1), against it (-1), or either (0): what the overlap and the
@@ -47,7 +47,7 @@ SIGNS = MatchFacts(
     observability=1,
     width=1,
     thickness=0,
-    count=0,
+    fewest_points=0,
     distance=-1,
 )
 
@@ -62,15 +62,17 @@ class LearningSettings(NamedTuple):
         pixels: of the camera's frames across, least and greatest: the density of the points.
         voxel: least and greatest edge of the voxels, metres.
         misregistration: translation (metres) and rotation (degrees) that remain after the registration.
+        looks: share of the limits of distance and offset from which on a point looks changed.
         ridge: of the weights, in observations: keeps those of facts that tell nothing near zero.
         right: spacings by which a transform may misplace an object's points and still be right.
     """
 
-    scenes: int = 40
+    scenes: int = 16
     fragments: int = 2
     pixels: tuple[int, int] = (48, 90)
     voxel: tuple[float, float] = (0.008, 0.016)
     misregistration: tuple[float, float] = (0.002, 0.1)
+    looks: float = 0.5
     ridge: float = 1.0
     right: float = 4.0
 
@@ -115,24 +117,50 @@ def examples_of(seed: int, gravity: Gravity, motion: InPlace | None, settings: L
         voxel=float(random.uniform(*settings.voxel)),
         misregistration=settings.misregistration,
     )
-    others = {"appeared": 2, "disappeared": 2, "moved": 2} if motion is None else {"moved": 0}
+    others = {"appeared": 1, "disappeared": 1, "moved": 3} if motion is None else {"moved": 0}
     scene = rearranged_scene(seed, gravity, in_place=motion, settings=place, **others)
     surfaces = Pair(LocalSurface.of(scene.before), LocalSurface.of(scene.after))
     spacing = max(surface.nearest_distance for surface in surfaces)
     differences = differences_between(surfaces, spacing)
     noise = differences.limits.registration_error
     changed = differences.local.map(
-        lambda own: (own.distance > differences.limits.local_distance(own))
-        | (own.offset > differences.limits.local_offset(own))
+        lambda own: (
+            (own.distance > settings.looks * differences.limits.local_distance(own))
+            | (own.offset > settings.looks * differences.limits.local_offset(own))
+        )
     )
     reported = _reported(random, scene, surfaces, changed, spacing, settings)
-    for found in place_hypotheses(reported.items, reported.labels, surfaces, noise, MovedSettings()):
+    if motion is None:
+        yield from _pair_examples(seed, scene, reported, surfaces, noise, settings)
+    else:
+        yield from _place_examples(seed, scene, reported, surfaces, noise, settings)
+
+
+def _place_examples(
+    seed: int,
+    scene: RearrangedScene,
+    reported: _Reported,
+    surfaces: Pair[LocalSurface],
+    noise: float,
+    settings: LearningSettings,
+) -> Iterator[Example]:
+    spacing = max(surface.nearest_distance for surface in surfaces)
+    for found in place_hypotheses(reported.items, reported.labels, surfaces, noise):
         truths = [scene.truth_before[found.motion.members.before], scene.truth_after[found.motion.members.after]]
         numbers = {int(np.bincount(truth + 1).argmax()) - 1 for truth in truths}
         right = len(numbers) == 1 and _is_motion(scene, numbers.pop(), found.motion.match.transform, spacing, settings)
         yield Example("in place", found.facts, right, seed)
-    if motion is not None:
-        return
+
+
+def _pair_examples(
+    seed: int,
+    scene: RearrangedScene,
+    reported: _Reported,
+    surfaces: Pair[LocalSurface],
+    noise: float,
+    settings: LearningSettings,
+) -> Iterator[Example]:
+    spacing = max(surface.nearest_distance for surface in surfaces)
     for (i, j), hypothesis in pair_hypotheses(reported.items, reported.labels, surfaces, noise).items():
         number = reported.numbers[i]
         same = number >= 0 and number == reported.numbers[j]
@@ -151,10 +179,11 @@ def _reported(
     settings: LearningSettings,
 ) -> _Reported:
     """The connected points of each true change that look changed, and false changes."""
-    items, numbers = [], []
+    items: list[Change] = []
+    numbers: list[int] = []
     labels = surfaces.map(lambda surface: np.full(len(surface), -1))
     sides = zip(surfaces, (scene.truth_before, scene.truth_after), changed, labels, strict=True)
-    for (surface, truth, looks, own), kind in zip(sides, ("disappeared", "appeared"), strict=True):
+    for (surface, truth, looks, own), kind in zip(sides, KINDS, strict=True):
         segments = [(number, np.flatnonzero((truth == number) & looks)) for number in np.unique(truth[truth >= 0])]
         segments = [(number, part) for number, all_of in segments for part in _clusters(surface, all_of, spacing)]
         segments += [(-1, _fragment(random, surface, truth, spacing)) for _ in range(settings.fragments)]
@@ -187,7 +216,11 @@ def _fragment(
 
 
 def _is_motion(
-    scene: RearrangedScene, number: int, transform: Float64[np.ndarray, "4 4"], spacing: float, settings: LearningSettings
+    scene: RearrangedScene,
+    number: int,
+    transform: Float64[np.ndarray, "4 4"],
+    spacing: float,
+    settings: LearningSettings,
 ) -> bool:
     """Whether a transform brings a thing to where it is; of a symmetric one any of those that do."""
     if number not in scene.motions:
@@ -202,10 +235,11 @@ def _is_motion(
 
 
 def examples(first_seed: int, settings: LearningSettings) -> Iterator[Example]:
-    """Those of all scenes from a seed on: things elsewhere, and every motion within a place, with and without a floor."""
+    """Those of all scenes from a seed on: things elsewhere, every motion within a place, with and without a floor."""
     for gravity in get_args(Gravity):
         for index in range(settings.scenes):
-            for motion in (None, get_args(InPlace)[index % len(get_args(InPlace))]):
+            motions = get_args(InPlace)
+            for motion in (None, motions[index % len(motions)], motions[(index + 1) % len(motions)]):
                 yield from examples_of(first_seed + index, gravity, motion, settings)
 
 
@@ -233,7 +267,9 @@ def _fitted(given: Sequence[Example], settings: LearningSettings) -> LogisticWei
 
     def loss(parameters: np.ndarray) -> tuple[float, np.ndarray]:
         log_odds = parameters[0] + rows @ parameters[1:]
-        value = np.logaddexp(0, log_odds).sum() - truth @ log_odds + settings.ridge / 2 * parameters[1:] @ parameters[1:]
+        value = (
+            np.logaddexp(0, log_odds).sum() - truth @ log_odds + settings.ridge / 2 * parameters[1:] @ parameters[1:]
+        )
         error = 1 / (1 + np.exp(-log_odds)) - truth
         return float(value), np.concatenate([[error.sum()], rows.T @ error + settings.ridge * parameters[1:]])
 

@@ -6,7 +6,7 @@ oriented at random.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -22,8 +22,6 @@ from gmmjax.scenes.rigid_motions import looking_at, small_motion
 
 Gravity = Literal["floor", "none"]
 InPlace = Literal["turned", "shifted", "door", "drawer", "replaced"]
-# The parts of one thing, about the middle of its base.
-Thing: TypeAlias = tuple[Solid, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,6 +91,11 @@ class _Oriented(Solid):
     @property
     def rotation(self) -> Float[np.ndarray, "3 3"]:
         return self.orientation
+
+
+# The parts of one thing, about the middle of its base; and things in their poses.
+Thing: TypeAlias = tuple[_Oriented, ...]
+Placed: TypeAlias = tuple[Thing, np.ndarray]
 
 
 def rearranged_scene(
@@ -170,34 +173,38 @@ class _Layout:
 
     def _walls(self) -> list[Solid]:
         half, height, thick = self._settings.half_width, self._height, 0.1
-        walls = [_box((0, 0, -thick / 2), (3 * half, 3 * half, thick))]
+        walls: list[Solid] = [_box((0.0, 0.0, -thick / 2), (3 * half, 3 * half, thick))]
         if not self._floor:
-            walls.append(_box((0, 0, height + thick / 2), (3 * half, 3 * half, thick)))
+            walls.append(_box((0.0, 0.0, height + thick / 2), (3 * half, 3 * half, thick)))
         for axis in (0, 1):
             for side in (-1, 1):
-                centre, extent = np.array([0, 0, height / 2]), np.array([3 * half, 3 * half, height])
+                centre, extent = np.array([0.0, 0.0, height / 2]), np.array([3 * half, 3 * half, height])
                 centre[axis], extent[axis] = side * (half + thick / 2), thick
-                walls.append(_box(centre, extent))
+                walls.append(dataclasses.replace(_box((0.0, 0.0, 0.0), extent), centre=centre))
         return walls
 
     def thing(self, label: int) -> Thing:
         """A thing of a random kind."""
         random = self._random
         if random.random() < self._settings.look_alikes:
-            return (_box((0, 0, 0), self._settings.bags[random.integers(len(self._settings.bags))], label, stands=True),)
+            return (
+                _box(
+                    (0.0, 0.0, 0.0), self._settings.bags[random.integers(len(self._settings.bags))], label, stands=True
+                ),
+            )
         kind = random.choice(["box", "drum", "chair", "stack", "step"])
         if kind == "chair":
             return _chair(random, label)
         extent = random.uniform(0.18, 0.48, 3)
-        base = _box((0, 0, 0), extent, label, stands=True)
+        base = _box((0.0, 0.0, 0.0), extent, label, stands=True)
         if kind == "drum":
             round_base = np.array([extent[0], extent[0], extent[2]])
-            return (dataclasses.replace(_box((0, 0, 0), round_base, label, stands=True), round=True),)
+            return (dataclasses.replace(_box((0.0, 0.0, 0.0), round_base, label, stands=True), round=True),)
         if kind == "box":
             return (base,)
         upper = extent * random.uniform(0.4, 0.8, 3)
         aside = (extent - upper)[:2] / 2 * (random.uniform(-1, 1, 2) if kind == "stack" else np.array([1.0, 0.0]))
-        return base, _box((*aside, extent[2]), upper, label, stands=True)
+        return base, _box((float(aside[0]), float(aside[1]), float(extent[2])), upper, label, stands=True)
 
     def pose(self) -> Float[np.ndarray, "4 4"]:
         """A free place: on the floor with any heading, or floating in any orientation.
@@ -216,7 +223,7 @@ class _Layout:
                 return rigid_transform((turn if self._floor else Rotation.random(rng=random)).as_matrix(), place)
         raise InputError("there is no room left for so many things; ask for fewer")
 
-    def placed(self, thing: Thing) -> tuple[Thing, np.ndarray]:
+    def placed(self, thing: Thing) -> Placed:
         """A thing in a free place."""
         return thing, self.pose()
 
@@ -231,7 +238,7 @@ class _Layout:
         if motion == "door":
             wide, high = random.uniform(0.4, 0.7), random.uniform(0.6, 1.2)
             # About the hinge, at the edge.
-            panel = (_box((wide / 2, 0, 0), (wide, 0.03, high), label, stands=True),)
+            panel = (_box((wide / 2, 0.0, 0.0), (wide, 0.03, high), label, stands=True),)
             half = settings.half_width
             hinge = rigid_transform(translation=np.array([random.uniform(-half / 2, 0.1), half - 0.02, 0.25]))
             first = _about_vertical(-random.uniform(0, 20))
@@ -256,10 +263,10 @@ class _Layout:
     def _drawer(self, pose: np.ndarray, label: int) -> tuple[Thing, np.ndarray, np.ndarray]:
         """A drawer of a cabinet, which stays."""
         wide, deep, high = self._random.uniform([0.3, 0.3, 0.25], [0.5, 0.5, 0.4])
-        cabinet = (_box((0, 0, 0), (wide, deep, high), stands=True),)
+        cabinet = (_box((0.0, 0.0, 0.0), (wide, deep, high), stands=True),)
         self.room.extend(_solids([(cabinet, pose)]))
-        front = _box((0, deep / 2 + 0.01, 0.05), (wide - 0.04, 0.02, high / 2), label, stands=True)
-        case = _box((0, 0.02, 0.07), (wide - 0.08, deep - 0.02, high / 2 - 0.05), label, stands=True)
+        front = _box((0.0, deep / 2 + 0.01, 0.05), (wide - 0.04, 0.02, high / 2), label, stands=True)
+        case = _box((0.0, 0.02, 0.07), (wide - 0.08, deep - 0.02, high / 2 - 0.05), label, stands=True)
         out = rigid_transform(translation=np.array([0, self._random.uniform(0.06, 0.2), 0]))
         return (front, case), pose, pose @ out
 
@@ -281,15 +288,20 @@ def _chair(random: np.random.Generator, label: int) -> Thing:
     """A seat, a back and four legs."""
     wide, deep, seat = random.uniform([0.35, 0.35, 0.35], [0.45, 0.45, 0.45])
     thick, leg = 0.04, 0.04
-    sides = [(x, y) for x in (-1, 1) for y in (-1, 1)]
+    sides = [(x, y) for x in (-1.0, 1.0) for y in (-1.0, 1.0)]
     legs = [
-        _box((x * (wide - leg) / 2, y * (deep - leg) / 2, 0), (leg, leg, seat), label, stands=True) for x, y in sides
+        _box((x * (wide - leg) / 2, y * (deep - leg) / 2, 0.0), (leg, leg, seat), label, stands=True) for x, y in sides
     ]
-    back = _box((0, (thick - deep) / 2, seat), (wide, thick, random.uniform(0.3, 0.45)), label, stands=True)
-    return _box((0, 0, seat), (wide, deep, thick), label, stands=True), back, *legs
+    back = _box((0.0, (thick - deep) / 2, seat), (wide, thick, random.uniform(0.3, 0.45)), label, stands=True)
+    return _box((0.0, 0.0, seat), (wide, deep, thick), label, stands=True), back, *legs
 
 
-def _box(centre: Sequence[float], extent: Sequence[float], label: int = UNLABELLED, stands: bool = False) -> Solid:
+def _box(
+    centre: tuple[float, float, float],
+    extent: tuple[float, float, float] | Float[np.ndarray, " 3"],
+    label: int = UNLABELLED,
+    stands: bool = False,
+) -> _Oriented:
     """A box about its centre, or that stands there."""
     middle = np.array(centre, float)
     middle[2] += stands * extent[2] / 2
@@ -300,11 +312,11 @@ def _about_vertical(degrees: float) -> Float[np.ndarray, "4 4"]:
     return rigid_transform(Rotation.from_rotvec([0, 0, np.radians(degrees)]).as_matrix())
 
 
-def _solids(placed: Sequence[tuple[Thing, np.ndarray]] | object) -> list[Solid]:
+def _solids(placed: Iterable[Placed]) -> list[Solid]:
     """The solids of things in their poses."""
     return [
-        dataclasses.replace(part, centre=transformed(part.centre[None], pose)[0], orientation=pose[:3, :3])  # type: ignore[call-arg]
-        for thing, pose in placed  # type: ignore[attr-defined]
+        dataclasses.replace(part, centre=transformed(part.centre[None], pose)[0], orientation=pose[:3, :3])
+        for thing, pose in placed
         for part in thing
     ]
 

@@ -60,8 +60,8 @@ class InPlaceSettings:
             only appeared has not moved. 0: any.
         angles: of the rotations, in degrees and either sense, that the search starts from.
         flat: third by second extent, at most, of what may be a panel on a hinge.
-        hinge_bonus: fraction of the points that differ that a motion about a hinge may explain less than another one. 0:
-            a panel is often slid along itself.
+        hinge_bonus: fraction of the points that differ by which a motion about a hinge may explain less than another.
+            0: a panel is often slid along itself.
         candidates: starts, the best, that are refined.
         refinements: rounds of point-to-plane ICP on what the motion explains.
         least_explained: fraction of the points that differ that the motion explains, at least, in either cloud; the
@@ -211,7 +211,9 @@ def _place(
     flatness = settings.flatness * max(noise, *(surface.thickness for surface in surfaces))
     points = each(lambda surface, own: surface.points[own], surfaces, inside)
     planes = _large_planes(np.concatenate([*points]), centre, radius, flatness, settings)
-    loose = points.map(lambda own: np.all([np.abs(own @ n - d) > flatness for n, d in planes] or [own[:, 0] == own[:, 0]], axis=0))
+    loose = points.map(
+        lambda own: np.all([np.abs(own @ n - d) > flatness for n, d in planes] or [own[:, 0] == own[:, 0]], axis=0)
+    )
     members = each(lambda own, kept: own[kept], inside, loose)
     members = _connected_to(seeds, members, surfaces, settings.connected * spacing, settings)
     if not settings.fewest <= min(map(len, members)) <= max(map(len, members)) <= settings.most:

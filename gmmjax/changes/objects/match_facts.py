@@ -9,9 +9,6 @@ from gmmjax.changes.objects.match import Match
 from gmmjax.geometry import LocalSurface, evenly_chosen, offset_derivatives, transformed
 from gmmjax.pair import Pair
 
-# Points from which the observability is computed.
-SAMPLE = 400
-
 
 class MatchFacts(NamedTuple):
     """The facts of a match; each is finite, and of moderate size.
@@ -19,11 +16,13 @@ class MatchFacts(NamedTuple):
     Attributes:
         covered_least: fraction of the points that lie on the other object, of the object where it is smaller.
         covered_most: of the object where it is larger.
-        explained: of what differs between the clouds, the fraction that lies on the other object; for an object that was
-            put elsewhere all of it differs, and this is `covered_least`.
-        contradicted: fractions of the points of both that the other survey must have observed, but did not; the sum.
+        explained: of what differs between the clouds, the fraction that lies on the other object. All of an object that
+            was put elsewhere differs: there it is `covered_least`.
+        contradicted: square root of the fraction of the points that the other survey must have observed, but did not,
+            both fractions added up.
         residual: root mean square offset of the covered points, in standard deviations of the noise; the mean of both.
-        overhang_least: how far an object reaches beyond the other's hull, in the other's radii, the smaller of both.
+        overhang_least: how far an object reaches beyond the other's hull, logarithm of one plus standard deviations of
+            the noise, the smaller of both.
         overhang_most: the larger of both.
         height_difference: of the tops above their support planes, logarithm of one plus standard deviations of the
             noise; 0 where the tops are not known.
@@ -33,7 +32,7 @@ class MatchFacts(NamedTuple):
             in radii: 0 where the object can slide or rotate along itself, as a plane or a strip can.
         width: logarithm of the second principal extent of the smaller object, in spacings.
         thickness: of the third one.
-        count: logarithm of the number of points of the object that has fewer.
+        fewest_points: logarithm of the number of points of the object that has fewer.
         distance: logarithm of one plus the distance that the object's middle moves, in its radii.
     """
 
@@ -50,7 +49,7 @@ class MatchFacts(NamedTuple):
     observability: float
     width: float
     thickness: float
-    count: float
+    fewest_points: float
     distance: float
 
     def vector(self) -> Float64[np.ndarray, " f"]:
@@ -58,9 +57,7 @@ class MatchFacts(NamedTuple):
         return np.array(self, np.float64)
 
 
-def match_facts(
-    match: Match, parts: Pair[LocalSurface], noise: float, explained: float | None = None
-) -> MatchFacts:
+def match_facts(match: Match, parts: Pair[LocalSurface], noise: float, explained: float | None = None) -> MatchFacts:
     """The facts of a match.
 
     Args:
@@ -70,7 +67,7 @@ def match_facts(
         explained: of what differs, the fraction that lies on the other object; None: all of both objects differs.
     """
     sides = (match.there, match.back)
-    covered, overhang = [side.covered for side in sides], [side.overhang for side in sides]
+    covered, overhang = [side.covered for side in sides], [float(np.log1p(side.overhang)) for side in sides]
     height, outline = _top_differences(match, noise)
     smaller = min(parts, key=lambda part: _radius(part.points))
     spacing = max(part.nearest_distance for part in parts)
@@ -81,17 +78,17 @@ def match_facts(
         covered_least=min(covered),
         covered_most=max(covered),
         explained=min(covered) if explained is None else explained,
-        contradicted=sum(side.contradicted for side in sides),
+        contradicted=float(np.sqrt(sum(side.contradicted for side in sides))),
         residual=sum(side.residual for side in sides) / 2,
         overhang_least=min(overhang),
-        overhang_most=min(max(overhang), 3.0),
+        overhang_most=max(overhang),
         height_difference=height,
         outline_difference=outline,
         tops_known=float(match.tops is not None),
         observability=min(observability(part) for part in parts),
         width=float(np.log(max(extents[1] / spacing, 0.1))),
         thickness=float(np.log(max(extents[2] / spacing, 0.1))),
-        count=float(np.log(min(len(part) for part in parts))),
+        fewest_points=float(np.log(min(len(part) for part in parts))),
         distance=float(np.log1p(moved_by / _radius(smaller.points))),
     )
 
@@ -102,12 +99,17 @@ def principal_extents(points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "
     return np.asarray(np.sqrt(12 * np.maximum(variances[::-1], 0)))
 
 
-def observability(part: LocalSurface) -> float:
+def observability(part: LocalSurface, sample: int = 400) -> float:
     """How well the normals of an object determine a rigid motion of it: 0 where some motion leaves it in its planes.
 
-    Gelfand, Ikemoto, Rusinkiewicz and Levoy (2003): the least eigenvalue of the normal equations of point-to-plane ICP.
+    Gelfand, Ikemoto, Rusinkiewicz and Levoy (2003): the least eigenvalue of the normal equations of point-to-plane ICP,
+    per point and in radii; its square root.
+
+    Args:
+        part: the object.
+        sample: number of points, at most, that are used.
     """
-    chosen = evenly_chosen(len(part), SAMPLE)
+    chosen = evenly_chosen(len(part), sample)
     points = part.points[chosen]
     rows = offset_derivatives(points, part.normals[chosen], points.mean(axis=0), _radius(points))
     return float(np.sqrt(max(np.linalg.eigvalsh(rows.T @ rows / len(rows))[0], 0.0)))

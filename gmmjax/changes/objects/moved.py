@@ -140,13 +140,11 @@ def place_hypotheses(
         noise: of `with_moved`.
         settings: how the motions are found.
     """
-    points = [np.concatenate([*each(lambda own, label: own.points[label == index], surfaces, labels)])
-              for index in range(len(items))]  # fmt: skip
     spacing = max(surface.nearest_distance for surface in surfaces)
+    points = [np.concatenate([*_points_of([index], surfaces, labels)]) for index in range(len(items))]
     found = []
     for group in adjacent_groups(points, spacing, settings.in_place):
-        seeds = labels.map(lambda own: np.flatnonzero(np.isin(own, group)))
-        motion = motion_in_place(seeds, surfaces, noise, settings.match, settings.in_place)
+        motion = motion_in_place(_members(group, labels), surfaces, noise, settings.match, settings.in_place)
         if motion is not None:
             facts = match_facts(motion.match, motion.parts, noise, motion.explained)
             found.append(PlaceHypothesis(group, motion, facts))
@@ -200,6 +198,17 @@ def _of_working_points(labels: Int[np.ndarray, " n"], member: Int[np.ndarray, " 
     working = np.empty(member.max() + 1, int)
     working[member] = labels
     return working
+
+
+def _members(group: Sequence[int], labels: Pair[Int[np.ndarray, " _"]]) -> Pair[Int[np.ndarray, " _"]]:
+    """The indices of the points of some changes, in either cloud."""
+    return labels.map(lambda own: np.flatnonzero(np.isin(own, group)))
+
+
+def _points_of(
+    group: Sequence[int], surfaces: Pair[LocalSurface], labels: Pair[Int[np.ndarray, " _"]]
+) -> Pair[Float64[np.ndarray, "_ 3"]]:
+    return each(lambda surface, own: surface.points[own], surfaces, _members(group, labels))
 
 
 def _part(scene: LocalSurface, own: Bool[np.ndarray, " n"], settings: MovedSettings) -> LocalSurface:
@@ -293,7 +302,9 @@ def _within(
     totals = np.bincount(np.concatenate([own[own >= 0] for own in labels]), minlength=len(items))
     taken = {*found.group, *(index for index, item in enumerate(items) if item.kind == "moved")}
     return [
-        index for index in range(len(items)) if index not in taken and index not in absorbed and 2 * counts[index] > totals[index]
+        index
+        for index in range(len(items))
+        if index not in taken and index not in absorbed and 2 * counts[index] > totals[index]
     ]
 
 
@@ -318,11 +329,15 @@ def _united(
     def change(points: np.ndarray, cloud: WorkingCloud, own: np.ndarray, label: np.ndarray) -> Change:
         # Where nothing but the motion says that there is a change, it is as probable as the motion.
         known = bool(np.isin(label, found.group).any())
-        return change_of(points[own[cloud.member]], "moved", most_probable * (1 if known else probability), significance)
+        return change_of(
+            points[own[cloud.member]], "moved", most_probable * (1 if known else probability), significance
+        )
 
     own = each(own_points, labels, found.motion.members)
     changes = each(change, pair.points, pair.working.clouds, own, labels)
     first = len(items)
-    numbered = each(lambda label, mine, number: np.where(mine, number, label), labels, own, Pair(first, first + 1))
+    numbered: Pair[np.ndarray] = each(
+        lambda label, mine, number: np.asarray(np.where(mine, number, label)), labels, own, Pair(first, first + 1)
+    )
     united = (*items, changes.before, changes.after)
     return _joined(united, first, first + 1, transform, probability), numbered

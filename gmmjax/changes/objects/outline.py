@@ -21,8 +21,8 @@ class OutlineSettings:
             0: the pattern in which the points lie on the surface counts.
         most: largest distance that counts, in spacings: what only one survey observed lies further away. Infinite: it
             pulls.
-        least_gain: by which a step lowers the mean of these distances, in spacings, at least. 0: a round object is rotated
-            by its noise.
+        least_gain: by which a step lowers the mean of these distances, in spacings, at least. 0: noise rotates a round
+            object.
         steps: lengths of the steps that are tried, in spacings, in their order.
         sample: number of points of either object, at most.
     """
@@ -51,15 +51,15 @@ def aligned_outlines(
     def misfit(candidate: np.ndarray) -> float:
         there = parts.after.tree.query(transformed(few.before, candidate))[0]
         back = parts.before.tree.query(transformed(few.after, np.linalg.inv(candidate)))[0]
-        return float(
-            sum(np.clip(own / spacing - settings.inside, 0, settings.most).mean() for own in (there, back))
-        )
+        return float(sum(np.clip(own / spacing - settings.inside, 0, settings.most).mean() for own in (there, back)))
 
     best, least, gain = transform, misfit(transform), settings.least_gain
     for step in settings.steps:
         for motion in _free_motions(parts.before, settings):
             for sense in (-1, 1):
-                while (now := misfit(slid := best @ _moved(parts.before, sense * step * spacing * motion))) < least - gain:
+                while (
+                    now := misfit(slid := best @ _moved(parts.before, sense * step * spacing * motion))
+                ) < least - gain:
                     best, least = slid, now
     return best
 

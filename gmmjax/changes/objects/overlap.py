@@ -40,8 +40,8 @@ class Overlap(NamedTuple):
         contradicted: fraction that does not, although the survey of the other object must have observed it.
         residual: root mean square offset of the covered points from the other object's planes, in standard deviations
             of the offset between local means; 0 where none is covered.
-        overhang: how far its points reach beyond the convex hull of the other object, the 95 % quantile, in the other
-            object's root mean square radii.
+        overhang: how far its points reach beyond the convex hull of the other object, in standard deviations of the
+            offset between local means.
     """
 
     covered: float
@@ -86,7 +86,7 @@ def overlap(
     beyond = other.beyond_hull(means)
     observed = (heights > -offset) & (beyond > offset)
     residual = float(np.sqrt((heights[covered] ** 2).mean())) / noise if covered.any() else 0.0
-    overhang = max(float(np.quantile(beyond, settings.overhang)), 0.0) / _radius(other.points)
+    overhang = max(float(np.quantile(beyond, settings.overhang)), 0.0) / noise
     return Overlap(float(covered.mean()), float((observed & ~covered & ~elsewhere).mean()), residual, overhang)
 
 
@@ -110,10 +110,6 @@ def on_surface(
     """
     heights = _heights(means, surface, means.mean(axis=0))
     return _lies_on(points, heights, surface, settings.offset * noise, settings.distance * spacing)
-
-
-def _radius(points: Float[np.ndarray, "n 3"]) -> float:
-    return max(float(np.sqrt(points.var(axis=0).sum())), np.finfo(np.float64).tiny)
 
 
 def _heights(

@@ -224,7 +224,7 @@ class _CoarseSearch(NamedTuple):
         return np.asarray(there + np.minimum(back, self.last).mean(axis=1))
 
     def left(self, transforms: Float[np.ndarray, "s 4 4"]) -> Float[np.ndarray, " s"]:
-        """The mean distance of the source's points from the target that each transform leaves, at most the last limit."""
+        """The mean distance of the source's points from the target after each transform, at most the last limit."""
         return np.asarray(np.minimum(self._closest(transforms)[0], self.last).mean(axis=1))
 
     def _closest(

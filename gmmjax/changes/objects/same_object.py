@@ -113,10 +113,11 @@ def shipped_model() -> SameObjectModel:
 
 def _weights(content: Mapping[str, Any]) -> LogisticWeights:
     count = len(MatchFacts._fields)
-    arrays = [np.array(content[name], np.float64) for name in ("means", "scales", "weights")]
+    means, scales, weights = (np.array(content[name], np.float64) for name in ("means", "scales", "weights"))
+    arrays = means, scales, weights
     intercept = float(content["intercept"])
     if any(array.shape != (count,) or not np.isfinite(array).all() for array in arrays) or not np.isfinite(intercept):
         raise ValueError(f"means, scales, weights and intercept must be finite, {count} of each and one")
-    if not (arrays[1] > 0).all():
+    if not (scales > 0).all():
         raise ValueError("scales must be positive")
-    return LogisticWeights(*arrays, intercept)
+    return LogisticWeights(means, scales, weights, intercept)
