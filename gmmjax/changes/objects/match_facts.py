@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from gmmjax.changes.objects.match import Match
-from gmmjax.geometry import LocalSurface, evenly_chosen, offset_derivatives, transformed
+from gmmjax.geometry import LocalSurface, transformed
 from gmmjax.pair import Pair
 
 
@@ -28,11 +28,11 @@ class MatchFacts(NamedTuple):
             noise; 0 where the tops are not known.
         outline_difference: of the sides of the tops' outlines, likewise.
         tops_known: 1 where both tops are known, else 0.
-        observability: square root of the least eigenvalue of the normal equations of point-to-plane ICP, per point and
-            in radii: 0 where the object can slide or rotate along itself, as a plane or a strip can.
-        width: logarithm of the second principal extent of the smaller object, in spacings.
-        thickness: of the third one.
-        fewest_points: logarithm of the number of points of the object that has fewer.
+        observability: how well the normals determine a translation, of the object where it is less: 0 where it can
+            slide along itself, as a plane or a pipe can.
+        width: logarithm of the second principal extent of the smaller object, in spacings, at most that of 15.
+        thickness: of the third one, at most that of 10.
+        fewest_points: logarithm of the number of points of the object that has fewer, at most that of 500.
         distance: logarithm of one plus the distance that the object's middle moves, in its radii.
     """
 
@@ -85,10 +85,10 @@ def match_facts(match: Match, parts: Pair[LocalSurface], noise: float, explained
         height_difference=height,
         outline_difference=outline,
         tops_known=float(match.tops is not None),
-        observability=min(observability(part) for part in parts),
-        width=float(np.log(max(extents[1] / spacing, 0.1))),
-        thickness=float(np.log(max(extents[2] / spacing, 0.1))),
-        fewest_points=float(np.log(min(len(part) for part in parts))),
+        observability=min(float(observability(part)[0]) for part in parts),
+        width=float(np.log(np.clip(extents[1] / spacing, 0.1, 15.0))),
+        thickness=float(np.log(np.clip(extents[2] / spacing, 0.1, 10.0))),
+        fewest_points=float(np.log(min(500, *(len(part) for part in parts)))),
         distance=float(np.log1p(moved_by / _radius(smaller.points))),
     )
 
@@ -99,20 +99,14 @@ def principal_extents(points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "
     return np.asarray(np.sqrt(12 * np.maximum(variances[::-1], 0)))
 
 
-def observability(part: LocalSurface, sample: int = 400) -> float:
-    """How well the normals of an object determine a rigid motion of it: 0 where some motion leaves it in its planes.
+def observability(part: LocalSurface) -> Float64[np.ndarray, " 3"]:
+    """How well the normals of an object determine its translation, least first: 0 where it can slide along itself.
 
-    Gelfand, Ikemoto, Rusinkiewicz and Levoy (2003): the least eigenvalue of the normal equations of point-to-plane ICP,
-    per point and in radii; its square root.
-
-    Args:
-        part: the object.
-        sample: number of points, at most, that are used.
+    The square roots of the eigenvalues of the normal equations of point-to-plane ICP for translations (Gelfand,
+    Ikemoto, Rusinkiewicz and Levoy 2003): one of them is 0 for a pipe, two for a plane.
     """
-    chosen = evenly_chosen(len(part), sample)
-    points = part.points[chosen]
-    rows = offset_derivatives(points, part.normals[chosen], points.mean(axis=0), _radius(points))
-    return float(np.sqrt(max(np.linalg.eigvalsh(rows.T @ rows / len(rows))[0], 0.0)))
+    information = np.linalg.eigvalsh(part.normals.T @ part.normals / len(part))
+    return np.asarray(np.sqrt(np.maximum(information, 0)))
 
 
 def _top_differences(match: Match, noise: float) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from gmmjax.changes.change import Change
 from gmmjax.changes.objects.cloud_changes import change_of, most_probable_first, reordered
 from gmmjax.changes.objects.in_place import InPlaceMotion, InPlaceSettings, adjacent_groups, motion_in_place
 from gmmjax.changes.objects.match import MatchSettings, best_match
-from gmmjax.changes.objects.match_facts import MatchFacts, match_facts, principal_extents
+from gmmjax.changes.objects.match_facts import MatchFacts, match_facts, observability, principal_extents
 from gmmjax.changes.objects.outline import OutlineSettings, aligned_outlines
 from gmmjax.changes.objects.pairing import PairingSettings, pairing_probabilities
 from gmmjax.changes.objects.same_object import Situation, shipped_model
@@ -35,6 +35,8 @@ class MovedSettings:
         most_count_ratio: the same, of their point counts. Empirical. Infinite: all are.
         least_width: second principal extent, in spacings, of what is compared; a thinner strip fits everywhere.
             Empirical. 0: strips are compared.
+        least_bend: second of the `observability` of what is compared, at least: a flat patch, too, fits everywhere.
+            Empirical. 0: patches are compared.
         fewest: points, at least, of what is compared. Empirical. 0: clusters of a few points, which fit anything, are.
         most_pairs: number of pairs that are registered, at most, the most similar in extent and count first: a bound on
             the time. 0: none.
@@ -49,6 +51,7 @@ class MovedSettings:
     most_extent_ratio: float = 1.5
     most_count_ratio: float = 5.0
     least_width: float = 5.0
+    least_bend: float = 0.2
     fewest: int = 40
     most_pairs: int = 24
     match: MatchSettings = MatchSettings()
@@ -217,9 +220,11 @@ def _part(scene: LocalSurface, own: Bool[np.ndarray, " n"], settings: MovedSetti
 
 
 def _distinctive(part: LocalSurface, surfaces: Pair[LocalSurface], settings: MovedSettings) -> bool:
-    """Whether there are enough points, and they are no strip."""
+    """Whether there are enough points, and they are neither a strip nor a flat patch."""
     spacing = max(surface.nearest_distance for surface in surfaces)
-    return len(part) >= settings.fewest and principal_extents(part.points)[1] >= settings.least_width * spacing
+    width = float(principal_extents(part.points)[1])
+    bend = float(observability(part)[1])
+    return len(part) >= settings.fewest and width >= settings.least_width * spacing and bend >= settings.least_bend
 
 
 def _similar_pairs(

@@ -264,7 +264,7 @@ def _without_duplicates(
 
 
 def _orientations(count: int) -> Float[np.ndarray, "r 3 3"]:
-    """The identity, and rotations that are spread evenly over all orientations (super-Fibonacci, Alexa 2022)."""
+    """The identity, and rotations that are spread evenly over all orientations (Alexa 2022)."""
     steps = np.arange(count - 1) + 0.5
     inner, outer = np.sqrt(steps / max(count - 1, 1)), np.sqrt(1 - steps / max(count - 1, 1))
     # The golden ratio's kin for quaternions: sqrt 2, and the positive root of x^4 = x + 4.
