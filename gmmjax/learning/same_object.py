@@ -5,7 +5,9 @@
 
 import argparse
 import json
+import multiprocessing
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import NamedTuple, get_args
 
@@ -234,13 +236,38 @@ def _is_motion(
     return max(float(np.quantile(distances, 0.9)) for distances in apart) < settings.right * spacing
 
 
-def examples(first_seed: int, settings: LearningSettings) -> Iterator[Example]:
-    """Those of all scenes from a seed on: things elsewhere, every motion within a place, with and without a floor."""
-    for gravity in get_args(Gravity):
-        for index in range(settings.scenes):
-            motions = get_args(InPlace)
-            for motion in (None, motions[index % len(motions)], motions[(index + 1) % len(motions)]):
-                yield from examples_of(first_seed + index, gravity, motion, settings)
+class Job(NamedTuple):
+    """The arguments of `examples_of`, as one."""
+
+    seed: int
+    gravity: Gravity
+    motion: InPlace | None
+    settings: LearningSettings
+
+    def run(self) -> list[Example]:
+        """The examples."""
+        return list(examples_of(*self))
+
+
+def examples(first_seed: int, settings: LearningSettings, workers: int = 1) -> list[Example]:
+    """Those of all scenes from a seed on: things elsewhere, every motion within a place, with and without a floor.
+
+    Args:
+        first_seed: of the first scene.
+        settings: how many scenes, and what they are like.
+        workers: number of processes; the result does not depend on it.
+    """
+    motions = get_args(InPlace)
+    jobs = [
+        Job(first_seed + index, gravity, motion, settings)
+        for gravity in get_args(Gravity)
+        for index in range(settings.scenes)
+        for motion in (None, motions[index % len(motions)], motions[(index + 1) % len(motions)])
+    ]
+    if workers == 1:
+        return [example for job in jobs for example in job.run()]
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        return [example for own in pool.map(Job.run, jobs) for example in own]
 
 
 def learned(given: Sequence[Example], settings: LearningSettings) -> SameObjectModel:
@@ -300,13 +327,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("output", type=Path, help="the parameter file")
     parser.add_argument("--scenes", type=int, default=LearningSettings().scenes, help="of each gravity and motion")
     parser.add_argument("--seed", type=int, default=0, help="of the first scene")
+    parser.add_argument("--workers", type=int, default=1, help="number of processes")
     given = parser.parse_args(arguments)
     settings = LearningSettings(scenes=given.scenes)
-    model = learned(list(examples(given.seed, settings)), settings)
+    model = learned(examples(given.seed, settings, given.workers), settings)
     with atomic_write(given.output) as file:
         file.write((json.dumps(model.to_dict(), indent=1, allow_nan=False) + "\n").encode())
     unseen = settings._replace(scenes=max(given.scenes // 4, 1))
-    print(*summary(list(examples(given.seed + 10_000, unseen)), model), sep="\n")
+    print(*summary(examples(given.seed + 10_000, unseen, given.workers), model), sep="\n")
 
 
 if __name__ == "__main__":

@@ -44,7 +44,7 @@ class RearrangementSettings:
     """
 
     half_width: float = 1.2
-    frames: int = 14
+    frames: int = 20
     pixels: tuple[int, int] = (64, 48)
     noise: tuple[float, float] = (0.004, 0.01)
     voxel: float = 0.01

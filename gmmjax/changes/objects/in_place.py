@@ -54,6 +54,10 @@ class InPlaceSettings:
             count for its size.
         connected: points nearer to each other than this, in spacings, are of one thing.
         neighbours: of a point of a thing, within that distance, itself counted.
+        rounds: times that the place is examined, at most: around few slivers only a part of the object is seen at first.
+            1: a part remains.
+        growth: of the diagonal of the object's box beyond that of the changes, from which on its place is examined
+            again. Infinite: never.
         fewest: points, at least, that differ in either cloud.
         most: points of the thing in either cloud, at most: a bound on the time.
         least_ratio: between the numbers of the points that differ in the two clouds, the smaller by the larger: what
@@ -83,6 +87,8 @@ class InPlaceSettings:
     parallel: float = 0.8
     connected: float = 4.0
     neighbours: int = 5
+    rounds: int = 3
+    growth: float = 1.4
     fewest: int = 15
     most: int = 20_000
     least_ratio: float = 0.1
@@ -91,7 +97,7 @@ class InPlaceSettings:
     hinge_bonus: float = 0.1
     candidates: int = 5
     refinements: int = 2
-    least_explained: float = 0.4
+    least_explained: float = 0.5
     margin_of_hull: float = 3.0
     least_fitting: float = 0.85
 
@@ -176,6 +182,31 @@ def motion_in_place(
     Returns:
         The motion; None where there is none that explains enough.
     """
+    found = None
+    for _ in range(settings.rounds):
+        motion = _motion_around(seeds, surfaces, noise, match, settings)
+        if motion is None:
+            break
+        known, seeds, found = _diagonal(seeds, surfaces), motion.members, motion
+        if _diagonal(seeds, surfaces) < settings.growth * known:
+            break
+    return found
+
+
+def _diagonal(members: Pair[Int[np.ndarray, " _"]], surfaces: Pair[LocalSurface]) -> float:
+    """Of the box along the axes around points of both clouds."""
+    points = np.concatenate([*each(lambda surface, own: surface.points[own], surfaces, members)])
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def _motion_around(
+    seeds: Pair[Int[np.ndarray, " _"]],
+    surfaces: Pair[LocalSurface],
+    noise: float,
+    match: MatchSettings,
+    settings: InPlaceSettings,
+) -> InPlaceMotion | None:
+    """The motion in the place around these points; None where there is none that explains enough."""
     place = _place(seeds, surfaces, noise, match, settings)
     if place is None:
         return None

@@ -15,8 +15,8 @@ class OutlineSettings:
     """How an object is slid until the outlines agree.
 
     Attributes:
-        determined: least eigenvalue, per point and in radii, of a direction of motion that the planes determine. 0: no
-            object is slid.
+        determined: mean squared offset from the planes, at least, by a unit of a motion that the planes determine. 0:
+            no object is slid.
         inside: distance to the other object's nearest point, in spacings, up to which a point lies within its outline.
             0: the pattern in which the points lie on the surface counts.
         most: largest distance that counts, in spacings: what only one survey observed lies further away. Infinite: it
@@ -65,11 +65,18 @@ def aligned_outlines(
 
 
 def _free_motions(part: LocalSurface, settings: OutlineSettings) -> Float64[np.ndarray, "f 6"]:
-    """The directions of motion that leave the object in its planes; a length moves its points by about that."""
+    """The motions along and about the principal axes that leave the object in its planes.
+
+    A motion of unit length moves its points by about one.
+    """
     chosen = evenly_chosen(len(part), settings.sample)
-    rows = offset_derivatives(part.points[chosen], part.normals[chosen], part.points.mean(axis=0), _radius(part))
-    information, directions = np.linalg.eigh(rows.T @ rows / len(rows))
-    return np.asarray(directions[:, information < settings.determined].T)
+    middle = part.points.mean(axis=0)
+    axes = np.linalg.eigh(np.cov(part.points.T, bias=True))[1].T
+    none = np.zeros_like(axes)
+    motions = np.concatenate([np.hstack([none, axes]), np.hstack([axes, none])])
+    rows = offset_derivatives(part.points[chosen], part.normals[chosen], middle, _radius(part))
+    information = ((rows @ motions.T) ** 2).mean(axis=0)
+    return np.asarray(motions[information < settings.determined])
 
 
 def _moved(part: LocalSurface, motion: Float[np.ndarray, " 6"]) -> Float64[np.ndarray, "4 4"]:

@@ -13,8 +13,8 @@ class PairingSettings:
     Attributes:
         steps: of belief propagation, at most. 0: every change has all others as equal alternatives.
         converged: largest change of a message in the last step. 0: all steps are made.
-        most_log_odds: of one pair by itself: of look-alikes that all fit well, one that fits a little better is not much
-            more probable. Empirical. Infinite: small differences of the facts decide among look-alikes.
+        most_log_odds: of one pair by itself: among look-alikes that all fit well, a slightly better fit tells little.
+            Empirical. Infinite: small differences of the facts decide among look-alikes.
     """
 
     steps: int = 200

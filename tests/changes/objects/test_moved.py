@@ -84,7 +84,7 @@ def test_no_more_pairs_are_registered_than_are_asked_for():
 
 
 def shifted_box(way, extent=(0.4, 0.28, 0.22)):
-    """A box on a floor before, and one after a motion, with only the slivers that a point comparison sees as changes."""
+    """A box on a floor before, and one after a motion; only the slivers that a point comparison sees are changes."""
     floors = [level(seed, 0.0, half=0.8) for seed in (4, 5)]
     boxes = standing(0), placed(standing(1, extent), way)
     clouds = [np.concatenate([own, floor]) for own, floor in zip(boxes, floors, strict=True)]
