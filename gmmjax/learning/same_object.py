@@ -69,7 +69,7 @@ class LearningSettings(NamedTuple):
         right: spacings by which a transform may misplace an object's points and still be right.
     """
 
-    scenes: int = 16
+    scenes: int = 24
     fragments: int = 2
     pixels: tuple[int, int] = (48, 90)
     voxel: tuple[float, float] = (0.008, 0.016)

@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -20,7 +22,6 @@ from gmmjax.changes.objects.rigid_match import RigidMatchSettings, best_starts
 from gmmjax.geometry import (
     LocalSurface,
     PlaneSettings,
-    density_clusters,
     evenly_chosen,
     plane_surface,
     planes_of,
@@ -53,9 +54,9 @@ class InPlaceSettings:
         parallel: cosine between a plane's normal and that of a point on it, at least. 0: surfaces that the plane cuts
             count for its size.
         connected: points nearer to each other than this, in spacings, are of one thing.
-        neighbours: of a point of a thing, within that distance, itself counted.
-        rounds: times that the place is examined, at most: around few slivers only a part of the object is seen at first.
-            1: a part remains.
+        fewest_of_thing: changed points, at least, of a thing that is examined. 0: all things of the place are.
+        rounds: times that the place is examined, at most: around few slivers only a part of the object is seen at
+            first. 1: a part remains.
         growth: of the diagonal of the object's box beyond that of the changes, from which on its place is examined
             again. Infinite: never.
         fewest: points, at least, that differ in either cloud.
@@ -86,7 +87,7 @@ class InPlaceSettings:
     at_border: float = 0.05
     parallel: float = 0.8
     connected: float = 4.0
-    neighbours: int = 5
+    fewest_of_thing: int = 5
     rounds: int = 3
     growth: float = 1.4
     fewest: int = 15
@@ -289,12 +290,22 @@ def _connected_to(
 ) -> Pair[Int[np.ndarray, " _"]]:
     """Those points of both clouds that are of a thing, before or after, with changed points."""
     points = each(lambda surface, own: surface.points[own], surfaces, members)
-    labels = density_clusters(np.concatenate([*points]), radius, settings.neighbours)
+    labels = _things(np.concatenate([*points]), radius)
     of_cloud = Pair(labels[: len(members.before)], labels[len(members.before) :])
     changed = np.concatenate([*each(lambda own, seed, label: label[np.isin(own, seed)], members, seeds, of_cloud)])
     counts = np.bincount(changed[changed >= 0], minlength=labels.max(initial=-1) + 1)
-    things = np.flatnonzero(counts >= settings.neighbours)
+    things = np.flatnonzero(counts >= settings.fewest_of_thing)
     return each(lambda own, label: own[np.isin(label, things)], members, of_cloud)
+
+
+def _things(points: Float64[np.ndarray, "n 3"], distance: float) -> Int[np.ndarray, " n"]:
+    """The number of the connected thing that each point is of: points in cells of half the distance that touch."""
+    if not len(points):
+        return np.zeros(0, int)
+    cells, cell = np.unique(np.floor(2 * (points - points.min(axis=0)) / distance), axis=0, return_inverse=True)
+    links = cKDTree(cells).query_pairs(1.5, p=np.inf, output_type="ndarray")
+    graph = coo_array((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(len(cells), len(cells)))
+    return connected_components(graph, directed=False)[1][cell.reshape(-1)]
 
 
 def _best_transform(
@@ -432,7 +443,7 @@ def _moved_points(
         inside = (thing.points @ hull[:, :3].T + hull[:, 3]).max(axis=1) < settings.margin_of_hull * spacing
         chosen = (differs | fits) & inside
         beyond = np.flatnonzero(~inside & ~differs)
-        components = density_clusters(thing.points[beyond], settings.connected * spacing, settings.neighbours)
+        components = _things(thing.points[beyond], settings.connected * spacing)
         for component in range(components.max(initial=-1) + 1):
             whole = beyond[components == component]
             chosen[whole] = fits[whole] & (fits[whole].mean() >= settings.least_fitting)
