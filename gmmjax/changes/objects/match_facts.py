@@ -33,7 +33,7 @@ class MatchFacts(NamedTuple):
         width: logarithm of the second principal extent of the smaller object, in spacings, at most that of 15.
         thickness: of the third one, at most that of 10.
         fewest_points: logarithm of the number of points of the object that has fewer, at most that of 500.
-        distance: logarithm of one plus the distance that the object's middle moves, in its radii.
+        distance: that the object's middle moves, in its radii, at most 2: it tells motions within a place from others.
     """
 
     covered_least: float
@@ -89,7 +89,7 @@ def match_facts(match: Match, parts: Pair[LocalSurface], noise: float, explained
         width=float(np.log(np.clip(extents[1] / spacing, 0.1, 15.0))),
         thickness=float(np.log(np.clip(extents[2] / spacing, 0.1, 10.0))),
         fewest_points=float(np.log(min(500, *(len(part) for part in parts)))),
-        distance=float(np.log1p(moved_by / _radius(smaller.points))),
+        distance=min(moved_by / _radius(smaller.points), 2.0),
     )
 
 

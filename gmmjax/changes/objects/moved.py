@@ -35,6 +35,8 @@ class MovedSettings:
         most_count_ratio: the same, of their point counts. Empirical. Infinite: all are.
         least_width: second principal extent, in spacings, of what is compared; a thinner strip fits everywhere.
             Empirical. 0: strips are compared.
+        least_aspect: second by first principal extent of what is compared, for the same reason. Empirical. 0: rails are
+            compared.
         least_bend: second of the `observability` of what is compared, at least: a flat patch, too, fits everywhere.
             Empirical. 0: patches are compared.
         fewest: points, at least, of what is compared. Empirical. 0: clusters of a few points, which fit anything, are.
@@ -51,6 +53,7 @@ class MovedSettings:
     most_extent_ratio: float = 1.5
     most_count_ratio: float = 5.0
     least_width: float = 5.0
+    least_aspect: float = 0.1
     least_bend: float = 0.2
     fewest: int = 40
     most_pairs: int = 24
@@ -222,9 +225,9 @@ def _part(scene: LocalSurface, own: Bool[np.ndarray, " n"], settings: MovedSetti
 def _distinctive(part: LocalSurface, surfaces: Pair[LocalSurface], settings: MovedSettings) -> bool:
     """Whether there are enough points, and they are neither a strip nor a flat patch."""
     spacing = max(surface.nearest_distance for surface in surfaces)
-    width = float(principal_extents(part.points)[1])
-    bend = float(observability(part)[1])
-    return len(part) >= settings.fewest and width >= settings.least_width * spacing and bend >= settings.least_bend
+    longest, width, _ = principal_extents(part.points)
+    wide = width >= max(settings.least_width * spacing, settings.least_aspect * longest)
+    return bool(wide and len(part) >= settings.fewest and observability(part)[1] >= settings.least_bend)
 
 
 def _similar_pairs(
