@@ -6,7 +6,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from gmmjax.changes import Change as Change
     from gmmjax.changes import Changes as Changes
+    from gmmjax.changes import Contribution as Contribution
     from gmmjax.changes import DetectionConfig as DetectionConfig
+    from gmmjax.changes import Explanation as Explanation
+    from gmmjax.changes import RejectedCandidate as RejectedCandidate
     from gmmjax.changes import detect_changes as detect_changes
     from gmmjax.clouds import PointCloud as PointCloud
     from gmmjax.clouds import SensorViews as SensorViews
@@ -30,7 +33,9 @@ __version__ = "0.1.0"
 # The packages of the public names. They are imported when a name is first asked for, so that the command line is up,
 # and can be interrupted cleanly, before JAX is imported.
 _NAMES = {
-    "changes": ("Change", "Changes", "DetectionConfig", "detect_changes"),
+    "changes": (
+        *("Change", "Changes", "Contribution", "DetectionConfig", "Explanation", "RejectedCandidate", "detect_changes"),
+    ),
     "clouds": ("PointCloud", "SensorViews", "read_cloud", "read_views"),
     "errors": ("ComputationError", "InputError", "InputWarning"),
     "mixtures": ("Fit", "FitSettings", "FitStatus", "GaussianMixture", "Prior", "fit_mixture"),

@@ -1,4 +1,5 @@
 import csv
+import dataclasses
 import errno
 import io
 import json
@@ -17,6 +18,7 @@ from gmmjax.changes import Changes
 from gmmjax.cli import compilation_cache, main
 from gmmjax.clouds import read_cloud, write_ply
 from gmmjax.reporting import read_mixture
+from tests.changes.explained import rejected
 
 QUICK = ["--restarts", "2", "--max-components", "8"]
 MEANS = np.array([[0, 0, 0], [5, 0, 0], [0, 5, 1], [5, 5, 1], [2, 10, 3]])
@@ -120,6 +122,16 @@ def test_the_table_says_what_was_found_dropped_and_written(scans, tmp_path, caps
     assert "1 row of the before cloud" in captured.out
     assert str(tmp_path / "a") in captured.out
     assert not captured.err
+
+
+def test_explain_reaches_the_terminal(scans, result, tmp_path, capsys, monkeypatch):
+    changes = dataclasses.replace(Changes.load(result), rejected=(rejected(),))
+    monkeypatch.setattr("gmmjax.changes.detect_changes", lambda *clouds, **settings: changes)
+    assert main(["detect", *scans, "--out", str(tmp_path / "a"), "--explain"]) == 0
+    assert "\n1 candidate was rejected:\n● disappeared   20 %  unchanged" in capsys.readouterr().out
+    assert main(["detect", *scans, "--out", str(tmp_path / "b")]) == 0
+    assert "\n1 candidate was rejected; --explain says why.\n" in capsys.readouterr().out
+    assert Changes.load(tmp_path / "b").rejected[0].explanation == changes.rejected[0].explanation
 
 
 def test_quiet_prints_nothing(scans, tmp_path, capsys):
@@ -404,6 +416,12 @@ def test_evaluate_laboratory_surveys_a_room(capsys):
     assert evaluated(["laboratory"], capsys, *flags).splitlines()[1] == "(+1)"
 
 
+def test_evaluate_scenes_surveys_places_of_a_family(capsys):
+    flags = ["--families", "apartments", "--seeds", 1, "--poses", "unknown", "--methods", "voxels", "--json"]
+    rows = {row["condition"]: row for row in json.loads(evaluated(["scenes"], capsys, *flags))["rows"]}
+    assert rows["apartments"]["pairs"] == 1 and rows["apartments"]["group"] == "poses unknown"
+
+
 BAD_EVALUATIONS = {
     "gaussians --out a.xlsx": ".csv, .json, .md",
     "gaussians --reliability a.csv": ".html, .json, .md",
@@ -414,6 +432,8 @@ BAD_EVALUATIONS = {
     "gaussians --points 0": "--points 0",
     "gaussians --conditions (+9)*": "fits none of (+1) low; (+1) medium",
     "laboratory --conditions (+9)": "fits none of (+1); (+2)",
+    "scenes --families room": "--families room: there is no such family; choose from rooms, kitchens",
+    "scenes --seeds 0": "--seeds 0",
     "pairs nowhere": "nowhere: there is no such folder",
 }
 

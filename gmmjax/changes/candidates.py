@@ -4,7 +4,7 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int, Int8
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.differences import DetectionLimits, Differences, LocalDifference
@@ -40,20 +40,26 @@ class Candidates(NamedTuple):
     Attributes:
         points: of the cloud, at the working resolution.
         difference: of each to the other cloud.
-        probability: for each restart, that the point is changed.
+        excess: for each restart the posterior of the joint mixture that the point is of what only its cloud has.
+        probability: for each restart, that the point looks changed.
         labels: -1, or the number of the candidate.
+        observed: what the other survey observed at the place of each point, values of `Observed`; None: its views are
+            not known.
     """
 
     points: Float[np.ndarray, "n 3"]
     difference: LocalDifference
+    excess: Float[np.ndarray, "r n"]
     probability: Float[np.ndarray, "r n"]
     labels: Int[np.ndarray, " n"]
+    observed: Int8[np.ndarray, " n"] | None = None
 
 
 def candidates_of(
     points: Pair[Float[np.ndarray, "_ 3"]],
     differences: Differences,
     excess: Pair[Float[np.ndarray, "r _"]],
+    observed: Pair[Int8[np.ndarray, " _"] | None] = Pair(None, None),
     threshold: float = 0.5,
     settings: CandidateSettings = CandidateSettings(),
 ) -> Pair[Candidates]:
@@ -63,17 +69,22 @@ def candidates_of(
         points: at the working resolution.
         differences: of the clouds from each other.
         excess: for each restart the posterior of the joint mixture that the point is of what only its cloud has.
+        observed: what the other survey observed at the place of each point; None: its views are not known.
         threshold: probability from which on a point belongs to a candidate.
         settings: which points look changed.
     """
     limits = differences.limits
 
-    def of_cloud(points: np.ndarray, difference: LocalDifference, excess: np.ndarray) -> Candidates:
+    def of_cloud(
+        points: np.ndarray, difference: LocalDifference, excess: np.ndarray, observed: np.ndarray | None
+    ) -> Candidates:
         probability = changed_probability(difference, excess, limits, settings)
-        labels = clusters_with_core(points, probability.mean(axis=0), limits.spacing, threshold, settings)
-        return Candidates(points, difference, probability, labels)
+        labels = clusters_by_observation(
+            points, probability.mean(axis=0), observed, limits.spacing, threshold, settings
+        )
+        return Candidates(points, difference, excess, probability, labels, observed)
 
-    return each(of_cloud, points, differences.local, excess)
+    return each(of_cloud, points, differences.local, excess, observed)
 
 
 def changed_probability(
@@ -97,6 +108,40 @@ def changed_probability(
     by_distance = np.clip((by_distance - settings.first_distance) / (1 - settings.first_distance), 0, 1)
     by_offset = np.clip(difference.offset / limits.local_offset(difference), 0, 1)
     return np.maximum(excess, np.maximum(by_distance, by_offset)[None])
+
+
+def clusters_by_observation(
+    points: Float[np.ndarray, "n 3"],
+    probability: Float[np.ndarray, " n"],
+    observed: Int8[np.ndarray, " n"] | None,
+    spacing: float,
+    threshold: float = 0.5,
+    settings: CandidateSettings = CandidateSettings(),
+) -> Int[np.ndarray, " n"]:
+    """The clusters of `clusters_with_core`, of the places that the other survey observed and of the others.
+
+    What was observed is never in one cluster with what was not: an object beside the edge of the coverage would be lost
+    in all that lies beyond it.
+
+    Args:
+        points: of one cloud.
+        probability: that each is changed.
+        observed: what the other survey observed at each place, negative for nothing; None: not known.
+        spacing: of neighbouring points.
+        threshold: probability from which on a point belongs to a cluster.
+        settings: of the clusters.
+
+    Returns:
+        For each point -1, or the number of its cluster.
+    """
+    labels = np.full(len(points), -1)
+    groups: list[Bool[np.ndarray, " n"]] = [np.ones(len(points), bool)]
+    if observed is not None:
+        groups = [observed >= 0, observed < 0]
+    for group in groups:
+        own = clusters_with_core(points[group], probability[group], spacing, threshold, settings)
+        labels[group] = np.where(own >= 0, own + labels.max(initial=-1) + 1, -1)
+    return labels
 
 
 def clusters_with_core(

@@ -1,4 +1,4 @@
-"""The records of what changed: `Change` for one object, `Changes` for a pair of clouds."""
+"""The records of a detection: `Change` for an object, `RejectedCandidate` for what is none, `Changes` for a pair."""
 
 import dataclasses
 import os
@@ -10,6 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from gmmjax.changes.config import DetectionConfig
+from gmmjax.changes.explanation import Explanation
+from gmmjax.changes.plain_values import finite, probability, whole
 from gmmjax.changes.registration import Registration
 from gmmjax.changes.storage import (
     LABELS_FILE,
@@ -23,6 +25,7 @@ from gmmjax.changes.storage import (
 from gmmjax.errors import InputError, one_line, shown
 
 Kind = Literal["appeared", "disappeared", "moved"]
+Reason = Literal["unchanged", "not observed"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,7 +67,7 @@ class Box:
             KeyError, TypeError, ValueError: it is no such dictionary.
         """
         shapes = {"centre": (3,), "extent": (3,), "rotation": (3, 3)}
-        return cls(*(_finite(content[name], shape) for name, shape in shapes.items()))
+        return cls(*(finite(content[name], shape) for name, shape in shapes.items()))
 
     def corners(self) -> Float[np.ndarray, "8 3"]:
         """The eight corners: bit i of the index says on which side of axis i."""
@@ -88,6 +91,9 @@ class Change:
         box: around its points.
         partner: for a moved object, the index of the change that it was or became; else None.
         transform: for a moved object, the rigid motion [4, 4] of the object alone, from before to after; else None.
+        explanation: the facts that decided, of a change of several pieces those of its largest one. None where none
+            were measured: in clouds that fill volumes, without evidence, and by the methods that compare mixtures. The
+            confidence in the registration is not in it.
         moved_probability: for a moved object, the probability that the partner is the same object; else None, and where
             it was not computed.
     """
@@ -101,6 +107,7 @@ class Change:
     box: Box
     partner: int | None = None
     transform: Float[np.ndarray, "4 4"] | None = None
+    explanation: Explanation | None = None
     moved_probability: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
@@ -115,6 +122,7 @@ class Change:
             "box": self.box.to_dict(),
             "partner": self.partner,
             "transform": None if self.transform is None else self.transform.tolist(),
+            "explanation": None if self.explanation is None else self.explanation.to_dict(),
             "moved_probability": self.moved_probability,
         }
 
@@ -125,22 +133,75 @@ class Change:
         Raises:
             KeyError, TypeError, ValueError: it is no such dictionary.
         """
-        if content["kind"] not in get_args(Kind):
-            raise ValueError(f"kind {shown(content['kind'])} is none of {', '.join(get_args(Kind))}")
         partner, transform = content["partner"], content["transform"]
-        # Not in the first records of this schema version.
+        # Records of before there were explanations have none.
+        explanation = content.get("explanation")
         moved_probability = content.get("moved_probability")
         return cls(
-            kind=content["kind"],
-            probability=float(_finite(content["probability"], ())),
-            significance=float(_finite(content["significance"], ())),
-            point_count=_whole(content["point_count"]),
-            mean=_finite(content["mean"], (3,)),
-            covariance=_finite(content["covariance"], (3, 3)),
+            kind=_one_of(content["kind"], get_args(Kind), "kind"),
+            probability=float(finite(content["probability"])),
+            significance=float(finite(content["significance"])),
+            point_count=whole(content["point_count"]),
+            mean=finite(content["mean"], (3,)),
+            covariance=finite(content["covariance"], (3, 3)),
             box=Box.from_dict(content["box"]),
-            partner=None if partner is None else _whole(partner),
-            transform=None if transform is None else _finite(transform, (4, 4)),
-            moved_probability=None if moved_probability is None else _share(moved_probability),
+            partner=None if partner is None else whole(partner),
+            transform=None if transform is None else finite(transform, (4, 4)),
+            explanation=None if explanation is None else Explanation.from_dict(explanation),
+            moved_probability=None if moved_probability is None else probability(moved_probability),
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class RejectedCandidate:
+    """What looked changed in one cloud, and is none of the changes.
+
+    Attributes:
+        kind: of the change that it would be: "appeared" (its points are in the after cloud) or "disappeared".
+        reason: "unchanged" (noise, registration error or density) or "not observed" by the other survey, whichever is
+            likelier.
+        probability: that it is a change nevertheless.
+        point_count: how many points of the cloud belong to it.
+        mean: of its points, in the unit of the clouds.
+        box: around its points.
+        explanation: the facts that decided.
+    """
+
+    kind: Kind
+    reason: Reason
+    probability: float
+    point_count: int
+    mean: Float[np.ndarray, "3"]
+    box: Box
+    explanation: Explanation
+
+    def to_dict(self) -> dict[str, Any]:
+        """The candidate as plain numbers, strings, lists and dictionaries."""
+        return {
+            "kind": self.kind,
+            "reason": self.reason,
+            "probability": self.probability,
+            "point_count": self.point_count,
+            "mean": self.mean.tolist(),
+            "box": self.box.to_dict(),
+            "explanation": self.explanation.to_dict(),
+        }
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> "RejectedCandidate":
+        """The candidate that `to_dict` made plain.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is no such dictionary.
+        """
+        return cls(
+            kind=_one_of(content["kind"], ("appeared", "disappeared"), "kind"),
+            reason=_one_of(content["reason"], get_args(Reason), "reason"),
+            probability=probability(content["probability"]),
+            point_count=whole(content["point_count"]),
+            mean=finite(content["mean"], (3,)),
+            box=Box.from_dict(content["box"]),
+            explanation=Explanation.from_dict(content["explanation"]),
         )
 
 
@@ -167,6 +228,7 @@ class Changes:
         diagnostics: what was derived and measured on the way: points dropped and filtered, voxel size, components and
             status of every fit, seconds. Plain numbers, strings, lists and dictionaries.
         registration: of the after cloud to the before cloud, and how sure it is.
+        rejected: what looked changed in one of the clouds and is no change, most probable first.
     """
 
     labels_before: Int[np.ndarray, " n0"]
@@ -180,6 +242,7 @@ class Changes:
     config: DetectionConfig
     diagnostics: Mapping[str, Any]
     registration: Registration = dataclasses.field(default_factory=Registration.none)
+    rejected: tuple[RejectedCandidate, ...] = ()
 
     def __len__(self) -> int:
         return len(self.items)
@@ -204,6 +267,7 @@ class Changes:
         return {
             "schema_version": SCHEMA_VERSION,
             "changes": [change.to_dict() for change in self.items],
+            "rejected": [candidate.to_dict() for candidate in self.rejected],
             "emd": self.emd,
             "registration": self.registration.to_dict(),
             "points_before": len(self.labels_before),
@@ -236,10 +300,11 @@ class Changes:
             return cls(
                 **arrays,
                 items=items,
-                emd=float(_finite(content["emd"], ())),
+                emd=float(finite(content["emd"])),
                 config=DetectionConfig.from_dict(dict(content["config"])),
                 diagnostics=dict(content["diagnostics"]),
                 registration=Registration.from_dict(content["registration"]),
+                rejected=tuple(RejectedCandidate.from_dict(candidate) for candidate in content.get("rejected", ())),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
@@ -247,23 +312,9 @@ class Changes:
             ) from error
 
 
-def _finite(values: Any, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
-    array = np.array(values)
-    if array.shape != shape or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
-        raise ValueError(f"{shown(values)} must be finite numbers {list(shape)}")
-    return array.astype(np.float64)
-
-
-def _share(value: Any) -> float:
-    share = float(_finite(value, ()))
-    if not 0 <= share <= 1:
-        raise ValueError(f"{shown(value)} must lie between 0 and 1")
-    return share
-
-
-def _whole(value: Any) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-        raise ValueError(f"{shown(value)} must be a whole number of at least 0")
+def _one_of(value: Any, choices: Sequence[str], name: str) -> Any:
+    if value not in choices:
+        raise ValueError(f"{name} {shown(value)} is none of {', '.join(choices)}")
     return value
 
 

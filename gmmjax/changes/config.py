@@ -70,6 +70,8 @@ class DetectionConfig:
         evidence: whether a change of a surface scan must lie where the other scan looked: where its views saw that
             there was nothing, or, without views, off the surfaces beside it. False reports all that one scan has and
             the other has not. Of "joint".
+        verdict: file with the parameters by which a difference between scans is a change, such as `gmmjax tune` writes.
+            None: those that come with the package. Of "joint".
         max_points: voxels that each cloud is reduced to at the most before a separate fit; points that one restart of
             "joint" is fitted to. All points get labels all the same.
         voxel_size: edge of the voxels. None: the smallest that leaves at most `max_points` (50,000 for "joint") in
@@ -101,6 +103,7 @@ class DetectionConfig:
     registration: RegistrationMode = "auto"
     tolerance: float | None = None
     evidence: bool = True
+    verdict: str | None = None
     max_points: int = 16384
     voxel_size: float | None = None
     outlier_neighbours: int = 20
@@ -124,6 +127,8 @@ class DetectionConfig:
         check_choice("registration", self.registration, get_args(RegistrationMode))
         if not isinstance(self.evidence, bool):
             raise InputError(f"evidence={shown(self.evidence)} must be True or False")
+        if self.verdict is not None and not isinstance(self.verdict, str):
+            raise InputError(f"verdict={shown(self.verdict)} must be the path of a file")
         for name, least in (("seed", 0), ("max_points", 100), ("outlier_neighbours", 0)):
             _check_least(name, getattr(self, name), least)
         for name in ("restarts", "max_components"):

@@ -9,9 +9,10 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
 
-from gmmjax.geometry import MEDIAN_TO_DEVIATION, LocalSurface, nearest_neighbours
+from gmmjax.geometry import MEDIAN_TO_DEVIATION, LocalSurface, evenly_chosen, nearest_neighbours
 from gmmjax.pair import Pair, each
 
 
@@ -29,6 +30,20 @@ class DifferenceSettings:
             0: thick surfaces, such as vegetation, look changed.
         offsets: offset from the other cloud's plane, in registration errors, and in standard deviations of the offset
             there. It must be positive.
+        overlap: distance to the other cloud, in spacings there, up to which a point is of the overlap of both clouds,
+            whose median distances and offsets count. Infinite: at half overlap half of the points have no counterpart,
+            and every change is within the median distance.
+        least_overlap: fraction of a cloud that is of the overlap, at least; of less, all points are taken. 0: of clouds
+            that lie far apart, a few points that meet by chance are taken.
+        region: number of the nearest points, of those that are no sure change, whose median offset is the registration
+            error at a place: it grows with the range and differs from place to place. Few: a change of that size is
+            taken for registration error; infinite: that of the pair is everywhere.
+        regions: number of places, evenly chosen, that the registration error is computed at; elsewhere it is that of
+            the nearest one. 1: that of one place is everywhere.
+        least_error: registration error at a place, in that of the pair, at least. 1: small changes near the sensor
+            are lost in the error far from it.
+        most_error: the same, at most. 1: the edges of what is badly registered look changed; infinite: where a change
+            fills a region, all of it is taken for registration error.
         finest_offset: least registration error, in point spacings, for surfaces without noise such as computed planes.
             0: the rounding of their coordinates (1e-9 m in a country's grid) looks like an offset.
     """
@@ -37,6 +52,12 @@ class DifferenceSettings:
     distances: float = 3.0
     thicknesses: float = 4.0
     offsets: float = 7.0
+    overlap: float = 10.0
+    least_overlap: float = 0.2
+    region: int = 400
+    regions: int = 400
+    least_error: float = 0.3
+    most_error: float = 2.0
     finest_offset: float = 1e-6
 
 
@@ -49,6 +70,7 @@ class LocalDifference(NamedTuple):
         noise: standard deviation of that offset by the scatter of both surfaces about their planes.
         thickness: standard deviation of the other cloud's points about their plane there.
         spacing: of the other cloud's points there.
+        error: registration error there; None: that of the pair.
     """
 
     distance: Float[np.ndarray, " n"]
@@ -56,6 +78,7 @@ class LocalDifference(NamedTuple):
     noise: Float[np.ndarray, " n"]
     thickness: Float[np.ndarray, " n"]
     spacing: Float[np.ndarray, " n"]
+    error: Float[np.ndarray, " n"] | None = None
 
 
 class DetectionLimits(NamedTuple):
@@ -79,15 +102,16 @@ class DetectionLimits(NamedTuple):
     settings: DifferenceSettings
 
     def local_offset(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
-        """The limit of the offset of each point, larger where its neighbourhood is noisier."""
-        return np.maximum(self.offset, self.settings.offsets * difference.noise)
+        """The limit of the offset of each point, by the registration error and the noise there."""
+        error = self.registration_error if difference.error is None else difference.error
+        return self.settings.offsets * np.maximum(error, difference.noise)
 
     def local_distance(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
-        """The limit of the distance of each point, larger where the other cloud is sparser or thicker."""
-        local = np.maximum(
-            self.settings.spacings * difference.spacing, self.settings.thicknesses * difference.thickness
-        )
-        return np.maximum(self.distance, local)
+        """The limit of the distance of each point, larger where the other cloud is sparser, thicker or farther off."""
+        settings, error = self.settings, self.registration_error if difference.error is None else difference.error
+        of_pair = max(settings.spacings * self.spacing, settings.distances * self.median_distance)
+        of_other = np.maximum(settings.spacings * difference.spacing, settings.thicknesses * difference.thickness)
+        return np.maximum(of_pair, np.maximum(settings.offsets * error, of_other))
 
 
 class Differences(NamedTuple):
@@ -113,7 +137,8 @@ def differences_between(
         settings: of the limits.
     """
     local = each(local_difference, surfaces, surfaces.swapped)
-    return Differences(local, detection_limits(local, spacing, settings))
+    limits = detection_limits(local, spacing, settings)
+    return Differences(each(lambda own, side: _with_error(own, side, limits), surfaces, local), limits)
 
 
 def local_difference(
@@ -144,7 +169,7 @@ def local_difference(
 def detection_limits(
     local: Pair[LocalDifference], spacing: float, settings: DifferenceSettings = DifferenceSettings()
 ) -> DetectionLimits:
-    """The limits, from the median distance and offset of the cloud in which less has changed.
+    """The limits, from the median distance and offset in the overlap, of the cloud in which less has changed.
 
     Args:
         local: the differences of both clouds.
@@ -152,8 +177,31 @@ def detection_limits(
         settings: of the limits.
     """
     finest = settings.finest_offset * max(float(np.median(side.spacing)) for side in local)
-    error = max(MEDIAN_TO_DEVIATION * min(float(np.median(side.offset)) for side in local), finest)
-    median_distance = min(float(np.median(side.distance)) for side in local)
+    common = local.map(lambda side: _in_overlap(side, spacing, settings))
+    offsets = each(lambda side, own: float(np.median(side.offset[own])), local, common)
+    distances = each(lambda side, own: float(np.median(side.distance[own])), local, common)
+    error, median_distance = max(MEDIAN_TO_DEVIATION * min(offsets), finest), min(distances)
     offset = settings.offsets * error
     distance = max(settings.spacings * spacing, settings.distances * median_distance, offset)
     return DetectionLimits(spacing, median_distance, error, distance, offset, settings)
+
+
+def _in_overlap(side: LocalDifference, spacing: float, settings: DifferenceSettings) -> Bool[np.ndarray, " n"]:
+    """The points of the overlap of both clouds, or all points where that is too small."""
+    common = side.distance <= settings.overlap * np.maximum(side.spacing, spacing)
+    return common if common.mean() >= settings.least_overlap else np.ones(len(common), bool)
+
+
+def _with_error(own: LocalSurface, side: LocalDifference, limits: DetectionLimits) -> LocalDifference:
+    """The differences of a cloud with the registration error at each point: the median offset of the region around."""
+    settings = limits.settings
+    unsure = np.flatnonzero((side.distance <= limits.distance) & (side.offset <= limits.offset))
+    if len(unsure) < settings.region:
+        return side
+    tree = cKDTree(own.points[unsure])
+    places = own.points[unsure[evenly_chosen(len(unsure), settings.regions)]]
+    regions = nearest_neighbours(tree, places, settings.region)[1]
+    errors = MEDIAN_TO_DEVIATION * np.median(side.offset[unsure][regions], axis=1)
+    nearest = nearest_neighbours(cKDTree(places), own.points, 1)[1][:, 0]
+    least, most = settings.least_error, settings.most_error
+    return side._replace(error=np.clip(errors[nearest], *(limits.registration_error * np.array([least, most]))))

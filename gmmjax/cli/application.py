@@ -27,6 +27,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "simulate lab": ("simulate_lab", "A laboratory that a robot surveys: bags, frames, maps, pairs with the truth."),
     "evaluate gaussians": ("evaluate_gaussians", "Score detectors on artificial scenes of Gaussians."),
     "evaluate laboratory": ("evaluate_laboratory", "Score detectors on a simulated room."),
+    "evaluate scenes": ("evaluate_scenes", "Score detectors on simulated rooms, halls, corridors, modules."),
     "evaluate pairs": ("evaluate_pairs", "Score detectors on pairs of scans with truth."),
     "evaluate thesis": ("evaluate_thesis", "Run chapter 4 of the thesis again, beside its published numbers."),
     "tune": ("tune", "Tune settings by gradient on pairs of scans, with truth or without."),

@@ -44,6 +44,7 @@ def detect(
     config: Annotated[Path | None, tyro.conf.arg(metavar="FILE.toml")] = None,
     views_before: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     views_after: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    explain: bool = False,
     overwrite: bool = False,
     quiet: bool = False,
     print_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
@@ -63,6 +64,8 @@ def detect(
             max_range; then only what the other scan looked through is a change. The default is what a PCD file of an
             ordered frame says.
         views_after: the same for the second scan.
+        explain: print, too, why each change is one and why each rejected candidate is none: the facts that decided,
+            with their contributions in log odds. The report and changes.json always have them.
         overwrite: replace a previous result in the output folder.
         quiet: print nothing but errors.
         print_json: print the changes as JSON and nothing else.
@@ -89,7 +92,7 @@ def detect(
     if print_json:
         console.print_json(changes)
     elif not quiet:
-        console.print_changes(changes)
+        console.print_changes(changes, explain=explain)
         console.print_files(out, RESULT_FILES)
     return 0
 

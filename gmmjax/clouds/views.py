@@ -47,6 +47,11 @@ class SensorViews:
         """The number of views."""
         return len(self.poses)
 
+    @property
+    def turning(self) -> bool:
+        """Whether the sensor turns: its field of view is measured in azimuth and elevation."""
+        return self.field_of_view[0] > WIDEST_PINHOLE
+
     @classmethod
     def at_origin(cls, points: npt.ArrayLike) -> "SensorViews":
         """One camera at the origin that looks along z, whose field of view and range just hold the points.
@@ -84,7 +89,7 @@ class SensorViews:
         """Which points, in a camera's coordinates, are within its angles and its range."""
         x, y, z = camera_points.T
         horizontal, vertical = (np.radians(angle) / 2 for angle in self.field_of_view)
-        depth = z if self.field_of_view[0] <= WIDEST_PINHOLE else np.hypot(x, z)
+        depth = np.hypot(x, z) if self.turning else z
         inside = (np.abs(np.arctan2(x, z)) <= horizontal) & (np.abs(np.arctan2(y, depth)) <= vertical)
         return np.asarray(inside & (x * x + y * y + z * z <= self.max_range**2))
 

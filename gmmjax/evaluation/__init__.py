@@ -10,6 +10,8 @@ from gmmjax.evaluation.detectors import Detector as Detector
 from gmmjax.evaluation.detectors import Name as Name
 from gmmjax.evaluation.detectors import available as available
 from gmmjax.evaluation.detectors import detector as detector
+from gmmjax.evaluation.families import family_pair as family_pair
+from gmmjax.evaluation.families import family_sources as family_sources
 from gmmjax.evaluation.gaussians import FAMILIES as FAMILIES
 from gmmjax.evaluation.gaussians import Condition as Condition
 from gmmjax.evaluation.gaussians import gaussian_pair as gaussian_pair
@@ -22,6 +24,7 @@ from gmmjax.evaluation.labelled_pair import cloud_file as cloud_file
 from gmmjax.evaluation.labelled_pair import find_pairs as find_pairs
 from gmmjax.evaluation.labelled_pair import pair_folders as pair_folders
 from gmmjax.evaluation.labelled_pair import read_pair as read_pair
+from gmmjax.evaluation.laboratory import CONDITIONS as CONDITIONS
 from gmmjax.evaluation.laboratory import laboratory_sources as laboratory_sources
 from gmmjax.evaluation.reliability import ReliabilityRecord as ReliabilityRecord
 from gmmjax.evaluation.scores import Scores as Scores

@@ -4,6 +4,7 @@ from gmmjax.geometry.density_clusters import density_clusters as density_cluster
 from gmmjax.geometry.depth_image import DepthImage as DepthImage
 from gmmjax.geometry.depth_image import DepthImageSettings as DepthImageSettings
 from gmmjax.geometry.depth_image import Frustum as Frustum
+from gmmjax.geometry.depth_image import Nearest as Nearest
 from gmmjax.geometry.depth_image import frustums as frustums
 from gmmjax.geometry.icp import IcpSettings as IcpSettings
 from gmmjax.geometry.icp import determined_part as determined_part

@@ -95,22 +95,40 @@ def frustums(field_of_view: tuple[float, float], settings: DepthImageSettings = 
 
 
 class _Resolution(NamedTuple):
-    """The nearest range in each bin of one size, and the nearest in it and the eight bins around; inf where empty."""
+    """The nearest point in each bin of one size, and the nearest range in it and the eight bins around; inf if none."""
 
     bin_size: float
-    nearest: Float64[np.ndarray, "h w"]
+    nearest: Int64[np.ndarray, "h w"]
     nearest_around: Float64[np.ndarray, "h w"]
 
 
+class Nearest(NamedTuple):
+    """What an image shows in some directions.
+
+    Attributes:
+        point: the index of the nearest point in each direction, -1 where there is none.
+        range: its range; inf where there is none.
+        range_around: the nearest range in that direction and the bins around it.
+    """
+
+    point: Int64[np.ndarray, " n"]
+    range: Float64[np.ndarray, " n"]
+    range_around: Float64[np.ndarray, " n"]
+
+
 class DepthImage(NamedTuple):
-    """Nearest ranges by direction, at several resolutions: near points are sparse by angle and need larger bins.
+    """Nearest points by direction, at several resolutions: near points are sparse by angle and need larger bins.
 
     Attributes:
         half_angles: half the horizontal and half the vertical angle that the image covers, radians.
+        members: the indices of the points that the image shows, and -1 last, for no point.
+        ranges: of these points, and inf last.
         levels: from fine to coarse bins; each point of the cloud is in the one that fits its spacing.
     """
 
     half_angles: Float64[np.ndarray, " 2"]
+    members: Int64[np.ndarray, " m"]
+    ranges: Float64[np.ndarray, " m"]
     levels: tuple[_Resolution, ...]
 
     @classmethod
@@ -134,23 +152,45 @@ class DepthImage(NamedTuple):
         footprint = settings.bin_per_spacing * spacing[inside] / np.maximum(ranges, np.finfo(float).tiny)
         level = settings.bin_levels(footprint)
         levels = [
-            _resolution(directions[level == which], ranges[level == which], settings.bin_size(int(which)), half_angles)
-            for which in np.unique(level)
+            _resolution(directions, ranges, np.flatnonzero(level == which), settings.bin_size(which), half_angles)
+            for which in np.unique(level).tolist()
         ]
-        return cls(half_angles, tuple(levels))
+        return cls(half_angles, np.append(inside, -1), np.append(ranges, np.inf), tuple(levels))
 
-    def nearest(self, directions: Float64[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray]:
-        """The nearest range in each direction: in its own bins, and in the bins around as well; inf where empty.
+    def nearest(self, directions: Float64[np.ndarray, "n 2"]) -> Nearest:
+        """The nearest point in each direction.
 
         Args:
             directions: angles within the image, radians.
         """
-        own, around = np.full(len(directions), np.inf), np.full(len(directions), np.inf)
+        own = np.full(len(directions), len(self.members) - 1)
+        around = np.full(len(directions), np.inf)
         for level in self.levels:
             row, column = _bins(directions, level.bin_size, self.half_angles).T
-            own = np.minimum(own, level.nearest[row, column])
+            there = level.nearest[row, column]
+            own = np.where(self.ranges[there] < self.ranges[own], there, own)
             around = np.minimum(around, level.nearest_around[row, column])
-        return own, around
+        return Nearest(self.members[own], self.ranges[own], around)
+
+    def around(self, directions: Float64[np.ndarray, "n 2"]) -> Int64[np.ndarray, "n l 9"]:
+        """The nearest points in the bin of each direction and the eight around it, for each size of bins.
+
+        Args:
+            directions: angles within the image, radians.
+
+        Returns:
+            The indices of the points; -1 where a bin is empty.
+        """
+        found = np.full((len(directions), len(self.levels), 9), -1)
+        down, right = (step.ravel() for step in np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"))
+        for number, level in enumerate(self.levels):
+            row, column = _bins(directions, level.bin_size, self.half_angles).T
+            rows, columns = row[:, None] + down, column[:, None] + right
+            height, width = level.nearest.shape
+            within = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+            there = level.nearest[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)]
+            found[:, number] = np.where(within, self.members[there], -1)
+        return found
 
 
 def _bins(
@@ -162,11 +202,17 @@ def _bins(
 def _resolution(
     directions: Float64[np.ndarray, "n 2"],
     ranges: Float64[np.ndarray, " n"],
+    chosen: Int64[np.ndarray, " m"],
     bin_size: float,
     half_angles: Float64[np.ndarray, " 2"],
 ) -> _Resolution:
+    """The chosen points in bins of one size; a bin without one has the number of all points."""
     shape = _bins(half_angles[None], bin_size, half_angles)[0] + 1
-    row, column = _bins(directions, bin_size, half_angles).T
+    row, column = _bins(directions[chosen], bin_size, half_angles).T
+    bins = row * shape[1] + column
     nearest = np.full(shape, np.inf)
-    np.minimum.at(nearest.reshape(-1), row * shape[1] + column, ranges)
-    return _Resolution(bin_size, nearest, minimum_filter(nearest, size=3, mode="constant", cval=np.inf))
+    np.minimum.at(nearest.reshape(-1), bins, ranges[chosen])
+    first = ranges[chosen] == nearest.reshape(-1)[bins]
+    points = np.full(shape, len(ranges))
+    points.reshape(-1)[bins[first]] = chosen[first]
+    return _Resolution(bin_size, points, minimum_filter(nearest, size=3, mode="constant", cval=np.inf))

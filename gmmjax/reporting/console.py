@@ -21,6 +21,8 @@ from gmmjax.errors import InputWarning
 from gmmjax.evaluation import Evaluation, Failure
 from gmmjax.mixtures import Fit
 from gmmjax.reporting.evaluation_table import evaluation_lines
+from gmmjax.reporting.explanation_lines import explanation_lines
+from gmmjax.reporting.explanations import rejected_text
 from gmmjax.reporting.palette import KIND_COLORS
 from gmmjax.reporting.summary import (
     HEADINGS,
@@ -83,12 +85,13 @@ def shown_warnings(*, quiet: bool = False) -> Iterator[None]:
         yield
 
 
-def print_changes(changes: Changes, *, heading: str | None = None) -> None:
+def print_changes(changes: Changes, *, heading: str | None = None, explain: bool = False) -> None:
     """The answer, a table of the changes, and what was left out of the clouds, on standard output.
 
     Args:
         changes: what was found.
         heading: a line above the answer.
+        explain: why they are changes, and why the rejected candidates are none; otherwise only how many these are.
     """
     console = Console()
     if heading:
@@ -101,6 +104,12 @@ def print_changes(changes: Changes, *, heading: str | None = None) -> None:
             console.print(text, highlight=False)
     for side, count in dropped_rows(changes).items():
         console.print(dropped_text(side, count), highlight=False)
+    if explain:
+        console.print()
+        for line, style in explanation_lines(changes, console.width):
+            console.print(escape(line), style=style, highlight=False, soft_wrap=True)
+    elif (text := rejected_text(changes)) is not None:
+        console.print(f"{text}; --explain says why.", highlight=False)
 
 
 def print_json(changes: Changes) -> None:

@@ -6,8 +6,9 @@ from html import escape
 from pathlib import PurePath
 from typing import Any
 
-from gmmjax.changes import Changes
+from gmmjax.changes import Change, Changes
 from gmmjax.clouds import PointCloud
+from gmmjax.reporting.html_explanations import explanation_hint, rejected_section, strongest_log_odds, why_row
 from gmmjax.reporting.page_parts import asset, script_json
 from gmmjax.reporting.palette import KIND_COLORS
 from gmmjax.reporting.scene_plot import drawn_points, scene_views
@@ -58,7 +59,7 @@ def report_html(before: PointCloud, after: PointCloud, changes: Changes, title: 
 {_header(names, changes, title)}
 {_views(names, changes)}
 {_table(changes)}
-{_details(changes)}
+{rejected_section(changes, strongest_log_odds(changes))}{_details(changes)}
 </main>
 <script type="application/json" id="scene">{script_json(scene_views(before, after, changes))}</script>
 <script>{get_plotlyjs()}</script>
@@ -116,19 +117,22 @@ def _table(changes: Changes) -> str:
         threshold = percent(changes.config.threshold)
         return f'<p class="none">Nothing in either cloud reached a probability of {threshold} of being changed.</p>'
     head = "".join(f'<th scope="col">{escape(heading)}</th>' for heading in HEADINGS)
-    body = "".join(_table_row(row) for row in rows)
+    longest = strongest_log_odds(changes)
+    body = "".join(_table_rows(row, changes[row.label], longest) for row in rows)
+    hint = explanation_hint(changes) if any(change.explanation for change in changes) else ""
     return f"""<section class="scroll"><table class="changes"><thead><tr>{head}</tr></thead>
 <tbody>{body}</tbody></table></section>
-<p class="hint"><span>The label is also that of the points in before.ply, after.ply and labels.npz.</span></p>"""
+<p class="hint"><span>The label is also that of the points in before.ply, after.ply and labels.npz.</span>{hint}</p>"""
 
 
-def _table_row(row: ChangeRow) -> str:
+def _table_rows(row: ChangeRow, change: Change, longest: float) -> str:
     label, kind, *others = (escape(cell) for cell in row.cells)
     color = KIND_COLORS[row.kind]
     cells = "".join(f"<td>{cell}</td>" for cell in others)
+    why = "" if change.explanation is None else why_row(change.explanation, "for", len(HEADINGS), longest)
     return (
         f'<tr><td><b style="color:{color}">{label}</b></td>'
-        f'<td class="kind"><i style="background:{color}"></i>{kind}</td>{cells}</tr>'
+        f'<td class="kind"><i style="background:{color}"></i>{kind}</td>{cells}</tr>{why}'
     )
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
-from gmmjax.changes import Change, Changes, Kind
+from gmmjax.changes import Change, Changes, Kind, RejectedCandidate
 
 HEADINGS = ("Label", "Kind", "Probability", "Points", "Centre", "Size")
 
@@ -95,12 +95,17 @@ def registration_text(changes: Changes) -> str | None:
     return f"Registration: {'; '.join(parts)}."
 
 
+def place_cells(found: Change | RejectedCandidate) -> tuple[str, str, str]:
+    """Number of points, centre and size, as the last three of `HEADINGS`."""
+    digits = _decimals(found.box.extent)
+    centre = ", ".join(f"{value:.{digits}f}" for value in found.mean)
+    size = " × ".join(f"{value:.{digits}f}" for value in found.box.extent)
+    return f"{found.point_count:,}", centre, size
+
+
 def _cells(label: int, change: Change) -> tuple[str, ...]:
-    digits = _decimals(change.box.extent)
     kind = change.kind if change.partner is None else f"{change.kind} (with {change.partner})"
-    centre = ", ".join(f"{value:.{digits}f}" for value in change.mean)
-    size = " × ".join(f"{value:.{digits}f}" for value in change.box.extent)
-    return str(label), kind, percent(change.probability), f"{change.point_count:,}", centre, size
+    return str(label), kind, percent(change.probability), *place_cells(change)
 
 
 def _decimals(extent: np.ndarray) -> int:

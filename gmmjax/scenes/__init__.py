@@ -1,6 +1,8 @@
-"""Scenes with known changes: artificial Gaussians, a simulated room; what such rooms are made of, and the camera."""
+"""Scenes with known changes: Gaussians, a simulated laboratory, families of places; solids and sensors to make more."""
 
 from gmmjax.scenes.depth_camera import DepthCamera as DepthCamera
+from gmmjax.scenes.families import FAMILIES as FAMILIES
+from gmmjax.scenes.families import family_scene as family_scene
 from gmmjax.scenes.gaussians import OVERLAPS as OVERLAPS
 from gmmjax.scenes.gaussians import GaussianScene as GaussianScene
 from gmmjax.scenes.gaussians import Overlap as Overlap
@@ -11,10 +13,15 @@ from gmmjax.scenes.laboratory import Difficulty as Difficulty
 from gmmjax.scenes.laboratory import LaboratoryScene as LaboratoryScene
 from gmmjax.scenes.laboratory import SurveyKind as SurveyKind
 from gmmjax.scenes.laboratory import laboratory_scene as laboratory_scene
+from gmmjax.scenes.laser_scanner import AirborneScanner as AirborneScanner
+from gmmjax.scenes.laser_scanner import Beam as Beam
+from gmmjax.scenes.laser_scanner import SpinningLidar as SpinningLidar
+from gmmjax.scenes.laser_scanner import TripodScanner as TripodScanner
 from gmmjax.scenes.objects import ROOM_HALF_WIDTH as ROOM_HALF_WIDTH
 from gmmjax.scenes.objects import StandingObject as StandingObject
 from gmmjax.scenes.objects import on_floor as on_floor
 from gmmjax.scenes.objects import standing_at as standing_at
+from gmmjax.scenes.pose_errors import PoseErrors as PoseErrors
 from gmmjax.scenes.ray_casting import UNLABELLED as UNLABELLED
 from gmmjax.scenes.ray_casting import Solid as Solid
 from gmmjax.scenes.rearrangements import Gravity as Gravity
@@ -22,7 +29,21 @@ from gmmjax.scenes.rearrangements import InPlace as InPlace
 from gmmjax.scenes.rearrangements import RearrangedScene as RearrangedScene
 from gmmjax.scenes.rearrangements import RearrangementSettings as RearrangementSettings
 from gmmjax.scenes.rearrangements import rearranged_scene as rearranged_scene
+from gmmjax.scenes.recording import Recording as Recording
+from gmmjax.scenes.recording import recorded_frames as recorded_frames
+from gmmjax.scenes.revolved import Revolved as Revolved
 from gmmjax.scenes.rigid_motions import looking_at as looking_at
+from gmmjax.scenes.rigid_motions import looking_down as looking_down
 from gmmjax.scenes.rigid_motions import small_motion as small_motion
+from gmmjax.scenes.rigid_motions import upright as upright
+from gmmjax.scenes.shapes import Bowl as Bowl
+from gmmjax.scenes.shapes import Cup as Cup
+from gmmjax.scenes.shapes import Ellipsoid as Ellipsoid
+from gmmjax.scenes.shapes import Ground as Ground
+from gmmjax.scenes.shapes import Vegetation as Vegetation
+from gmmjax.scenes.surveyed_scene import Frame as Frame
+from gmmjax.scenes.surveyed_scene import SurveyedScene as SurveyedScene
+from gmmjax.scenes.surveyed_scene import surveyed_scene as surveyed_scene
+from gmmjax.scenes.triangulating_camera import TriangulatingCamera as TriangulatingCamera
 from gmmjax.scenes.visibility import seen as seen
 from gmmjax.scenes.visibility import uncounted as uncounted

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
+from gmmjax.scenes.depth_edges import behind_edges
 from gmmjax.scenes.ray_casting import UNLABELLED, Solid, cast
 from gmmjax.surveys import Intrinsics
 
-# A jump in range between neighbouring pixels from which there is a depth edge, metres.
-EDGE = 0.1
 # Surfaces whose normal is further from the ray than this cosine return less and less, none at zero.
 GRAZING = 0.2
 
@@ -28,6 +27,7 @@ class DepthCamera:
         noise: standard deviation along the ray at 2 m; half of it is constant, half grows with the range.
         flying: share of the pixels at depth edges that fall between the two surfaces.
         lost: share of the pixels without a return.
+        edge: a jump in range between neighbouring pixels from which there is a depth edge, metres.
     """
 
     columns: int = 224
@@ -38,6 +38,7 @@ class DepthCamera:
     noise: float = 0.008
     flying: float = 0.05
     lost: float = 0.03
+    edge: float = 0.1
 
     def directions(self) -> Float[np.ndarray, "n 3"]:
         """Unit directions of all pixels, row by row; x right, y down, z forward."""
@@ -58,7 +59,7 @@ class DepthCamera:
         ranges, labels = cast(solids, pose[:3, 3], self.directions() @ pose[:3, :3].T)
         ranges = np.minimum(ranges, 2 * self.max_range)
         measured = ranges + self.noise * (0.5 + ranges / 4) * random.standard_normal(len(ranges))
-        behind = self._behind_edge(ranges)
+        behind = behind_edges(ranges.reshape(self.rows, self.columns), self.edge).ravel()
         flies = (behind > ranges) & (random.random(len(ranges)) < self.flying)
         measured = np.where(flies, ranges + random.random(len(ranges)) * (behind - ranges), measured)
         returned = (ranges > self.least_range) & (measured < self.max_range)
@@ -75,16 +76,6 @@ class DepthCamera:
         directions = self.directions() @ pose[:3, :3].T
         return pose[:3, 3] + directions[returned] * measured[returned, None], labels[returned]
 
-    def _behind_edge(self, ranges: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """The range of a pixel beside where that is at least 10 cm further; the own range elsewhere."""
-        image = ranges.reshape(self.rows, self.columns)
-        behind = image.copy()
-        for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
-            for near, far in ((one, other), (other, one)):
-                jump = image[far] - image[near] > EDGE
-                behind[near] = np.where(jump, image[far], behind[near])
-        return np.asarray(behind.ravel())
-
     def _facing(self, ranges: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Cosine between each ray and the surface's normal, from the neighbouring pixels; 1 at edges and borders."""
         places = (self.directions() * ranges[:, None]).reshape(self.rows, self.columns, 3)
@@ -94,6 +85,6 @@ class DepthCamera:
         length = np.linalg.norm(normal, axis=2) * np.linalg.norm(places[1:-1, 1:-1], axis=2)
         facing = np.ones((self.rows, self.columns))
         cosine = np.abs((normal * places[1:-1, 1:-1]).sum(axis=2)) / np.maximum(length, 1e-12)
-        smooth = np.maximum(np.linalg.norm(right, axis=2), np.linalg.norm(down, axis=2)) < EDGE
+        smooth = np.maximum(np.linalg.norm(right, axis=2), np.linalg.norm(down, axis=2)) < self.edge
         facing[1:-1, 1:-1] = np.where(smooth, cosine, 1.0)
         return facing.ravel()

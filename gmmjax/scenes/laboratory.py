@@ -18,7 +18,7 @@ from gmmjax.scenes.gaussians import numpy_generator
 from gmmjax.scenes.objects import ROOM_HALF_WIDTH, StandingObject, placed_objects
 from gmmjax.scenes.ray_casting import Solid
 from gmmjax.scenes.rigid_motions import looking_at, small_motion
-from gmmjax.scenes.visibility import seen, uncounted
+from gmmjax.scenes.visibility import HIDDEN_BY, seen, uncounted
 
 Difficulty = Literal["normal", "hard"]
 SurveyKind = Literal["panorama", "frame"]
@@ -143,8 +143,8 @@ def _scene(
 ) -> LaboratoryScene:
     views_before = SensorViews(first.poses, camera.field_of_view, camera.max_range)
     views_after = SensorViews(second.poses, camera.field_of_view, camera.max_range)
-    unseen_before = ~seen(first.points, after, views_after)
-    unseen_after = ~seen(second.points, before, views_before)
+    unseen_before = ~seen(first.points, after, views_after, hidden_by=HIDDEN_BY)
+    unseen_after = ~seen(second.points, before, views_before, hidden_by=HIDDEN_BY)
     return LaboratoryScene(
         before=first.points,
         after=second.points @ misregistration[:3, :3].T + misregistration[:3, 3],

@@ -1,4 +1,4 @@
-"""Solids that rays hit: boxes and upright cylinders, with what they stand for."""
+"""Solids that rays hit, with what they stand for: boxes and cylinders here, other shapes in `shapes`."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -13,14 +13,15 @@ UNLABELLED = -1
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Solid:
-    """A box or an upright cylinder.
+    """A box or a cylinder; a subclass has another shape within the same extent.
 
     Attributes:
         centre: its centre, metres.
         extent: full edge lengths along its own axes; of a cylinder twice the diameter and the height.
         yaw: turn about the vertical, radians.
-        round: whether it is a cylinder.
+        round: whether it is a cylinder about its third axis.
         label: number of the change, or of the thing, that it belongs to; `UNLABELLED` for none.
+        axes: its axes as columns, in place of the yaw; None: it stands upright, turned by the yaw.
     """
 
     centre: Float[np.ndarray, "3"]
@@ -28,16 +29,24 @@ class Solid:
     yaw: float = 0.0
     round: bool = False
     label: int = UNLABELLED
+    axes: Float[np.ndarray, "3 3"] | None = None
 
     @property
     def rotation(self) -> Float[np.ndarray, "3 3"]:
         """Its axes as columns."""
+        if self.axes is not None:
+            return self.axes
         cosine, sine = np.cos(self.yaw), np.sin(self.yaw)
         return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
     def pose(self) -> Float[np.ndarray, "4 4"]:
         """Its own coordinates to the world's."""
         return rigid_transform(self.rotation, self.centre)
+
+    def moved(self, motion: Float[np.ndarray, "4 4"]) -> "Solid":
+        """It after a rigid motion of the world."""
+        centre = motion[:3, :3] @ self.centre + motion[:3, 3]
+        return dataclasses.replace(self, centre=centre, axes=motion[:3, :3] @ self.rotation)
 
     def contains(self, points: Float[np.ndarray, "n 3"], margin: float = 0.0) -> Bool[np.ndarray, " n"]:
         """Which points lie inside, or outside by no more than the margin on each axis."""
@@ -51,7 +60,11 @@ class Solid:
         """How far along each ray, of unit direction, it is hit from outside; inf where it is not."""
         start, along = (origin - self.centre) @ self.rotation, directions @ self.rotation
         with np.errstate(divide="ignore", invalid="ignore"):
-            return _cylinder(start, along, self.extent / 2) if self.round else _box(start, along, self.extent / 2)
+            return self.hits(start, along)
+
+    def hits(self, start: Float[np.ndarray, "3"], along: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+        """`ranges` in its own coordinates: the middle of its extent is the origin."""
+        return _cylinder(start, along, self.extent / 2) if self.round else _box(start, along, self.extent / 2)
 
 
 def cast(
@@ -77,11 +90,17 @@ def _towards(solid: Solid, origin: np.ndarray, directions: np.ndarray) -> np.nda
     return np.flatnonzero(directions @ centre >= least)
 
 
+def through_box(
+    start: Float[np.ndarray, "3"], along: Float[np.ndarray, "n 3"], half: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Where each ray enters a box about the origin and where it leaves it; a ray that misses it leaves first."""
+    first, second = (-half - start) / along, (half - start) / along
+    return np.nanmax(np.minimum(first, second), axis=1), np.nanmin(np.maximum(first, second), axis=1)
+
+
 def _box(start: np.ndarray, along: np.ndarray, half: np.ndarray) -> np.ndarray:
     """The slabs of the three axes are entered and left; the box is where all are."""
-    first, second = (-half - start) / along, (half - start) / along
-    enters = np.nanmax(np.minimum(first, second), axis=1)
-    leaves = np.nanmin(np.maximum(first, second), axis=1)
+    enters, leaves = through_box(start, along, half)
     return np.where((enters <= leaves) & (enters > 0), enters, np.inf)
 
 

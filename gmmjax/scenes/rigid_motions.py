@@ -20,6 +20,28 @@ def looking_at(position: Float[np.ndarray, "3"], target: Float[np.ndarray, "3"])
     return rigid_transform(np.stack([right, np.cross(forward, right), forward], axis=1), position)
 
 
+def upright(position: Float[np.ndarray, "3"], heading: float) -> Float[np.ndarray, "4 4"]:
+    """The pose of a camera or scanner that stands level.
+
+    Args:
+        position: in the world.
+        heading: direction of its z axis from the world's x axis about the vertical, radians.
+    """
+    return looking_at(position, position + np.array([np.cos(heading), np.sin(heading), 0.0]))
+
+
+def looking_down(position: Float[np.ndarray, "3"], heading: float) -> Float[np.ndarray, "4 4"]:
+    """The pose of a camera or scanner whose z axis points straight down.
+
+    Args:
+        position: in the world.
+        heading: direction of the top of its image, radians.
+    """
+    top = np.array([np.cos(heading), np.sin(heading), 0.0])
+    forward = np.array([0.0, 0.0, -1.0])
+    return rigid_transform(np.stack([np.cross(-top, forward), -top, forward], axis=1), position)
+
+
 def small_motion(random: np.random.Generator, shift: float, degrees: float) -> Float[np.ndarray, "4 4"]:
     """A rigid transform with random rotation axis and direction of translation.
 

@@ -8,29 +8,40 @@ from jaxtyping import Bool, Float, Int
 from gmmjax.clouds import SensorViews
 from gmmjax.scenes.ray_casting import UNLABELLED, Solid, cast
 
-# A point is occluded when the first hit on its ray is nearer than the point by more than this, metres.
+# What `seen` calls occluded unless told otherwise, metres.
 HIDDEN_BY = 0.03
 # A change is counted in a cloud when it has at least this number of points there, less than half of them unseen.
 LEAST_POINTS = 40
 
 
-def seen(points: Float[np.ndarray, "n 3"], solids: Sequence[Solid], views: SensorViews) -> Bool[np.ndarray, " n"]:
+def seen(
+    points: Float[np.ndarray, "n 3"],
+    solids: Sequence[Solid],
+    views: SensorViews,
+    *,
+    hidden_by: float = HIDDEN_BY,
+    least_elevation: float = -90.0,
+) -> Bool[np.ndarray, " n"]:
     """Which points lie in the free space or on the surfaces that a survey observes.
 
     Args:
         points: in the world, metres.
         solids: of the scene.
-        views: poses and field of view of the survey's camera.
+        views: poses and field of view of the survey's camera or scanner.
+        hidden_by: a point is occluded when the first hit on its ray is nearer than the point by more than this, metres.
+        least_elevation: a turning scanner does not measure lower than this, degrees.
     """
+    least_sine = np.sin(np.radians(least_elevation))
     visible = np.zeros(len(points), bool)
     for view in range(len(views)):
         places = views.in_camera(points, view)
-        candidates = np.flatnonzero(views.in_field_of_view(places) & (places[:, 2] > 0) & ~visible)
+        sensed = -places[:, 1] >= least_sine * np.linalg.norm(places, axis=1) if views.turning else places[:, 2] > 0
+        candidates = np.flatnonzero(views.in_field_of_view(places) & sensed & ~visible)
         position = views.poses[view, :3, 3]
         rays = points[candidates] - position
         ranges = np.linalg.norm(rays, axis=1)
         first_hit, _ = cast(solids, position, rays / ranges[:, None])
-        visible[candidates[first_hit > ranges - HIDDEN_BY]] = True
+        visible[candidates[first_hit > ranges - hidden_by]] = True
     return visible
 
 

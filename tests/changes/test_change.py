@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from gmmjax import Change, Changes, DetectionConfig, InputError
 from gmmjax.changes import Box
 from gmmjax.changes.storage import POINT_ARRAYS
+from tests.changes.explained import explanation, rejected
 from tests.mixtures.examples import random_rotation
 
 
@@ -18,6 +19,7 @@ def example():
     change = Change(
         "moved", 0.75, 6.5, 40, np.arange(3.0), np.eye(3), box, partner=0, transform=motion, moved_probability=0.9
     )
+    change = dataclasses.replace(change, explanation=explanation())
     return Changes(
         labels_before=np.full(30, -1),
         labels_after=np.r_[np.zeros(40, int), np.full(10, -1)],
@@ -29,6 +31,7 @@ def example():
         emd=0.25,
         config=DetectionConfig(method="transport", seed=3),
         diagnostics={"voxel_size": None, "before": {"points": 30}},
+        rejected=(rejected(), rejected("appeared", "not observed", 0.1, 0.2)),
     )
 
 
@@ -80,6 +83,20 @@ def test_what_is_saved_is_loaded(tmp_path):
         np.testing.assert_array_equal(loaded.items[0].box.rotation, changes.items[0].box.rotation)
         np.testing.assert_array_equal(loaded.items[0].transform, np.eye(4))
         assert loaded.items[0].significance == 6.5
+        assert loaded.items[0].explanation == changes.items[0].explanation
+        assert [one.reason for one in loaded.rejected] == ["unchanged", "not observed"]
+        assert loaded.rejected[1].explanation == changes.rejected[1].explanation
+
+
+def test_records_of_before_there_were_explanations_are_loaded(tmp_path):
+    file = example().save(tmp_path) / "changes.json"
+    content = json.loads(file.read_text())
+    del content["rejected"], content["changes"][0]["explanation"]
+    file.write_text(json.dumps(content))
+    loaded = Changes.load(tmp_path)
+    assert loaded.items[0].explanation is None
+    assert loaded.rejected == ()
+    assert loaded.items[0].partner == 0
 
 
 def test_changes_are_a_sequence():
@@ -144,6 +161,13 @@ def test_damaged_records_are_named(tmp_path, file, content, message):
         ('"partner": 0', '"partner": 0.5', "0.5 must be a whole number"),
         ('"moved_probability": 0.9', '"moved_probability": 1.5', "1.5 must lie between 0 and 1"),
         ('"box": {', '"box": null, "other": {', "not a complete record"),
+        ('"log_odds": 3.14', '"log_odds": NaN', "NaN is no number"),
+        ('"log_odds": 3.14', '"log_odds": "NaN"', "'NaN' must be finite numbers"),
+        ('"changed": 0.9,', '"changed": 1.5,', "1.5 must lie between 0 and 1"),
+        ('"explanation": {', '"explanation": [], "other": {', "not a complete record"),
+        ('"rejected": [', '"rejected": null, "other": [', "not a complete record"),
+        ('"reason": "not observed"', '"reason": "hidden"', "'hidden' is none of unchanged, not observed"),
+        ('"kind": "disappeared"', '"kind": "vanished"', "kind 'vanished' is none of appeared, disappeared"),
         ('"diagnostics": {', '"diagnostics": null, "other": {', "not a complete record"),
         ('"config": {', '"config": {"seed": 1e5,', "seed"),
         ('"points_after": 50', '"points_after": 51', "labels_after of 50 points, changes of 51"),
@@ -153,9 +177,10 @@ def test_damaged_records_are_named(tmp_path, file, content, message):
 def test_records_with_wrong_values_are_refused(tmp_path, replaced, by, message):
     file = example().save(tmp_path) / "changes.json"
     text = file.read_text()
-    assert text.count(replaced) == 1
+    # What a change and the rejected candidates have in common is replaced in the change.
+    assert replaced in text
     # Of a name that is there twice the last counts.
-    file.write_text(text.replace(replaced, by) if "seed" not in by else text.replace('"seed": 3', '"seed": 1e5'))
+    file.write_text(text.replace(replaced, by, 1) if "seed" not in by else text.replace('"seed": 3', '"seed": 1e5'))
     with pytest.raises(InputError, match=message) as caught:
         Changes.load(tmp_path)
     assert str(tmp_path) in str(caught.value)

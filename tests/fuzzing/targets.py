@@ -47,6 +47,7 @@ from gmmjax.surveys import (
 from gmmjax.thesis.chapter4 import Journal
 from gmmjax.thesis.chapter4.records import Unit
 from gmmjax.tuning import TuningState
+from tests.changes.explained import explanation, rejected
 from tests.fuzzing.mutations import mutated, mutated_archive, mutated_png
 
 Mutate = Callable[[bytes, bytes, Random], bytes]
@@ -318,13 +319,15 @@ def _result_writer(name: str) -> Callable[[Path], list[str]]:
         box, motion = Box(np.arange(3.0), np.ones(3), np.eye(3)), np.eye(4)
         appeared = Change("moved", 0.75, 6.5, 9, np.arange(3.0), np.eye(3), box, partner=1, transform=motion)
         gone = Change("moved", 0.5, 3.5, 4, np.arange(3.0), np.eye(3), box, partner=0, transform=motion)
+        appeared = dataclasses.replace(appeared, explanation=explanation())
         labels = np.r_[np.full(6, -1), np.zeros(9, int), np.ones(5, int)]
         unseen = np.arange(20) < 4
         config = DetectionConfig(seed=3, tolerance=0.01)
         shares = np.linspace(0, 1, 20)
-        Changes(
+        changes = Changes(
             labels, labels, shares, shares, unseen, unseen, (appeared, gone), 0.25, config, {"voxel_size": None}
-        ).save(folder)
+        )
+        dataclasses.replace(changes, rejected=(rejected(),)).save(folder)
         return [name]
 
     return write

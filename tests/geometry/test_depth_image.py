@@ -63,7 +63,7 @@ def test_a_surface_leaves_no_hole_at_any_spacing(spacing):
     """Not even at the rim of the image, where the wall ends far outside of it."""
     generator = np.random.default_rng(1)
     directions = generator.uniform(-HALF_ANGLES, HALF_ANGLES, (3000, 2))
-    own, around = image_of(wall(2.0, 1.7, spacing), spacing).nearest(directions)
+    _, own, around = image_of(wall(2.0, 1.7, spacing), spacing).nearest(directions)
     # A bin may be empty where the size of the bins changes; those around it are not.
     assert np.isfinite(own).mean() > 0.995 and np.isfinite(around).all() and (around <= own).all()
     depth = (own * rays(directions)[:, 2])[np.isfinite(own)]
@@ -75,19 +75,32 @@ def test_the_nearest_surface_is_kept():
     both = np.concatenate([wall(2.0, 1.5, 0.02), wall(1.0, 0.2, 0.02)])
     image = image_of(both, 0.02)
     before, beside = np.array([[0.0, 0.0], [0.1, -0.1]]), np.array([[0.4, 0.0], [-0.3, 0.3]])
-    assert (image.nearest(before)[0] < 1.1).all() and (image.nearest(beside)[0] > 1.9).all()
+    assert (image.nearest(before).range < 1.1).all() and (image.nearest(beside).range > 1.9).all()
     # Just beside the edge of the near wall, at 0.2 rad, the bins around are of it already.
-    own, around = image.nearest(np.array([[0.225, 0.0]]))
+    _, own, around = image.nearest(np.array([[0.225, 0.0]]))
     assert own[0] > 1.9 and around[0] < 1.1
 
 
+def test_the_points_around_a_direction():
+    image = image_of(np.concatenate([wall(2.0, 1.5, 0.02), wall(1.0, 0.2, 0.02)]), 0.02)
+    directions = np.array([[0.0, 0.0], [0.225, 0.0], [0.4, 0.0]])
+    around, found = image.around(directions), image.nearest(directions)
+    assert around.shape == (3, len(image.levels), 9)
+    near_wall = len(wall(2.0, 1.5, 0.02))
+    assert (around >= near_wall).any(axis=1).sum(axis=1).tolist() == [9, 3, 0]
+    # The middle one of the nine is the bin of the direction itself, and the nearest of all is what `nearest` says.
+    np.testing.assert_array_equal(np.max(around[..., 4], axis=1, where=around[..., 4] >= 0, initial=-1), found.point)
+    for points, least in zip(around, found.range_around, strict=True):
+        assert np.append(image.ranges, np.inf)[np.searchsorted(image.members[:-1], points[points >= 0])].min() == least
+
+
 def test_directions_without_a_point_are_empty():
-    own, around = image_of(wall(2.0, 0.2, 0.02), 0.02).nearest(np.array([[0.4, 0.3], [0.0, 0.0]]))
+    _, own, around = image_of(wall(2.0, 0.2, 0.02), 0.02).nearest(np.array([[0.4, 0.3], [0.0, 0.0]]))
     assert np.isinf([own[0], around[0]]).all() and np.isfinite([own[1], around[1]]).all()
 
 
 def test_an_image_of_nothing_is_empty():
-    own, around = image_of(np.zeros((0, 3)), 0.01).nearest(np.zeros((3, 2)))
+    _, own, around = image_of(np.zeros((0, 3)), 0.01).nearest(np.zeros((3, 2)))
     assert np.isinf(own).all() and np.isinf(around).all()
 
 
@@ -99,10 +112,13 @@ def test_neither_the_order_nor_the_unit_changes_an_image(seed):
     directions = generator.uniform(-HALF_ANGLES, HALF_ANGLES, (100, 2))
     order = generator.permutation(len(points))
     here = DepthImage.of(points, spacing, FORWARD).nearest(directions)
-    np.testing.assert_array_equal(DepthImage.of(points[order], spacing[order], FORWARD).nearest(directions), here)
+    again = DepthImage.of(points[order], spacing[order], FORWARD).nearest(directions)
+    np.testing.assert_array_equal(np.append(order, -1)[again.point], here.point)
+    np.testing.assert_array_equal(again[1:], here[1:])
     # A power of two, so that no rounding differs.
     larger = DepthImage.of(1024 * points, 1024 * spacing, FORWARD).nearest(directions)
-    np.testing.assert_array_equal(larger, 1024 * np.array(here))
+    np.testing.assert_array_equal(larger.point, here.point)
+    np.testing.assert_array_equal(larger[1:], 1024 * np.array(here[1:]))
 
 
 def test_the_settings_bound_images_and_bins():
@@ -117,4 +133,4 @@ def test_the_settings_bound_images_and_bins():
 def test_bins_below_the_spacing_leave_holes():
     points, directions = wall(2.0, 1.7, 0.05), np.random.default_rng(1).uniform(-0.3, 0.3, (1000, 2))
     image = DepthImage.of(points, np.full(len(points), 0.05), FORWARD, DepthImageSettings(bin_per_spacing=0.5))
-    assert np.isinf(image.nearest(directions)[0]).mean() > 0.3
+    assert np.isinf(image.nearest(directions).range).mean() > 0.3

@@ -5,6 +5,7 @@ import pytest
 
 from gmmjax.changes import Box, Change, Changes, DetectionConfig
 from gmmjax.clouds import PointCloud
+from tests.changes.explained import explanation, rejected
 
 
 def change(kind, points, partner=None, probability=0.97):
@@ -63,3 +64,11 @@ def pair():
         diagnostics={"before": {"rows_dropped": 1}, "seconds": {"fits": 1.5}, "nested": [{"a": [1, 2]}, None, "x"]},
     )
     return before, after, changes
+
+
+@pytest.fixture(scope="module")
+def explained(pair):
+    """The same changes with explanations, and two rejected candidates."""
+    items = tuple(dataclasses.replace(item, explanation=explanation()) for item in pair[2].items)
+    candidates = rejected(changed=0.31), rejected("appeared", "not observed", 0.1, 0.2)
+    return dataclasses.replace(pair[2], items=items, rejected=candidates)

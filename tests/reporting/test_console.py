@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import warnings
 
@@ -20,6 +21,33 @@ def test_no_figure_is_cut_off_in_a_narrow_terminal(pair, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "30")
     console.print_changes(pair[2])
     assert "…" not in capsys.readouterr().out
+
+
+def test_explanations_fit_the_usual_terminal(explained, capsys):
+    console.print_changes(explained, explain=True)
+    printed = capsys.readouterr().out
+    assert printed.startswith("3 changes: 1 appeared, 1 disappeared, 1 moved\n")
+    assert "\n   +3.1  92 % of it lies where the other survey looked through\n" in printed
+    assert max(map(len, printed.splitlines())) <= 80
+    assert "--explain" not in printed
+
+
+def test_rejected_candidates_are_one_line_unless_they_are_asked_for(pair, explained, capsys):
+    console.print_changes(explained)
+    printed = capsys.readouterr().out
+    assert "2 candidates were rejected; --explain says why.\n" in printed
+    assert "looked through" not in printed
+    console.print_changes(pair[2])
+    assert "--explain" not in capsys.readouterr().out
+
+
+def test_sentences_are_no_markup(explained, capsys):
+    fact = dataclasses.replace(explained[0].explanation.contributions[0], sentence="[red]3[/red] points")
+    item = dataclasses.replace(
+        explained[0], explanation=dataclasses.replace(explained[0].explanation, contributions=(fact,))
+    )
+    console.print_changes(dataclasses.replace(explained, items=(item,)), explain=True)
+    assert "[red]3[/red] points" in capsys.readouterr().out
 
 
 def test_json_is_what_the_file_holds(pair, capsys):

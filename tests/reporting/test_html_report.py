@@ -54,6 +54,51 @@ def test_three_views_show_the_points_of_each_change(page):
     }
 
 
+def test_each_change_says_why(pair, explained):
+    text = without_scripts(report_html(*pair[:2], explained))
+    assert text.count("<summary>Why: 92 % of it lies where the other survey looked through (+3.1)</summary>") == 3
+    assert "changed 90 %, unchanged 8 %, not observed 2 %" in text
+    bar = '<li><b>−1.3</b><span class="bar" aria-hidden="true"><span class="against" style="width:20.1%"></span></span>'
+    assert bar + "<span>40 % of it continues planes of the other cloud</span></li>" in text
+    # The fact that decided against a rejected candidate, not the strongest one.
+    assert text.count("<summary>Why: 40 % of it continues planes of the other cloud (−1.3)</summary>") == 2
+    assert "<summary>2 candidates were rejected</summary>" in text
+    assert "<td>not observed</td><td>10 %</td><td>40</td>" in text
+    assert "<details open" not in text
+
+
+def test_without_explanations_there_is_no_why(page):
+    assert "Why" not in without_scripts(page)
+    assert "rejected" not in re.sub(r"<style>.*?</style>", "", without_scripts(page), flags=re.DOTALL)
+
+
+def test_rejected_candidates_are_shown_where_nothing_changed(pair, explained):
+    unchanged = labelled(explained, np.full(400, -1), np.full(500, -1), ())
+    text = without_scripts(report_html(*pair[:2], unchanged))
+    assert "<h1>No change found</h1>" in text
+    assert "<summary>2 candidates were rejected</summary>" in text
+
+
+def test_facts_that_say_next_to_nothing_have_no_bar(pair, explained):
+    facts = tuple(dataclasses.replace(one, log_odds=0.0) for one in explained[0].explanation.contributions)
+    own = dataclasses.replace(explained[0].explanation, contributions=facts)
+    items = tuple(dataclasses.replace(item, explanation=own) for item in explained.items)
+    text = without_scripts(report_html(*pair[:2], dataclasses.replace(explained, items=items, rejected=())))
+    assert "<summary>Why</summary>" in text
+    assert "3 facts together" in text
+    assert 'class="bar' not in text
+
+
+def test_hostile_sentences_are_text(pair, explained):
+    fact = dataclasses.replace(explained[0].explanation.contributions[0], sentence=HOSTILE)
+    own = dataclasses.replace(explained[0].explanation, contributions=(fact,))
+    items = tuple(dataclasses.replace(item, explanation=own) for item in explained.items)
+    rejected = tuple(dataclasses.replace(one, explanation=own) for one in explained.rejected)
+    page = report_html(*pair[:2], dataclasses.replace(explained, items=items, rejected=rejected))
+    assert "<img" not in without_scripts(page)
+    assert without_scripts(page).count("&lt;/script&gt;&lt;img src=x onerror=alert(1)&gt;") == 2 * (3 + 2)
+
+
 def test_hostile_names_are_text(pair):
     before, after, changes = pair
     changes = dataclasses.replace(changes, diagnostics={HOSTILE: [HOSTILE, {HOSTILE: None}]})

@@ -5,7 +5,7 @@ from scipy.spatial import cKDTree
 
 from gmmjax import InputError
 from gmmjax.clouds import SensorViews
-from gmmjax.scenes import laboratory_scene, visibility
+from gmmjax.scenes import laboratory, laboratory_scene, visibility
 
 CHANGES = dict(appeared=1, disappeared=1, moved=1)
 
@@ -215,7 +215,7 @@ def test_changes_with_too_few_points_are_not_counted(room, monkeypatch):
 
 def test_changes_that_the_other_survey_could_not_see_are_not_counted(monkeypatch):
     # Everything within 10 m in front of what a ray first meets counts as hidden.
-    monkeypatch.setattr(visibility, "HIDDEN_BY", -10.0)
+    monkeypatch.setattr(laboratory, "HIDDEN_BY", -10.0)
     scene = laboratory_scene(jax.random.key(2), **CHANGES, survey="frame")
     assert scene.unseen_before.all() and scene.unseen_after.all()
     assert scene.uncounted_before == {0, 2} and scene.uncounted_after == {1, 2}

@@ -1,18 +1,29 @@
 """Changes by one mixture for both clouds: the pipeline of the default method."""
 
 import dataclasses
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import jax
 import numpy as np
+from jaxtyping import Int
 
 from gmmjax.changes.align.alignment import AlignedPair, AlignSettings, aligned
-from gmmjax.changes.candidates import CandidateSettings, candidates_of
+from gmmjax.changes.candidates import Candidates, CandidateSettings, candidates_of
 from gmmjax.changes.change import Changes
 from gmmjax.changes.detectors.detector import AbstractChangeDetector, Scan
-from gmmjax.changes.differences import DifferenceSettings, differences_between
-from gmmjax.changes.evidence.examination import EvidenceSettings, examined, unexamined
+from gmmjax.changes.differences import Differences, DifferenceSettings, differences_between
+from gmmjax.changes.evidence.candidate import Candidate
+from gmmjax.changes.evidence.examination import (
+    EvidenceSettings,
+    Examined,
+    examined,
+    measured_candidates,
+    observed_places,
+    unexamined,
+)
 from gmmjax.changes.evidence.free_space import Survey
+from gmmjax.changes.evidence.verdict_file import Verdicts, read_verdicts, shipped_verdicts
 from gmmjax.changes.evidence.view_checks import usable_views
 from gmmjax.changes.fit.joint_fit import JointFits, fit_joint_restarts, mixtures_distance, point_excess
 from gmmjax.changes.fit.joint_problem import JointFitSettings, JointProblem, joint_problem
@@ -27,6 +38,8 @@ from gmmjax.errors import warn
 from gmmjax.geometry import LocalSurface
 from gmmjax.mixtures import FitStatus
 from gmmjax.pair import Pair, each
+
+Rows: TypeAlias = Int[np.ndarray, " n"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,6 +92,74 @@ class JointDetector(AbstractChangeDetector):
             prepared, items, labels, mixtures_distance(fits), self.config, diagnostics, pair.registration
         )
 
+    def cut_candidates(
+        self, scans: Pair[Scan], *, poses: Sequence[bool]
+    ) -> tuple[Pair[Rows], list[Pair[list[Candidate]]]]:
+        """The candidates of two scans with all that facts are measured from: what the verdict is learned from.
+
+        Args:
+            scans: with views.
+            poses: for each set of candidates whether the views are used.
+
+        Returns:
+            For each point of either scan the row of its working point, -1 for what was left out; for each of `poses`
+            the candidates of both scans; none where the clouds fill volumes.
+        """
+        compared = self._compared(scans)
+        if compared is None:
+            return scans.map(lambda scan: np.full(len(scan.cloud), -1)), []
+        of_poses = []
+        for given in poses:
+            surveys = compared.surveys if given else compared.pair.surfaces.map(Survey)
+            found = self._candidates(compared.pair, surveys, compared.fits, compared.differences)
+            of_poses.append(measured_candidates(found, surveys, compared.differences.limits, self.evidence))
+        return compared.members, of_poses
+
+    def evident(self, scans: Pair[Scan], labels: Pair[Int[np.ndarray, " _"]]) -> Pair[Int[np.ndarray, " _"]]:
+        """What the evidence leaves of the segments of another detector, by the same facts and the same verdict as ours.
+
+        Args:
+            scans: both clouds.
+            labels: per point -1 or the number of a segment.
+
+        Returns:
+            The labels, -1 where the evidence speaks against a change; as they are for clouds that fill volumes.
+        """
+        return self.evidence_on(scans)(labels)
+
+    def evidence_on(self, scans: Pair[Scan]) -> Callable[[Pair[Int[np.ndarray, " _"]]], Pair[Int[np.ndarray, " _"]]]:
+        """`evident` for the segments of any number of detectors: what the scans alone say is computed once.
+
+        Args:
+            scans: both clouds.
+        """
+        compared = self._compared(scans)
+        if compared is None:
+            return lambda labels: labels
+        found = self._candidates(compared.pair, compared.surveys, compared.fits, compared.differences)
+        limits, verdicts, threshold = compared.differences.limits, self._verdicts(), self.config.threshold
+
+        def left(own: Examined, member: np.ndarray, labels: np.ndarray) -> np.ndarray:
+            return np.where((member >= 0) & (own.labels[member] >= 0), labels, -1)
+
+        def evident(labels: Pair[np.ndarray]) -> Pair[np.ndarray]:
+            segments = each(_with_labels, found, compared.members, labels)
+            judged = examined(segments, compared.surveys, limits, verdicts, threshold, self.evidence)
+            return each(left, judged, compared.members, labels)
+
+        return evident
+
+    def _compared(self, scans: Pair[Scan]) -> "_Compared | None":
+        """Both scans up to their differences; None where they fill volumes."""
+        prepared = check_pair(scans.map(lambda scan: scan.cloud), self.config.crop, self.prepare)
+        pair = self._aligned(prepared)
+        if pair.working.volumetric:
+            return None
+        members = each(lambda cloud, working: cloud.to_rows(working.member, -1), prepared, pair.working.clouds)
+        fits = self._fitted(joint_problem(pair.working, pair.registration, self.config, self.fit), silent)
+        differences = differences_between(pair.surfaces, pair.working.spacing, self.differences)
+        return _Compared(members, pair, _surveys(pair, scans, self.evidence), fits, differences)
+
     def _aligned(self, prepared: Pair[CheckedCloud]) -> AlignedPair:
         """Both clouds in one frame, with a warning where that is in doubt."""
         config, points = self.config, prepared.map(lambda cloud: cloud.points)
@@ -103,15 +184,52 @@ class JointDetector(AbstractChangeDetector):
         )
 
     def _found_on_surfaces(self, pair: AlignedPair, surveys: Pair[Survey], fits: JointFits) -> Found:
-        points = pair.surfaces.map(lambda surface: surface.points)
-        excess = Pair(point_excess(fits, points.before, False), point_excess(fits, points.after, True))
         measured = differences_between(pair.surfaces, pair.working.spacing, self.differences)
-        looks_changed = candidates_of(points, measured, excess, self.config.threshold, self.candidates)
+        looks_changed = self._candidates(pair, surveys, fits, measured)
         if self.config.evidence:
-            evident = examined(looks_changed, surveys, measured.limits, self.evidence)
+            threshold = self.config.threshold
+            evident = examined(looks_changed, surveys, measured.limits, self._verdicts(), threshold, self.evidence)
         else:
             evident = unexamined(looks_changed)
         return surfaces_found(pair, measured, evident, self.objects.surfaces)
+
+    def _candidates(
+        self, pair: AlignedPair, surveys: Pair[Survey], fits: JointFits, measured: Differences
+    ) -> Pair[Candidates]:
+        points = pair.surfaces.map(lambda surface: surface.points)
+        excess = Pair(point_excess(fits, points.before, False), point_excess(fits, points.after, True))
+        observed = observed_places(points, surveys, measured)
+        return candidates_of(points, measured, excess, observed, self.config.threshold, self.candidates)
+
+    def _verdicts(self) -> Verdicts:
+        path = self.config.verdict
+        return shipped_verdicts() if path is None else read_verdicts(path)
+
+
+class _Compared(NamedTuple):
+    """Two scans up to their differences.
+
+    Attributes:
+        members: of each point of either scan the row of its working point, -1 for what was left out.
+        pair: registered.
+        surveys: with the views that can be used.
+        fits: the joint mixtures.
+        differences: of the working points.
+    """
+
+    members: Pair[Rows]
+    pair: AlignedPair
+    surveys: Pair[Survey]
+    fits: JointFits
+    differences: Differences
+
+
+def _with_labels(own: Candidates, member: np.ndarray, labels: np.ndarray) -> Candidates:
+    """The segments of another detector as candidates: a working point is of one where any of its points is."""
+    of_working = np.full(len(own.labels), -1)
+    used = member >= 0
+    np.maximum.at(of_working, member[used], labels[used])
+    return own._replace(labels=of_working)
 
 
 def _surveys(pair: AlignedPair, scans: Pair[Scan], settings: EvidenceSettings) -> Pair[Survey]:

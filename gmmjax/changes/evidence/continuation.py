@@ -5,9 +5,11 @@ nothing changed there: it lies on a plane of the adjacent unchanged surface, whe
 """
 
 import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int
+from jaxtyping import Bool, Float64
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.evidence.coverage_edge import CoverageEdgeSettings, ReferenceSurfaces, at_coverage_edge
@@ -53,57 +55,62 @@ class ContinuationSettings:
     coverage_edge: CoverageEdgeSettings = CoverageEdgeSettings()
 
 
-def unobserved_points(
-    points: Float64[np.ndarray, "n 3"],
-    labels: Int[np.ndarray, " n"],
+class Continuation(NamedTuple):
+    """How a segment continues the unchanged surfaces adjacent to it, or lies at the edge of the coverage.
+
+    Attributes:
+        continued: the points on planes that both clouds have beside the segment, where the other cloud has a hole.
+        at_edge: the points on walls at the edge of the other survey's coverage; not looked for where nearly all of the
+            segment is continued.
+        shown: largest share of the segment's footprint on one of those planes where the other cloud has the plane and
+            its own has not: what the other survey observed there, the segment hides or replaces.
+    """
+
+    continued: Bool[np.ndarray, " m"]
+    at_edge: Bool[np.ndarray, " m"]
+    shown: float
+
+    @property
+    def unobserved(self) -> Bool[np.ndarray, " m"]:
+        """The points that the other survey cannot have observed, as far as the clouds show it."""
+        return self.continued | self.at_edge
+
+
+def continuation(
+    segment: Float64[np.ndarray, "m 3"],
     reference: ReferenceSurfaces,
     settings: ContinuationSettings = ContinuationSettings(),
-    *,
-    edges: bool = True,
-) -> Bool[np.ndarray, " n"]:
-    """The points of segments that the other survey cannot have observed, as far as the clouds show it without views.
+) -> Continuation:
+    """How one segment continues the surfaces adjacent to it, as far as the clouds show it without views.
 
-    These are continuations of unchanged surfaces adjacent to the segment, where the other cloud has a hole, and walls
-    at the edge of its coverage (`at_coverage_edge`). A point continues a plane of the unchanged points when it is
-    within the noise of the plane. Where the other cloud has points of the plane at the same places, these were
-    observed, and what lies on the plane is a thin object. A plane must be in both clouds, so that the sides of an
-    object, whose lowest part passes for unchanged, are excluded.
+    A point continues a plane of the unchanged points when it is within the noise of the plane. Where the other cloud
+    has points of the plane at the same places, these were observed, and what lies on the plane is a thin object. A
+    plane must be in both clouds, so that the sides of an object, whose lowest part passes for unchanged, are excluded.
 
     Args:
-        points: one cloud.
-        labels: -1, or the number of the segment that a point belongs to.
+        segment: points of one cloud.
         reference: the unchanged points of the same cloud, and the other cloud.
         settings: when a point continues a surface.
-        edges: whether walls at the edge of the coverage count.
-
-    Returns:
-        For each point whether it is of a segment and was not observed.
     """
-    unobserved = np.zeros(len(points), bool)
+    nothing = np.zeros(len(segment), bool)
     if not reference.unchanged.n or not reference.other.n:
-        return unobserved
-    for label in np.unique(labels[labels >= 0]):
-        unobserved[labels == label] = _unobserved(points[labels == label], reference, edges, settings)
-    return unobserved
-
-
-def _unobserved(
-    segment: Float64[np.ndarray, "m 3"], reference: ReferenceSurfaces, edges: bool, settings: ContinuationSettings
-) -> Bool[np.ndarray, " m"]:
-    """The points of one segment that the other survey cannot have observed."""
+        return Continuation(nothing, nothing, 0.0)
     tree = cKDTree(segment)
     adjacent = _within(tree, reference.unchanged.data, settings.reach * reference.spacing)
     # The segment may have curved sides; the noise is that of the adjacent points, where there are any.
     flatness = _flatness(adjacent if len(adjacent) else segment, reference, settings)
-    unobserved = _continued(segment, adjacent, settings.reach, 0.0, flatness, reference, settings)
-    if unobserved.mean() <= settings.continued:
+    planes = _planes_within(adjacent, settings.reach, 0.0, flatness, reference, settings)
+    continued = _continued(segment, planes, flatness, reference, settings)
+    shown = _shown(segment, adjacent, planes, flatness, reference, settings)
+    if continued.mean() <= settings.continued:
         far = _within(tree, reference.unchanged.data, settings.far_reach * reference.spacing)
         width = settings.far_width * np.sqrt(max(np.linalg.eigvalsh(np.cov(segment.T, bias=True))[1], 0.0))
-        unobserved |= _continued(segment, far, settings.far_reach, width, flatness, reference, settings)
-    if edges and unobserved.mean() <= settings.continued:
-        wall_flatness = max(flatness, reference.spacing)
-        unobserved |= at_coverage_edge(segment, reference, wall_flatness, settings.coverage_edge)
-    return unobserved
+        planes = _planes_within(far, settings.far_reach, width, flatness, reference, settings)
+        continued |= _continued(segment, planes, flatness, reference, settings)
+    if continued.mean() > settings.continued:
+        return Continuation(continued, nothing, shown)
+    wall_flatness = max(flatness, reference.spacing)
+    return Continuation(continued, at_coverage_edge(segment, reference, wall_flatness, settings.coverage_edge), shown)
 
 
 def _flatness(
@@ -114,25 +121,59 @@ def _flatness(
     return min(reference.tolerance, max(settings.noise_deviations * noise, settings.least_flatness * reference.spacing))
 
 
-def _continued(
-    segment: Float64[np.ndarray, "m 3"],
+def _planes_within(
     unchanged: Float64[np.ndarray, "n 3"],
     reach: float,
     least_width: float,
     flatness: float,
     reference: ReferenceSurfaces,
     settings: ContinuationSettings,
-) -> Bool[np.ndarray, " m"]:
-    """The points of a segment that continue planes of the unchanged points within reach (in spacings)."""
-    continued = np.zeros(len(segment), bool)
+) -> list[Plane]:
+    """The planes, common to both clouds, of the unchanged points within reach (in spacings) of a segment."""
     voxel = reach * reference.spacing / settings.voxels_per_reach
     voxels = voxel_grid(unchanged, voxel).points
     least_width = max(settings.least_width * voxel, least_width)
-    for plane in _common_planes(voxels, flatness, least_width, reference, settings):
+    return _common_planes(voxels, flatness, least_width, reference, settings)
+
+
+def _continued(
+    segment: Float64[np.ndarray, "m 3"],
+    planes: Sequence[Plane],
+    flatness: float,
+    reference: ReferenceSurfaces,
+    settings: ContinuationSettings,
+) -> Bool[np.ndarray, " m"]:
+    """The points of a segment that continue these planes, where the other cloud has a hole."""
+    continued = np.zeros(len(segment), bool)
+    for plane in planes:
         on_plane = plane.distance(segment) <= flatness
         if not _covered(plane, segment[on_plane], flatness, reference, settings.coverage_edge):
             continued |= on_plane
     return continued
+
+
+def _shown(
+    segment: Float64[np.ndarray, "m 3"],
+    adjacent: Float64[np.ndarray, "n 3"],
+    planes: Sequence[Plane],
+    flatness: float,
+    reference: ReferenceSurfaces,
+    settings: ContinuationSettings,
+) -> float:
+    """The largest share of a segment's footprint on a plane that only the other cloud has there."""
+    near, other = settings.coverage_edge.near * reference.spacing, reference.other.data
+    shares = [0.0]
+    for plane in planes:
+        on_plane = plane.distance(segment) <= flatness
+        if on_plane.mean() > settings.continued:
+            continue
+        # Cells of one size: the footprint of an upright side is a line, however many points it has.
+        footprint = voxel_grid(plane.projections(segment[~on_plane]), near).points
+        surface = other[plane.distance(other) <= flatness + reference.tolerance]
+        own = adjacent[plane.distance(adjacent) <= flatness + reference.tolerance]
+        shown = plane.near(footprint, surface, near) & ~plane.near(footprint, own, near)
+        shares.append(float(shown.mean()))
+    return max(shares)
 
 
 def _covered(

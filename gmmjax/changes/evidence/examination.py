@@ -1,93 +1,160 @@
-"""The evidence stage: a candidate is a change only where the other survey observed its place to be different."""
+"""The evidence stage: of each candidate the facts, and from them the verdict whether it is a change."""
 
 import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Int8
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from gmmjax.changes.candidates import Candidates
-from gmmjax.changes.differences import DetectionLimits
-from gmmjax.changes.evidence.continuation import ContinuationSettings, unobserved_points
+from gmmjax.changes.differences import DetectionLimits, Differences, LocalDifference
+from gmmjax.changes.evidence.candidate import Candidate, Surroundings, SurroundingsSettings, candidates_in
+from gmmjax.changes.evidence.continuation import ContinuationSettings
 from gmmjax.changes.evidence.coverage_edge import ReferenceSurfaces
-from gmmjax.changes.evidence.free_space import FreeSpaceSettings, Observed, Survey, observation
+from gmmjax.changes.evidence.facts import measured
+from gmmjax.changes.evidence.free_space import (
+    FreeSpaceSettings,
+    Observed,
+    Sightlines,
+    Survey,
+    observation,
+    sightlines,
+)
+from gmmjax.changes.evidence.pieces import PieceSettings, cut
 from gmmjax.changes.evidence.support_planes import SupportSettings, supports
+from gmmjax.changes.evidence.verdict import Judgement, judged
+from gmmjax.changes.evidence.verdict_file import Verdicts
 from gmmjax.changes.evidence.view_checks import ViewCheckSettings
+from gmmjax.changes.explanation import Explanation
+from gmmjax.errors import warn
 from gmmjax.geometry import density_clusters
 from gmmjax.pair import Pair, each
 
 
 @dataclasses.dataclass(frozen=True)
 class EvidenceSettings:
-    """When a candidate is a change.
+    """How candidates are cut and their facts measured. What decides are the verdict's parameters.
 
     Attributes:
-        thin_offset: fraction of the limit of the offset above which an offset is evidence where the other survey
-            observed a surface: of objects too thin for free space. Smaller: the noise is evidence; larger: the lower
-            part of a thin object is none.
-        least_free: with views: number of a candidate's points in free space of the other survey, at least. 0: a single
-            point may decide.
-        least_free_share: and their fraction of the candidate's points that it observed. 0: what is off by noise and
-            registration error is a change; 1: no candidate may touch an unchanged surface.
-        least_free_of_all: and their fraction of all of the candidate's points. 0: the rim of an occluded surface makes
-            it a change.
-        least_thin_of_all: the same for a thin change, which is empty only by its offset: the rims of half observed
-            objects are off the surface, too.
-        most_continued: without views: a candidate with more than this fraction of its points on continuations of
-            unchanged surfaces is rejected. 1: none is.
         same_surface: largest offset of an unchanged surface in the two clouds, as a fraction of the limit of the
             offset. Larger: the top of a thin object covers the plane of the floor.
-        smallest_piece: number of points of a part of a candidate that is judged by itself, at least; an object and its
-            shadow may be one candidate. Smaller: parts are judged by their noise.
-        share_of_piece: and its fraction of the candidate. 1: candidates are judged as a whole.
-        cluster_radius: of such parts, in spacings (the radius of DBSCAN). Smaller: the gaps between points split them.
-        cluster_neighbours: the minimum of DBSCAN, the point itself counted. 1: outliers connect parts.
-        continuation: without views, which points continue unchanged surfaces.
-        support: without views, which candidates are only the support planes of others.
+        unlike: how far a fact of a candidate may lie beyond what the verdict was learned from, in widths of the learned
+            range, without a warning. Infinite: there is never one.
+        pieces: how candidates are cut into pieces that are one thing each.
+        continuation: which points continue unchanged surfaces.
+        support: which candidates are only the support planes of others.
+        surroundings: what of both clouds surrounds a candidate.
         free_space: with views, what the points of a survey occlude.
         view_checks: from when on views contradict their cloud.
     """
 
-    thin_offset: float = 0.8
-    least_free: int = 10
-    least_free_share: float = 0.5
-    least_free_of_all: float = 0.1
-    least_thin_of_all: float = 0.35
-    most_continued: float = 0.6
     same_surface: float = 0.5
-    smallest_piece: int = 100
-    share_of_piece: float = 0.15
-    cluster_radius: float = 5.0
-    cluster_neighbours: int = 8
+    unlike: float = 1.0
+    pieces: PieceSettings = PieceSettings()
     continuation: ContinuationSettings = ContinuationSettings()
     support: SupportSettings = SupportSettings()
+    surroundings: SurroundingsSettings = SurroundingsSettings()
     free_space: FreeSpaceSettings = FreeSpaceSettings()
     view_checks: ViewCheckSettings = ViewCheckSettings()
 
 
 class Examined(NamedTuple):
-    """The candidates of one cloud that there is evidence for.
+    """The candidates of one cloud that are changes.
 
     Attributes:
-        labels: -1, or the number of the candidate.
-        probability: for each restart, that the point is changed; 0 where it is unobserved.
+        labels: -1, or the number of the change.
+        probability: of each change, that it is one.
+        looks_changed: for each point, the mean over the restarts of the probability that it looks changed.
         unobserved: whether the other survey did not observe the point's place.
+        explanations: of each change; None where no evidence was asked for.
+        rejected: the candidates that are none: their points and the reason.
     """
 
     labels: Int[np.ndarray, " n"]
-    probability: Float[np.ndarray, "r n"]
+    probability: Float[np.ndarray, " c"]
+    looks_changed: Float[np.ndarray, " n"]
     unobserved: Bool[np.ndarray, " n"]
+    explanations: tuple[Explanation | None, ...]
+    rejected: tuple[tuple[Int[np.ndarray, " _"], Explanation], ...] = ()
 
-    def without(self, unobserved: Bool[np.ndarray, " n"]) -> "Examined":
-        """Without these points, which the other survey did not observe."""
-        labels = renumbered(np.where(unobserved, -1, self.labels))
-        return Examined(labels, np.where(unobserved, 0.0, self.probability), self.unobserved | unobserved)
+
+def observed_places(
+    points: Pair[Float[np.ndarray, "_ 3"]], surveys: Pair[Survey], differences: Differences
+) -> Pair[np.ndarray | None]:
+    """What the other survey observed at the place of each point, values of `Observed`; None without its views.
+
+    Args:
+        points: of both clouds.
+        surveys: the same clouds, with their views where they are known.
+        differences: of the clouds from each other.
+    """
+
+    def of_cloud(points: np.ndarray, other: Survey, local: LocalDifference) -> np.ndarray | None:
+        margin, offset = differences.limits.local_distance(local), differences.limits.local_offset(local)
+        return None if other.views is None else observation(points, other, margin, offset)
+
+    return each(of_cloud, points, surveys.swapped, differences.local)
+
+
+def measured_candidates(
+    candidates: Pair[Candidates],
+    surveys: Pair[Survey],
+    limits: DetectionLimits,
+    settings: EvidenceSettings = EvidenceSettings(),
+) -> Pair[list[Candidate]]:
+    """The candidates of both clouds, cut into pieces, with all that facts are measured from.
+
+    Args:
+        candidates: of both clouds.
+        surveys: the same clouds, with their views where they are known.
+        limits: of distances and offsets.
+        settings: how they are cut.
+    """
+
+    def pieces(own: Candidates, other: Candidates) -> tuple:
+        # What is farther off than this is another surface: the top of a thin object does not cover the floor's plane.
+        tolerance = settings.same_surface * limits.offset
+        reference = ReferenceSurfaces.of(own.points[own.labels < 0], other.points, tolerance, limits.spacing)
+        labels, continuations = cut(own.points, own.labels, reference, settings.pieces, settings.continuation)
+        return own._replace(labels=labels), own.labels, continuations, reference.other
+
+    cuts = each(pieces, candidates, candidates.swapped)
+    points, labels = candidates.map(lambda own: own.points), cuts.map(lambda own: own[0].labels)
+    support_planes = supports(points, labels, limits.spacing, settings.support)
+    opposite = each(lambda own, label: cKDTree(own[label >= 0]), points, labels).swapped
+
+    def surroundings(own: tuple, support: np.ndarray, opposite: cKDTree, survey: Survey) -> list[Candidate]:
+        pieces, clusters, continuations, other = own
+        sight = None if survey.views is None else _sightlines(pieces, survey, limits)
+        return candidates_in(
+            Surroundings(
+                pieces, clusters, continuations, support, other, opposite, limits, sight, settings.surroundings
+            )
+        )
+
+    return each(surroundings, cuts, support_planes, opposite, surveys.swapped)
+
+
+def _sightlines(own: Candidates, survey: Survey, limits: DetectionLimits) -> Sightlines:
+    """How surely the other survey observed the places of all points to be empty; 0 for those of no candidate."""
+    rows = np.flatnonzero(own.labels >= 0)
+    margin, offset = limits.local_distance(own.difference), limits.local_offset(own.difference)
+    found = sightlines(own.points[rows], survey, margin[rows], offset[rows])
+    whole = Sightlines(*(np.zeros(len(own.labels), values.dtype) for values in found))
+    for values, of_rows in zip(whole, found, strict=True):
+        values[rows] = of_rows
+    return whole
 
 
 def examined(
     candidates: Pair[Candidates],
     surveys: Pair[Survey],
     limits: DetectionLimits,
+    verdicts: Verdicts,
+    threshold: float = 0.5,
     settings: EvidenceSettings = EvidenceSettings(),
 ) -> Pair[Examined]:
     """The candidates of both clouds that are changes, and what was not observed.
@@ -96,17 +163,21 @@ def examined(
         candidates: of both clouds.
         surveys: the same clouds, with their views where they are known.
         limits: of distances and offsets.
-        settings: when a candidate is a change.
+        verdicts: with and without the views of the other survey.
+        threshold: probability from which on a candidate is a change.
+        settings: how facts are measured.
+
+    Warns:
+        InputWarning: a candidate is unlike all that the verdict was learned from.
     """
-    found = each(lambda own, other: _examined_cloud(own, other, limits, settings), candidates, surveys.swapped)
-    points, labels = candidates.map(lambda own: own.points), found.map(lambda own: own.labels)
-    support_planes = supports(points, labels, limits.spacing, settings.support)
-    # With the views of the other survey it is known what was occluded.
+    pieces = measured_candidates(candidates, surveys, limits, settings)
+    judgements = each(lambda own, cut: _judged(own, cut, verdicts), candidates, pieces)
+    _warn_of_unlike([unlike for own in judgements for unlike in own.unlike], settings)
     return each(
-        lambda own, other, support: own.without(support) if other.views is None else own,
-        found,
-        surveys.swapped,
-        support_planes,
+        lambda own, cut, judgement: _examined_cloud(own, cut, judgement.explanations, limits, threshold, settings),
+        candidates,
+        pieces,
+        judgements,
     )
 
 
@@ -116,191 +187,88 @@ def unexamined(candidates: Pair[Candidates]) -> Pair[Examined]:
     Args:
         candidates: of both clouds.
     """
-    return candidates.map(
-        lambda own: Examined(renumbered(own.labels), own.probability, np.zeros(len(own.labels), bool))
-    )
+
+    def of_cloud(own: Candidates) -> Examined:
+        labels, looks_changed = renumbered(own.labels), own.probability.mean(axis=0)
+        count = labels.max(initial=-1) + 1
+        probability = np.array([looks_changed[labels == label].mean() for label in range(count)])
+        nowhere = np.zeros(len(labels), bool)
+        return Examined(labels, probability, looks_changed, nowhere, (None,) * count)
+
+    return candidates.map(of_cloud)
 
 
-def _examined_cloud(own: Candidates, other: Survey, limits: DetectionLimits, settings: EvidenceSettings) -> Examined:
-    rejected, unobserved = without_evidence(own, other, limits, settings)
-    labels = np.where(rejected, -1, own.labels)
-    probability = np.where((labels < 0) & unobserved, 0.0, own.probability)
-    return Examined(renumbered(labels), probability, unobserved & (labels < 0))
+def _judged(own: Candidates, pieces: list[Candidate], verdicts: Verdicts) -> Judgement:
+    verdict = verdicts.poses_unknown if own.observed is None else verdicts.poses_given
+    return judged(verdict, [measured(piece) for piece in pieces])
 
 
-def without_evidence(
-    own: Candidates, other: Survey, limits: DetectionLimits, settings: EvidenceSettings = EvidenceSettings()
-) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """The points of candidates without evidence, and all points whose place the other survey did not observe.
-
-    Args:
-        own: the candidates of one cloud.
-        other: the other cloud, with its views where they are known.
-        limits: of distances and offsets.
-        settings: when a candidate is a change.
-    """
-    if other.views is None:
-        unobserved = continuing(own.points, own.labels, other.points, limits, settings)
-        return unobserved, unobserved
-    observed = observation(own.points, other, limits.distance)
-    rejected = not_seen_empty(own, observed, other.points, limits, settings)
-    hidden = hidden_parts(own.points, np.where(rejected, -1, own.labels), observed, limits, settings)
-    occluded = continuing(own.points, hidden, other.points, limits, settings)
-    return rejected | occluded, (observed == Observed.unobserved) | rejected
-
-
-def not_seen_empty(
+def _examined_cloud(
     own: Candidates,
-    observed: Int8[np.ndarray, " n"],
-    other: Float[np.ndarray, "m 3"],
+    pieces: list[Candidate],
+    explanations: tuple[Explanation, ...],
     limits: DetectionLimits,
-    settings: EvidenceSettings = EvidenceSettings(),
-) -> Bool[np.ndarray, " n"]:
-    """The points of the candidates that are not in free space of the other survey.
-
-    A thin object is too near to the surface behind it for free space: there the other survey must have observed a
-    surface at an offset from this one, and the candidate must not continue the adjacent surfaces.
-
-    Args:
-        own: the candidates of one cloud.
-        observed: what the other survey observed at the place of each point, values of `Observed`.
-        other: points of the other cloud.
-        limits: of offsets.
-        settings: when a candidate is a change.
-    """
-    labels = own.labels
-    offset = own.difference.offset > settings.thin_offset * limits.local_offset(own.difference)
-    free = observed == Observed.free
-    free_or_offset = free | ((observed == Observed.surface) & offset)
-    seen = observed != Observed.unobserved
-    in_free_space = _mostly(free, seen, labels, settings.least_free_of_all, settings)
-    others = np.where(np.isin(labels, in_free_space), -1, labels)
-    offset_ones = _mostly(free_or_offset, seen, others, settings.least_thin_of_all, settings)
-    thin_labels = np.where(np.isin(labels, offset_ones), labels, -1)
-    thin = (thin_labels >= 0) & ~continuing(own.points, thin_labels, other, limits, settings)
-    return (labels >= 0) & ~np.isin(labels, in_free_space) & ~thin
-
-
-def _mostly(
-    empty: np.ndarray, seen: np.ndarray, labels: np.ndarray, least_of_all: float, settings: EvidenceSettings
-) -> list[int]:
-    """The candidates with enough empty places: of those that were observed, and of all."""
-
-    def enough(own: np.ndarray) -> bool:
-        least = max(settings.least_free, settings.least_free_share * seen[own].sum(), least_of_all * own.sum())
-        return bool(empty[own].sum() >= least)
-
-    return [int(label) for label in np.unique(labels[labels >= 0]) if enough(labels == label)]
-
-
-def hidden_parts(
-    points: Float[np.ndarray, "n 3"],
-    labels: Int[np.ndarray, " n"],
-    observed: Int8[np.ndarray, " n"],
-    limits: DetectionLimits,
-    settings: EvidenceSettings = EvidenceSettings(),
-) -> Int[np.ndarray, " n"]:
-    """The parts of the segments that the other survey did not observe, as segments of their own.
-
-    The occluded side of an object belongs to it; the background that the object occluded does not.
-
-    Args:
-        points: of one cloud.
-        labels: -1, or the number of the segment.
-        observed: what the other survey observed at each point, values of `Observed`.
-        limits: the spacing of the points.
-        settings: of the clusters.
-
-    Returns:
-        For each point -1, or the number of the part.
-    """
-    parts = np.full(len(labels), -1)
-    hidden = np.flatnonzero((labels >= 0) & (observed == Observed.unobserved))
-    parts[hidden] = density_clusters(
-        points[hidden], settings.cluster_radius * limits.spacing, settings.cluster_neighbours
-    )
-    return parts
-
-
-def continuing(
-    points: Float[np.ndarray, "n 3"],
-    labels: Int[np.ndarray, " n"],
-    other: Float[np.ndarray, "m 3"],
-    limits: DetectionLimits,
-    settings: EvidenceSettings = EvidenceSettings(),
-) -> Bool[np.ndarray, " n"]:
-    """The points of the segments that only continue the adjacent unchanged surfaces.
-
-    An object and the background that it occluded may be one segment: what continues a surface and what does not are
-    judged separately where each is large enough.
-
-    Args:
-        points: of one cloud.
-        labels: -1, or the number of the segment; points of no segment are unchanged.
-        other: points of the other cloud.
-        limits: the spacing of the points and the limit of the offset.
-        settings: when a segment continues a surface.
-    """
-    # What is farther off than this is another surface: the top of a thin object does not cover the floor's plane.
-    tolerance = settings.same_surface * limits.offset
-    reference = ReferenceSurfaces.of(points[labels < 0], other, tolerance, limits.spacing)
-    unseen = unobserved_points(points, labels, reference, settings.continuation)
-    whole = _shares(unseen, labels, int(labels.max(initial=-1)) + 1) > settings.most_continued
-    pieces, of_segment = _pieces(points, labels, unseen, limits.spacing, settings)
-    dropped = (labels >= 0) & whole[labels]
-    if not len(of_segment):
-        return dropped
-    of_piece = _continuing_pieces(points, pieces, of_segment, reference, settings)
-    return np.where(pieces >= 0, np.append(of_piece, False)[pieces], dropped)
-
-
-def _pieces(
-    points: np.ndarray, labels: np.ndarray, unseen: np.ndarray, spacing: float, settings: EvidenceSettings
-) -> tuple[np.ndarray, np.ndarray]:
-    """The large clusters of the points of each segment that are unobserved, and of those that are not.
-
-    Returns:
-        For each point -1 or the number of its cluster; the segment of each cluster.
-    """
-    pieces = np.full(len(labels), -1)
-    of_segment: list[int] = []
-    for label in np.unique(labels[labels >= 0]):
-        own = labels == label
-        least = max(settings.smallest_piece, settings.share_of_piece * own.sum())
-        for part in (np.flatnonzero(own & unseen), np.flatnonzero(own & ~unseen)):
-            clusters = density_clusters(points[part], settings.cluster_radius * spacing, settings.cluster_neighbours)
-            for number in np.flatnonzero(np.bincount(clusters[clusters >= 0]) >= least):
-                pieces[part[clusters == number]] = len(of_segment)
-                of_segment.append(int(label))
-    return pieces, np.array(of_segment)
-
-
-def _continuing_pieces(
-    points: np.ndarray,
-    pieces: np.ndarray,
-    of_segment: np.ndarray,
-    reference: ReferenceSurfaces,
+    threshold: float,
     settings: EvidenceSettings,
-) -> np.ndarray:
-    """Which pieces only continue the adjacent unchanged surfaces."""
+) -> Examined:
+    labels = np.full(len(own.labels), -1)
+    unobserved = np.zeros(len(labels), bool) if own.observed is None else own.observed == Observed.unobserved
+    rejected = []
+    for piece, explanation in zip(pieces, explanations, strict=True):
+        if explanation.changed >= threshold:
+            labels[piece.rows] = piece.number
+        else:
+            rejected.append((piece.rows, explanation))
+            unobserved[piece.rows] |= explanation.unobserved > explanation.unchanged
+    joined = _joined(own, labels, limits, settings.pieces)
+    unobserved &= joined < 0
+    of_changes = [labels[joined == change] for change in range(joined.max(initial=-1) + 1)]
+    return Examined(
+        joined,
+        np.array([_mean_probability(own_pieces, explanations) for own_pieces in of_changes]),
+        own.probability.mean(axis=0),
+        unobserved,
+        tuple(_largest(own_pieces, explanations) for own_pieces in of_changes),
+        tuple(rejected),
+    )
 
-    def continued(*, edges: bool) -> np.ndarray:
-        unseen = unobserved_points(points, pieces, reference, settings.continuation, edges=edges)
-        return np.asarray(_shares(unseen, pieces, len(of_segment))[:-1] > settings.most_continued)
 
-    of_piece = continued(edges=True)
-    # The top of an object, by itself, can look like a wall at the edge of the coverage.
-    with_others = of_piece & np.isin(of_segment, of_segment[~of_piece])
-    if with_others.any():
-        of_piece &= ~with_others | continued(edges=False)
-    return of_piece
+def _joined(
+    own: Candidates, labels: Int[np.ndarray, " n"], limits: DetectionLimits, settings: PieceSettings
+) -> Int[np.ndarray, " n"]:
+    """The labels with one number for all pieces that touch: one change may have been cut into several."""
+    kept = np.flatnonzero(labels >= 0)
+    clusters = density_clusters(own.points[kept], settings.radius * limits.spacing, settings.neighbours)
+    count = labels.max(initial=-1) + 1
+    inside = clusters >= 0
+    # A graph of pieces and clusters: what is connected in it is one change.
+    links = coo_array(
+        (np.ones(inside.sum()), (labels[kept[inside]], count + clusters[inside])),
+        shape=(count + clusters.max(initial=-1) + 1,) * 2,
+    )
+    groups = connected_components(links, directed=False)[1] if count else np.zeros(1, int)
+    return renumbered(np.where(labels >= 0, groups[labels], -1))
 
 
-def _shares(flags: np.ndarray, labels: np.ndarray, count: int) -> np.ndarray:
-    """The fraction of each label's points that are flagged; one more entry, 0, for the label -1."""
-    inside = labels >= 0
-    points = np.bincount(labels[inside], minlength=count)
-    return np.append(np.bincount(labels[inside], flags[inside], count) / np.maximum(points, 1), 0.0)
+def _mean_probability(pieces: Int[np.ndarray, " m"], explanations: tuple[Explanation, ...]) -> float:
+    """The mean over the points of a change."""
+    return float(np.mean([explanations[piece].changed for piece in pieces]))
+
+
+def _largest(pieces: Int[np.ndarray, " m"], explanations: tuple[Explanation, ...]) -> Explanation:
+    """The explanation of the piece that most points of a change are of."""
+    return explanations[int(np.bincount(pieces).argmax())]
+
+
+def _warn_of_unlike(unlike: list[tuple[str, float]], settings: EvidenceSettings) -> None:
+    """Warns where the verdict extrapolates."""
+    name, widths = max(unlike, key=lambda own: own[1], default=("", 0.0))
+    if widths > settings.unlike:
+        warn(
+            f"a difference between the scans is unlike all that the verdict was learned from ({name} is {widths:.1f} "
+            "times its learned range beyond it), so that its probability is drawn towards 50 %; look at it, or tune on "
+            "scans like these"
+        )
 
 
 def renumbered(labels: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:

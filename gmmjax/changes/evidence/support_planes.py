@@ -5,6 +5,7 @@ when it comes, the shelf disappears. But what stands on a surface shows that the
 """
 
 import dataclasses
+import functools
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int
@@ -63,29 +64,54 @@ def supports(
         spacing: distance of neighbouring points on a surface.
         settings: when a segment is a support.
     """
-    gone, new = each(_segments, points, labels)
-
-    def supported(segment: np.ndarray, change: np.ndarray) -> bool:
-        return _supports(segment, change, spacing, settings)
-
-    under = {(i, j) for i, segment in gone.items() for j, change in new.items() if supported(segment, change)}
-    over = {(i, j) for i, change in gone.items() for j, segment in new.items() if supported(segment, change)}
+    segments = each(lambda own, label: _segments(own, label, spacing, settings), points, labels)
+    gone, new = segments.before, segments.after
+    under = {(i, j) for i, own in gone.items() for j, change in new.items() if own.supports(change)}
+    over = {(i, j) for i, change in gone.items() for j, own in new.items() if own.supports(change)}
     return Pair(
         np.isin(labels.before, [i for i, _ in under - over]),
         np.isin(labels.after, [j for _, j in over - under]),
     )
 
 
-def _segments(points: np.ndarray, labels: np.ndarray) -> dict[int, np.ndarray]:
-    return {int(label): points[labels == label] for label in np.unique(labels[labels >= 0])}
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Segment:
+    """One segment; its plane is found once, when it is asked for.
+
+    Attributes:
+        points: of the segment.
+        spacing: distance of neighbouring points on a surface.
+        settings: when a segment is a support.
+    """
+
+    points: Float64[np.ndarray, "n 3"]
+    spacing: float
+    settings: SupportSettings
+
+    @functools.cached_property
+    def plane(self) -> tuple[Plane | None, float]:
+        """The plane that most of it lies on, if there is one, and the largest deviation from it by noise."""
+        return _support_plane(self.points, self.spacing, self.settings)
+
+    @functools.cached_property
+    def bounds(self) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+        """Its least and its greatest coordinates."""
+        return self.points.min(axis=0), self.points.max(axis=0)
+
+    def supports(self, change: "_Segment") -> bool:
+        """Whether it is flat, and a change of the other cloud stands on it."""
+        reach = (self.settings.adjacent + self.settings.touching) * self.spacing
+        (lower, upper), (least, greatest) = self.bounds, change.bounds
+        if (least > upper + reach).any() or (greatest < lower - reach).any():
+            return False
+        plane, noise = self.plane
+        return plane is not None and _stands_on(change.points, self.points, plane, noise, self.spacing, self.settings)
 
 
-def _supports(
-    segment: Float64[np.ndarray, "n 3"], change: Float64[np.ndarray, "m 3"], spacing: float, settings: SupportSettings
-) -> bool:
-    """Whether a segment is flat, and a change of the other cloud stands on it."""
-    plane, noise = _support_plane(segment, spacing, settings)
-    return plane is not None and _stands_on(change, segment, plane, noise, spacing, settings)
+def _segments(points: np.ndarray, labels: np.ndarray, spacing: float, settings: SupportSettings) -> dict[int, _Segment]:
+    return {
+        int(label): _Segment(points[labels == label], spacing, settings) for label in np.unique(labels[labels >= 0])
+    }
 
 
 def _support_plane(

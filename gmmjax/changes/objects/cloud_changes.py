@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from gmmjax.changes.change import Box, Change, Kind
+from gmmjax.changes.change import Box, Change, Kind, Reason, RejectedCandidate
+from gmmjax.changes.explanation import Explanation
 from gmmjax.mixtures import parameters_per_component
 from gmmjax.pair import Pair
 
@@ -22,11 +23,13 @@ class CloudChanges(NamedTuple):
         probability: of each point, that it is changed.
         labels: per point -1 or the index into `items`.
         items: the changes of this cloud.
+        rejected: what looked changed in it, and is no change.
     """
 
     probability: Float[np.ndarray, " n"]
     labels: Int[np.ndarray, " n"]
     items: list[Change]
+    rejected: tuple[RejectedCandidate, ...] = ()
 
     def none(self) -> "CloudChanges":
         """No changes of the same points."""
@@ -35,10 +38,17 @@ class CloudChanges(NamedTuple):
     def with_confidence(self, confidence: float) -> "CloudChanges":
         """With all probabilities multiplied by a confidence."""
         items = [dataclasses.replace(change, probability=confidence * change.probability) for change in self.items]
-        return CloudChanges(confidence * self.probability, self.labels, items)
+        rejected = tuple(dataclasses.replace(one, probability=confidence * one.probability) for one in self.rejected)
+        return CloudChanges(confidence * self.probability, self.labels, items, rejected)
 
 
-def change_of(points: Float[np.ndarray, "n 3"], kind: Kind, probability: float, significance: float) -> Change:
+def change_of(
+    points: Float[np.ndarray, "n 3"],
+    kind: Kind,
+    probability: float,
+    significance: float,
+    explanation: Explanation | None = None,
+) -> Change:
     """The record of a change with these points: their mean, covariance and box."""
     mean = points.mean(axis=0)
     return Change(
@@ -49,6 +59,21 @@ def change_of(points: Float[np.ndarray, "n 3"], kind: Kind, probability: float, 
         mean=mean,
         covariance=(points - mean).T @ (points - mean) / len(points),
         box=Box.around(points),
+        explanation=explanation,
+    )
+
+
+def rejected_of(points: Float[np.ndarray, "n 3"], kind: Kind, explanation: Explanation) -> RejectedCandidate:
+    """The record of a candidate with these points that is no change; the reason is the likelier one of the verdict."""
+    reason: Reason = "not observed" if explanation.unobserved > explanation.unchanged else "unchanged"
+    return RejectedCandidate(
+        kind=kind,
+        reason=reason,
+        probability=explanation.changed,
+        point_count=len(points),
+        mean=points.mean(axis=0),
+        box=Box.around(points),
+        explanation=explanation,
     )
 
 
@@ -68,7 +93,7 @@ def most_probable_first(
         items: the changes of both clouds.
         labels: of either cloud, per point -1 or an index into them.
     """
-    order = sorted(range(len(items)), key=lambda index: (-items[index].probability, -items[index].point_count))
+    order = sorted(range(len(items)), key=lambda index: _rank(items[index]))
     return reordered(items, labels, order)
 
 
@@ -90,3 +115,12 @@ def reordered(
         item if item.partner is None else dataclasses.replace(item, partner=int(place[item.partner])) for item in kept
     )
     return followed, labels.map(lambda own: place[own])
+
+
+def merged_rejected(changes: Pair[CloudChanges]) -> tuple[RejectedCandidate, ...]:
+    """The rejected candidates of both clouds in one list, most probable and then largest first."""
+    return tuple(sorted(changes.before.rejected + changes.after.rejected, key=_rank))
+
+
+def _rank(found: Change | RejectedCandidate) -> tuple[float, int]:
+    return -found.probability, -found.point_count

@@ -14,7 +14,7 @@ from gmmjax.changes.differences import Differences, LocalDifference
 from gmmjax.changes.evidence.examination import Examined
 from gmmjax.changes.fit.joint_fit import JointFits
 from gmmjax.changes.fit.joint_problem import JointProblem
-from gmmjax.changes.objects.cloud_changes import CloudChanges, merged
+from gmmjax.changes.objects.cloud_changes import CloudChanges, merged, merged_rejected
 from gmmjax.changes.objects.moved import MovedSettings
 from gmmjax.changes.objects.surface_changes import SurfaceChangeSettings, surface_changes
 from gmmjax.changes.objects.volumetric_changes import VolumetricChangeSettings, restart_weights, volumetric_changes
@@ -121,6 +121,7 @@ class Found(NamedTuple):
             config=config,
             diagnostics=diagnostics,
             registration=registration or Registration.none(),
+            rejected=merged_rejected(self.changes),
         )
 
 

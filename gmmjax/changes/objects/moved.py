@@ -326,8 +326,10 @@ def _united(
 ) -> tuple[tuple[Change, ...], Pair[Int[np.ndarray, " _"]]]:
     """The changes with one more moved object, whose labels replace those of a group and grow to all its points."""
     group = [items[index] for index in found.group]
-    most_probable = max(item.probability for item in group)
-    significance = max(item.significance for item in group)
+    largest = max(group, key=lambda item: item.point_count)
+    most_probable, significance = (
+        max(getattr(item, name) for item in group) for name in ("probability", "significance")
+    )
 
     def own_points(label: np.ndarray, members: np.ndarray) -> np.ndarray:
         own = np.isin(label, found.group)
@@ -336,10 +338,9 @@ def _united(
 
     def change(points: np.ndarray, cloud: WorkingCloud, own: np.ndarray, label: np.ndarray) -> Change:
         # Where nothing but the motion says that there is a change, it is as probable as the motion.
-        known = bool(np.isin(label, found.group).any())
-        return change_of(
-            points[own[cloud.member]], "moved", most_probable * (1 if known else probability), significance
-        )
+        share = 1.0 if np.isin(label, found.group).any() else probability
+        whole = change_of(points[own[cloud.member]], "moved", share * most_probable, significance)
+        return dataclasses.replace(whole, explanation=largest.explanation)
 
     own = each(own_points, labels, found.motion.members)
     changes = each(change, pair.points, pair.working.clouds, own, labels)

@@ -8,23 +8,20 @@ from jaxtyping import Bool, Float, Int
 from gmmjax.changes.change import Kind
 from gmmjax.changes.differences import DetectionLimits, LocalDifference
 from gmmjax.changes.evidence.examination import Examined
-from gmmjax.changes.objects.cloud_changes import CloudChanges, change_of
+from gmmjax.changes.objects.cloud_changes import CloudChanges, change_of, rejected_of
 
 
 @dataclasses.dataclass(frozen=True)
 class SurfaceChangeSettings:
-    """Which segments are changes, and how probable they are.
+    """How probable the points of changes are.
 
     Attributes:
-        least_significance: standard deviations, at least, by which a change exceeds the counting noise or the
-            registration error. Empirical. 0: every segment that the evidence left is a change.
-        sharpening: power that the odds are raised to, from the reliability curve over simulated laboratories. 1: the
-            probabilities stay as they were measured.
+        sharpening: power that the odds of a point that looks changed are raised to, from the reliability curve over
+            simulated laboratories. 1: they stay as they were measured.
         outside: factor of the probability of points that look changed but are of no change; from the same curve, of
             those about this fraction has changed. 1: they keep the probability of a change.
     """
 
-    least_significance: float = 4.0
     sharpening: float = 3.0
     outside: float = 0.05
 
@@ -40,28 +37,30 @@ def surface_changes(
 ) -> CloudChanges:
     """The changes of all points of a cloud: those of the working points that stand for them.
 
-    A change's probability is the mean over the restarts and its points.
-
     Args:
         points: all points of the cloud, registered to the other one.
         member: the working point of each.
         difference: of each working point to the other cloud.
-        examined: the candidates that the evidence left, of the working points.
+        examined: the candidates that are changes, of the working points.
         limits: of distances and offsets.
         kind: what a change of this cloud is.
-        settings: which segments are changes.
+        settings: how probable points are.
     """
-    probability = calibrated(examined.probability.mean(axis=0), settings)
-    found = CloudChanges(probability, np.full(len(examined.labels), -1), [])
-    for label in range(examined.labels.max(initial=-1) + 1):
-        own = examined.labels == label
+    labels, looks_changed = examined.labels, calibrated(examined.looks_changed, settings)
+    probability = settings.outside * looks_changed
+    rejected = []
+    for rows, why_not in examined.rejected:
+        probability[rows] = why_not.changed
+        own = np.zeros(len(labels), bool)
+        own[rows] = True
+        rejected.append(rejected_of(points[own[member]], kind, why_not))
+    items = []
+    for label, (of_change, why) in enumerate(zip(examined.probability, examined.explanations, strict=True)):
+        own = labels == label
+        probability[own] = of_change
         deviations = significance(difference, own, limits)
-        if deviations < settings.least_significance:
-            continue
-        found.labels[own] = len(found.items)
-        found.items.append(change_of(points[own[member]], kind, float(probability[own].mean()), deviations))
-    probability = np.where(found.labels >= 0, probability, settings.outside * probability)
-    return CloudChanges(probability[member], found.labels[member], found.items)
+        items.append(change_of(points[own[member]], kind, float(of_change), deviations, why))
+    return CloudChanges(probability[member], labels[member], items, tuple(rejected))
 
 
 def calibrated(

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.evidence.continuation import ContinuationSettings, unobserved_points
+from gmmjax.changes.evidence.continuation import ContinuationSettings, continuation
 from gmmjax.changes.evidence.coverage_edge import CoverageEdgeSettings, ReferenceSurfaces
 from gmmjax.clouds import SensorViews
 from tests.changes.rooms import around, box, looking, scanned
@@ -21,8 +21,8 @@ VIEWS = around(8)
 def unobserved_shares(points, labels, unchanged, other, settings=ContinuationSettings(), tolerance=TOLERANCE):
     """The share of each segment's points that are unobserved."""
     reference = ReferenceSurfaces.of(points[unchanged], other, tolerance, SPACING)
-    unseen = unobserved_points(points, labels, reference, settings)
-    return np.array([unseen[labels == label].mean() for label in range(labels.max() + 1)])
+    segments = [points[labels == label] for label in range(labels.max() + 1)]
+    return np.array([continuation(segment, reference, settings).unobserved.mean() for segment in segments])
 
 
 def share(cloud, other, where, reach=REACH, **arguments):
@@ -169,3 +169,12 @@ def test_the_settings_reach_the_planes_and_the_edge_of_the_coverage(surveys):
     )
     shares = unobserved_shares(full, labels, unchanged, empty, nothing_continues)
     assert shares.tolist() == [0, 0]
+
+
+def test_the_bare_floor_of_the_other_survey_shows_below_an_object(surveys):
+    """And not below the floor that came out where a box had been: there the other survey has none."""
+    full, empty, labels, unchanged = surveys
+    reference = ReferenceSurfaces.of(full[unchanged], empty, TOLERANCE, SPACING)
+    thing, floor = (continuation(full[labels == label], reference) for label in (0, 1))
+    assert thing.shown > 0.6
+    assert floor.shown < 0.1

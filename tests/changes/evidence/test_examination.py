@@ -7,24 +7,25 @@ from gmmjax import DetectionConfig, detect_changes
 from gmmjax.changes.candidates import Candidates
 from gmmjax.changes.detectors.detector import Scan
 from gmmjax.changes.detectors.joint import JointDetector
-from gmmjax.changes.differences import DetectionLimits, DifferenceSettings, LocalDifference
+from gmmjax.changes.differences import DetectionLimits, Differences, DifferenceSettings, LocalDifference
 from gmmjax.changes.evidence.examination import (
     EvidenceSettings,
-    Examined,
-    continuing,
     examined,
-    hidden_parts,
-    not_seen_empty,
+    measured_candidates,
+    observed_places,
     renumbered,
     unexamined,
-    without_evidence,
 )
+from gmmjax.changes.evidence.facts import measured
 from gmmjax.changes.evidence.free_space import Observed, Survey
+from gmmjax.changes.evidence.pieces import PieceSettings
+from gmmjax.changes.evidence.verdict_file import Verdicts, shipped_verdicts
 from gmmjax.changes.evidence.view_checks import ViewCheckSettings
 from gmmjax.clouds import SensorViews
 from gmmjax.errors import InputWarning
 from gmmjax.evaluation import score_pair
 from gmmjax.pair import Pair
+from tests.changes.evidence.verdicts import verdict
 from tests.changes.rooms import around, box, scanned
 
 CONFIG = DetectionConfig(restarts=1)
@@ -124,10 +125,20 @@ def in_square(points, centre, size):
     return (np.abs(points[:, :2] - centre) < size / 2).all(axis=1)
 
 
-def candidates_of(points, labels, offset=0.0):
-    none = np.zeros(len(points))
-    difference = LocalDifference(none, none + offset, none, none, none)
-    return Candidates(points, difference, np.where(labels >= 0, 1.0, 0.2)[None], labels)
+def candidates_of(points, labels, observed=None):
+    near = np.full(len(points), 0.001)
+    difference = LocalDifference(np.where(labels >= 0, 0.1, 0.001), near, near, near, near + SPACING)
+    looks_changed = np.where(labels >= 0, 1.0, 0.2)[None]
+    return Candidates(points, difference, looks_changed, looks_changed, labels, observed)
+
+
+def surveys_of(pair, *views):
+    """Both clouds as surveys; of the after cloud with these views."""
+    return Pair(Survey.of(pair.before.points), Survey.of(pair.after.points, *views))
+
+
+def nothing_of(points):
+    return candidates_of(points, np.full(len(points), -1))
 
 
 @pytest.fixture(scope="module")
@@ -138,67 +149,81 @@ def uncovered():
     return floor, np.where(hole, 0, -1), plane((0, 0), (2, 2), 0.0, 5)[~hole]
 
 
-def test_what_was_occluded_continues_the_floor_and_an_object_does_not(uncovered):
+@pytest.fixture(scope="module")
+def with_object(uncovered):
+    """The same with a cube beside the hole, as one candidate with it."""
     floor, labels, other = uncovered
-    np.testing.assert_array_equal(continuing(floor, labels, other, LIMITS), labels == 0)
-    both = np.concatenate([floor, cube((0.4, 0.4), 0.4)])
-    labels = np.where(np.arange(len(both)) < len(floor), -1, 0)
-    assert not continuing(both, labels, other, LIMITS).any()
+    points = np.concatenate([floor, cube((0.55, 1.0), 0.4)])
+    return points, np.append(labels, np.zeros(len(points) - len(floor), int)), other
 
 
-def test_an_object_and_what_it_occluded_are_judged_separately_in_one_candidate(uncovered):
-    floor, labels, other = uncovered
-    both = np.concatenate([floor, cube((0.4, 0.4), 0.4)])
-    labels = np.append(labels, np.zeros(len(both) - len(floor), int))
-    on_floor = (labels == 0) & (np.arange(len(both)) < len(floor))
-    dropped = continuing(both, labels, other, LIMITS)
-    assert dropped[on_floor].mean() > 0.95 and dropped[~on_floor].mean() < 0.02
-    whole = continuing(both, labels, other, LIMITS, EvidenceSettings(share_of_piece=1.0))
-    assert not whole.any()
-
-
-@pytest.mark.parametrize(
-    ("free", "surface", "unobserved", "offset", "kept"),
-    [
-        (60, 40, 0, 0.0, True),
-        (40, 60, 0, 0.0, False),
-        (40, 60, 0, 0.018, True),
-        (12, 8, 80, 0.0, True),
-        (8, 0, 92, 0.0, False),
-        (0, 0, 100, 0.0, False),
-        (0, 34, 66, 0.018, False),
-        (0, 36, 64, 0.018, True),
-    ],
-    ids=[
-        "most is empty",
-        "most is a surface",
-        "that is off",
-        "most of what was observed is empty",
-        "too few points are",
-        "nothing was observed",
-        "too little is off for a thin object",
-        "enough is off",
-    ],
+# Changed is what does not continue a surface, and all else was not observed.
+BY_CONTINUATION = Verdicts(
+    verdict({"continued": -20.0}, {"continued": 20.0}, bias=(5.0, -5.0)),
+    verdict({"seen_free": 20.0}, {"not_seen": 20.0}, poses=True, bias=(-5.0, -5.0)),
 )
-def test_a_candidate_must_be_in_free_space_or_off_the_other_surface(free, surface, unobserved, offset, kept):
-    points = plane((0, 0), (0.2, 0.2), 5.0)
-    observed = np.repeat(np.array([FREE, SURFACE, UNOBSERVED], np.int8), [free, surface, unobserved])
-    own = candidates_of(points, np.zeros(len(points), int), offset)
-    np.testing.assert_array_equal(not_seen_empty(own, observed, plane((0, 0), (1, 1), 0.0), LIMITS), not kept)
 
 
-def test_a_thin_candidate_must_not_continue_the_floor(uncovered):
-    floor, labels, other = uncovered
-    own, observed = candidates_of(floor, labels, offset=0.018), np.full(len(floor), SURFACE, np.int8)
-    np.testing.assert_array_equal(not_seen_empty(own, observed, other, LIMITS), labels == 0)
+def test_an_object_and_what_it_occluded_are_judged_by_themselves(with_object):
+    points, labels, other = with_object
+    on_floor = (labels == 0) & (points[:, 2] < 0.02)
+    pair = Pair(candidates_of(points, labels), nothing_of(other))
+    found = examined(pair, surveys_of(pair), LIMITS, BY_CONTINUATION).before
+    assert (found.labels[on_floor] < 0).mean() > 0.95 and (found.labels[(labels == 0) & ~on_floor] == 0).mean() > 0.95
+    assert found.unobserved[on_floor].mean() > 0.95 and not found.unobserved[found.labels == 0].any()
+    ((rows, explanation),) = found.rejected
+    assert explanation.unobserved > 0.9 and set(rows) <= set(np.flatnonzero(labels == 0))
+    assert found.explanations[0].changed == pytest.approx(found.probability[0])
+    assert explanation.contributions[0].fact == "continued"
 
 
-def test_hidden_parts_are_clusters_of_the_unobserved_points_of_candidates():
-    points = np.concatenate([plane((0, 0), (0.2, 0.2), 0.0) + np.array([side, 0, 0]) for side in range(3)])
-    labels = np.repeat([0, 0, -1], 100)
-    observed = np.tile(np.repeat(np.array([UNOBSERVED, FREE], np.int8), 50), 3)
-    parts = hidden_parts(points, labels, observed, LIMITS)
-    np.testing.assert_array_equal(parts, np.repeat([0, -1, 1, -1, -1, -1], 50))
+def test_as_one_piece_they_have_one_verdict(with_object):
+    points, labels, other = with_object
+    settings = EvidenceSettings(pieces=PieceSettings(share=1.0))
+    pair = Pair(candidates_of(points, labels), nothing_of(other))
+    (piece,), _ = measured_candidates(pair, surveys_of(pair), LIMITS, settings)
+    np.testing.assert_array_equal(np.sort(piece.rows), np.flatnonzero(labels == 0))
+    assert 0.2 < measured(piece)["continued"] < 0.8
+
+
+def test_pieces_that_touch_and_are_changes_are_one_change(with_object):
+    points, labels, other = with_object
+    everything = Verdicts(verdict({}, bias=(3.0, -3.0)), BY_CONTINUATION.poses_given)
+    pair = Pair(candidates_of(points, labels), nothing_of(other))
+    found = examined(pair, surveys_of(pair), LIMITS, everything).before
+    np.testing.assert_array_equal(found.labels, labels)
+    assert len(found.probability) == len(found.explanations) == 1 and found.rejected == ()
+
+
+def test_the_threshold_decides_what_is_a_change(with_object):
+    points, labels, other = with_object
+    even = Verdicts(verdict({}, bias=(0.0, -20.0)), BY_CONTINUATION.poses_given)
+    pair = Pair(candidates_of(points, labels), nothing_of(other))
+    assert examined(pair, surveys_of(pair), LIMITS, even, threshold=0.4).before.labels.max() == 0
+    rejected = examined(pair, surveys_of(pair), LIMITS, even, threshold=0.6).before
+    assert rejected.labels.max() == -1
+    # As likely as not, and unchanged where it is no change.
+    assert all(explanation.changed == pytest.approx(0.5, abs=1e-6) for _, explanation in rejected.rejected)
+    assert not rejected.unobserved.any()
+
+
+def test_a_candidate_unlike_all_that_was_learned_is_warned_of_by_the_fact(with_object):
+    points, labels, other = with_object
+    pair = Pair(candidates_of(points, labels), nothing_of(other))
+    known = Verdicts(verdict({}, lower=-0.01, upper=0.01), BY_CONTINUATION.poses_given)
+    with pytest.warns(InputWarning, match=r"unlike all that the verdict was learned from \(\w+ is [\d.]+ times"):
+        examined(pair, surveys_of(pair), LIMITS, known)
+
+
+def test_the_order_of_the_points_changes_no_verdict(with_object):
+    points, labels, other = with_object
+    order = np.random.default_rng(0).permutation(len(points))
+
+    def of(points, labels):
+        pair = Pair(candidates_of(points, labels), nothing_of(other))
+        return examined(pair, surveys_of(pair), LIMITS, shipped_verdicts()).before.labels >= 0
+
+    np.testing.assert_array_equal(of(points, labels)[order], of(points[order], labels[order]))
 
 
 def test_labels_are_renumbered_without_gaps():
@@ -206,46 +231,28 @@ def test_labels_are_renumbered_without_gaps():
     assert renumbered(np.array([-1, -1])).tolist() == [-1, -1]
 
 
-def test_what_turns_out_unobserved_is_no_candidate():
-    own = Examined(np.array([0, 1, 1, -1]), np.full((2, 4), 0.8), np.array([False, False, False, True]))
-    left = own.without(np.array([True, False, False, False]))
-    assert left.labels.tolist() == [-1, 0, 0, -1] and left.unobserved.tolist() == [True, False, False, True]
-    np.testing.assert_array_equal(left.probability, np.tile([0, 0.8, 0.8, 0.8], (2, 1)))
-
-
 def test_with_views_the_object_is_kept_and_what_nobody_observed_is_not():
     """From above the middle of a floor: a cube that came, and floor beyond the field of view."""
-    other = Survey.of(plane((0, 0), (2, 2), 0.0), FROM_ABOVE)
+    floor = plane((0, 0), (2, 2), 0.0)
     thing, far = cube((1, 1), 0.4), plane((4, 0), (4.5, 0.5), 0.0)
     points = np.concatenate([thing, far])
-    rejected, unobserved = without_evidence(
-        candidates_of(points, np.where(np.arange(len(points)) < len(thing), 0, 1)), other, LIMITS
-    )
-    # Near the floor a few points are neither on it nor far enough in front of it.
-    assert not rejected[: len(thing)].any() and unobserved[: len(thing)].mean() < 0.02
-    assert rejected[len(thing) :].all() and unobserved[len(thing) :].all()
+    is_thing = np.arange(len(points)) < len(thing)
+    pair = Pair(candidates_of(points, np.where(is_thing, 0, 1)), nothing_of(floor))
+    surveys = surveys_of(pair, FROM_ABOVE)
+    differences = Differences(pair.map(lambda own: own.difference), LIMITS)
+    observed = observed_places(Pair(points, floor), surveys, differences)
+    assert observed.after is None
+    assert (observed.before[is_thing] == Observed.free).mean() > 0.9
+    assert (observed.before[~is_thing] == Observed.unobserved).all()
+    own = pair.before._replace(observed=observed.before)
+    found = examined(Pair(own, pair.after), surveys, LIMITS, BY_CONTINUATION).before
+    np.testing.assert_array_equal(found.labels, np.where(is_thing, 0, -1))
+    assert found.unobserved[~is_thing].all() and not found.unobserved[is_thing].any()
 
 
-def test_with_views_an_object_is_kept_without_the_floor_that_was_occluded(uncovered):
-    """One candidate is a cube that came, and floor where the other survey has a hole."""
+def test_without_evidence_all_candidates_are_changes(uncovered):
     floor, labels, other = uncovered
-    points = np.concatenate([floor, cube((1.0, 0.4), 0.3)])
-    labels = np.append(labels, np.zeros(len(points) - len(floor), int))
-    occluded = (labels == 0) & (np.arange(len(points)) < len(floor))
-    rejected, unobserved = without_evidence(candidates_of(points, labels), Survey.of(other, FROM_ABOVE), LIMITS)
-    # At the rim of the hole points of the other cloud are near.
-    assert rejected[occluded].mean() > 0.5 and unobserved[occluded & rejected].all()
-    assert not rejected[len(floor) :].any()
-
-
-def test_without_views_a_floor_that_was_occluded_is_unobserved_in_its_own_cloud(uncovered):
-    floor, labels, other = uncovered
-    own = Pair(candidates_of(floor, labels), candidates_of(other, np.full(len(other), -1)))
-    surveys = own.map(lambda cloud: Survey.of(cloud.points))
-    found = examined(own, surveys, LIMITS)
-    assert (found.before.labels == -1).all() and (found.after.labels == -1).all()
-    np.testing.assert_array_equal(found.before.unobserved, labels == 0)
-    np.testing.assert_array_equal(found.before.probability[0], np.where(labels == 0, 0.0, 0.2))
-    unproven = unexamined(own)
-    np.testing.assert_array_equal(unproven.before.labels, labels)
-    assert not unproven.before.unobserved.any()
+    found = unexamined(Pair(candidates_of(floor, labels), nothing_of(other))).before
+    np.testing.assert_array_equal(found.labels, labels)
+    assert found.probability.tolist() == [1.0] and found.explanations == (None,) and found.rejected == ()
+    assert not found.unobserved.any()

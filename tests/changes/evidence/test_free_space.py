@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.evidence.free_space import FreeSpaceSettings, Observed, Survey, observation
+from gmmjax.changes.evidence.free_space import FreeSpaceSettings, Observed, Survey, observation, sightlines
 from gmmjax.clouds import SensorViews
 from tests.changes.rooms import around, box, looking, scanned
 
@@ -78,6 +78,20 @@ def test_a_stray_point_in_the_air_hides_nothing():
         1,
         1,
     ]
+
+
+@pytest.mark.parametrize("size", [2, 5, 7])
+def test_floating_pixels_beside_each_other_hide_nothing(size):
+    """Groups 20 cm in front of a wall: five and more are no farther from each other than the points of a surface."""
+    generator = np.random.default_rng(0)
+    middles = np.stack(np.meshgrid(np.linspace(-0.8, 0.8, 5), np.linspace(-0.8, 0.8, 5), [1.8]), axis=-1).reshape(-1, 3)
+    groups = middles[:, None] + generator.uniform(-0.01, 0.01, (25, size, 3))
+    cloud = np.concatenate([wall(2.0, half=1.3, spacing=0.02), groups.reshape(-1, 3)])
+    behind = middles * 1.06
+    assert (observed(behind, cloud, one_camera(), MARGIN) == Observed.free).all()
+    if size > 4:
+        by_distance = Survey.of(cloud, one_camera(), FreeSpaceSettings(least_indegree=0.0))
+        assert (observation(behind, by_distance, MARGIN) == Observed.free).mean() < 0.5
 
 
 @pytest.mark.parametrize("spacing", [0.01, 0.02, 0.04])
@@ -199,9 +213,85 @@ def test_real_pairs(scan_pairs):
             assert free[unseen].mean() < 5e-3
 
 
+def above(heights, lateral=0.1):
+    """Places this far in front of a wall at 2 m."""
+    heights = np.asarray(heights, float)
+    return np.stack([np.full_like(heights, lateral), np.zeros_like(heights), 2.0 - heights], axis=1)
+
+
+def test_nearer_than_the_margin_the_offset_from_a_flat_surface_counts():
+    survey = Survey.of(wall(2.0), one_camera())
+    places = above([0.05, 0.02, 0.011, 0.009, -0.02, -0.05])
+    free, surface, unobserved = Observed.free, Observed.surface, Observed.unobserved
+    assert observation(places, survey, MARGIN).tolist() == [free, *[surface] * 4, unobserved]
+    assert observation(places, survey, MARGIN, 0.01).tolist() == [free] * 3 + [surface] * 2 + [unobserved]
+    offsets = np.array([0.01, 0.03, 0.01, 0.01, 0.01, 0.01])
+    assert observation(places, survey, MARGIN, offsets).tolist() == [free, surface, free, surface, surface, unobserved]
+
+
+def test_a_surface_that_is_not_flat_needs_the_whole_margin():
+    """Noise of two spacings: the planes through sixteen points are in no particular direction."""
+    generator = np.random.default_rng(0)
+    survey = Survey.of(wall(2.0) + 0.02 * generator.normal(size=(40000, 3)), one_camera())
+    places = above(generator.uniform(0.03, 0.05, 300), generator.uniform(-0.4, 0.4, 300))
+    assert (observation(places, survey, 0.06, 0.01) == Observed.free).mean() < 0.1
+
+
+def test_each_point_may_have_its_own_margin():
+    places = above([0.05, 0.05, 0.02, 0.02])
+    margins = np.array([0.03, 0.06, 0.03, 0.01])
+    seen = observation(places, Survey.of(wall(2.0), one_camera()), margins)
+    assert seen.tolist() == [Observed.free, Observed.surface, Observed.surface, Observed.free]
+
+
+def test_a_floor_that_rises_towards_the_sensor_does_not_occlude_what_stands_on_it():
+    """Seen from 9 degrees above it: the floor in the bins below is nearer than a place 5 cm above it."""
+    steps = np.arange(-1.0, 1.0, 0.01)
+    x, y = (grid.ravel() for grid in np.meshgrid(steps, steps))
+    floor = np.stack([x, y, np.zeros_like(x)], axis=1)
+    views = SensorViews(looking((-2.0, 0, 0.32), (0, 0, 0))[None], (60.0, 40.0), 5.0)
+    survey = Survey.of(floor, views)
+    generator = np.random.default_rng(0)
+    places = generator.uniform([-0.5, -0.5, 0.012], [0.2, 0.5, 0.02], (300, 3))
+    assert (observation(places, survey, MARGIN, 0.01) == Observed.free).mean() > 0.95
+    below = places * [1, 1, -3]
+    assert (observation(below, survey, MARGIN, 0.01) != Observed.free).all()
+
+
+def test_sightlines_count_the_views():
+    screen = wall(1.0, half=0.1, spacing=0.01)
+    beside = np.eye(4)
+    beside[0, 3] = 0.5
+    views = SensorViews(np.stack([np.eye(4), beside, beside]), (60.0, 60.0), 5.0)
+    survey = Survey.of(np.concatenate([wall(2.0, half=2.0), screen]), views)
+    places = np.array([[0, 0, 0.5], [0, 0, 1.5], [0, 0, 2.0], [0, 0, 2.5], [-0.9, 0, 1.7], [0, 0, -1.0]])
+    lines = sightlines(places, survey, 0.1, 0.05)
+    assert lines.through.tolist() == [1, 2, 0, 0, 1, 0]
+    assert lines.blocked.tolist() == [0, 1, 1, 3, 0, 0]
+    # In margins along the ray, as all of these are farther from the wall.
+    assert lines.beyond[0] == pytest.approx(5, rel=0.02) and lines.beyond[4] > 3
+    assert (lines.beyond[[2, 3, 5]] < 0.01).all()
+    near = sightlines(above([0.02, 0.04]), Survey.of(wall(2.0), one_camera()), 0.1, 0.05)
+    np.testing.assert_allclose(near.beyond, [0.4, 0.8], rtol=1e-6)
+    for without in (sightlines(places, Survey.of(wall(2.0)), 0.1), sightlines(places[:0], survey, 0.1)):
+        assert not any(values.any() for values in without)
+
+
+def test_sightlines_agree_with_the_observation(surveys):
+    before, after, _ = surveys
+    survey = Survey.of(after, VIEWS)
+    for offset in (np.inf, 0.015):
+        free = observation(before, survey, MARGIN, offset) == Observed.free
+        np.testing.assert_array_equal(sightlines(before, survey, MARGIN, offset).through > 0, free)
+
+
 def test_what_counts_as_an_outlier_is_a_setting():
     cloud = np.concatenate([wall(2.0, spacing=0.02), [[0.0, 0.0, 0.8]]])
     place = np.array([[0, 0, 1.5]])
-    occluding = Survey.of(cloud, one_camera(), FreeSpaceSettings(outlier_distance=np.inf))
+    occluding = Survey.of(
+        cloud,
+        one_camera(),
+        FreeSpaceSettings(outlier_distance=np.inf, widest_spacing=100.0, least_indegree=0.0, most_blocked=0),
+    )
     assert observed(place, cloud, one_camera(), MARGIN) == Observed.free
     assert observation(place, occluding, MARGIN) == Observed.unobserved

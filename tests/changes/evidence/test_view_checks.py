@@ -3,11 +3,13 @@ import pytest
 
 from gmmjax.changes.evidence.free_space import FreeSpaceSettings, Survey
 from gmmjax.changes.evidence.view_checks import ViewCheckSettings, check_views, usable_views
-from gmmjax.clouds import SensorViews, read_cloud
+from gmmjax.clouds import SensorViews, read_cloud, read_views
 from gmmjax.errors import InputError, InputWarning
+from gmmjax.scenes.ray_casting import Solid, cast
 from tests.changes.rooms import around, box, scanned
 
 VIEWS = around(8)
+STAND = np.array([0.0, 0.1, 1.0])
 
 
 @pytest.fixture(scope="module")
@@ -91,3 +93,74 @@ def test_views_that_contradict_are_left_out_with_a_warning(cloud):
     assert left.views is None and left.surface is survey.surface and left.settings is settings
     assert usable_views("views_before", survey, ViewCheckSettings(most_outside=1.0, most_occluded=1.0)) is survey
     assert usable_views("views_before", left) is left
+
+
+def block(centre, size):
+    return Solid(np.array(centre, float), np.array(size, float))
+
+
+@pytest.fixture(scope="module")
+def scan():
+    """A turning scanner's scan of a furnished flat, and of its own stand: a screen 15 cm from its axis.
+
+    What is behind the screen was seen as well, as the mirror turns beside that axis.
+    """
+    walls = [block((0, side * 2.1, 1), (6.2, 0.2, 2.4)) for side in (-1, 1)]
+    walls += [block((side * 3.1, 0, 1), (0.2, 4.2, 2.4)) for side in (-1, 1)]
+    room = [block((0, 0, -0.1), (6.4, 4.4, 0.2)), *walls, block((1.2, 1.2, 1), (0.1, 1.6, 2.4))]
+    furniture = [
+        ((-1.2, -0.9, 0.6), (0.5, 0.4, 1.2)),
+        ((1.0, -0.8, 0.7), (0.4, 0.6, 1.4)),
+        ((-0.9, 1, 0.6), (0.7, 0.4, 1.2)),
+    ]
+    solids = room + [block(*one) for one in furniture]
+    azimuth, elevation = (grid.ravel() for grid in np.meshgrid(np.arange(0, 360, 1.5), np.arange(-60, 40, 1.5)))
+    azimuth, elevation = np.radians(azimuth), np.radians(elevation)
+    across = np.cos(elevation)
+    rays = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)], axis=1)
+    generator = np.random.default_rng(0)
+    ranges, _ = cast(solids, STAND, rays)
+    ranges += 0.004 * generator.normal(size=len(ranges))
+    met = ranges < 8
+    screen = (azimuth < 2.2) & (np.abs(elevation) < 0.7)
+    return STAND + np.concatenate([rays[met] * ranges[met, None], 0.15 * rays[screen]])
+
+
+def scanner(x=0.0, y=0.0):
+    """A turning scanner at the middle of the room, or beside it."""
+    pose = np.eye(4)
+    pose[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+    pose[:3, 3] = STAND + np.array([x, y, 0])
+    return SensorViews(pose[None], (360.0, 170.0), 9.0)
+
+
+def test_a_scanner_that_sees_its_own_stand_passes(scan):
+    assert contradiction("views_before", scanner(), scan) is None
+    strict = ViewCheckSettings(most_hidden=0.0)
+    assert "hidden by others" in check_views("views_before", Survey.of(scan, scanner()), strict)
+
+
+@pytest.mark.parametrize("place", [(3.0, 0.0), (-3.0, 0.0), (0.0, 2.0), (1.5, 0.0), (-1.5, 0.0)])
+def test_a_scanner_elsewhere_does_not(scan, place):
+    assert "hidden by others" in contradiction("views_before", scanner(*place), scan)
+
+
+def test_the_views_of_real_scans(scan_pairs):
+    """The right ones are accepted, and those that are off by half the width of the cloud are not."""
+    for folder in scan_pairs:
+        for side in ("before", "after"):
+            if not (folder / f"views_{side}.json").is_file():
+                continue
+            views, points = read_views(folder / f"views_{side}.json"), read_cloud(folder / f"{side}.ply").points
+            points = points[:: 1 + len(points) // 60_000]
+            assert contradiction("views", views, points) is None, folder.name
+            half = np.ptp(np.percentile(points, [2, 98], axis=0), axis=0) / 2
+            for axis in (0, 1):
+                poses = views.poses.copy()
+                poses[:, axis, 3] += half[axis]
+                wrong = SensorViews(poses, views.field_of_view, 3 * views.max_range)
+                assert contradiction("views", wrong, points) is not None, folder.name
+        if folder.name == "apartment":
+            before, after = (read_cloud(folder / f"{side}.ply").points for side in ("before", "after"))
+            assert "hidden by others" in contradiction("views", read_views(folder / "views_after.json"), before)
+            assert "hidden by others" in contradiction("views", read_views(folder / "views_before.json"), after)

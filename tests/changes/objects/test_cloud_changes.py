@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from gmmjax.changes.objects.cloud_changes import CloudChanges, change_of, merged
+from gmmjax.changes.objects.cloud_changes import CloudChanges, change_of, merged, merged_rejected, rejected_of
 from gmmjax.pair import Pair
+from tests.changes.explained import explanation
 from tests.changes.scanned_objects import box
 
 EXTENT = (0.4, 0.3, 0.2)
@@ -54,3 +55,27 @@ def test_a_confidence_lowers_points_and_changes_alike():
     assert lowered.items[0].probability == pytest.approx(0.4)
     np.testing.assert_array_equal(lowered.labels, own.labels)
     assert own.items[0].probability == 0.8
+
+
+def test_a_rejected_candidate_has_the_verdict_and_the_box_of_its_points():
+    points = box(0, EXTENT)
+    unchanged = rejected_of(points, "appeared", explanation(0.2, 0.5))
+    assert (unchanged.kind, unchanged.reason, unchanged.probability) == ("appeared", "unchanged", 0.2)
+    assert unchanged.point_count == len(points)
+    np.testing.assert_allclose(unchanged.mean, points.mean(axis=0))
+    np.testing.assert_allclose(unchanged.box.extent, EXTENT, atol=0.06)
+    assert rejected_of(points, "appeared", explanation(0.2, 0.3)).reason == "not observed"
+
+
+def test_rejected_candidates_of_both_clouds_are_one_list_most_probable_and_largest_first():
+    cloud = box(0, EXTENT)
+    gone = [rejected_of(cloud[:count], "disappeared", explanation(share)) for count, share in ((20, 0.1), (30, 0.3))]
+    new = [rejected_of(cloud[:count], "appeared", explanation(share)) for count, share in ((20, 0.2), (40, 0.3))]
+    nothing = CloudChanges(np.zeros(80), np.full(80, -1), [])
+    both = Pair(nothing._replace(rejected=tuple(gone)), nothing._replace(rejected=tuple(new)))
+    found = merged_rejected(both)
+    assert [(one.probability, one.point_count) for one in found] == [(0.3, 40), (0.3, 30), (0.2, 20), (0.1, 20)]
+    lowered = both.before.with_confidence(0.5).rejected
+    assert [one.probability for one in lowered] == [0.05, 0.15]
+    assert lowered[0].explanation == gone[0].explanation
+    assert both.before.none().rejected == ()

@@ -6,6 +6,7 @@ from gmmjax.changes.objects.cloud_changes import CloudChanges, change_of
 from gmmjax.changes.objects.found import Found
 from gmmjax.changes.prepare.checking import CheckedCloud
 from gmmjax.pair import Pair
+from tests.changes.explained import rejected
 
 POINTS = np.random.default_rng(0).normal(size=(30, 3))
 
@@ -67,6 +68,8 @@ def test_every_row_that_was_given_has_a_value(found):
         CheckedCloud(POINTS, np.arange(30)[::-1], given=30, cropped=0),
     )
     items, labels = found.merged()
+    with_rejected = found.changes.after._replace(rejected=(rejected("appeared"),))
+    found = found._replace(changes=Pair(found.changes.before, with_rejected))
     changes = found.record(clouds, items, labels, 0.25, DetectionConfig(), {"spacing": 0.1})
     np.testing.assert_array_equal(changes.labels_before, np.repeat([1, -1], [20, 14]))
     np.testing.assert_array_equal(changes.labels_after, np.repeat([-1, 0], [10, 20]))
@@ -75,6 +78,8 @@ def test_every_row_that_was_given_has_a_value(found):
     np.testing.assert_array_equal(changes.unobserved_before, np.repeat([False, True, False], [25, 5, 4]))
     np.testing.assert_array_equal(changes.unobserved_after, np.repeat([False, True], [5, 25]))
     assert changes.items == items and changes.emd == 0.25 and changes.diagnostics == {"spacing": 0.1}
+    assert [one.kind for one in changes.rejected] == ["appeared"]
+    assert found.of_kinds("disappeared").record(clouds, (), labels, 0.0, DetectionConfig(), {}).rejected == ()
     assert not changes.registration.applied
 
 

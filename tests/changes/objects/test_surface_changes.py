@@ -4,6 +4,7 @@ import pytest
 from gmmjax.changes.differences import DetectionLimits, DifferenceSettings, LocalDifference
 from gmmjax.changes.evidence.examination import Examined
 from gmmjax.changes.objects.surface_changes import SurfaceChangeSettings, calibrated, significance, surface_changes
+from tests.changes.explained import explanation
 
 LIMITS = DetectionLimits(
     spacing=0.01, median_distance=0.005, registration_error=0.001, distance=0.03, offset=0.007,
@@ -15,38 +16,56 @@ DISTANCE = np.repeat([0.2, 0.004, 0.004], [60, 10, 30])
 DIFFERENCE = LocalDifference(
     DISTANCE, np.full(100, 0.002), np.full(100, 0.001), np.full(100, 0.001), np.full(100, 0.01)
 )
-PROBABILITY = np.repeat([[0.9, 0.7, 0.6], [0.7, 0.7, 0.6]], [60, 10, 30], axis=1)
-EXAMINED = Examined(LABELS, PROBABILITY, np.zeros(100, bool))
+LOOKS_CHANGED = np.repeat([0.8, 0.7, 0.6], [60, 10, 30])
+UNOBSERVED = np.arange(100) >= 95
+EXAMINED = Examined(
+    LABELS, np.array([0.97, 0.6]), LOOKS_CHANGED, UNOBSERVED,
+    (explanation(0.97, 0.02), explanation(0.6)), ((np.arange(80, 95), explanation(0.1, 0.8)),),
+)  # fmt: skip
 # Two points of the cloud for each working point.
 POINTS, MEMBER = np.random.default_rng(0).normal(size=(200, 3)), np.repeat(np.arange(100), 2)
 
 
-def found(*settings):
-    return surface_changes(POINTS, MEMBER, DIFFERENCE, EXAMINED, LIMITS, "appeared", *settings)
+def found(*settings, examined=EXAMINED):
+    return surface_changes(POINTS, MEMBER, DIFFERENCE, examined, LIMITS, "appeared", *settings)
 
 
 def test_all_points_have_the_change_of_their_working_point():
     changes = found()
-    (change,) = changes.items
-    np.testing.assert_array_equal(changes.labels, np.repeat([0, -1], [120, 80]))
-    assert (change.kind, change.point_count) == ("appeared", 120)
-    np.testing.assert_array_equal(change.mean, POINTS[:120].mean(axis=0))
-    # The mean of 0.9 and 0.7 over the restarts, with its odds to the third power.
-    assert change.probability == pytest.approx(0.8**3 / (0.8**3 + 0.2**3))
-    np.testing.assert_allclose(changes.probability[:120], change.probability)
+    np.testing.assert_array_equal(changes.labels, np.repeat([0, 1, -1], [120, 20, 60]))
+    assert [(change.kind, change.point_count) for change in changes.items] == [("appeared", 120), ("appeared", 20)]
+    np.testing.assert_array_equal(changes.items[0].mean, POINTS[:120].mean(axis=0))
+    assert changes.items[0].significance == pytest.approx(np.sqrt(60))
 
 
-def test_points_of_no_change_are_hardly_probable():
-    outside = found().probability[120:]
-    np.testing.assert_allclose(outside[:20], 0.05 * calibrated(np.full(20, 0.7)))
-    np.testing.assert_allclose(outside[20:], 0.05 * calibrated(np.full(60, 0.6)))
+def test_changes_and_their_points_have_the_probability_of_the_verdict():
+    changes = found()
+    assert [change.probability for change in changes.items] == [0.97, 0.6]
+    np.testing.assert_array_equal(changes.probability[:140], np.repeat([0.97, 0.6], [120, 20]))
 
 
-def test_settings_decide_what_is_significant_and_how_probable():
-    assert found(SurfaceChangeSettings(least_significance=1e3)).items == []
-    everything = found(SurfaceChangeSettings(least_significance=0.0, sharpening=1.0, outside=1.0))
-    assert [change.point_count for change in everything.items] == [120, 20]
-    np.testing.assert_allclose(everything.probability, np.repeat([0.8, 0.7, 0.6], [120, 20, 60]))
+def test_points_of_no_candidate_are_hardly_probable():
+    outside = np.repeat(np.arange(100), 2) >= 95
+    np.testing.assert_allclose(found().probability[outside], 0.05 * calibrated(np.full(10, 0.6)))
+    as_measured = found(SurfaceChangeSettings(sharpening=1.0, outside=1.0))
+    np.testing.assert_allclose(as_measured.probability[outside], 0.6)
+
+
+def test_every_candidate_keeps_its_verdict():
+    changes = found()
+    assert [change.explanation for change in changes.items] == list(EXAMINED.explanations)
+    (rejected,) = changes.rejected
+    assert (rejected.kind, rejected.reason, rejected.probability) == ("appeared", "unchanged", 0.1)
+    assert rejected.explanation == explanation(0.1, 0.8)
+    assert rejected.point_count == 30
+    np.testing.assert_array_equal(changes.probability[160:190], 0.1)
+    np.testing.assert_array_equal(rejected.mean, POINTS[160:190].mean(axis=0))
+
+
+def test_without_a_verdict_there_is_no_explanation():
+    changes = found(examined=EXAMINED._replace(explanations=(None, None), rejected=()))
+    assert [change.explanation for change in changes.items] == [None, None]
+    assert changes.rejected == ()
 
 
 def test_significance_counts_points_without_counterpart_in_deviations():

@@ -1,0 +1,273 @@
+"""One candidate with all that facts are measured from: its points, and what of both clouds surrounds them."""
+
+import dataclasses
+import functools
+import itertools
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, Int8
+from scipy.spatial import ConvexHull, cKDTree
+
+from gmmjax.changes.candidates import Candidates
+from gmmjax.changes.differences import DetectionLimits
+from gmmjax.changes.evidence.continuation import Continuation
+from gmmjax.changes.evidence.free_space import Sightlines
+from gmmjax.geometry import evenly_chosen, plane_surface
+
+
+@dataclasses.dataclass(frozen=True)
+class SurroundingsSettings:
+    """What of both clouds surrounds a candidate. Lengths in spacings, where they say so.
+
+    Attributes:
+        reach: how far the surroundings go beyond three standard deviations of the candidate, in spacings. 0: small
+            candidates have none.
+        most_points: of the other cloud within reach that are looked at, evenly chosen: a bound on the time.
+        contact: distance, in spacings, within which points are in contact. Smaller: the gaps between points separate
+            what is adjacent.
+        adjacent: distance, in spacings, within which points of the other cloud's candidates are beside a candidate.
+        least_around: number of points of the other cloud within reach, at least, for the directions in which they lie
+            to say anything; of fewer there are none. 0: a single stray point is a direction.
+        directions: number of directions, evenly spread over the sphere, that are looked into.
+        neighbourhood: how far the neighbourhood goes beyond four standard deviations of the candidate, in spacings. 0:
+            what surrounds a small candidate says nothing.
+        farthest: distance to unchanged points, in spacings, at most: where there are none. Larger: the same.
+        nearby: distance, in spacings, within which unchanged points tell the registration error at a candidate. Larger:
+            it is that of the whole scan.
+    """
+
+    reach: float = 10.0
+    most_points: int = 4000
+    contact: float = 3.0
+    adjacent: float = 5.0
+    least_around: int = 10
+    directions: int = 32
+    neighbourhood: float = 40.0
+    farthest: float = 1000.0
+    nearby: float = 25.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What the candidates of one cloud have in common.
+
+    Attributes:
+        own: the candidates of the cloud, cut into pieces.
+        clusters: of each point -1, or the number of the candidate that its piece was cut from.
+        continuations: of each piece.
+        supports: whether each point is of a piece that a candidate of the other cloud stands on.
+        other: tree of the points of the other cloud.
+        opposite: tree of those of them that are of candidates.
+        limits: of distances and offsets.
+        sightlines: how surely the other survey observed each place to be empty; None: its views are not known.
+        settings: what surrounds a candidate.
+    """
+
+    own: Candidates
+    clusters: Int[np.ndarray, " n"]
+    continuations: Mapping[int, Continuation]
+    supports: Bool[np.ndarray, " n"]
+    other: cKDTree
+    opposite: cKDTree
+    limits: DetectionLimits
+    sightlines: Sightlines | None = None
+    settings: SurroundingsSettings = SurroundingsSettings()
+
+    @functools.cached_property
+    def unchanged(self) -> cKDTree:
+        """Tree of the points of the cloud that are of no candidate."""
+        return cKDTree(self.own.points[self.own.labels < 0])
+
+    @functools.cached_property
+    def everything(self) -> cKDTree:
+        """Tree of all points of the cloud."""
+        return cKDTree(self.own.points)
+
+    @functools.cached_property
+    def differing(self) -> cKDTree:
+        """Tree of the points of the cloud that are of candidates."""
+        return cKDTree(self.own.points[self.own.labels >= 0])
+
+    @functools.cached_property
+    def unchanged_offsets(self) -> Float[np.ndarray, " u"]:
+        """Offset of each of these points."""
+        return self.own.difference.offset[self.own.labels < 0]
+
+    @functools.cached_property
+    def hull(self) -> Float[np.ndarray, "f 4"]:
+        """The planes of the convex hull of the other cloud: normals outwards, and offsets."""
+        # Joggled, so that a flat cloud has one, too.
+        return np.asarray(ConvexHull(self.other.data, qhull_options="QJ").equations)
+
+    @functools.cached_property
+    def relative_distance(self) -> Float[np.ndarray, " n"]:
+        """Distance of each point of the cloud to the other cloud, in its limit."""
+        return np.asarray(self.own.difference.distance / self.limits.local_distance(self.own.difference))
+
+    @functools.cached_property
+    def relative_offset(self) -> Float[np.ndarray, " n"]:
+        """Offset of each point, in its limit."""
+        return np.asarray(self.own.difference.offset / self.limits.local_offset(self.own.difference))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Candidate:
+    """One piece of a candidate in its surroundings; what is computed from them is cached.
+
+    Attributes:
+        rows: of its points in the cloud.
+        number: of the piece.
+        surroundings: of all candidates of the cloud.
+    """
+
+    rows: Int[np.ndarray, " m"]
+    number: int
+    surroundings: Surroundings
+
+    @property
+    def spacing(self) -> float:
+        """Of neighbouring points, in the sparser cloud."""
+        return self.surroundings.limits.spacing
+
+    @functools.cached_property
+    def points(self) -> Float[np.ndarray, "m 3"]:
+        """Its points."""
+        return self.surroundings.own.points[self.rows]
+
+    @functools.cached_property
+    def centre(self) -> Float[np.ndarray, "3"]:
+        """Mean of its points."""
+        return np.asarray(self.points.mean(axis=0))
+
+    @functools.cached_property
+    def _axes(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
+        variances, axes = np.linalg.eigh(np.cov(self.points.T, bias=True))
+        return np.sqrt(np.maximum(variances, 0.0)), axes
+
+    @property
+    def deviations(self) -> Float[np.ndarray, "3"]:
+        """Standard deviations of its points along their principal axes, the least first, in spacings."""
+        return np.asarray(self._axes[0] / self.spacing)
+
+    @property
+    def normal(self) -> Float[np.ndarray, "3"]:
+        """Principal axis along which its points vary least."""
+        return np.asarray(self._axes[1][:, 0])
+
+    @property
+    def continuation(self) -> Continuation:
+        """How it continues the surfaces beside it."""
+        return self.surroundings.continuations[self.number]
+
+    @property
+    def relative_distance(self) -> Float[np.ndarray, " m"]:
+        """Distance of its points to the other cloud, in the distance that is surely a change."""
+        return self.surroundings.relative_distance[self.rows]
+
+    @property
+    def relative_offset(self) -> Float[np.ndarray, " m"]:
+        """Offset of its points from the other cloud's surface, in the offset that is surely a change."""
+        return self.surroundings.relative_offset[self.rows]
+
+    @property
+    def excess(self) -> Float[np.ndarray, "r m"]:
+        """For each restart the posterior that a point is of what only its cloud has."""
+        return self.surroundings.own.excess[:, self.rows]
+
+    @property
+    def observed(self) -> Int8[np.ndarray, " m"] | None:
+        """What the other survey observed at its points, where its views are known."""
+        observed = self.surroundings.own.observed
+        return None if observed is None else observed[self.rows]
+
+    @property
+    def sightlines(self) -> Sightlines:
+        """How surely the other survey, whose views are known, observed its points' places to be empty."""
+        of_cloud = self.surroundings.sightlines
+        assert of_cloud is not None
+        return Sightlines(*(values[self.rows] for values in of_cloud))
+
+    @functools.cached_property
+    def to_unchanged(self) -> Float[np.ndarray, " m"]:
+        """Distance of its points to the nearest point of its cloud that is of no candidate, in spacings."""
+        distances = self.surroundings.unchanged.query(self.points)[0] / self.spacing
+        return np.asarray(np.minimum(distances, self.surroundings.settings.farthest))
+
+    @functools.cached_property
+    def to_other(self) -> Float[np.ndarray, " m"]:
+        """Distance of its points to the other cloud, in the larger of the spacings of both there."""
+        difference = self.surroundings.own.difference
+        spacing = np.maximum(difference.spacing[self.rows], self.spacing)
+        return np.asarray(difference.distance[self.rows] / spacing)
+
+    @functools.cached_property
+    def to_opposite(self) -> Float[np.ndarray, " m"]:
+        """Distance of its points to the nearest point of a candidate of the other cloud, in spacings, or inf."""
+        return np.asarray(self.surroundings.opposite.query(self.points)[0] / self.spacing)
+
+    @property
+    def _reach(self) -> float:
+        return float(3 * np.linalg.norm(self.deviations) + self.surroundings.settings.reach) * self.spacing
+
+    def count_in_neighbourhood(self, tree: cKDTree) -> int:
+        """Number of the points of a tree in its neighbourhood."""
+        around = self.surroundings
+        radius = (4 * float(np.linalg.norm(self.deviations)) + around.settings.neighbourhood) * self.spacing
+        return int(tree.query_ball_point(self.centre, radius, return_length=True))
+
+    @functools.cached_property
+    def around_count(self) -> int:
+        """Number of points of the other cloud within reach."""
+        return int(self.surroundings.other.query_ball_point(self.centre, self._reach, return_length=True))
+
+    @functools.cached_property
+    def around(self) -> Float[np.ndarray, "k 3"]:
+        """Points of the other cloud within reach, relative to the centre."""
+        other = self.surroundings.other
+        within = np.sort(np.array(other.query_ball_point(self.centre, self._reach), int))
+        chosen = within[evenly_chosen(len(within), self.surroundings.settings.most_points)]
+        relative = other.data[chosen] - self.centre
+        return np.asarray(relative[np.linalg.norm(relative, axis=1) > 0])
+
+    @functools.cached_property
+    def directions(self) -> Float[np.ndarray, "k 3"]:
+        """Unit directions of these points; none where there are too few."""
+        if len(self.around) < self.surroundings.settings.least_around:
+            return np.empty((0, 3))
+        return np.asarray(self.around / np.linalg.norm(self.around, axis=1, keepdims=True))
+
+    @functools.cached_property
+    def beyond_hull(self) -> Float[np.ndarray, " m"]:
+        """How far its points are outside of the convex hull of the other cloud, in spacings; negative inside."""
+        planes = self.surroundings.hull
+        return np.asarray((self.points @ planes[:, :3].T + planes[:, 3]).max(axis=1) / self.spacing)
+
+    @functools.cached_property
+    def roughness(self) -> float:
+        """Standard deviation of its points from the planes through their neighbours, the median, in spacings."""
+        return plane_surface(self.points).thickness / self.spacing
+
+    @functools.cached_property
+    def offsets_nearby(self) -> Float[np.ndarray, " k"]:
+        """Offsets of the unchanged points of its cloud nearby."""
+        around = self.surroundings
+        radius = 2 * float(np.linalg.norm(self.deviations)) * self.spacing + around.settings.nearby * self.spacing
+        return np.asarray(around.unchanged_offsets[around.unchanged.query_ball_point(self.centre, radius)])
+
+    @property
+    def cluster_rows(self) -> Int[np.ndarray, " c"]:
+        """The points of the candidate that it was cut from."""
+        clusters = self.surroundings.clusters
+        return np.flatnonzero(clusters == clusters[self.rows[0]])
+
+
+def candidates_in(surroundings: Surroundings) -> list[Candidate]:
+    """All candidates of a cloud, in the order of their numbers."""
+    labels = surroundings.own.labels
+    order = np.argsort(labels, kind="stable")
+    starts = np.searchsorted(labels[order], np.arange(labels.max(initial=-1) + 2))
+    return [
+        Candidate(order[first:last], number, surroundings)
+        for number, (first, last) in enumerate(itertools.pairwise(starts))
+    ]

@@ -1,0 +1,81 @@
+"""Candidates cut into pieces that are one thing each: an object, and the wall behind it that it occluded."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
+
+from gmmjax.changes.evidence.continuation import Continuation, ContinuationSettings, continuation
+from gmmjax.changes.evidence.coverage_edge import ReferenceSurfaces
+from gmmjax.geometry import density_clusters, nearest_neighbours
+
+
+@dataclasses.dataclass(frozen=True)
+class PieceSettings:
+    """How candidates are cut, and how pieces that are changes become one again.
+
+    Attributes:
+        smallest: number of points of a piece, at least; what is smaller stays with the piece next to it. Smaller:
+            pieces are judged by their noise.
+        share: and its fraction of the candidate. 1: candidates are judged as a whole, an object with its shadow.
+        radius: of the clusters that are pieces, in spacings (the radius of DBSCAN). Smaller: the gaps between points
+            split them.
+        neighbours: the minimum of DBSCAN, the point itself counted. 1: outliers connect pieces.
+    """
+
+    smallest: int = 60
+    share: float = 0.1
+    radius: float = 5.0
+    neighbours: int = 8
+
+
+def cut(
+    points: Float[np.ndarray, "n 3"],
+    labels: Int[np.ndarray, " n"],
+    reference: ReferenceSurfaces,
+    settings: PieceSettings = PieceSettings(),
+    continued: ContinuationSettings = ContinuationSettings(),
+) -> tuple[Int[np.ndarray, " n"], dict[int, Continuation]]:
+    """The pieces of all candidates of a cloud, and how each continues the surfaces beside it.
+
+    Args:
+        points: of one cloud.
+        labels: -1, or the number of the candidate.
+        reference: the unchanged points of the cloud, and the other cloud.
+        settings: how candidates are cut.
+        continued: when a point continues a surface.
+
+    Returns:
+        For each point -1 or the number of its piece, without gaps; of each piece its continuation.
+    """
+    pieces, continuations = np.full(len(labels), -1), dict[int, Continuation]()
+    for label in np.unique(labels[labels >= 0]):
+        own = np.flatnonzero(labels == label)
+        whole = continuation(points[own], reference, continued)
+        parts = _parts(points[own], whole.unobserved, reference.spacing, settings)
+        for part in range(parts.max() + 1):
+            number, inside = len(continuations), parts == part
+            pieces[own[inside]] = number
+            alone = parts.max() == 0
+            continuations[number] = whole if alone else continuation(points[own[inside]], reference, continued)
+    return pieces, continuations
+
+
+def _parts(
+    points: Float[np.ndarray, "m 3"], unobserved: Bool[np.ndarray, " m"], spacing: float, settings: PieceSettings
+) -> Int[np.ndarray, " m"]:
+    """The number of the piece of each point of one candidate."""
+    least = max(settings.smallest, settings.share * len(points))
+    parts = np.full(len(points), -1)
+    for side in (unobserved, ~unobserved):
+        clusters = density_clusters(points[side], settings.radius * spacing, settings.neighbours)
+        large = np.flatnonzero(np.bincount(clusters[clusters >= 0], minlength=1) >= least)
+        for cluster in large:
+            parts[np.flatnonzero(side)[clusters == cluster]] = parts.max() + 1
+    if parts.max() < 1:
+        return np.zeros(len(points), int)
+    rest = parts < 0
+    nearest = nearest_neighbours(cKDTree(points[~rest]), points[rest], 1)[1][:, 0]
+    parts[rest] = parts[~rest][nearest]
+    return parts

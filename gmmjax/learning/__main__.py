@@ -1,0 +1,77 @@
+"""`python -m gmmjax.learning`: simulates scenes, learns the verdict from their candidates, and writes its file."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from gmmjax.changes import Verdict, Verdicts, write_verdicts
+from gmmjax.errors import InputError, check_choice
+from gmmjax.learning.collection import LEARNED_FROM, Collected, collected, read_rows, write_rows
+from gmmjax.learning.left_out_table import left_out_table
+from gmmjax.learning.training import TrainingSettings, learned
+
+SEEDS = 40
+
+
+def main(
+    *,
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.json")] = None,
+    families: tuple[str, ...] = LEARNED_FROM,
+    seeds: int = SEEDS,
+    first_seed: int = 0,
+    workers: int = 1,
+    rows: Annotated[Path | None, tyro.conf.arg(metavar="FILE.npz")] = None,
+) -> int:
+    """Learn the verdict on changes from simulated scenes, and print how families that were left out are judged.
+
+    Args:
+        out: write the parameters there.
+        families: of scenes.
+        seeds: scenes of every family.
+        first_seed: of each family.
+        workers: processes; the result does not depend on it.
+        rows: keep the candidates in this file; where it is there, they are read in place of simulating scenes.
+    """
+    try:
+        found = _rows(families, range(first_seed, first_seed + seeds), workers, rows)
+        verdicts = {poses: _learned(found, poses=poses) for poses in (False, True)}
+        if out is not None:
+            made = {"families": list(found.families), "seeds": seeds, "first_seed": first_seed}
+            write_verdicts(out, Verdicts(verdicts[False], verdicts[True]), made)
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+def _rows(families: tuple[str, ...], seeds: range, workers: int, path: Path | None) -> Collected:
+    if path is not None and path.is_file():
+        return read_rows(path)
+    for family in families:
+        check_choice("--families", family, LEARNED_FROM)
+    found = collected(families, seeds, workers=workers, progress=_progress)
+    for failure in found.failed:
+        print(f"left out: {failure}", file=sys.stderr)
+    if path is not None:
+        write_rows(path, found)
+    return found
+
+
+def _learned(found: Collected, *, poses: bool) -> Verdict:
+    families = found.of(poses=poses)
+    verdict, left_out = learned(families, poses=poses, settings=TrainingSettings())
+    print(f"\n## Poses {'given' if poses else 'unknown'}\n")
+    print(left_out_table(families, left_out))
+    print(f"\nPenalty {left_out.penalty:g}, temperature {left_out.temperature:.3f}.")
+    return verdict
+
+
+def _progress(stage: str, share: float) -> None:
+    if sys.stderr.isatty():
+        print(f"\r{share:4.0%} {stage:60.60}", end="", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(tyro.cli(main))

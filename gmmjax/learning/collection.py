@@ -1,0 +1,166 @@
+"""Simulated pairs of every family, and the candidates that detection finds in them."""
+
+import concurrent.futures
+import dataclasses
+import multiprocessing
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gmmjax.changes import NAMES, names_of
+from gmmjax.clouds import atomic_write, load_arrays
+from gmmjax.errors import ComputationError, InputError, InputWarning, check_choice
+from gmmjax.evaluation import CONDITIONS, PairSource, family_sources, laboratory_sources
+from gmmjax.learning.candidate_rows import CandidateRows, rows_of
+from gmmjax.pair import Pair
+from gmmjax.scenes import FAMILIES
+
+LABORATORY = "laboratory"
+LEARNED_FROM = (LABORATORY, *FAMILIES)
+COLUMNS = CandidateRows._fields
+
+
+@dataclasses.dataclass(frozen=True)
+class Collected:
+    """The candidates of every family.
+
+    Attributes:
+        families: with the poses unknown, and with the poses given.
+        failed: the scenes that detection refused, by name.
+    """
+
+    families: Mapping[str, Pair[CandidateRows]]
+    failed: tuple[str, ...] = ()
+
+    def of(self, *, poses: bool) -> dict[str, CandidateRows]:
+        """The candidates of each family.
+
+        Args:
+            poses: whether the poses are given.
+        """
+        return {name: own.after if poses else own.before for name, own in self.families.items()}
+
+
+def training_sources(family: str, seeds: Sequence[int]) -> list[PairSource]:
+    """The scenes of a family, with views.
+
+    Args:
+        family: of `LEARNED_FROM`.
+        seeds: one scene for each; of the laboratory with every seed another condition, survey and level.
+
+    Raises:
+        InputError: an unknown family.
+    """
+    check_choice("family", family, LEARNED_FROM)
+    if family != LABORATORY:
+        return family_sources([family], seeds, poses="given")
+    kinds = [(survey, level) for survey in ("panorama", "frame") for level in ("normal", "hard")]
+    sources = []
+    for seed in seeds:
+        survey, level = kinds[seed % len(kinds)]
+        conditions = laboratory_sources([seed], level=level, survey=survey)
+        sources.append(conditions[seed // len(kinds) % len(CONDITIONS)])
+    return sources
+
+
+def collected(
+    families: Sequence[str],
+    seeds: Sequence[int],
+    *,
+    workers: int = 1,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> Collected:
+    """The candidates of the scenes of some families; the same whatever the number of workers.
+
+    Args:
+        families: of `LEARNED_FROM`.
+        seeds: of the scenes of every family.
+        workers: processes.
+        progress: called with the family that was done and the share of the work.
+    """
+    tasks = [(family, seed) for family in families for seed in seeds]
+    found: dict[str, list[Pair[CandidateRows]]] = {family: [] for family in families}
+    failed = []
+    context = multiprocessing.get_context("spawn")
+    with concurrent.futures.ProcessPoolExecutor(workers, mp_context=context) as pool:
+        for done, ((family, seed), rows) in enumerate(zip(tasks, pool.map(_of_scene, tasks), strict=True), 1):
+            progress(f"{family}, seed {seed}", done / len(tasks))
+            if isinstance(rows, str):
+                failed.append(f"{family}, seed {seed}: {rows}")
+            else:
+                found[family].append(rows)
+    return Collected({family: _joined(parts) for family, parts in found.items()}, tuple(failed))
+
+
+def _of_scene(task: tuple[str, int]) -> Pair[CandidateRows] | str:
+    """The candidates of one scene, or why there are none."""
+    family, seed = task
+    (source,) = training_sources(family, [seed])
+    with warnings.catch_warnings():
+        # Doubtful registrations are a part of what is learned.
+        warnings.simplefilter("ignore", InputWarning)
+        try:
+            return rows_of(source.load())
+        except (InputError, ComputationError) as error:
+            return str(error)
+
+
+def _joined(parts: list[Pair[CandidateRows]]) -> Pair[CandidateRows]:
+    return Pair(
+        CandidateRows.joined([part.before for part in parts], poses=False),
+        CandidateRows.joined([part.after for part in parts], poses=True),
+    )
+
+
+def write_rows(path: Path, rows: Collected) -> None:
+    """Writes the candidates to an archive of arrays.
+
+    Args:
+        path: of the file, .npz.
+        rows: to write.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    arrays = {
+        f"{family}/{side}/{column}": values
+        for family, pair in rows.families.items()
+        for side, own in zip(NAMES, pair, strict=True)
+        for column, values in own._asdict().items()
+    }
+    names = {f"names/{side}": np.array(names_of(poses=side == "after")) for side in NAMES}
+    try:
+        with atomic_write(path) as file:
+            np.savez_compressed(file, **arrays, **names)  # type: ignore[arg-type]
+    except OSError as error:
+        raise InputError(f"{path}: cannot write the candidates there: {error.strerror or error}") from error
+
+
+def read_rows(path: Path) -> Collected:
+    """Reads what `write_rows` wrote.
+
+    Raises:
+        InputError: the file is missing or damaged, or was made with other facts.
+    """
+    arrays = load_arrays(path)
+    remedy = "collect the candidates again"
+    if not isinstance(arrays, dict):
+        raise InputError(f"{path}: is no archive of candidates; {remedy}")
+    for side in NAMES:
+        names = arrays.pop(f"names/{side}", np.empty(0))
+        if tuple(names.tolist()) != names_of(poses=side == "after"):
+            raise InputError(f"{path}: was made with other facts; {remedy}")
+    families = dict.fromkeys(name.split("/")[0] for name in arrays)
+    try:
+        return Collected(
+            {
+                family: Pair(
+                    *(CandidateRows(*(arrays[f"{family}/{side}/{column}"] for column in COLUMNS)) for side in NAMES)
+                )
+                for family in families
+            }
+        )
+    except KeyError as error:
+        raise InputError(f"{path}: lacks {error}; {remedy}") from error

@@ -1,0 +1,203 @@
+"""The parameters of the verdict, learned from candidates whose truth is known."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import minimize, minimize_scalar
+
+from gmmjax._typing import Array
+from gmmjax.changes import FACTS, Verdict, names_of
+from gmmjax.errors import InputError
+from gmmjax.learning.candidate_rows import CHANGED, CandidateRows
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainingSettings:
+    """How the verdict is learned.
+
+    Attributes:
+        penalties: of the squared weights, among which the one is chosen by which families that were left out are judged
+            best. 0: what a few candidates have in common by chance is learned.
+        most_steps: of the optimiser, at most.
+        trimmed: fraction of the candidates below the lower and above the upper end of the range of a fact that counts
+            as learned. 0: one freak of a simulator widens it.
+    """
+
+    penalties: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0, 30.0)
+    most_steps: int = 2000
+    trimmed: float = 0.002
+
+
+class LeftOut(NamedTuple):
+    """How each family is judged by what was learned on all others.
+
+    Attributes:
+        probabilities: of changed, not observed and unchanged, for the candidates of each family.
+        penalty: that was chosen.
+        temperature: by which all log odds are divided, so that the probabilities are frequencies.
+    """
+
+    probabilities: Mapping[str, Float[np.ndarray, "_ 3"]]
+    penalty: float
+    temperature: float
+
+
+@dataclasses.dataclass(frozen=True)
+class _Rows:
+    """All candidates of some families: their facts on the verdict's scales, what they are, and their weight."""
+
+    facts: Float[np.ndarray, "n f"]
+    kind: Int[np.ndarray, " n"]
+    weight: Float[np.ndarray, " n"]
+
+
+def learned(
+    families: Mapping[str, CandidateRows], *, poses: bool, settings: TrainingSettings = TrainingSettings()
+) -> tuple[Verdict, LeftOut]:
+    """The verdict, and how it judges families that it was not learned from.
+
+    Args:
+        families: the candidates of each.
+        poses: whether the poses are given.
+        settings: how it is learned.
+
+    Raises:
+        InputError: fewer than two families, or none with a change.
+    """
+    names = names_of(poses=poses)
+    left_out = judged_left_out(families, names, settings)
+    verdict = _fitted(_rows(families, names), names, left_out.penalty, settings)
+    return _cooled(verdict, left_out.temperature), left_out
+
+
+def judged_left_out(
+    families: Mapping[str, CandidateRows], names: Sequence[str], settings: TrainingSettings = TrainingSettings()
+) -> LeftOut:
+    """Judges every family by what was learned on all others.
+
+    Args:
+        families: the candidates of each.
+        names: of the facts.
+        settings: how it is learned.
+
+    Raises:
+        InputError: fewer than two families, or none with a change.
+    """
+    with_candidates = {name: rows for name, rows in families.items() if len(rows.kind)}
+    if len(with_candidates) < 2 or not any((rows.kind == CHANGED).any() for rows in with_candidates.values()):
+        raise InputError(
+            f"families {', '.join(families) or 'none'}: at least two must have candidates, and one of them a change; "
+            "give more families or seeds"
+        )
+    everything = _rows(with_candidates, names)
+    odds = {penalty: _odds_left_out(with_candidates, names, penalty, settings) for penalty in settings.penalties}
+    losses = {
+        penalty: minimize_scalar(
+            lambda log, own=own: _loss(np.concatenate([*own.values()]) / np.exp(log), everything),
+            bounds=(-1.0, 2.0),
+            method="bounded",
+        )
+        for penalty, own in odds.items()
+    }
+    penalty = min(losses, key=lambda own: float(losses[own].fun))
+    temperature = float(np.exp(losses[penalty].x))
+    return LeftOut({name: _softmax(own / temperature) for name, own in odds[penalty].items()}, penalty, temperature)
+
+
+def _odds_left_out(
+    families: Mapping[str, CandidateRows], names: Sequence[str], penalty: float, settings: TrainingSettings
+) -> dict[str, Float[np.ndarray, "_ 2"]]:
+    """The log odds of each family's candidates by what was learned on all others."""
+    odds = {}
+    for name, rows in families.items():
+        others = {other: own for other, own in families.items() if other != name}
+        verdict = _fitted(_rows(others, names), names, penalty, settings)
+        with jax.enable_x64(True):
+            odds[name] = np.asarray(jax.vmap(verdict.log_odds)(jnp.asarray(_scaled(rows, names))))
+    return odds
+
+
+def _rows(families: Mapping[str, CandidateRows], names: Sequence[str]) -> _Rows:
+    """All candidates; those of a family together weigh the root of their number."""
+    weights = [np.full(len(rows.kind), max(len(rows.kind), 1) ** -0.5) for rows in families.values()]
+    weight = np.concatenate(weights)
+    return _Rows(
+        np.concatenate([_scaled(rows, names) for rows in families.values()]),
+        np.concatenate([rows.kind for rows in families.values()]),
+        weight * len(weight) / weight.sum(),
+    )
+
+
+def _scaled(rows: CandidateRows, names: Sequence[str]) -> Float[np.ndarray, "n f"]:
+    by_name = zip(names, rows.values.T, strict=True)
+    columns = [[FACTS[name].scaled(value) for value in column] for name, column in by_name]
+    return np.array(columns).T.reshape(len(rows.kind), len(names))
+
+
+def _fitted(rows: _Rows, names: Sequence[str], penalty: float, settings: TrainingSettings) -> Verdict:
+    """The weights with the greatest posterior: L-BFGS-B, whose bounds are the signs."""
+    lower, upper = np.quantile(rows.facts, [settings.trimmed, 1 - settings.trimmed], axis=0)
+    inside = np.clip(rows.facts, lower, upper)
+    centre, spread = inside.mean(axis=0), np.maximum(inside.std(axis=0), 1e-6)
+    signs = np.array([FACTS[name].change for name in names])
+    free = np.zeros(2 * len(names) + 2)
+    # Of a fact with a sign the changed side is bounded, and so is what it has beyond the unobserved side.
+    bounds = [(0, None) if sign else (None, None) for sign in np.tile(signs, 2)] + [(None, None)] * 2
+    with jax.enable_x64(True):
+        arguments = [jnp.asarray(own) for own in ((inside - centre) / spread, rows.kind, rows.weight, signs)]
+
+        def objective(free: np.ndarray) -> tuple[float, np.ndarray]:
+            value, gradient = _penalised(jnp.asarray(free), *arguments, penalty)
+            return float(value), np.asarray(gradient)
+
+        options = {"maxiter": settings.most_steps}
+        best = minimize(objective, free, jac=True, bounds=bounds, method="L-BFGS-B", options=options)
+        weights, bias = _signed(jnp.asarray(best.x), arguments[-1])
+    return Verdict(tuple(names), np.asarray(weights), np.asarray(bias), centre, spread, lower, upper)
+
+
+def _signed(free: Float[Array, " p"], signs: Int[Array, " f"]) -> tuple[Float[Array, "2 f"], Float[Array, " 2"]]:
+    """The weights and the bias: where a fact has a sign, it never speaks more for unobserved than for changed."""
+    changed, second = free[:-2].reshape(2, -1)
+    signed = jnp.stack([signs * changed, signs * (changed - second)])
+    return jnp.where(signs[None] == 0, jnp.stack([changed, second]), signed), free[-2:]
+
+
+@jax.jit
+@jax.value_and_grad
+def _penalised(
+    free: Float[Array, " p"],
+    facts: Float[Array, "n f"],
+    kind: Int[Array, " n"],
+    weight: Float[Array, " n"],
+    signs: Int[Array, " f"],
+    penalty: float,
+) -> Float[Array, ""]:
+    """The weighted negative log likelihood with the penalty of the weights."""
+    weights, bias = _signed(free, signs)
+    odds = facts @ weights.T + bias[None]
+    log_probabilities = jax.nn.log_softmax(jnp.concatenate([odds, jnp.zeros_like(odds[:, :1])], axis=1), axis=1)
+    likelihood = jnp.take_along_axis(log_probabilities, kind[:, None], axis=1)[:, 0]
+    return -weight @ likelihood + penalty * jnp.sum(weights**2)
+
+
+def _cooled(verdict: Verdict, temperature: float) -> Verdict:
+    """With all log odds divided by the temperature."""
+    return dataclasses.replace(verdict, weights=verdict.weights / temperature, bias=verdict.bias / temperature)
+
+
+def _softmax(odds: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+    full = np.concatenate([odds, np.zeros((len(odds), 1))], axis=1)
+    powers = np.exp(full - full.max(axis=1, keepdims=True))
+    return np.asarray(powers / powers.sum(axis=1, keepdims=True))
+
+
+def _loss(odds: Float[np.ndarray, "n 2"], rows: _Rows) -> float:
+    """The weighted mean negative log likelihood of what the candidates are."""
+    probabilities = _softmax(odds)[np.arange(len(odds)), rows.kind]
+    return float(-(rows.weight @ np.log(np.maximum(probabilities, 1e-300))) / rows.weight.sum())

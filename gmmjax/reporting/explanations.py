@@ -1,0 +1,101 @@
+"""Why candidates are changes, or none, in words: the same on the terminal and in the report."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+from gmmjax.changes import Changes, Contribution, Explanation
+from gmmjax.reporting.summary import percent
+
+Side = Literal["for", "against"]
+
+
+@dataclasses.dataclass(frozen=True)
+class ExplanationSettings:
+    """How much of an explanation is shown.
+
+    Attributes:
+        least_log_odds: magnitude, at least, of the contributions that are listed one by one; of the others only their
+            sum is given. 0.1 changes a probability of 0.5 by 0.025. 0: all facts are listed.
+        facts_of_change: number of facts, at most, that the terminal lists of a change. Larger: the changes no longer
+            fit on a screen.
+        facts_of_rejected: the same of a rejected candidate.
+        most_rejected: number of rejected candidates, at most, that the terminal lists. Larger: they scroll the changes
+            off the screen.
+    """
+
+    least_log_odds: float = 0.1
+    facts_of_change: int = 5
+    facts_of_rejected: int = 2
+    most_rejected: int = 10
+
+
+class Facts(NamedTuple):
+    """The facts of a candidate that are listed, and the others.
+
+    Attributes:
+        listed: the strongest first.
+        others: what is left.
+    """
+
+    listed: Sequence[Contribution]
+    others: Sequence[Contribution]
+
+    @classmethod
+    def of(
+        cls, explanation: Explanation, least_log_odds: float, most: int | None = None, first: Side | None = None
+    ) -> "Facts":
+        """The facts that contribute enough, and at most a number of them.
+
+        Args:
+            explanation: of a candidate.
+            least_log_odds: magnitude of the contributions that are listed.
+            most: number of them; None: all.
+            first: those that speak for a change, or against it, come before the others; None: by magnitude alone.
+        """
+
+        def rank(one: Contribution) -> tuple[bool, bool, float]:
+            small = abs(one.log_odds) < least_log_odds
+            return small, first is not None and (one.log_odds > 0) != (first == "for"), -abs(one.log_odds)
+
+        ranked = sorted(explanation.contributions, key=rank)
+        count = sum(abs(one.log_odds) >= least_log_odds for one in ranked)
+        count = count if most is None else min(count, most)
+        return cls(ranked[:count], ranked[count:])
+
+    @property
+    def sum_of_others(self) -> tuple[str, str] | None:
+        """What the others add up to, and how many they are: ("+0.3", "12 more facts"); None where there are none."""
+        count = len(self.others)
+        more = "more " if self.listed else ""
+        total = signed(sum((one.log_odds for one in self.others), 0.0))
+        return (total, f"{count} {more}fact{'s' * (count != 1)} together") if count else None
+
+
+def signed(log_odds: float) -> str:
+    """Log odds to one decimal, always with their sign: "+3.1", "−0.4"."""
+    # Adding 0.0 makes a zero of minus zero.
+    return f"{round(log_odds, 1) + 0.0:+.1f}".replace("-", "−")
+
+
+def verdict_text(explanation: Explanation) -> str:
+    """The three probabilities: "changed 95 %, unchanged 4 %, not observed 1 %"."""
+    return (
+        f"changed {percent(explanation.changed)}, unchanged {percent(explanation.unchanged)}, "
+        f"not observed {percent(explanation.unobserved)}"
+    )
+
+
+def rejected_text(changes: Changes) -> str | None:
+    """How many candidates were rejected, without a full stop; None where there were none."""
+    count = len(changes.rejected)
+    were = "candidate was" if count == 1 else "candidates were"
+    return f"{count:,} {were} rejected" if count else None
+
+
+def confidence_text(changes: Changes) -> str | None:
+    """That the confidence in the registration comes on top of the verdicts; None where it is certain."""
+    confidence = changes.registration.confidence
+    if confidence == 1:
+        return None
+    return f"Probabilities of changes are these, multiplied by the registration's confidence of {percent(confidence)}."

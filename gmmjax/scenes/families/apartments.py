@@ -1,0 +1,116 @@
+"""Apartments that a terrestrial scanner surveys from one or two places, not the same in the two surveys."""
+
+import numpy as np
+from jaxtyping import Float
+
+from gmmjax.pair import Pair
+from gmmjax.scenes.families.density import drawn_density
+from gmmjax.scenes.families.interior import Interior, between, furnished_room
+from gmmjax.scenes.families.staging import Place, Turnover, staged
+from gmmjax.scenes.families.things import (
+    bag,
+    ball,
+    bin_,
+    box,
+    chair,
+    clutter,
+    drum,
+    lamp,
+    one_of,
+    plant,
+    screen,
+    stack,
+    suitcase,
+    tripod,
+    vessel,
+)
+from gmmjax.scenes.families.tripods import drawn_scanners, scanned, stations
+from gmmjax.scenes.ray_casting import Solid
+from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
+
+_THINGS = one_of(
+    *(bag, bag, ball, bin_, box, box, chair, chair, clutter, drum, lamp, plant, screen, stack, suitcase, tripod, vessel)
+)
+
+
+def apartments(random: np.random.Generator) -> SurveyedScene:
+    """Two to four rooms joined by doors, scanned from one or two places each time: large shadows, partial overlap."""
+    columns, rows = ((2, 1), (3, 1), (2, 2))[int(random.integers(3))]
+    cell = random.uniform([3.0, 3.0, 2.4], [5.0, 4.5, 3.0])
+    middles = [
+        cell[:2] * [column - (columns - 1) / 2, row - (rows - 1) / 2]
+        for column in range(columns)
+        for row in range(rows)
+    ]
+    inner = cell - [0.3, 0.3, 0.0]
+    interiors = [furnished_room(random, inner, middle=tuple(middle), walls=False) for middle in middles]
+    scanned_rooms, places = _stations(random, interiors)
+    fixed = [*_walls(random, cell, columns, rows), *(solid for room in interiors for solid in room.solids)]
+    # What changes in a room that nobody scanned teaches nothing.
+    supports: list[Place] = [room.floor for room in scanned_rooms]
+    supports += [top for room in scanned_rooms for top in room.tops]
+    solids = staged(random, fixed, supports, _THINGS, int(random.integers(3, 9)), Turnover(appeared=4, disappeared=4))
+    poses = stations(random, places)
+    scanners = drawn_scanners(random, rays=100_000)
+    recordings = drawn_density(random, scanned(random, solids, poses, scanners), most=(25_000, 40_000), least=10_000)
+    frame = Frame.drawn(random, shift=0.05, degrees=0.4)
+    return surveyed_scene(solids, recordings, frame, hidden_by=0.04)
+
+
+def _stations(
+    random: np.random.Generator, rooms: list[Interior]
+) -> tuple[list[Interior], Pair[list[Float[np.ndarray, "2"]]]]:
+    """The rooms that are scanned, and where: both surveys scan one of them, and either now and then one of its own."""
+    common = int(random.integers(len(rooms)))
+    chosen = Pair(*([common, *random.integers(len(rooms), size=int(random.integers(0, 2)))] for _ in range(2)))
+    places = chosen.map(lambda side: [_free_place(random, rooms[int(room)]) for room in side])
+    return [rooms[int(room)] for side in chosen for room in side], places
+
+
+def _free_place(random: np.random.Generator, room: Interior) -> np.ndarray:
+    """Where a tripod fits on a floor; it keeps the place."""
+    reach = np.array(room.floor.size) / 2 - 0.4
+    spot = np.zeros(2)
+    for _ in range(50):
+        spot = random.uniform(-reach, reach)
+        if room.floor.free(spot, 0.3):
+            break
+    room.floor.taken.append((spot, 0.45))
+    return np.asarray(room.floor.middle[:2, 3] + spot)
+
+
+def _walls(random: np.random.Generator, cell: np.ndarray, columns: int, rows: int) -> list[Solid]:
+    """Floor, mostly a ceiling, outer walls, and walls between the cells, each with a door."""
+    x, y, z = cell * [columns / 2, rows / 2, 1]
+    solids = [between((-x - 0.1, -y - 0.1, -0.1), (x + 0.1, y + 0.1, 0.0))]
+    if random.random() < 0.8:
+        solids.append(between((-x, -y, z), (x, y, z + 0.1)))
+    solids += [between((s * x - 0.1, -y - 0.1, 0), (s * x + 0.1, y + 0.1, z)) for s in (-1, 1)]
+    solids += [between((-x - 0.1, s * y - 0.1, 0), (x + 0.1, s * y + 0.1, z)) for s in (-1, 1)]
+    for column in range(1, columns):
+        for row in range(rows):
+            corner = np.array([column * cell[0] - x, row * cell[1] - y, 0.0])
+            solids += _wall_with_door(random, corner, 1, float(cell[1]), float(z))
+    for row in range(1, rows):
+        for column in range(columns):
+            corner = np.array([column * cell[0] - x, row * cell[1] - y, 0.0])
+            solids += _wall_with_door(random, corner, 0, float(cell[0]), float(z))
+    return solids
+
+
+def _wall_with_door(
+    random: np.random.Generator, corner: np.ndarray, axis: int, length: float, high: float
+) -> list[Solid]:
+    """A wall from a corner along an axis, with an opening of a door's width or of half the wall's, and its lintel."""
+    wide = random.choice([random.uniform(0.75, 1.0), random.uniform(1.0, 0.5 * length)])
+    first = random.uniform(0.2, length - wide - 0.2)
+    lintel = min(random.uniform(1.9, 2.2), high - 0.05)
+    pieces = []
+    for start, end, low in ((0.0, first, 0.0), (first, first + wide, lintel), (first + wide, length, 0.0)):
+        lowest, highest = corner.copy(), corner.copy()
+        lowest[axis], highest[axis] = lowest[axis] + start, highest[axis] + end
+        lowest[1 - axis] -= 0.06
+        highest[1 - axis] += 0.06
+        lowest[2], highest[2] = low, high
+        pieces.append(between(lowest, highest))
+    return pieces

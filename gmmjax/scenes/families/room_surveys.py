@@ -1,0 +1,132 @@
+"""Surveys of rooms about the origin by depth cameras and by scanners on tripods."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from gmmjax.pair import Pair, each
+from gmmjax.scenes.families.arrangements import Arrangement, chance
+from gmmjax.scenes.families.density import drawn_density
+from gmmjax.scenes.families.depth_frames import poses_about, surveyed_by, triangulating_camera
+from gmmjax.scenes.families.handheld import again
+from gmmjax.scenes.laser_scanner import Beam, TripodScanner
+from gmmjax.scenes.ray_casting import UNLABELLED, Solid, cast
+from gmmjax.scenes.recording import Recording
+from gmmjax.scenes.rigid_motions import upright
+from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
+
+
+def surveyed_room(
+    random: np.random.Generator, arrangement: Arrangement, size: Float[np.ndarray, "3"], aim: Float[np.ndarray, "3"]
+) -> SurveyedScene:
+    """The room as one to three frames of a depth camera see it, or a scanner on a tripod from one or two stations.
+
+    Args:
+        random: of the sensor and where it stands.
+        arrangement: what stands in the room.
+        size: inner lengths along x and y, and the height, metres.
+        aim: what a depth camera looks at.
+    """
+    survey = _frames if chance(random, 0.6) else _stations
+    recordings, frame, hidden_by = survey(random, arrangement, size, aim)
+    if chance(random, 0.3):
+        recordings = drawn_density(random, recordings)
+    return surveyed_scene(arrangement.solids, recordings, frame, hidden_by=hidden_by)
+
+
+def _frames(
+    random: np.random.Generator, arrangement: Arrangement, size: np.ndarray, aim: np.ndarray
+) -> tuple[Pair[Recording], Frame, float]:
+    views = int(random.integers(1, 4))
+    camera = triangulating_camera(random, random.uniform(14_000, 36_000) / views, random.uniform(3.5, 6.0), edge=0.08)
+    poses = _in_sight(arrangement.solids.before, aim, lambda: _camera_poses(random, views, size, aim))
+    still = chance(random, 0.4)
+    stands = Pair(poses, poses if still else again(random, poses, 0.06, 2.0))
+    recordings = each(lambda solids, own: surveyed_by(random, camera, solids, own), arrangement.solids, stands)
+    frame = Frame.drawn(random, shift=0.003 if still else 0.02, degrees=0.2 if still else 1.0)
+    # The noise at 3 m.
+    return recordings, frame, 0.03 + 2 * 9 * camera.noise
+
+
+def _camera_poses(
+    random: np.random.Generator, views: int, size: np.ndarray, aim: np.ndarray
+) -> Float[np.ndarray, "v 4 4"]:
+    """Side by side within the room, on the side of its middle."""
+    inward = np.array([0.0, -0.2 * size[1]]) - aim[:2]
+    azimuth = float(np.arctan2(inward[1], inward[0])) + random.uniform(-0.6, 0.6)
+    apart = random.uniform(0.15, 0.4) * (np.arange(views) - (views - 1) / 2)
+    distance = random.uniform(1.3, max(1.5, min(3.2, 0.7 * size[1])))
+    poses = poses_about(random, aim, azimuth, distance, random.uniform(0.1, 0.8), apart)
+    margin = np.array([*(size[:2] / 2 - 0.2), size[2] - 0.2])
+    poses[:, :3, 3] = np.clip(poses[:, :3, 3], [-margin[0], -margin[1], 0.3], margin)
+    return poses
+
+
+def _in_sight(
+    solids: Sequence[Solid], aim: np.ndarray, draw: Callable[[], Float[np.ndarray, "v 4 4"]]
+) -> Float[np.ndarray, "v 4 4"]:
+    """Poses from the first of which nothing that stays hides what is looked at, where such are found."""
+    standing = [solid for solid in solids if solid.label == UNLABELLED]
+    poses = draw()
+    for _ in range(10):
+        position = poses[0, :3, 3]
+        distance = float(np.linalg.norm(aim - position))
+        first_hit, _ = cast(standing, position, (aim - position)[None] / distance)
+        if first_hit[0] > distance - 0.6 and not any(solid.contains(position[None], 0.1)[0] for solid in standing):
+            break
+        poses = draw()
+    return poses
+
+
+def _stations(
+    random: np.random.Generator, arrangement: Arrangement, size: np.ndarray, aim: np.ndarray
+) -> tuple[Pair[Recording], Frame, float]:
+    beam = Beam(
+        noise=np.exp(random.uniform(np.log(0.001), np.log(0.006))),
+        max_range=30.0,
+        mixed=random.uniform(0.0, 0.3),
+        lost=random.uniform(0.0, 0.05),
+    )
+    stations = int(random.integers(1, 3))
+    scanner = TripodScanner(
+        beam,
+        rays=int(random.uniform(22_000, 39_000) / stations),
+        horizontal=360.0 if chance(random, 0.5) else random.uniform(190.0, 270.0),
+        lowest=random.uniform(-65, -45),
+        highest=random.uniform(30, 90),
+    )
+    height = random.uniform(1.1, 1.7)
+
+    def stands() -> Float[np.ndarray, "v 4 4"]:
+        places = random.uniform(-0.3, 0.3, (stations, 2)) * size[:2] + np.array([0.0, -0.1 * size[1]])
+        return level_poses(random, places, height, aim)
+
+    first = _in_sight(arrangement.solids.before, aim, stands)
+    second = first.copy()
+    if chance(random, 0.7):
+        second[:, :2, 3] += random.uniform(-0.4, 0.4, (stations, 2))
+    recordings = each(
+        lambda solids, own: scanner.recording(solids, own, random), arrangement.solids, Pair(first, second)
+    )
+    return recordings, Frame.drawn(random, shift=0.01, degrees=0.2), 0.03
+
+
+def level_poses(
+    random: np.random.Generator,
+    places: Float[np.ndarray, "v 2"],
+    height: float | Sequence[float],
+    aim: Float[np.ndarray, "3"],
+) -> Float[np.ndarray, "v 4 4"]:
+    """Poses of a scanner that stands level and looks about where something is.
+
+    Args:
+        random: of the azimuths, which are up to 0.4 off.
+        places: x and y of the stations, metres.
+        height: of all, or of each; in the world, metres.
+        aim: what the middle of the field of view is turned to, metres.
+    """
+    positions = np.column_stack([places, np.broadcast_to(height, len(places))])
+    towards = aim[:2] - places
+    azimuths = np.arctan2(towards[:, 1], towards[:, 0]) + random.uniform(-0.4, 0.4, len(places))
+    return np.stack([upright(place, azimuth) for place, azimuth in zip(positions, azimuths, strict=True)])

@@ -1,0 +1,73 @@
+"""Surveys by a terrestrial scanner: where it stands, and how it measures."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from gmmjax.pair import Pair, each
+from gmmjax.scenes.laser_scanner import Beam, TripodScanner
+from gmmjax.scenes.pose_errors import PoseErrors
+from gmmjax.scenes.ray_casting import Solid
+from gmmjax.scenes.recording import Recording
+from gmmjax.scenes.rigid_motions import upright
+
+
+def drawn_scanners(
+    random: np.random.Generator, rays: int, highest: tuple[float, float] = (60.0, 90.0)
+) -> Pair[TripodScanner]:
+    """The scanners of two surveys: one make, or two.
+
+    Args:
+        random: of everything.
+        rays: of a survey, from all of its stations together.
+        highest: between which elevations the highest rays are, degrees.
+    """
+    full = random.random() < 0.75
+
+    def one() -> TripodScanner:
+        beam = Beam(
+            noise=float(np.exp(random.uniform(np.log(0.0005), np.log(0.012)))),
+            growth=random.uniform(0.0, 0.0004),
+            least_range=random.uniform(0.3, 0.8),
+            max_range=random.uniform(20, 80),
+            mixed=random.uniform(0.0, 0.3),
+            lost=random.uniform(0.0, 0.05),
+        )
+        horizontal = 360.0 if full else random.uniform(200, 300)
+        return TripodScanner(beam, rays, horizontal, random.uniform(-65, -40), random.uniform(*highest))
+
+    first = one()
+    return Pair(first, one() if random.random() < 0.4 else first)
+
+
+def stations(
+    random: np.random.Generator, places: Pair[list[Float[np.ndarray, "2"]]]
+) -> Pair[Float[np.ndarray, "v 4 4"]]:
+    """Level poses over places on the floor: all look the same way within half a right angle, for sectors to overlap."""
+    height, heading = random.uniform(1.2, 2.0), random.uniform(0, 2 * np.pi)
+    return places.map(
+        lambda side: np.stack(
+            [
+                upright(np.array([*place, height + random.normal(0, 0.05)]), heading + random.uniform(-0.8, 0.8))
+                for place in side
+            ]
+        )
+    )
+
+
+def scanned(
+    random: np.random.Generator,
+    solids: Pair[list[Solid]],
+    poses: Pair[Float[np.ndarray, "v 4 4"]],
+    scanners: Pair[TripodScanner],
+) -> Pair[Recording]:
+    """The surveys; each station is registered to the others with a small error, its rays are its share of all."""
+    return each(
+        lambda own, there, scanner: dataclasses.replace(scanner, rays=scanner.rays // len(there)).recording(
+            own, there, random, PoseErrors(random.uniform(0.0, 0.006), random.uniform(0.0, 0.04))
+        ),
+        solids,
+        poses,
+        scanners,
+    )

@@ -1,0 +1,176 @@
+"""Two surveys of any scene with the truth: what changed, what could not be seen, and what the sensors believed."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from gmmjax.clouds import SensorViews
+from gmmjax.errors import InputError
+from gmmjax.geometry import rigid_transform, rotation_about, transformed
+from gmmjax.pair import Pair, each
+from gmmjax.scenes.ray_casting import UNLABELLED, Solid
+from gmmjax.scenes.recording import Recording
+from gmmjax.scenes.rigid_motions import small_motion
+from gmmjax.scenes.visibility import uncounted
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SurveyedScene:
+    """Two surveys of a scene with the truth.
+
+    Attributes:
+        clouds: what was recorded [n, 3], in the scene's unit.
+        truth: per point -1, or the number of its change; a moved object has the same number in both clouds.
+        unseen: per point whether the other survey could not see its place.
+        views: where the sensor believed to stand.
+        uncounted: changes with fewer than 40 points in the cloud, or half of whose points are unseen.
+        kinds: of each change: "appeared", "disappeared" or "moved".
+        motions: for each moved object the rigid motion [4, 4] from the before to the after cloud as they are given.
+        registration: the rigid motion [4, 4] that brings what did not change from the after to the before cloud.
+        unit: length of a metre in the clouds.
+    """
+
+    clouds: Pair[Float[np.ndarray, "n 3"]]
+    truth: Pair[Int[np.ndarray, " n"]]
+    unseen: Pair[Bool[np.ndarray, " n"]]
+    views: Pair[SensorViews]
+    uncounted: Pair[frozenset[int]]
+    kinds: tuple[str, ...]
+    motions: dict[int, Float[np.ndarray, "4 4"]]
+    registration: Float[np.ndarray, "4 4"]
+    unit: float = 1.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Frame:
+    """How the clouds' coordinates lie to the scene's true ones.
+
+    Attributes:
+        misregistration: of the after cloud and its views, in true coordinates; metres.
+        placement: rigid motion of both clouds: far from the origin, turned; metres.
+        unit: length of a metre in the clouds.
+    """
+
+    misregistration: Float[np.ndarray, "4 4"] = dataclasses.field(default_factory=lambda: np.eye(4))
+    placement: Float[np.ndarray, "4 4"] = dataclasses.field(default_factory=lambda: np.eye(4))
+    unit: float = 1.0
+
+    @classmethod
+    def drawn(
+        cls,
+        random: np.random.Generator,
+        *,
+        shift: float,
+        degrees: float,
+        centre: Sequence[float] = (0.0, 0.0, 0.0),
+        any_way_up: bool = False,
+    ) -> "Frame":
+        """A random one.
+
+        Args:
+            random: of everything.
+            shift: largest shift of the misregistration, metres.
+            degrees: largest angle of the misregistration.
+            centre: of the rotation of the misregistration, metres: the middle of the scene.
+            any_way_up: whether the vertical may point anywhere, as in a scene without gravity.
+        """
+        motion = small_motion(random, random.uniform(0, shift), random.uniform(0, degrees))
+        middle = np.array(centre)
+        misregistration = rotation_about(motion[:3, :3], middle, middle + motion[:3, 3])
+        return cls(misregistration, _placement(random, any_way_up), _unit(random))
+
+    def side(self, which: Pair[bool]) -> Pair[Float[np.ndarray, "4 4"]]:
+        """The motion of either cloud from true coordinates to its own, before the unit."""
+        return which.map(lambda after: self.placement @ self.misregistration if after else self.placement)
+
+    def scaled(self, motion: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
+        """A rigid motion in metres, in the clouds' unit."""
+        return rigid_transform(motion[:3, :3], self.unit * motion[:3, 3])
+
+
+def surveyed_scene(
+    solids: Pair[Sequence[Solid]], recordings: Pair[Recording], frame: Frame = Frame(), *, hidden_by: float = 0.03
+) -> SurveyedScene:
+    """The scene of two recordings.
+
+    Args:
+        solids: of the scene at the time of either survey; those with a label are changes, numbered from 0: in one of
+            them alone it came or went, in both it moved.
+        recordings: of the two surveys.
+        frame: how the clouds' coordinates lie to the true ones.
+        hidden_by: a place is hidden when something on its ray is nearer by more than this, metres: some deviations of
+            the noise.
+
+    Raises:
+        InputError: labels that are not numbered from 0, or a survey that recorded nothing.
+    """
+    kinds = _kinds(solids)
+    if not all(len(recording.points) for recording in recordings):
+        raise InputError("recordings: a survey recorded no point; let its sensor look at the solids")
+    unseen = each(
+        lambda own, other, there: ~other.saw(own.places, there, hidden_by),
+        recordings,
+        recordings.swapped,
+        solids.swapped,
+    )
+    truth = recordings.map(lambda recording: recording.labels)
+    motions = frame.side(Pair(False, True))
+    return SurveyedScene(
+        clouds=each(lambda recording, motion: frame.unit * transformed(recording.points, motion), recordings, motions),
+        truth=truth,
+        unseen=unseen,
+        views=each(lambda recording, motion: _views(recording.views, motion, frame), recordings, motions),
+        uncounted=each(uncounted, solids, truth, unseen),
+        kinds=kinds,
+        motions={
+            number: frame.scaled(motions.after @ motion @ np.linalg.inv(motions.before))
+            for number, motion in _true_motions(solids, kinds).items()
+        },
+        registration=frame.scaled(motions.before @ np.linalg.inv(motions.after)),
+        unit=frame.unit,
+    )
+
+
+def _kinds(solids: Pair[Sequence[Solid]]) -> tuple[str, ...]:
+    numbers = solids.map(lambda side: {solid.label for solid in side} - {UNLABELLED})
+    union = sorted(numbers.before | numbers.after)
+    if union != list(range(len(union))):
+        raise InputError(f"solids: the labels of changes are {union}; number them from 0 without gaps, -1 for none")
+    names = {(True, False): "disappeared", (False, True): "appeared", (True, True): "moved"}
+    return tuple(names[number in numbers.before, number in numbers.after] for number in union)
+
+
+def _true_motions(solids: Pair[Sequence[Solid]], kinds: tuple[str, ...]) -> dict[int, np.ndarray]:
+    """Of each object that moved, by the poses of its first solid."""
+    motions = {}
+    for number in (number for number, kind in enumerate(kinds) if kind == "moved"):
+        poses = [next(solid.pose() for solid in side if solid.label == number) for side in solids]
+        motions[number] = poses[1] @ np.linalg.inv(poses[0])
+    return motions
+
+
+def _views(views: SensorViews, motion: np.ndarray, frame: Frame) -> SensorViews:
+    moved = motion @ views.poses
+    moved[:, :3, 3] *= frame.unit
+    return SensorViews(moved, views.field_of_view, frame.unit * views.max_range)
+
+
+def _placement(random: np.random.Generator, any_way_up: bool) -> np.ndarray:
+    """Mostly as it is; now and then turned, y up, or in a national grid."""
+    turn = np.eye(3)
+    if any_way_up:
+        turn = np.linalg.qr(random.standard_normal((3, 3)))[0]
+        turn = turn * np.sign(np.linalg.det(turn))
+    elif random.random() < 0.15:
+        turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    far = random.choice([0.0, 10.0, 1e3, 1e5], p=[0.4, 0.3, 0.2, 0.1])
+    return rigid_transform(turn, far * random.uniform(-1, 1, 3))
+
+
+def _unit(random: np.random.Generator) -> float:
+    """Metres mostly; centimetres, millimetres, feet, or something of the software's own."""
+    return float(
+        random.choice([1.0, 100.0, 1000.0, 3.2808399, 10 ** random.uniform(-2, 3)], p=[0.6, 0.1, 0.15, 0.05, 0.1])
+    )
