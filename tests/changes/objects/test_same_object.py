@@ -11,7 +11,9 @@ FITS = MatchFacts(0.9, 0.95, 0.9, 0.0, 1.0, 0.02, 0.05, 0.5, 0.5, 1.0, 0.2, 3.0,
 
 
 def test_what_fits_is_one_object_and_what_contradicts_is_not():
-    contradicted = FITS._replace(covered_least=0.3, explained=0.3, contradicted=0.6, overhang_least=0.8)
+    contradicted = FITS._replace(
+        covered_least=0.3, covered_most=0.5, explained=0.3, contradicted=0.7, overhang_least=3.0, overhang_most=3.5
+    )
     for situation in ("standing", "free", "in place"):
         assert shipped_model().log_odds(FITS, situation) > 0 > shipped_model().log_odds(contradicted, situation)
 
