@@ -8,9 +8,19 @@ import numpy as np
 import pytest
 
 from gmmjax import DetectionConfig, InputError, PointCloud, detect_changes, read_cloud
-from gmmjax.changes import DETECTORS, AbstractDetector, Detection, GreedyDetector, TransportDetector
+from gmmjax.changes import (
+    DETECTORS,
+    FACTS,
+    AbstractDetector,
+    Detection,
+    GreedyDetector,
+    TransportDetector,
+    Verdicts,
+    write_verdicts,
+)
 from gmmjax.changes.config import METHODS
 from gmmjax.changes.detectors.separate import AbstractSeparateDetector, over_pairs
+from gmmjax.changes.evidence.facts import Fact
 from gmmjax.changes.progress import silent
 from gmmjax.clouds import READERS
 from gmmjax.evaluation import evaluate, score_pair
@@ -20,6 +30,7 @@ from gmmjax.pair import Pair
 from gmmjax.scenes import random_scene
 from gmmjax.transport import earth_movers_distance
 from gmmjax.transport.ground_cost import distance_of_means
+from tests.changes.evidence.verdicts import verdict
 from tests.evaluation.scenes import box_pair, source
 
 # The scene and the settings of the tests of separate mixtures, which compile the same fits.
@@ -138,3 +149,21 @@ def test_a_file_format_is_a_function_and_its_ending(tmp_path, monkeypatch):
         read_cloud(tmp_path / "cloud.raw")
     monkeypatch.setattr("gmmjax.clouds.reading.READERS", {**READERS, ".raw": read_raw})
     np.testing.assert_array_equal(read_cloud(tmp_path / "cloud.raw").points, points)
+
+
+def test_a_fact_is_a_function_of_a_candidate_and_an_entry(monkeypatch, tmp_path):
+    """With a verdict that asks for nothing else, what it says decides, and the explanation names it."""
+
+    def height(candidate):
+        return float(candidate.points[:, 2].max())
+
+    monkeypatch.setitem(FACTS, "height", Fact(height, "it is {:.1f} m high", "ratio", 1))
+    model = verdict({"height": 100.0}, bias=(-100.0 * np.log1p(0.1), -50.0))
+    write_verdicts(tmp_path / "mine.json", Verdicts(model, verdict({}, poses=True)), {})
+    pair = box_pair()
+    config = DetectionConfig(restarts=1, verdict=str(tmp_path / "mine.json"))
+    changes = detect_changes(pair.before.points, pair.after.points, config=config)
+    assert len(changes) > 0
+    for change in changes:
+        assert change.explanation.contributions[0].fact == "height"
+        assert change.explanation.contributions[0].sentence.startswith("it is 0.")

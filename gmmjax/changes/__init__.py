@@ -55,7 +55,16 @@ from gmmjax.changes.fit.joint_mixture_model import fit_joint_mixture_from_seeds 
 from gmmjax.changes.fit.joint_mixture_model import joint_prior as joint_prior
 from gmmjax.changes.fit.joint_problem import JointFitSettings as JointFitSettings
 from gmmjax.changes.fit.joint_problem import joint_problem as joint_problem
+from gmmjax.changes.objects.cloud_changes import change_of as change_of
+from gmmjax.changes.objects.found import KINDS as KINDS
 from gmmjax.changes.objects.found import ObjectSettings as ObjectSettings
+from gmmjax.changes.objects.match_facts import MatchFacts as MatchFacts
+from gmmjax.changes.objects.moved import MovedSettings as MovedSettings
+from gmmjax.changes.objects.moved import pair_hypotheses as pair_hypotheses
+from gmmjax.changes.objects.moved import place_hypotheses as place_hypotheses
+from gmmjax.changes.objects.same_object import LogisticWeights as LogisticWeights
+from gmmjax.changes.objects.same_object import SameObjectModel as SameObjectModel
+from gmmjax.changes.objects.same_object import Situation as Situation
 from gmmjax.changes.prepare.checking import NAMES as NAMES
 from gmmjax.changes.prepare.checking import CheckedCloud as CheckedCloud
 from gmmjax.changes.prepare.checking import CheckSettings as CheckSettings

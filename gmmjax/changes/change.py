@@ -94,6 +94,8 @@ class Change:
         explanation: the facts that decided, of a change of several pieces those of its largest one. None where none
             were measured: in clouds that fill volumes, without evidence, and by the methods that compare mixtures. The
             confidence in the registration is not in it.
+        moved_probability: for a moved object, the probability that the partner is the same object; else None, and where
+            it was not computed.
     """
 
     kind: Kind
@@ -106,6 +108,7 @@ class Change:
     partner: int | None = None
     transform: Float[np.ndarray, "4 4"] | None = None
     explanation: Explanation | None = None
+    moved_probability: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The change as plain numbers, strings, lists and dictionaries."""
@@ -120,6 +123,7 @@ class Change:
             "partner": self.partner,
             "transform": None if self.transform is None else self.transform.tolist(),
             "explanation": None if self.explanation is None else self.explanation.to_dict(),
+            "moved_probability": self.moved_probability,
         }
 
     @classmethod
@@ -132,6 +136,7 @@ class Change:
         partner, transform = content["partner"], content["transform"]
         # Records of before there were explanations have none.
         explanation = content.get("explanation")
+        moved_probability = content.get("moved_probability")
         return cls(
             kind=_one_of(content["kind"], get_args(Kind), "kind"),
             probability=float(finite(content["probability"])),
@@ -143,6 +148,7 @@ class Change:
             partner=None if partner is None else whole(partner),
             transform=None if transform is None else finite(transform, (4, 4)),
             explanation=None if explanation is None else Explanation.from_dict(explanation),
+            moved_probability=None if moved_probability is None else probability(moved_probability),
         )
 
 

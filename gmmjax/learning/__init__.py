@@ -1,4 +1,7 @@
-"""Learning the verdict on changes from simulated scenes of many kinds."""
+"""Learning the verdict on changes from simulated scenes of many kinds, and which changes are one moved object.
+
+`gmmjax.learning.same_object` is a program of its own.
+"""
 
 from gmmjax.learning.candidate_rows import CHANGED as CHANGED
 from gmmjax.learning.candidate_rows import NOT_CHANGED as NOT_CHANGED

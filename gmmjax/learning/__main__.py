@@ -1,18 +1,19 @@
 """`python -m gmmjax.learning`: simulates scenes, learns the verdict from their candidates, and writes its file."""
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from gmmjax.changes import Verdict, Verdicts, write_verdicts
+from gmmjax.changes import Verdicts, write_verdicts
 from gmmjax.errors import InputError, check_choice
 from gmmjax.learning.collection import LEARNED_FROM, Collected, collected, read_rows, write_rows
 from gmmjax.learning.left_out_table import left_out_table
 from gmmjax.learning.training import TrainingSettings, learned
 
-SEEDS = 40
+SEEDS = 24
 
 
 def main(
@@ -23,6 +24,7 @@ def main(
     first_seed: int = 0,
     workers: int = 1,
     rows: Annotated[Path | None, tyro.conf.arg(metavar="FILE.npz")] = None,
+    left_out: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None,
 ) -> int:
     """Learn the verdict on changes from simulated scenes, and print how families that were left out are judged.
 
@@ -33,13 +35,17 @@ def main(
         first_seed: of each family.
         workers: processes; the result does not depend on it.
         rows: keep the candidates in this file; where it is there, they are read in place of simulating scenes.
+        left_out: write the verdict learned without a family to FAMILY.json there, for each of them.
     """
     try:
         found = _rows(families, range(first_seed, first_seed + seeds), workers, rows)
-        verdicts = {poses: _learned(found, poses=poses) for poses in (False, True)}
+        verdicts, penalties = _learned(found)
         if out is not None:
-            made = {"families": list(found.families), "seeds": seeds, "first_seed": first_seed}
-            write_verdicts(out, Verdicts(verdicts[False], verdicts[True]), made)
+            write_verdicts(out, verdicts, {"families": list(found.families), "seeds": seeds, "first_seed": first_seed})
+        for family in found.families if left_out is not None else ():
+            others = found.without(family)
+            made = {"families": list(others.families), "seeds": seeds, "first_seed": first_seed}
+            write_verdicts(left_out / f"{family}.json", _learned(others, penalties, show=False)[0], made)
     except InputError as error:
         print(error, file=sys.stderr)
         return 2
@@ -59,13 +65,21 @@ def _rows(families: tuple[str, ...], seeds: range, workers: int, path: Path | No
     return found
 
 
-def _learned(found: Collected, *, poses: bool) -> Verdict:
-    families = found.of(poses=poses)
-    verdict, left_out = learned(families, poses=poses, settings=TrainingSettings())
-    print(f"\n## Poses {'given' if poses else 'unknown'}\n")
-    print(left_out_table(families, left_out))
-    print(f"\nPenalty {left_out.penalty:g}, temperature {left_out.temperature:.3f}.")
-    return verdict
+def _learned(
+    found: Collected, penalties: Sequence[float] = TrainingSettings().penalties, *, show: bool = True
+) -> tuple[Verdicts, tuple[float, ...]]:
+    """The verdicts without and with poses, and their penalties; shows how families that were left out are judged."""
+    verdicts, chosen = [], []
+    for poses in (False, True):
+        families = found.of(poses=poses)
+        verdict, left_out = learned(families, poses=poses, settings=TrainingSettings(penalties=tuple(penalties)))
+        verdicts.append(verdict)
+        chosen.append(left_out.penalty)
+        if show:
+            print(f"\n## Poses {'given' if poses else 'unknown'}\n")
+            print(left_out_table(families, left_out))
+            print(f"\nPenalty {left_out.penalty:g}, temperature {left_out.temperature:.3f}.")
+    return Verdicts(*verdicts), tuple(dict.fromkeys(chosen))
 
 
 def _progress(stage: str, share: float) -> None:

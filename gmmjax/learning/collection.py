@@ -34,6 +34,10 @@ class Collected:
     families: Mapping[str, Pair[CandidateRows]]
     failed: tuple[str, ...] = ()
 
+    def without(self, family: str) -> "Collected":
+        """The candidates of all other families."""
+        return Collected({name: own for name, own in self.families.items() if name != family}, self.failed)
+
     def of(self, *, poses: bool) -> dict[str, CandidateRows]:
         """The candidates of each family.
 

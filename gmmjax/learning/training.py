@@ -29,7 +29,7 @@ class TrainingSettings:
             as learned. 0: one freak of a simulator widens it.
     """
 
-    penalties: tuple[float, ...] = (0.03, 0.1, 0.3, 1.0, 3.0)
+    penalties: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0, 30.0)
     most_steps: int = 2000
     trimmed: float = 0.002
 

@@ -24,6 +24,11 @@ from gmmjax.scenes.objects import standing_at as standing_at
 from gmmjax.scenes.pose_errors import PoseErrors as PoseErrors
 from gmmjax.scenes.ray_casting import UNLABELLED as UNLABELLED
 from gmmjax.scenes.ray_casting import Solid as Solid
+from gmmjax.scenes.rearrangements import Gravity as Gravity
+from gmmjax.scenes.rearrangements import InPlace as InPlace
+from gmmjax.scenes.rearrangements import RearrangedScene as RearrangedScene
+from gmmjax.scenes.rearrangements import RearrangementSettings as RearrangementSettings
+from gmmjax.scenes.rearrangements import rearranged_scene as rearranged_scene
 from gmmjax.scenes.recording import Recording as Recording
 from gmmjax.scenes.recording import recorded_frames as recorded_frames
 from gmmjax.scenes.revolved import Revolved as Revolved

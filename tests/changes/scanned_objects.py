@@ -3,6 +3,12 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gmmjax.changes.align.alignment import AlignedPair
+from gmmjax.changes.prepare.resolution import WorkingCloud, WorkingPair
+from gmmjax.changes.registration import Registration
+from gmmjax.geometry import LocalSurface
+from gmmjax.pair import Pair
+
 # Faces of a box: the positive sides along x, y and z, then the negative ones along x and y. It stands on the last.
 SIDES_AND_TOP = (0, 1, 2, 3, 4)
 
@@ -54,3 +60,12 @@ def on_floor_and_shelf():
     """A box on the floor and one on a shelf, and what is around them."""
     objects = standing(0), standing(1, height=0.6, middle=(1.0, 0.0))
     return objects, np.concatenate([level(2, 0.0, hole=objects[0]), level(3, 0.6, (1.0, 0.0), 0.3, hole=objects[1])])
+
+
+def registered(before, after):
+    """Two clouds in one frame, each point its own voxel."""
+    points = Pair(before, after)
+    surfaces = points.map(LocalSurface.of)
+    clouds = points.map(lambda own: WorkingCloud(own, np.ones(len(own)), np.arange(len(own))))
+    spacing = max(surface.nearest_distance for surface in surfaces)
+    return AlignedPair(points, WorkingPair(clouds, None, spacing, False), surfaces, Registration.none())

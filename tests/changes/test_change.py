@@ -16,7 +16,9 @@ from tests.mixtures.examples import random_rotation
 def example():
     random = np.random.default_rng(0)
     box, motion = Box.around(random.normal(size=(40, 3))), np.eye(4)
-    change = Change("moved", 0.75, 6.5, 40, np.arange(3.0), np.eye(3), box, partner=0, transform=motion)
+    change = Change(
+        "moved", 0.75, 6.5, 40, np.arange(3.0), np.eye(3), box, partner=0, transform=motion, moved_probability=0.9
+    )
     change = dataclasses.replace(change, explanation=explanation())
     return Changes(
         labels_before=np.full(30, -1),
@@ -50,6 +52,14 @@ def test_box_turns_with_its_points():
     box, turned = Box.around(points), Box.around(points @ rotation.T)
     np.testing.assert_allclose(turned.extent, box.extent)
     np.testing.assert_allclose(turned.centre, rotation @ box.centre, atol=1e-9)
+
+
+def test_records_without_the_probability_of_a_motion_are_read(tmp_path):
+    file = example().save(tmp_path) / "changes.json"
+    content = json.loads(file.read_text())
+    del content["changes"][0]["moved_probability"]
+    file.write_text(json.dumps(content))
+    assert Changes.load(tmp_path)[0].moved_probability is None
 
 
 def test_diagnostics_that_are_not_finite_are_null(tmp_path):
@@ -149,6 +159,7 @@ def test_damaged_records_are_named(tmp_path, file, content, message):
         ('"point_count": 40', '"point_count": -1', "-1 must be a whole number"),
         ('"partner": 0', '"partner": 7', "a partner beyond the 1 changes"),
         ('"partner": 0', '"partner": 0.5', "0.5 must be a whole number"),
+        ('"moved_probability": 0.9', '"moved_probability": 1.5', "1.5 must lie between 0 and 1"),
         ('"box": {', '"box": null, "other": {', "not a complete record"),
         ('"log_odds": 3.14', '"log_odds": NaN', "NaN is no number"),
         ('"log_odds": 3.14', '"log_odds": "NaN"', "'NaN' must be finite numbers"),

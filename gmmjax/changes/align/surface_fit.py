@@ -17,10 +17,14 @@ class FitScoreSettings:
     Attributes:
         points: of either cloud, at most.
         overlap_spacings: a point overlaps the other cloud when it is within this many spacings of it.
+        covered_spacings: a point that does not overlap, but is within this many spacings of the other cloud,
+            contradicts the transform: the other survey covers the place. Infinite: all that only one survey covers
+            contradicts.
     """
 
     points: int = 3_000
     overlap_spacings: float = 3.0
+    covered_spacings: float = 6.0
 
 
 class SurfaceFit(NamedTuple):
@@ -32,12 +36,20 @@ class SurfaceFit(NamedTuple):
         overlap: fraction of the points with a counterpart, likewise.
         residual: robust standard deviation of the offsets of these points, along the normal.
         noise: median of what the scatter about the local planes makes of it.
+        contradicted: fraction of the points that the other cloud covers without a counterpart; of the cloud where it is
+            more.
     """
 
     score: float
     overlap: float
     residual: float
     noise: float
+    contradicted: float = 0.0
+
+    @property
+    def consistency(self) -> float:
+        """The score among the points in places that both surveys cover."""
+        return self.score / max(self.overlap + self.contradicted, np.finfo(np.float64).tiny)
 
 
 class _OneSidedFit(NamedTuple):
@@ -45,6 +57,7 @@ class _OneSidedFit(NamedTuple):
 
     score: float
     overlap: float
+    contradicted: float
     offsets: Float[np.ndarray, " m"]
     noise: Float[np.ndarray, " m"]
 
@@ -69,10 +82,11 @@ def surface_fit(
     )
     score, overlap = min(side.score for side in sides), min(side.overlap for side in sides)
     offsets = np.concatenate([side.offsets for side in sides])
+    contradicted = max(side.contradicted for side in sides)
     if not len(offsets):
-        return SurfaceFit(score, overlap, float("inf"), float("inf"))
+        return SurfaceFit(score, overlap, float("inf"), float("inf"), contradicted)
     noise = float(np.median(np.concatenate([side.noise for side in sides])))
-    return SurfaceFit(score, overlap, MEDIAN_TO_DEVIATION * float(np.median(offsets)), noise)
+    return SurfaceFit(score, overlap, MEDIAN_TO_DEVIATION * float(np.median(offsets)), noise, contradicted)
 
 
 def _one_sided_fit(
@@ -85,11 +99,14 @@ def _one_sided_fit(
     offsets = np.abs(((means - other.centres[there]) * normals).sum(axis=1))
     distances = np.linalg.norm(means - other.points[there], axis=1)
     cosines = np.abs((rotated(own.normals[chosen], transform) * normals).sum(axis=1))
-    overlapping = distances < settings.overlap_spacings * np.maximum(spacing, other.spacing(there))
+    spacings = distances / np.maximum(spacing, other.spacing(there))
+    overlapping = spacings < settings.overlap_spacings
+    contradicts = ~overlapping & (spacings < settings.covered_spacings)
     # Geman and McClure's weight, at half a spacing a quarter; cosines' fourth power falls to a half at 33 degrees.
     scores = overlapping * cosines**4 / (1 + (2 * offsets / spacing) ** 2) ** 2
     noise = np.sqrt(own.variances[chosen, 0] / MEAN_NEIGHBOURS + other.variances[there, 0] / PLANE_NEIGHBOURS)
-    return _OneSidedFit(float(scores.mean()), float(overlapping.mean()), offsets[overlapping], noise[overlapping])
+    shares = (float(own.mean()) for own in (scores, overlapping, contradicts))
+    return _OneSidedFit(*shares, offsets[overlapping], noise[overlapping])
 
 
 def random_sample(count: int, size: int) -> Int[np.ndarray, " m"]:

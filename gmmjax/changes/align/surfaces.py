@@ -52,6 +52,10 @@ class SurfaceRegistrationSettings:
         same_transform: transforms that differ by fewer spacings, over the points, are one.
         preference: for the given frame, in the score from 0 to 1: of transforms that fit equally well, such as along a
             plane, it is the one from there. 0: any of them may be applied.
+        more_consistent: the transform from the given frame is also taken where another one has more overlap, but is
+            less consistent by this: two surveys that share half of their extent are else slid over each other. 1: it
+            never is.
+        least_overlap: overlap of the transform from the given frame, at least, for that. 0: a corner may be enough.
         needed: the transform is applied when it lowers the residual to this fraction or raises the overlap by the rest.
     """
 
@@ -71,6 +75,8 @@ class SurfaceRegistrationSettings:
     undetermined: float = 2.0
     same_transform: float = 2.0
     preference: float = 0.01
+    more_consistent: float = 0.02
+    least_overlap: float = 0.2
     needed: float = 0.9
 
 
@@ -120,6 +126,10 @@ def rough_registration(
     surfaces = pair.clouds.map(lambda cloud: LocalSurface.of(cloud.points))
     best, *others = _finalists(pair.spacing, surfaces, _refined_starts(pair.spacing, surfaces, settings), settings)
     rival = max((other.fit.score for other in others), default=0.0) / max(best.fit.score, np.finfo(np.float64).tiny)
+    near = next((other for other in others if other.from_given_frame), best)
+    if near is not best and _more_consistent(near.fit, best.fit, settings):
+        rival = best.fit.consistency / near.fit.consistency
+        best = near
     given = surface_fit(surfaces, np.eye(4), pair.spacing, settings.score)
     transform = best.transform if _better(best.fit, given, settings) else np.eye(4)
     return RoughRegistration(transform, best.from_given_frame, min(rival, 1.0))
@@ -164,6 +174,12 @@ def registered_surfaces(
     )
 
 
+def _more_consistent(near: SurfaceFit, other: SurfaceFit, settings: SurfaceRegistrationSettings) -> bool:
+    """Whether the transform from the given frame explains what both surveys cover better, if less overlaps."""
+    enough = near.overlap >= settings.least_overlap
+    return enough and near.consistency > other.consistency + settings.more_consistent
+
+
 def _better(fit: SurfaceFit, given: SurfaceFit, settings: SurfaceRegistrationSettings) -> bool:
     """Whether a transform is needed, compared with the clouds as they were given."""
     return fit.residual < settings.needed * given.residual or fit.overlap > given.overlap + (1 - settings.needed)
@@ -188,11 +204,13 @@ def _refined_starts(
 def _finalists(
     spacing: float, surfaces: Pair[LocalSurface], starts: Iterable[_Candidate], settings: SurfaceRegistrationSettings
 ) -> list[_Candidate]:
-    """The best distinct transforms after more steps of ICP, the best first; at least one."""
+    """The best distinct transforms after more steps of ICP, the best first, with that from the given frame."""
     means = surfaces.after.means(normal_space_sample(surfaces.after, settings.finalist_points))
     apart = settings.same_transform * spacing
     finalists: list[_Candidate] = []
     for start in starts:
+        if len(finalists) >= settings.finalists and not start.from_given_frame:
+            continue
         if any(_distance(means, start.transform, other.transform) < apart for other in finalists):
             continue
         reaches = settings.score.overlap_spacings * spacing, _last_reach(start.fit, spacing, settings)
@@ -201,7 +219,7 @@ def _finalists(
             continue
         fit = surface_fit(surfaces, transform, spacing, settings.score)
         finalists.append(_Candidate(transform, fit, start.from_given_frame))
-        if len(finalists) == settings.finalists:
+        if len(finalists) >= settings.finalists and any(own.from_given_frame for own in finalists):
             break
     return _best_first(finalists, settings)
 

@@ -85,9 +85,9 @@ class JointDetector(AbstractChangeDetector):
         found = found.of_kinds(self.config.kinds).with_confidence(pair.registration.confidence)
         items, labels = found.merged()
         clock.start("moved", "Looking for moved objects", 0.9)
-        if not pair.working.volumetric:
-            working_labels = each(_of_working_points, pair.working.clouds, labels)
-            items = with_moved(items, pair.surfaces, working_labels, found.registration_error, self.objects.moved)
+        if not pair.working.volumetric and self.config.kinds == "both":
+            items, labels = with_moved(items, labels, pair, found.registration_error, self.objects.moved)
+            found = found.grown_to(items, labels)
         clock.finish()
         diagnostics = _diagnostics(scans, prepared, pair, fits, problem, surveys, clock)
         return found.record(
@@ -260,12 +260,6 @@ def _warn_about_registration(registration: Registration) -> None:
         "the same place, in the same unit, and rotated by less than 30 degrees? crop leaves out what only one cloud "
         "has, registration='never' takes clouds that are registered already as they are"
     )
-
-
-def _of_working_points(cloud: WorkingCloud, labels: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
-    working = np.empty(len(cloud.points), int)
-    working[cloud.member] = labels
-    return working
 
 
 def _diagnostics(

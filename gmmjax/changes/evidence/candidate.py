@@ -30,6 +30,8 @@ class SurroundingsSettings:
         least_around: number of points of the other cloud within reach, at least, for the directions in which they lie
             to say anything; of fewer there are none. 0: a single stray point is a direction.
         directions: number of directions, evenly spread over the sphere, that are looked into.
+        neighbourhood: how far the neighbourhood goes beyond four standard deviations of the candidate, in spacings. 0:
+            what surrounds a small candidate says nothing.
         farthest: distance to unchanged points, in spacings, at most: where there are none. Larger: the same.
         nearby: distance, in spacings, within which unchanged points tell the registration error at a candidate. Larger:
             it is that of the whole scan.
@@ -41,6 +43,7 @@ class SurroundingsSettings:
     adjacent: float = 5.0
     least_around: int = 10
     directions: int = 32
+    neighbourhood: float = 40.0
     farthest: float = 1000.0
     nearby: float = 25.0
 
@@ -75,6 +78,16 @@ class Surroundings:
     def unchanged(self) -> cKDTree:
         """Tree of the points of the cloud that are of no candidate."""
         return cKDTree(self.own.points[self.own.labels < 0])
+
+    @functools.cached_property
+    def everything(self) -> cKDTree:
+        """Tree of all points of the cloud."""
+        return cKDTree(self.own.points)
+
+    @functools.cached_property
+    def differing(self) -> cKDTree:
+        """Tree of the points of the cloud that are of candidates."""
+        return cKDTree(self.own.points[self.own.labels >= 0])
 
     @functools.cached_property
     def unchanged_offsets(self) -> Float[np.ndarray, " u"]:
@@ -196,6 +209,12 @@ class Candidate:
     @property
     def _reach(self) -> float:
         return float(3 * np.linalg.norm(self.deviations) + self.surroundings.settings.reach) * self.spacing
+
+    def count_in_neighbourhood(self, tree: cKDTree) -> int:
+        """Number of the points of a tree in its neighbourhood."""
+        around = self.surroundings
+        radius = (4 * float(np.linalg.norm(self.deviations)) + around.settings.neighbourhood) * self.spacing
+        return int(tree.query_ball_point(self.centre, radius, return_length=True))
 
     @functools.cached_property
     def around_count(self) -> int:

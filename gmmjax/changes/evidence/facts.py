@@ -224,6 +224,25 @@ def opposite_contact(candidate: Candidate) -> float:
     return float((candidate.to_opposite < candidate.surroundings.settings.adjacent).mean())
 
 
+def differing_nearby(candidate: Candidate) -> float:
+    """Share of its own cloud in its neighbourhood that is of candidates, 0 to 1: much where coverage differs."""
+    around = candidate.surroundings
+    everything = candidate.count_in_neighbourhood(around.everything)
+    return candidate.count_in_neighbourhood(around.differing) / max(everything, 1)
+
+
+def other_differing_nearby(candidate: Candidate) -> float:
+    """Share of the other cloud in its neighbourhood that is of candidates, 0 to 1: what it hides, or was there."""
+    around = candidate.surroundings
+    return candidate.count_in_neighbourhood(around.opposite) / max(candidate.count_in_neighbourhood(around.other), 1)
+
+
+def differing_overall(candidate: Candidate) -> float:
+    """Share of its own cloud that is of candidates, 0 to 1: much where the surveys cover different places."""
+    around = candidate.surroundings
+    return float(around.differing.n / around.everything.n)
+
+
 def of_cluster(candidate: Candidate) -> float:
     """Its share of the points of the cluster that it was cut from, 0 to 1."""
     return len(candidate.rows) / len(candidate.cluster_rows)
@@ -310,6 +329,11 @@ FACTS: dict[str, Fact] = {
         opposite_nearby, "candidates of the other scan have {:.1f} points around it for each of its own", "ratio"
     ),
     "opposite_contact": Fact(opposite_contact, "{:.0%} of it lies beside candidates of the other scan", "share"),
+    "differing_nearby": Fact(differing_nearby, "{:.0%} of its own scan around it differs from the other", "share"),
+    "other_differing_nearby": Fact(
+        other_differing_nearby, "{:.0%} of the other scan around it differs from its own", "share"
+    ),
+    "differing_overall": Fact(differing_overall, "{:.0%} of its whole scan differs from the other", "share"),
     "of_cluster": Fact(of_cluster, "it is {:.0%} of what differs there", "share"),
     "seen_free": Fact(seen_free, "{:.0%} of it lies where the other survey saw through", "share", 1, poses=True),
     "seen_surface": Fact(

@@ -53,7 +53,7 @@ def cut(
     for label in np.unique(labels[labels >= 0]):
         own = np.flatnonzero(labels == label)
         whole = continuation(points[own], reference, continued)
-        parts = _parts(points[own], whole.unobserved, reference.spacing, settings)
+        parts = _parts(points[own], whole.continued, reference.spacing, settings)
         for part in range(parts.max() + 1):
             number, inside = len(continuations), parts == part
             pieces[own[inside]] = number
@@ -63,12 +63,12 @@ def cut(
 
 
 def _parts(
-    points: Float[np.ndarray, "m 3"], unobserved: Bool[np.ndarray, " m"], spacing: float, settings: PieceSettings
+    points: Float[np.ndarray, "m 3"], continued: Bool[np.ndarray, " m"], spacing: float, settings: PieceSettings
 ) -> Int[np.ndarray, " m"]:
     """The number of the piece of each point of one candidate."""
     least = max(settings.smallest, settings.share * len(points))
     parts = np.full(len(points), -1)
-    for side in (unobserved, ~unobserved):
+    for side in (continued, ~continued):
         clusters = density_clusters(points[side], settings.radius * spacing, settings.neighbours)
         large = np.flatnonzero(np.bincount(clusters[clusters >= 0], minlength=1) >= least)
         for cluster in large:

@@ -1,6 +1,7 @@
 """The changes of one cloud as every detector returns them, and those of both clouds in one list."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -78,14 +79,42 @@ def rejected_of(points: Float[np.ndarray, "n 3"], kind: Kind, explanation: Expla
 
 def merged(changes: Pair[CloudChanges]) -> tuple[tuple[Change, ...], Pair[Int[np.ndarray, " _"]]]:
     """The changes of both clouds in one list, most probable and then largest first, and the labels that refer to it."""
-    items = changes.before.items + changes.after.items
+    after = changes.after.labels
+    labels = Pair(changes.before.labels, np.where(after >= 0, after + len(changes.before.items), -1))
+    return most_probable_first((*changes.before.items, *changes.after.items), labels)
+
+
+def most_probable_first(
+    items: tuple[Change, ...], labels: Pair[Int[np.ndarray, " _"]]
+) -> tuple[tuple[Change, ...], Pair[Int[np.ndarray, " _"]]]:
+    """The changes, most probable and then largest first, and the labels that refer to them.
+
+    Args:
+        items: the changes of both clouds.
+        labels: of either cloud, per point -1 or an index into them.
+    """
     order = sorted(range(len(items)), key=lambda index: _rank(items[index]))
+    return reordered(items, labels, order)
+
+
+def reordered(
+    items: tuple[Change, ...], labels: Pair[Int[np.ndarray, " _"]], order: Sequence[int]
+) -> tuple[tuple[Change, ...], Pair[Int[np.ndarray, " _"]]]:
+    """The changes in another order, or some of them; labels and partners follow, those of a change left out are none.
+
+    Args:
+        items: the changes of both clouds.
+        labels: of either cloud, per point -1 or an index into them.
+        order: indices of the changes that are kept.
+    """
     # One more entry, so that the label -1 stays -1.
     place = np.full(len(items) + 1, -1)
-    place[order] = np.arange(len(items))
-    after = changes.after.labels
-    shifted = np.where(after >= 0, after + len(changes.before.items), -1)
-    return tuple(items[index] for index in order), Pair(place[changes.before.labels], place[shifted])
+    place[list(order)] = np.arange(len(order))
+    kept = (items[index] for index in order)
+    followed = tuple(
+        item if item.partner is None else dataclasses.replace(item, partner=int(place[item.partner])) for item in kept
+    )
+    return followed, labels.map(lambda own: place[own])
 
 
 def merged_rejected(changes: Pair[CloudChanges]) -> tuple[RejectedCandidate, ...]:

@@ -69,6 +69,22 @@ class Found(NamedTuple):
         """The changes of both clouds in one list, and the labels that refer to it."""
         return merged(self.changes)
 
+    def grown_to(self, items: tuple[Change, ...], labels: Pair[Int[np.ndarray, " _"]]) -> "Found":
+        """With the probability of its change for every point that has joined one, and was of none; it was observed.
+
+        Args:
+            items: the changes.
+            labels: per point -1, or the index of its change.
+        """
+        of_changes = np.array([*(item.probability for item in items), 0.0])
+
+        def grown(changes: CloudChanges, label: np.ndarray) -> CloudChanges:
+            joined = (label >= 0) & (changes.labels < 0)
+            return changes._replace(probability=np.where(joined, of_changes[label], changes.probability))
+
+        unobserved = each(lambda hidden, label: hidden & (label < 0), self.unobserved, labels)
+        return self._replace(changes=each(grown, self.changes, labels), unobserved=unobserved)
+
     def record(
         self,
         clouds: Pair[CheckedCloud],

@@ -1,4 +1,4 @@
-"""Whether two scanned objects are one: the rigid transform that lays one best onto the other, and how well it fits."""
+"""The rigid transform that lays one scanned object best onto another, and what is known of how well it fits."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from gmmjax.changes.objects.overlap import Overlap, OverlapSettings, overlap
 from gmmjax.changes.objects.rigid_match import RigidMatchSettings, refined_match, rigid_matches, rigid_matches_near
 from gmmjax.changes.objects.support_plane import SupportPlane
-from gmmjax.changes.objects.top import top_of
+from gmmjax.changes.objects.top import Top, top_of
 from gmmjax.changes.objects.upright import UprightSettings, stays_upright, upright_transforms
 from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each
@@ -19,7 +19,7 @@ from gmmjax.pair import Pair, each
 
 @dataclasses.dataclass(frozen=True)
 class MatchSettings:
-    """When two objects are one, and how the transform between them is found.
+    """How the transform between two objects is found.
 
     All values are empirical: they come from development on the scenes of docs/results.md. Heights are in
     standard deviations of the offset between local means of one surface.
@@ -36,36 +36,23 @@ class MatchSettings:
             transforms. 0: contradictions do not count.
         rotation_penalty: fraction of the points that a rotation by 180 degrees costs there: of the transforms that fit
             a symmetric object the one with the smallest rotation is taken. 0: any of them.
-        uncovered: in the misfit a point that is not covered costs this fraction of a contradicted one. 0: nothing.
-        most_misfit: of one object, both directions together. Infinite: any two objects that overlap are one.
-        least_covered: fraction of either one that lies on the other. 0: objects may be matched without an overlap.
-        least_covered_upright: the same where the support planes are known.
-        most_misfit_same_top: of one object, where the tops have the same outline and height, which two objects rarely
-            have. Equal to `most_misfit`: equal tops gain nothing.
-        least_covered_same_top: the same, of the fraction that lies on the other one.
         same_height: largest distance of the support planes after the transform. Infinite: objects may sink or float.
-        other_height: objects whose tops differ in height by more are not compared. Infinite: all are.
+        other_height: objects whose tops differ in height by more are not compared: saves time. Infinite: all are.
         overlap: when a point lies on a surface.
         rigid: how transforms are searched.
         upright: what objects stand on, and which transforms keep them upright.
     """
 
-    transforms: int = 10
-    upright_transforms: int = 24
+    transforms: int = 7
+    upright_transforms: int = 10
     coarse_sample: int = 200
     most_contradicted: float = 0.3
     refined: int = 2
     sample: int = 800
     contradiction: float = 4.0
     rotation_penalty: float = 0.05
-    uncovered: float = 0.02
-    most_misfit: float = 0.07
-    least_covered: float = 0.45
-    least_covered_upright: float = 0.3
-    most_misfit_same_top: float = 0.3
-    least_covered_same_top: float = 0.2
     same_height: float = 3.0
-    other_height: float = 8.0
+    other_height: float = 12.0
     overlap: OverlapSettings = OverlapSettings()
     rigid: RigidMatchSettings = RigidMatchSettings()
     upright: UprightSettings = UprightSettings()
@@ -79,39 +66,16 @@ class Match(NamedTuple):
         there: how the first one fits the second.
         back: how the second one fits the first.
         upright: whether it brings the support plane of the first one onto that of the second.
-        same_top: whether both have a top of the same outline and height.
-        settings: what is one object.
+        tops: of both, above their support planes; None: too little of one was observed, or its support plane was not.
+        settings: how transforms are compared.
     """
 
     transform: Float[np.ndarray, "4 4"]
     there: Overlap
     back: Overlap
     upright: bool = False
-    same_top: bool = False
+    tops: Pair[Top] | None = None
     settings: MatchSettings = MatchSettings()
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """Of one object: the largest misfit, and the least covered fraction."""
-        settings = self.settings
-        if self.same_top:
-            return settings.most_misfit_same_top, settings.least_covered_same_top
-        if self.upright:
-            return settings.most_misfit, settings.least_covered_upright
-        return settings.most_misfit, settings.least_covered
-
-    @property
-    def misfit(self) -> float:
-        """Contradicted fraction of both, with a small part of the uncovered one; infinite below the least overlap."""
-        if min(self.there.covered, self.back.covered) < self.limits[1]:
-            return float("inf")
-        uncovered = self.settings.uncovered
-        return sum(side.contradicted + uncovered * (1 - side.covered) for side in (self.there, self.back))
-
-    @property
-    def one_object(self) -> bool:
-        """Whether the two are one object."""
-        return self.misfit <= self.limits[0]
 
     @property
     def merit(self) -> float:
@@ -123,11 +87,11 @@ class Match(NamedTuple):
 
 
 class _Candidates(NamedTuple):
-    """Candidate transforms, whether they keep the object upright, and whether both objects have the same top."""
+    """Candidate transforms, whether they keep the object upright, and the tops of both objects."""
 
     transforms: Sequence[Float[np.ndarray, "4 4"]]
     upright: bool
-    same_top: bool
+    tops: Pair[Top] | None
 
 
 def best_match(
@@ -162,12 +126,12 @@ def best_match(
     ]
     matches.sort(key=lambda match: match.merit, reverse=True)
     if min(matches[0].there.contradicted, matches[0].back.contradicted) > settings.most_contradicted:
-        return matches[0]
+        return matches[0]._replace(upright=candidates.upright, tops=candidates.tops)
     best = max(
         (_refined(parts, match, surfaces, noise, settings) for match in matches[: settings.refined]),
         key=lambda match: match.merit,
     )
-    return best._replace(upright=candidates.upright, same_top=candidates.same_top)
+    return best._replace(upright=candidates.upright, tops=candidates.tops)
 
 
 def _candidates(
@@ -175,7 +139,7 @@ def _candidates(
 ) -> _Candidates:
     if stood_on.before is None or stood_on.after is None:
         return _Candidates(
-            rigid_matches(parts.before, parts.after, noise, settings.transforms, settings.rigid), False, False
+            rigid_matches(parts.before, parts.after, noise, settings.transforms, settings.rigid), False, None
         )
     return _upright_candidates(parts, noise, Pair(stood_on.before, stood_on.after), settings)
 
@@ -185,17 +149,15 @@ def _upright_candidates(
 ) -> _Candidates:
     """The candidates that keep the object upright; none where the tops differ in height."""
     upright = settings.upright
-    tops = each(lambda part, plane: top_of(part, plane, noise, upright.top), parts, planes)
-    same_top = False
-    if tops.before is not None and tops.after is not None:
-        if abs(tops.before.height - tops.after.height) > settings.other_height * noise:
-            return _Candidates([], True, False)
-        same_top = tops.before.equals(tops.after, noise, upright.top)
+    first, second = each(lambda part, plane: top_of(part, plane, noise, upright.top), parts, planes)
+    tops = None if first is None or second is None else Pair(first, second)
+    if tops is not None and abs(tops.before.height - tops.after.height) > settings.other_height * noise:
+        return _Candidates([], True, tops)
     starts = upright_transforms(parts, planes, upright)
     found = rigid_matches_near(parts.before, parts.after, starts, noise, settings.upright_transforms, settings.rigid)
     middle, tolerance = parts.after.points.mean(axis=0), settings.same_height * noise
     kept = [transform for transform in found if stays_upright(transform, planes, middle, tolerance, upright)]
-    return _Candidates(kept, True, same_top)
+    return _Candidates(kept, True, tops)
 
 
 def _refined(
@@ -213,7 +175,29 @@ def _match(
     sample: int,
     settings: MatchSettings,
 ) -> Match:
-    inverse = np.linalg.inv(transform)
-    there = overlap(parts.before.moved(transform), parts.after, surfaces.after, noise, sample, settings.overlap)
-    back = overlap(parts.after.moved(inverse), parts.before, surfaces.before, noise, sample, settings.overlap)
+    return match_of(parts, transform, surfaces, noise, dataclasses.replace(settings, sample=sample))
+
+
+def match_of(
+    parts: Pair[LocalSurface],
+    transform: Float[np.ndarray, "4 4"],
+    surfaces: Pair[LocalSurface],
+    noise: float,
+    settings: MatchSettings = MatchSettings(),
+) -> Match:
+    """How well a known transform lays the one object onto the other.
+
+    Args:
+        parts: both objects.
+        transform: rigid transform [4, 4] from the first to the second.
+        surfaces: of both clouds, registered.
+        noise: standard deviation of the offset between local means of one surface.
+        settings: how many points are compared, and when they lie on a surface.
+    """
+    ways = Pair(transform, np.linalg.inv(transform))
+
+    def fits(own: LocalSurface, way: np.ndarray, other: LocalSurface, scene: LocalSurface) -> Overlap:
+        return overlap(own, way, other, scene, noise, settings.sample, settings.overlap)
+
+    there, back = each(fits, parts, ways, parts.swapped, surfaces.swapped)
     return Match(transform, there, back, settings=settings)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
-from gmmjax.geometry import LocalSurface, evenly_chosen
+from gmmjax.geometry import LocalSurface, evenly_chosen, transformed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,10 +24,12 @@ class OverlapSettings:
             Infinite: every point near the surface lies on it.
         distance: at most this far from the nearest point of the surface, in the coarser of both objects' spacings.
             Infinite: a surface has no edges.
+        overhang: quantile of the distances beyond the convex hull that is reported. 1: a stray point decides.
     """
 
     offset: float = 5.0
     distance: float = 2.5
+    overhang: float = 0.95
 
 
 class Overlap(NamedTuple):
@@ -36,21 +38,28 @@ class Overlap(NamedTuple):
     Attributes:
         covered: fraction of its points that lie on the other object.
         contradicted: fraction that does not, although the survey of the other object must have observed it.
+        residual: root mean square offset of the covered points from the other object's planes, in standard deviations
+            of the offset between local means; 0 where none is covered.
+        overhang: how far its points reach beyond the convex hull of the other object, in standard deviations of the
+            offset between local means.
     """
 
     covered: float
     contradicted: float
+    residual: float = 0.0
+    overhang: float = 0.0
 
 
 def overlap(
-    placed: LocalSurface,
+    own: LocalSurface,
+    transform: Float[np.ndarray, "4 4"],
     other: LocalSurface,
     scene: LocalSurface,
     noise: float,
     sample: int,
     settings: OverlapSettings = OverlapSettings(),
 ) -> Overlap:
-    """How an object that was laid onto another one fits it.
+    """How an object that is laid onto another one fits it.
 
     A point that does not lie on the other object, nor on anything else in its cloud, contradicts when it is on or in
     front of the plane that the other object has nearest to it, and outside of that object's convex hull: where an
@@ -58,23 +67,49 @@ def overlap(
     point inside the hull of a hole in the scan.
 
     Args:
-        placed: the one object, laid onto the other.
+        own: the one object.
+        transform: rigid transform [4, 4] that lays it onto the other.
         other: the other object.
         scene: the whole cloud that the other object is in.
         noise: standard deviation of the offset between local means of one surface.
         sample: number of points, at most, that are compared, evenly chosen.
         settings: when a point lies on a surface.
     """
-    chosen = evenly_chosen(len(placed), sample)
-    points, means = placed.points[chosen], placed.means(chosen)
+    chosen = evenly_chosen(len(own), sample)
+    points, means = transformed(own.points[chosen], transform), transformed(own.means(chosen), transform)
     offset = settings.offset * noise
-    distance = settings.distance * max(placed.nearest_distance, other.nearest_distance)
-    both = np.concatenate([placed.points, other.points])
+    distance = settings.distance * max(own.nearest_distance, other.nearest_distance)
+    both = np.concatenate([points, other.points])
     heights = _heights(means, other, (both.min(axis=0) + both.max(axis=0)) / 2)
     covered = _lies_on(points, heights, other, offset, distance)
     elsewhere = _lies_on(points, _heights(means, scene, means.mean(axis=0)), scene, offset, distance)
-    observed = (heights > -offset) & (other.beyond_hull(means) > offset)
-    return Overlap(float(covered.mean()), float((observed & ~covered & ~elsewhere).mean()))
+    beyond = other.beyond_hull(means)
+    observed = (heights > -offset) & (beyond > offset)
+    residual = float(np.sqrt((heights[covered] ** 2).mean())) / noise if covered.any() else 0.0
+    overhang = max(float(np.quantile(beyond, settings.overhang)), 0.0) / noise
+    return Overlap(float(covered.mean()), float((observed & ~covered & ~elsewhere).mean()), residual, overhang)
+
+
+def on_surface(
+    points: Float[np.ndarray, "n 3"],
+    means: Float[np.ndarray, "n 3"],
+    surface: LocalSurface,
+    noise: float,
+    spacing: float,
+    settings: OverlapSettings = OverlapSettings(),
+) -> Bool[np.ndarray, " n"]:
+    """Which points lie on a surface.
+
+    Args:
+        points: of another cloud.
+        means: the local mean of each.
+        surface: on which they may lie.
+        noise: standard deviation of the offset between local means of one surface.
+        spacing: the coarser of both clouds' spacings.
+        settings: when a point lies on a surface.
+    """
+    heights = _heights(means, surface, means.mean(axis=0))
+    return _lies_on(points, heights, surface, settings.offset * noise, settings.distance * spacing)
 
 
 def _heights(

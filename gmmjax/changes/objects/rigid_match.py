@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -14,11 +14,11 @@ from gmmjax.geometry import (
     IcpSettings,
     LocalSurface,
     evenly_chosen,
-    least_squares_transform,
     point_to_plane_icp,
     rigid_transform,
     transformed,
 )
+from gmmjax.pair import Pair
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,9 +30,12 @@ class RigidMatchSettings:
 
     Attributes:
         coarse_sample: number of points of either object, at most, in the point-to-point ICP from every start.
-        coarse_steps: number of its steps. 0: the starts are ranked as they are.
+        first_steps: number of its steps from every start. 0: the starts are ranked as they are.
+        kept: number of starts, the best, that are continued. As many as there are starts: all of them.
+        last_steps: number of steps of those.
         fewest_correspondences: a start with fewer pairs of closest points is abandoned. 0: none is.
-        rotations: starts per full turn about each coordinate axis. 1: only the objects' present orientation.
+        orientations: rotations, spread evenly over all there are, that a search starts from where nothing is known. 1:
+            only the objects' present orientation.
         first_distance: largest distance of closest points in the first coarse step, in root mean square radii of the
             target. Infinite: no limit.
         first_distance_near: the same where the transform is roughly known.
@@ -47,27 +50,22 @@ class RigidMatchSettings:
         refined_icp: how the refinement proceeds.
     """
 
-    coarse_sample: int = 200
-    coarse_steps: int = 12
+    coarse_sample: int = 150
+    first_steps: int = 5
+    kept: int = 24
+    last_steps: int = 8
     fewest_correspondences: int = 6
-    rotations: int = 12
+    orientations: int = 72
     first_distance: float = 1.0
     first_distance_near: float = 0.3
     duplicate: float = 0.5
-    sample: int = 500
+    sample: int = 350
     first_reach: float = 16.0
     last_reach: float = 3.0
     icp: IcpSettings = IcpSettings()
     refined_sample: int = 2000
     refined_first_reach: float = 4.0
     refined_icp: IcpSettings = IcpSettings(steps=10)
-
-
-class _Start(NamedTuple):
-    """A transform, and the mean distance of closest points that it leaves, summed over both objects."""
-
-    transform: Float[np.ndarray, "4 4"]
-    distance: float
 
 
 def rigid_matches(
@@ -92,7 +90,7 @@ def rigid_matches(
     """
     to_origin = rigid_transform(translation=-source.points.mean(axis=0))
     back = rigid_transform(translation=target.points.mean(axis=0))
-    starts = [back @ rigid_transform(rotation) @ to_origin for rotation in _rotations(settings.rotations)]
+    starts = back @ rigid_transform(_orientations(settings.orientations)) @ to_origin
     return _promising(source, target, starts, settings.first_distance, noise, count, settings)
 
 
@@ -114,7 +112,7 @@ def rigid_matches_near(
         count: number of transforms, at most.
         settings: how they are searched.
     """
-    return _promising(source, target, starts, settings.first_distance_near, noise, count, settings)
+    return _promising(source, target, np.stack(starts), settings.first_distance_near, noise, count, settings)
 
 
 def refined_match(
@@ -130,10 +128,40 @@ def refined_match(
     return point_to_plane_icp(means, target, transform, first_reach, last_reach, settings.refined_icp)
 
 
+def best_starts(
+    moving: Pair[Float[np.ndarray, "_ 3"]],
+    things: Pair[LocalSurface],
+    starts: Float[np.ndarray, "s 4 4"],
+    count: int,
+    settings: RigidMatchSettings = RigidMatchSettings(),
+) -> list[Float[np.ndarray, "4 4"]]:
+    """The best distinct motions, after point-to-point ICP, of objects of which only some points are known to move.
+
+    Args:
+        moving: the points of either object that move.
+        things: what they may be a part of, before and after the motion.
+        starts: transforms to start from.
+        count: number of motions, at most.
+        settings: how they are searched.
+    """
+    few = moving.map(lambda points: points[evenly_chosen(len(points), settings.coarse_sample)])
+    last = 2 * max(thing.nearest_distance for thing in things)
+    first = settings.first_distance_near * float(np.sqrt(np.concatenate([*few]).var(axis=0).sum()))
+    search = _CoarseSearch(few.before, things.after.points, things.after.tree, last, settings)
+    back = _CoarseSearch(few.after, things.before.points, things.before.tree, last, settings)
+
+    def ranked(transforms: np.ndarray) -> np.ndarray:
+        left = search.left(transforms) + back.left(np.linalg.inv(transforms))
+        return transforms[np.argsort(left, kind="stable")]
+
+    coarse = np.concatenate([starts, search.continued(starts, first, 0, settings.first_steps)])
+    return _without_duplicates(ranked(coarse), few.before, settings.duplicate * last)[:count]
+
+
 def _promising(
     source: LocalSurface,
     target: LocalSurface,
-    starts: Sequence[Float[np.ndarray, "4 4"]],
+    starts: Float[np.ndarray, "s 4 4"],
     first_distance: float,
     noise: float,
     count: int,
@@ -143,55 +171,106 @@ def _promising(
     few = [surface.points[evenly_chosen(len(surface), settings.coarse_sample)] for surface in (source, target)]
     last = 2 * max(usual_spacing(points) for points in few)
     first = first_distance * float(np.sqrt(((few[1] - few[1].mean(axis=0)) ** 2).sum(axis=1).mean()))
-    tree = cKDTree(few[1])
-    coarse = [_coarse_icp(few[0], few[1], tree, start, first, last, settings) for start in starts]
-    distinct = _without_duplicates(sorted(coarse, key=lambda start: start.distance), few[0], settings.duplicate * last)
+    search = _CoarseSearch(few[0], few[1], cKDTree(few[1]), last, settings)
+    coarse = search.continued(starts, first, 0, settings.first_steps)
+    coarse = coarse[np.argsort(search.distances(coarse), kind="stable")[: settings.kept]]
+    coarse = search.continued(coarse, first, settings.first_steps, settings.last_steps)
+    coarse = coarse[np.argsort(search.distances(coarse), kind="stable")]
+    distinct = _without_duplicates(coarse, few[0], settings.duplicate * last)
     means = source.means(evenly_chosen(len(source), settings.sample))
     reaches = settings.first_reach * noise, settings.last_reach * noise
-    return [point_to_plane_icp(means, target, start.transform, *reaches, settings.icp) for start in distinct[:count]]
+    return [point_to_plane_icp(means, target, start, *reaches, settings.icp) for start in distinct[:count]]
+
+
+class _CoarseSearch(NamedTuple):
+    """Point-to-point ICP from many starts at once.
+
+    Attributes:
+        source: points that are moved.
+        target: points that stay.
+        tree: of the target.
+        last: least limit of the distance of closest points.
+        settings: how it proceeds.
+    """
+
+    source: Float[np.ndarray, "n 3"]
+    target: Float[np.ndarray, "m 3"]
+    tree: cKDTree
+    last: float
+    settings: RigidMatchSettings
+
+    def continued(
+        self, transforms: Float[np.ndarray, "s 4 4"], first: float, done: int, steps: int
+    ) -> Float[np.ndarray, "s 4 4"]:
+        """The transforms after more steps, on pairs within a distance that shrinks from the first to the last one."""
+        for step in range(done, done + steps):
+            distances, nearest = self._closest(transforms, max(self.last, first * 0.5 ** (step / 2)))
+            near = np.isfinite(distances)
+            goals = self.target[np.where(near, nearest, 0)]
+            fitted = _least_squares_transforms(self.source, goals, near.astype(float))
+            enough = near.sum(axis=1) >= self.settings.fewest_correspondences
+            transforms = np.where(enough[:, None, None], fitted, transforms)
+        return transforms
+
+    def distances(self, transforms: Float[np.ndarray, "s 4 4"]) -> Float[np.ndarray, " s"]:
+        """The mean distance of closest points that each transform leaves, at most the last limit, in both directions.
+
+        Backwards, the target's points are looked up in the source: the distances are the same there.
+        """
+        there = self.left(transforms)
+        rotations = transforms[:, :3, :3]
+        moved_back = np.einsum("sji,smj->smi", rotations, self.target[None] - transforms[:, None, :3, 3])
+        back = cKDTree(self.source).query(moved_back)[0]
+        return np.asarray(there + np.minimum(back, self.last).mean(axis=1))
+
+    def left(self, transforms: Float[np.ndarray, "s 4 4"]) -> Float[np.ndarray, " s"]:
+        """The mean distance of the source's points from the target after each transform, at most the last limit."""
+        return np.asarray(np.minimum(self._closest(transforms)[0], self.last).mean(axis=1))
+
+    def _closest(
+        self, transforms: Float[np.ndarray, "s 4 4"], limit: float = np.inf
+    ) -> tuple[Float[np.ndarray, "s n"], Int[np.ndarray, "s n"]]:
+        placed = np.einsum("sij,nj->sni", transforms[:, :3, :3], self.source) + transforms[:, None, :3, 3]
+        return self.tree.query(placed, distance_upper_bound=limit)
+
+
+def _least_squares_transforms(
+    source: Float[np.ndarray, "n 3"], goals: Float[np.ndarray, "s n 3"], weights: Float[np.ndarray, "s n"]
+) -> Float[np.ndarray, "s 4 4"]:
+    """`least_squares_transform` of the same points to many sets of goals, of which some have no weight."""
+    total = np.maximum(weights.sum(axis=1), 1.0)[:, None]
+    start, goal = weights @ source / total, np.einsum("sn,sni->si", weights, goals) / total
+    centred = (goals - goal[:, None]) * weights[..., None]
+    left, _, right = np.linalg.svd(np.einsum("sni,snj->sij", centred, source[None] - start[:, None]))
+    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
+    rotation = left @ right
+    return rigid_transform(rotation, goal - np.einsum("sij,sj->si", rotation, start))
 
 
 def _without_duplicates(
-    starts: Sequence[_Start], points: Float[np.ndarray, "n 3"], largest_distance: float
-) -> list[_Start]:
-    """The starts that bring some point further than this from where every start before them brings it."""
+    transforms: Float[np.ndarray, "s 4 4"], points: Float[np.ndarray, "n 3"], largest_distance: float
+) -> list[Float[np.ndarray, "4 4"]]:
+    """The transforms that bring some point further than this from where every one before them brings it."""
     # A rigid transform is determined by three points; a dozen, evenly chosen, are hardly in one line.
     few = points[evenly_chosen(len(points), 12)]
-    kept: list[_Start] = []
+    kept: list[np.ndarray] = []
     places: list[np.ndarray] = []
-    for start in starts:
-        placed = transformed(few, start.transform)
+    for transform in transforms:
+        placed = transformed(few, transform)
         if all(np.linalg.norm(placed - other, axis=1).max() > largest_distance for other in places):
-            kept.append(start)
+            kept.append(transform)
             places.append(placed)
     return kept
 
 
-def _coarse_icp(
-    source: Float[np.ndarray, "n 3"],
-    target: Float[np.ndarray, "m 3"],
-    tree: cKDTree,
-    start: Float[np.ndarray, "4 4"],
-    first: float,
-    last: float,
-    settings: RigidMatchSettings,
-) -> _Start:
-    """Point-to-point ICP on pairs within a distance that shrinks from the first to the last one."""
-    transform = start
-    for step in range(settings.coarse_steps):
-        placed = transformed(source, transform)
-        distances, nearest = tree.query(placed, distance_upper_bound=max(last, first * 0.5 ** (step / 2)))
-        near = np.isfinite(distances)
-        if near.sum() < settings.fewest_correspondences:
-            return _Start(transform, 2 * last)
-        transform = least_squares_transform(source[near], target[nearest[near]])
-    placed = transformed(source, transform)
-    there, back = tree.query(placed)[0], cKDTree(placed).query(target)[0]
-    return _Start(transform, float(sum(np.minimum(distances, last).mean() for distances in (there, back))))
-
-
-def _rotations(per_axis: int) -> list[Float[np.ndarray, "3 3"]]:
-    """The identity, and rotations about each coordinate axis in this number of steps a full turn."""
-    angles = np.arange(1, per_axis) * 2 * np.pi / per_axis
-    rotated = [Rotation.from_rotvec(angle * axis).as_matrix() for axis in np.eye(3) for angle in angles]
-    return [np.eye(3), *rotated]
+def _orientations(count: int) -> Float[np.ndarray, "r 3 3"]:
+    """The identity, and rotations that are spread evenly over all orientations (Alexa 2022)."""
+    steps = np.arange(count - 1) + 0.5
+    inner, outer = np.sqrt(steps / max(count - 1, 1)), np.sqrt(1 - steps / max(count - 1, 1))
+    # The golden ratio's kin for quaternions: sqrt 2, and the positive root of x^4 = x + 4.
+    first, second = 2 * np.pi * steps / np.sqrt(2), 2 * np.pi * steps / 1.533751168755204288118041
+    quaternions = np.stack(
+        [inner * np.sin(first), inner * np.cos(first), outer * np.sin(second), outer * np.cos(second)], axis=1
+    )
+    rotations = Rotation.from_quat(quaternions).as_matrix() if count > 1 else np.zeros((0, 3, 3))
+    return np.concatenate([np.eye(3)[None], rotations])

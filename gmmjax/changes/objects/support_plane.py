@@ -22,6 +22,9 @@ class SupportPlaneSettings:
         fewest: number of background points, at least, that the upward direction and a support plane are found from.
         level: cosine of the angle between two normals from which on they are of one direction. Above 1: no object has a
             support plane.
+        agreement: fraction of the objects that touch a background, at least, that touch one across the upward
+            direction. Below, as where things float or hang on several walls, there is no upward direction. Empirical.
+            0: there always is one.
         largest_sample: number of normals, at most, that the upward direction is found from.
         above: an object has more than this fraction of its points above its support plane. 0: it may be sunk into it.
         tolerance: points up to this far below the plane count as above it, in standard deviations of the offset between
@@ -31,6 +34,7 @@ class SupportPlaneSettings:
     contact: float = 4.0
     fewest: int = 12
     level: float = 0.9
+    agreement: float = 0.6
     largest_sample: int = 2000
     above: float = 0.96
     tolerance: float = 5.0
@@ -107,6 +111,10 @@ def _upwards(
     parallel = np.abs(normals @ normals.T) > settings.level
     leader = int(np.argmax(parallel.sum(axis=1)))
     own = normals[parallel[leader]]
+    touching = [patch.normals for patch in patches if len(patch.normals) >= settings.fewest]
+    across = [(np.abs(own_normals @ normals[leader]) > settings.level).sum() for own_normals in touching]
+    if sum(count >= settings.fewest for count in across) < settings.agreement * len(touching):
+        return None
     up = (own * np.sign(own @ normals[leader])[:, None]).sum(axis=0)
     up /= np.linalg.norm(up)
     heights = [

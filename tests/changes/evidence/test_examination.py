@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from gmmjax import DetectionConfig, detect_changes
-from gmmjax.changes.candidates import Candidates
 from gmmjax.changes.detectors.detector import Scan
 from gmmjax.changes.detectors.joint import JointDetector
-from gmmjax.changes.differences import DetectionLimits, Differences, DifferenceSettings, LocalDifference
+from gmmjax.changes.differences import Differences
 from gmmjax.changes.evidence.examination import (
     EvidenceSettings,
     examined,
@@ -17,14 +16,23 @@ from gmmjax.changes.evidence.examination import (
     unexamined,
 )
 from gmmjax.changes.evidence.facts import measured
-from gmmjax.changes.evidence.free_space import Observed, Survey
+from gmmjax.changes.evidence.free_space import Observed
 from gmmjax.changes.evidence.pieces import PieceSettings
 from gmmjax.changes.evidence.verdict_file import Verdicts, shipped_verdicts
 from gmmjax.changes.evidence.view_checks import ViewCheckSettings
-from gmmjax.clouds import SensorViews
 from gmmjax.errors import InputWarning
 from gmmjax.evaluation import score_pair
 from gmmjax.pair import Pair
+from tests.changes.evidence.floors import (
+    FROM_ABOVE,
+    LIMITS,
+    candidates_of,
+    cube,
+    in_square,
+    nothing_of,
+    plane,
+    surveys_of,
+)
 from tests.changes.evidence.verdicts import verdict
 from tests.changes.rooms import around, box, scanned
 
@@ -93,52 +101,6 @@ def test_the_detector_passes_its_settings_to_the_surveys():
     detector = dataclasses.replace(JointDetector(DetectionConfig(restarts=1, registration="never")), evidence=evidence)
     with pytest.raises(InputWarning, match=r"views_before: .* not used as evidence"):
         detector.changes(scans)
-
-
-SPACING = 0.02
-LIMITS = DetectionLimits(SPACING, 0.01, 0.002, distance=0.06, offset=0.02, settings=DifferenceSettings())
-FREE, SURFACE, UNOBSERVED = Observed.free, Observed.surface, Observed.unobserved
-# A camera 2 above the middle of the floor.
-FROM_ABOVE = SensorViews([[[1, 0, 0, 1], [0, -1, 0, 1], [0, 0, -1, 2], [0, 0, 0, 1]]], (53.0, 53.0), 3.0)
-
-
-def plane(lower, upper, height, seed=0):
-    """A grid of points of a horizontal rectangle, a little noisy."""
-    x, y = (
-        grid.ravel() for grid in np.meshgrid(*(np.arange(*side, SPACING) for side in zip(lower, upper, strict=True)))
-    )
-    points = np.column_stack([x, y, np.full_like(x, height)])
-    return points + 0.001 * np.random.default_rng(seed).standard_normal(points.shape)
-
-
-def cube(centre, size, seed=1):
-    """The top and the sides of a cube that stands on the floor."""
-    centre, half = np.array([*centre, size / 2]), size / 2
-    face = plane((-half, -half), (half, half), half, seed)
-    sides = [face @ turned for turned in (np.eye(3), np.eye(3)[[1, 2, 0]], np.eye(3)[[2, 0, 1]])]
-    sides += [-side for side in sides[1:]]
-    points = np.concatenate(sides) + centre
-    return points[points[:, 2] > 0.03]
-
-
-def in_square(points, centre, size):
-    return (np.abs(points[:, :2] - centre) < size / 2).all(axis=1)
-
-
-def candidates_of(points, labels, observed=None):
-    near = np.full(len(points), 0.001)
-    difference = LocalDifference(np.where(labels >= 0, 0.1, 0.001), near, near, near, near + SPACING)
-    looks_changed = np.where(labels >= 0, 1.0, 0.2)[None]
-    return Candidates(points, difference, looks_changed, looks_changed, labels, observed)
-
-
-def surveys_of(pair, *views):
-    """Both clouds as surveys; of the after cloud with these views."""
-    return Pair(Survey.of(pair.before.points), Survey.of(pair.after.points, *views))
-
-
-def nothing_of(points):
-    return candidates_of(points, np.full(len(points), -1))
 
 
 @pytest.fixture(scope="module")

@@ -81,3 +81,13 @@ def test_every_row_that_was_given_has_a_value(found):
     assert [one.kind for one in changes.rejected] == ["appeared"]
     assert found.of_kinds("disappeared").record(clouds, (), labels, 0.0, DetectionConfig(), {}).rejected == ()
     assert not changes.registration.applied
+
+
+def test_points_that_joined_a_change_have_its_probability_and_were_observed(found):
+    items, labels = found.merged()
+    grown = labels.map(np.copy)
+    grown.before[20:27] = 1
+    changes = found.grown_to(items, grown)
+    np.testing.assert_array_equal(changes.changes.before.probability, np.repeat([0.6, 0.1], [27, 3]))
+    np.testing.assert_array_equal(changes.changes.after.probability, found.changes.after.probability)
+    np.testing.assert_array_equal(changes.unobserved.before, np.repeat([False, True], [27, 3]))

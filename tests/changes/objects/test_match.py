@@ -2,56 +2,62 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.objects.match import Match, MatchSettings, best_match
-from gmmjax.changes.objects.overlap import Overlap
+from gmmjax.changes.objects.match import best_match, match_of
+from gmmjax.changes.objects.match_facts import match_facts, observability, principal_extents
+from gmmjax.changes.objects.same_object import shipped_model
 from gmmjax.geometry.local_surface import LocalSurface
 from gmmjax.pair import Pair
 from tests.changes.scanned_objects import box, motion, placed
 
 NOISE = 0.003
 EXTENT = (0.4, 0.28, 0.22)
-MOST_MISFIT = MatchSettings().most_misfit
 
 
 def matched(gone, new):
     parts = Pair(LocalSurface.of(gone), LocalSurface.of(new))
-    return best_match(parts, parts, NOISE)
+    return best_match(parts, parts, NOISE), parts
 
 
-def misfit(gone, new):
-    return matched(gone, new).misfit
+def log_odds(gone, new):
+    match, parts = matched(gone, new)
+    return shipped_model().log_odds(match_facts(match, parts, NOISE), "free")
 
 
 @pytest.mark.parametrize("faces", [(0, 1, 2, 3, 4), (0, 1, 2), (0, 2, 4)])
 def test_one_object_is_known_again_from_other_sides(faces):
     new = placed(box(1, EXTENT, faces), motion(2.0, [0.8, -0.3, 0.1]))
-    assert misfit(box(0, EXTENT, (0, 1, 2)), new) < MOST_MISFIT
+    assert log_odds(box(0, EXTENT, (0, 1, 2)), new) > 0
 
 
 @pytest.mark.parametrize("other", [(0.4, 0.28, 0.32), (0.3, 0.28, 0.22), (0.33, 0.33, 0.33)])
 def test_another_object_is_not(other):
-    assert misfit(box(0, EXTENT), box(1, other) + 0.5) > MOST_MISFIT
+    assert log_odds(box(0, EXTENT), box(1, other) + 0.5) < 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_object_that_floats_is_laid_onto_itself_in_any_orientation(seed):
+    true = motion(0, [0.5, 0.2, 0.3])
+    true[:3, :3] = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    match, _ = matched(box(0, EXTENT), placed(box(1, EXTENT), true))
+    assert min(match.there.covered, match.back.covered) > 0.9
 
 
 def test_of_the_transforms_that_fit_the_smallest_rotation_is_taken():
     new = placed(box(1, EXTENT), motion(0.3, [0.8, -0.3, 0]))
-    transform = matched(box(0, EXTENT), new).transform
+    transform = matched(box(0, EXTENT), new)[0].transform
     assert Rotation.from_matrix(transform[:3, :3]).magnitude() == pytest.approx(0.3, abs=0.05)
 
 
-def test_objects_that_hardly_overlap_are_not_one():
-    partly, hardly = Overlap(covered=0.4, contradicted=0.0), Overlap(covered=0.25, contradicted=0.0)
-    # With the support planes known less overlap is needed, and still less where the tops are equal.
-    assert not Match(np.eye(4), partly, partly).one_object
-    assert Match(np.eye(4), partly, partly, upright=True).one_object
-    assert not Match(np.eye(4), partly, hardly, upright=True).one_object
-    assert Match(np.eye(4), partly, hardly, upright=True, same_top=True).one_object
-    assert Match(np.eye(4), partly, hardly, settings=MatchSettings(least_covered=0.2)).one_object
+def test_the_facts_of_a_match_have_no_unit():
+    def facts(unit):
+        parts = Pair(LocalSurface.of(unit * box(0, EXTENT)), LocalSurface.of(unit * (box(1, EXTENT) + 0.4)))
+        match = match_of(parts, motion(0, np.full(3, unit * 0.4)), parts, unit * NOISE)
+        return match_facts(match, parts, unit * NOISE).vector()
+
+    np.testing.assert_allclose(facts(1000.0), facts(1.0), rtol=1e-6, atol=1e-9)
 
 
-def test_contradictions_in_both_directions_add_up():
-    fit = Overlap(covered=0.9, contradicted=0.05)
-    match = Match(np.eye(4), fit, fit)
-    assert match.misfit == pytest.approx(2 * (0.05 + 0.02 * 0.1))
-    assert not match.one_object
-    assert Match(np.eye(4), fit, Overlap(0.9, 0.0)).one_object
+def test_planes_and_strips_are_not_determined_by_their_normals():
+    solid, plane = LocalSurface.of(box(0, EXTENT)), LocalSurface.of(box(0, EXTENT, faces=(2,)))
+    assert (observability(plane)[:2] < observability(solid)[:2] / 2).all()
+    np.testing.assert_allclose(principal_extents(plane.points)[:2], EXTENT[:2], rtol=0.1)

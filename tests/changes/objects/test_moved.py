@@ -1,14 +1,12 @@
 import numpy as np
 
 from gmmjax.changes.objects.cloud_changes import change_of
-from gmmjax.changes.objects.match import MatchSettings
 from gmmjax.changes.objects.moved import MovedSettings, with_moved
-from gmmjax.changes.objects.rigid_match import RigidMatchSettings
-from gmmjax.geometry.local_surface import LocalSurface
 from gmmjax.pair import Pair
-from tests.changes.scanned_objects import box, placed
+from tests.changes.scanned_objects import box, level, motion, placed, registered, standing
 
 NOISE = 0.003
+FLAT, TALL = (0.45, 0.3, 0.2), (0.25, 0.25, 0.45)
 
 
 def changes(before, after):
@@ -17,47 +15,107 @@ def changes(before, after):
     items += [change_of(points, "appeared", 1.0, 10.0) for points in after]
     labels_before = np.repeat(np.arange(len(before)), [len(points) for points in before])
     labels_after = np.repeat(len(before) + np.arange(len(after)), [len(points) for points in after])
-    surfaces = Pair(LocalSurface.of(np.concatenate(before)), LocalSurface.of(np.concatenate(after)))
-    return tuple(items), surfaces, Pair(labels_before, labels_after)
+    return tuple(items), Pair(labels_before, labels_after), registered(np.concatenate(before), np.concatenate(after))
+
+
+def kinds_and_places(items):
+    """Kind, middle and the partner's middle of each change, in an order that does not depend on the labels."""
+    partners = [None if item.partner is None else items[item.partner].mean.round(1).tolist() for item in items]
+    return sorted(
+        (item.kind, item.mean.round(1).tolist(), partner) for item, partner in zip(items, partners, strict=True)
+    )
 
 
 def test_each_object_finds_its_partner():
-    flat, tall = (0.45, 0.3, 0.2), (0.25, 0.25, 0.45)
-    before = [box(0, flat), box(1, tall) + 1]
-    after = [box(2, tall) + np.array([-1, 1, 0]), box(3, flat) + np.array([0, 2, 0])]
-    moved = with_moved(*changes(before, after), NOISE)
+    before = [box(0, FLAT), box(1, TALL) + 3]
+    after = [box(2, TALL) + np.array([-1, 1, 0]), box(3, FLAT) + np.array([0, 2, 0])]
+    moved, labels = with_moved(*changes(before, after), NOISE)
     assert [change.kind for change in moved] == ["moved"] * 4
-    assert [change.partner for change in moved] == [3, 2, 1, 0]
-    np.testing.assert_array_equal(moved[0].transform, moved[3].transform)
-    np.testing.assert_allclose(placed(before[0].mean(0), moved[0].transform), after[1].mean(0), atol=0.02)
+    for index, change in enumerate(moved):
+        partner = moved[change.partner]
+        assert partner.partner == index and partner.moved_probability == change.moved_probability > 0.5
+        np.testing.assert_array_equal(partner.transform, change.transform)
+    first = moved[labels.before[0]]
+    assert first.partner == labels.after[-1]
+    np.testing.assert_allclose(placed(before[0].mean(0), first.transform), after[1].mean(0), atol=0.02)
 
 
 def test_a_partner_is_not_given_away_for_two_that_are_none():
-    """The sum of what fits badly must not outweigh what fits well."""
-    flat, tall = (0.45, 0.3, 0.2), (0.25, 0.25, 0.45)
-    moved = with_moved(
-        *changes([box(0, flat), box(1, tall) + 2], [box(2, flat) + 4, box(3, (0.4, 0.3, 0.3)) + 6]), NOISE
-    )
-    assert [change.kind for change in moved] == ["moved", "disappeared", "moved", "appeared"]
+    before, after = [box(0, FLAT), box(1, TALL) + 2], [box(2, FLAT) + 4, box(3, (0.4, 0.3, 0.3)) + 6]
+    moved, labels = with_moved(*changes(before, after), NOISE)
+    assert moved[labels.before[0]].partner == labels.after[0]
+    assert sorted(change.kind for change in moved) == ["appeared", "disappeared", "moved", "moved"]
+
+
+def test_look_alikes_are_not_paired():
+    """Two equal bags are gone and two are new: which is which cannot be known."""
+    before, after = [box(0, FLAT), box(1, FLAT) + 2], [box(2, FLAT) + 4, box(3, FLAT) + 6]
+    moved, _ = with_moved(*changes(before, after), NOISE)
+    assert all(change.kind != "moved" and change.partner is None for change in moved)
+
+
+def test_strips_and_patches_of_walls_are_not_paired():
+    strip, patch = box(0, (1.0, 0.03, 0.02)), box(1, (0.5, 0.4, 0.02), faces=(2,))
+    before, after = [strip, patch + 3], [box(2, (1.0, 0.03, 0.02)) + 6, box(3, (0.5, 0.4, 0.02), faces=(2,)) + 9]
+    assert all(change.partner is None for change in with_moved(*changes(before, after), NOISE)[0])
 
 
 def test_a_gone_and_a_new_object_of_other_size_stay_what_they_are():
-    gone, new = box(0, (0.45, 0.3, 0.2)), box(1, (0.25, 0.25, 0.3)) + 1
-    assert [change.kind for change in with_moved(*changes([gone], [new]), NOISE)] == ["disappeared", "appeared"]
+    gone, new = box(0, FLAT), box(1, (0.25, 0.25, 0.3)) + 1
+    items, labels, pair = changes([gone], [new])
+    moved, followed = with_moved(items, labels, pair, NOISE)
+    assert kinds_and_places(moved) == kinds_and_places(items)
+    assert moved[followed.before[0]].kind == "disappeared" and moved[followed.after[0]].kind == "appeared"
 
 
 def test_one_kind_alone_cannot_move():
-    items, surfaces, labels = changes([box(0, (0.3, 0.3, 0.3))], [box(1, (0.3, 0.3, 0.3))])
-    disappeared = Pair(labels.before, np.full_like(labels.after, -1))
-    assert with_moved(items[:1], surfaces, disappeared, NOISE) == items[:1]
+    items, labels, pair = changes([box(0, (0.3, 0.3, 0.3))], [box(1, (0.3, 0.3, 0.3)) + 1])
+    unchanged = np.full_like(labels.after, -1)
+    moved, _ = with_moved(items[:1], Pair(labels.before, unchanged), pair, NOISE)
+    assert [change.kind for change in moved] == ["disappeared"]
+    assert with_moved((), Pair(unchanged, unchanged), pair, NOISE)[0] == ()
 
 
-def test_settings_reach_the_match():
-    extent, unrotated = (0.2, 0.16, 0.14), RigidMatchSettings(rotations=1)
-    given = changes([box(0, extent)], [box(1, extent) + 1])
-    settings = MovedSettings(match=MatchSettings(rigid=unrotated))
-    assert [change.kind for change in with_moved(*given, NOISE, settings)] == ["moved", "moved"]
-    strict = MovedSettings(match=MatchSettings(rigid=unrotated, most_misfit=0.0))
-    # The extents of the two are equal up to noise.
-    for settings in (strict, MovedSettings(most_extent_ratio=1.0)):
-        assert [change.kind for change in with_moved(*given, NOISE, settings)] == ["disappeared", "appeared"]
+def test_no_more_pairs_are_registered_than_are_asked_for():
+    given = changes([box(0, FLAT)], [box(1, FLAT) + 1])
+    assert with_moved(*given, NOISE)[0][0].kind == "moved"
+    for settings in (MovedSettings(most_pairs=0), MovedSettings(threshold=1.0), MovedSettings(least_width=1e3)):
+        assert with_moved(*given, NOISE, settings)[0][0].kind != "moved"
+
+
+def shifted_box(way, extent=(0.4, 0.28, 0.22)):
+    """A box on a floor before, and one after a motion; only the slivers that a point comparison sees are changes."""
+    floors = [level(seed, 0.0, half=0.8) for seed in (4, 5)]
+    boxes = standing(0), placed(standing(1, extent), way)
+    clouds = [np.concatenate([own, floor]) for own, floor in zip(boxes, floors, strict=True)]
+    pair = registered(*clouds)
+    far = [
+        other.tree.query(own[: len(part)])[0] > 0.035
+        for own, part, other in zip(clouds, boxes, pair.surfaces.swapped, strict=True)
+    ]
+    labels = [np.full(len(own), -1) for own in clouds]
+    for index, (label, sliver) in enumerate(zip(labels, far, strict=True)):
+        label[: len(sliver)][sliver] = index
+    items = tuple(
+        change_of(own[label >= 0], kind, 0.9, 10.0)
+        for own, label, kind in zip(clouds, labels, ("disappeared", "appeared"), strict=True)
+    )
+    return items, Pair(*labels), pair, len(boxes[0])
+
+
+def test_a_box_that_was_shifted_in_its_place_is_one_object_with_its_motion():
+    way = motion(0.0, [0.06, 0.03, 0.0])
+    items, labels, pair, count = shifted_box(way)
+    assert (labels.before >= 0).sum() < 0.5 * count
+    moved, grown = with_moved(items, labels, pair, NOISE)
+    assert [change.kind for change in moved] == ["moved", "moved"]
+    np.testing.assert_allclose(moved[0].transform, way, atol=0.012)
+    assert (grown.before[:count] >= 0).mean() > 0.85 and (grown.before[count:] >= 0).mean() < 0.02
+    assert moved[grown.before.max()].point_count == (grown.before >= 0).sum()
+
+
+def test_an_object_that_was_replaced_by_a_greater_one_did_not_move():
+    items, labels, pair, _ = shifted_box(motion(0.0, [0.0, 0.0, 0.0]), (0.55, 0.4, 0.3))
+    moved, grown = with_moved(items, labels, pair, NOISE)
+    assert sorted(change.kind for change in moved) == ["appeared", "disappeared"]
+    np.testing.assert_array_equal(grown.before >= 0, labels.before >= 0)

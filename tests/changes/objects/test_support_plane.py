@@ -47,3 +47,15 @@ def test_what_was_not_observed_is_no_support_plane(scene):
     assert [plane is None for plane in planes_of(objects, floor)] == [False, True]
     assert planes_of(objects, np.zeros((0, 3))) == [None, None]
     assert planes_of(objects, background, SupportPlaneSettings(contact=0.0)) == [None, None]
+
+
+def test_things_at_walls_of_all_directions_have_no_support_plane(scene):
+    """As in a module without gravity: each has the wall beside it, and no two of the walls are parallel."""
+    objects, background = scene
+    turns = [Rotation.from_euler("xyz", angles, degrees=True).as_matrix() for angles in np.eye(3) * 80]
+    shifts = 5.0 * np.arange(3)[:, None]
+    parts = [objects[0] @ turn.T + shift for turn, shift in zip(turns, shifts, strict=True)]
+    near = background[background[:, 2] < 0.3]
+    around = np.concatenate([near @ turn.T + shift for turn, shift in zip(turns, shifts, strict=True)])
+    assert planes_of(parts, around) == [None] * 3
+    assert None not in planes_of(parts, around, SupportPlaneSettings(agreement=0.0, above=0.0, fewest=1, level=0.0))

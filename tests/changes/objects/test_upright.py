@@ -9,7 +9,7 @@ from gmmjax.changes.objects.upright import stays_upright, upright_transforms
 from gmmjax.geometry.local_surface import LocalSurface
 from gmmjax.geometry.rigid import transformed
 from gmmjax.pair import Pair
-from tests.changes.scanned_objects import level, motion, on_floor_and_shelf, standing
+from tests.changes.scanned_objects import level, motion, on_floor_and_shelf, registered, standing
 
 NOISE = 0.003
 
@@ -54,7 +54,7 @@ def kinds(gone, new, floors):
     items = change_of(gone, "disappeared", 1.0, 10.0), change_of(new, "appeared", 1.0, 10.0)
     labels = [np.where(np.arange(len(cloud)) < own, index, -1) for index, (cloud, own) in
               enumerate([(before, len(gone)), (after, len(new))])]  # fmt: skip
-    moved = with_moved(items, Pair(LocalSurface.of(before), LocalSurface.of(after)), Pair(*labels), NOISE)
+    moved, _ = with_moved(items, Pair(*labels), registered(before, after), NOISE)
     return [change.kind for change in moved]
 
 

@@ -1,0 +1,456 @@
+"""Objects that were turned or shifted within their old place: what stands there before, registered to what does after.
+
+Where an object and its moved self overlap, the clouds differ in slivers only: those of its old sides disappeared, those
+of its new ones appeared. One motion that explains both kinds of slivers makes one object of them, with all the points
+between them that look unchanged.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Float64, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial.transform import Rotation
+
+from gmmjax.changes.objects.match import Match, MatchSettings, match_of
+from gmmjax.changes.objects.overlap import on_surface
+from gmmjax.changes.objects.rigid_match import RigidMatchSettings, best_starts
+from gmmjax.geometry import (
+    LocalSurface,
+    PlaneSettings,
+    evenly_chosen,
+    plane_surface,
+    planes_of,
+    point_to_plane_icp,
+    rigid_transform,
+    rotation_about,
+    transformed,
+)
+from gmmjax.pair import Pair, each
+
+
+@dataclasses.dataclass(frozen=True)
+class InPlaceSettings:
+    """Where motions within a place are looked for, and how. All values are empirical.
+
+    Attributes:
+        most_groups: groups of adjacent changes that are examined, at most, the largest first: a bound on the time. 0:
+            none, so that every sliver remains a change of its own.
+        touching: changes nearer to each other than this, in spacings, are one group. 0: every change is by itself.
+        reach: radius of the place that is examined, in half diagonals of the group's bounding box. Too small: a part of
+            the object is cut off.
+        margin: added to that radius, in spacings.
+        sample: number of points of a place, at most, that its planes are found from.
+        planes: how.
+        flatness: largest distance of a point from a plane that it belongs to, in standard deviations of the points
+            about their local planes.
+        border: outermost fraction of the radius; a plane with points there goes beyond the place.
+        at_border: fraction of a plane's points there, at least, of a wall, a floor or another plane that the object
+            merely touches. Above 1: none is removed, and the object cannot be told from what it stands on.
+        parallel: cosine between a plane's normal and that of a point on it, at least. 0: surfaces that the plane cuts
+            count for its size.
+        connected: points nearer to each other than this, in spacings, are of one thing.
+        fewest_of_thing: changed points, at least, of a thing that is examined. 0: all things of the place are.
+        rounds: times that the place is examined, at most: around few slivers only a part of the object is seen at
+            first. 1: a part remains.
+        growth: of the diagonal of the object's box beyond that of the changes, from which on its place is examined
+            again. Infinite: never.
+        fewest: points, at least, that differ in either cloud.
+        most: points of the thing in either cloud, at most: a bound on the time.
+        least_ratio: between the numbers of the points that differ in the two clouds, the smaller by the larger: what
+            only appeared has not moved. 0: any.
+        angles: of the rotations, in degrees and either sense, that the search starts from.
+        flat: third by second extent, at most, of what may be a panel on a hinge.
+        hinge_bonus: fraction of the points that differ by which a motion about a hinge may explain less than another.
+            0: a panel is often slid along itself.
+        candidates: starts, the best, that are refined.
+        refinements: rounds of point-to-plane ICP on what the motion explains.
+        least_explained: fraction of the points that differ that the motion explains, at least, in either cloud; the
+            rest of the decision is the model's of the facts. 0: left to the model alone.
+        margin_of_hull: points of the object lie within the hull of what differs, or this many spacings outside of it.
+        least_fitting: of what looks unchanged and is connected outside of the hull, the fraction, at least, that fits
+            the motion for it to be of the object. Above 1: nothing there is.
+    """
+
+    most_groups: int = 6
+    touching: float = 8.0
+    reach: float = 1.6
+    margin: float = 12.0
+    sample: int = 1500
+    planes: PlaneSettings = PlaneSettings(least_share=0.05, most_planes=8)
+    flatness: float = 3.0
+    border: float = 0.15
+    at_border: float = 0.05
+    parallel: float = 0.8
+    connected: float = 4.0
+    fewest_of_thing: int = 5
+    rounds: int = 3
+    growth: float = 1.4
+    fewest: int = 15
+    most: int = 20_000
+    least_ratio: float = 0.1
+    angles: tuple[float, ...] = (8.0, 20.0, 35.0, 50.0)
+    flat: float = 0.25
+    hinge_bonus: float = 0.1
+    candidates: int = 5
+    refinements: int = 2
+    least_explained: float = 0.5
+    margin_of_hull: float = 3.0
+    least_fitting: float = 0.85
+
+
+class InPlaceMotion(NamedTuple):
+    """An object that moved within its place.
+
+    Attributes:
+        match: of what stood there to what stands there.
+        members: of either cloud, the indices of its points.
+        parts: the surfaces of those points.
+        explained: fraction of the points that differ that the motion explains, in the cloud where it is smaller.
+        hinged: whether the motion is a rotation about a hinge.
+    """
+
+    match: Match
+    members: Pair[Int[np.ndarray, " _"]]
+    parts: Pair[LocalSurface]
+    explained: float
+    hinged: bool
+
+
+class _Place(NamedTuple):
+    """What stands in a place, without the walls and floors around it.
+
+    Attributes:
+        things: the surfaces of the points, in either cloud.
+        members: their indices.
+        differs: which of them do not lie on the other cloud.
+        axes: unit normals of the walls and floors.
+    """
+
+    things: Pair[LocalSurface]
+    members: Pair[Int[np.ndarray, " _"]]
+    differs: Pair[Bool[np.ndarray, " _"]]
+    axes: Float64[np.ndarray, "a 3"]
+
+
+def adjacent_groups(
+    parts: Sequence[Float[np.ndarray, "_ 3"]], spacing: float, settings: InPlaceSettings = InPlaceSettings()
+) -> list[list[int]]:
+    """The groups of changes that are near each other, those with the most points first.
+
+    Args:
+        parts: the points of each change.
+        spacing: of neighbouring points, of the sparser cloud.
+        settings: which changes are near each other, and how many groups there are at most.
+    """
+    group = list(range(len(parts)))
+    trees = [cKDTree(points) for points in parts]
+    reach = settings.touching * spacing
+    lower, upper = (np.array([end(points, axis=0) for points in parts]).reshape(-1, 3) for end in (np.min, np.max))
+    for i in range(len(parts)):
+        for j in range(i):
+            apart = np.maximum(lower[i] - upper[j], lower[j] - upper[i]).max()
+            if group[i] == group[j] or apart > reach:
+                continue
+            few, many = sorted((i, j), key=lambda index: len(parts[index]))
+            if np.isfinite(trees[many].query(parts[few], distance_upper_bound=reach)[0]).any():
+                group = [group[j] if own == group[i] else own for own in group]
+    groups = [[index for index, own in enumerate(group) if own == number] for number in sorted(set(group))]
+    groups.sort(key=lambda own: -sum(len(parts[index]) for index in own))
+    return groups[: settings.most_groups]
+
+
+def motion_in_place(
+    seeds: Pair[Int[np.ndarray, " _"]],
+    surfaces: Pair[LocalSurface],
+    noise: float,
+    match: MatchSettings = MatchSettings(),
+    settings: InPlaceSettings = InPlaceSettings(),
+) -> InPlaceMotion | None:
+    """The motion that explains adjacent changes as one object that was turned or shifted.
+
+    Args:
+        seeds: indices of the points of the changes in either cloud.
+        surfaces: of both clouds, registered.
+        noise: standard deviation of the offset between local means of one surface.
+        match: how two objects are compared.
+        settings: how the motion is found.
+
+    Returns:
+        The motion; None where there is none that explains enough.
+    """
+    found = None
+    for _ in range(settings.rounds):
+        motion = _motion_around(seeds, surfaces, noise, match, settings)
+        if motion is None:
+            break
+        known, seeds, found = _diagonal(seeds, surfaces), motion.members, motion
+        if _diagonal(seeds, surfaces) < settings.growth * known:
+            break
+    return found
+
+
+def _diagonal(members: Pair[Int[np.ndarray, " _"]], surfaces: Pair[LocalSurface]) -> float:
+    """Of the box along the axes around points of both clouds."""
+    points = np.concatenate([*each(lambda surface, own: surface.points[own], surfaces, members)])
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def _motion_around(
+    seeds: Pair[Int[np.ndarray, " _"]],
+    surfaces: Pair[LocalSurface],
+    noise: float,
+    match: MatchSettings,
+    settings: InPlaceSettings,
+) -> InPlaceMotion | None:
+    """The motion in the place around these points; None where there is none that explains enough."""
+    place = _place(seeds, surfaces, noise, match, settings)
+    if place is None:
+        return None
+    transform, hinged = _best_transform(place, noise, match, settings)
+    explained = _explained(place, transform, noise, match)
+    shares = [float(own[differs].mean()) for own, differs in zip(explained, place.differs, strict=True)]
+    if min(shares) < settings.least_explained:
+        return None
+    chosen = _moved_points(place, explained, transform, settings)
+    if chosen is None:
+        return None
+    parts = each(lambda thing, own: LocalSurface.of(thing.points[own]), place.things, chosen)
+    members = each(lambda own, kept: own[kept], place.members, chosen)
+    return InPlaceMotion(match_of(parts, transform, surfaces, noise, match), members, parts, min(shares), hinged)
+
+
+def _place(
+    seeds: Pair[Int[np.ndarray, " _"]],
+    surfaces: Pair[LocalSurface],
+    noise: float,
+    match: MatchSettings,
+    settings: InPlaceSettings,
+) -> _Place | None:
+    """What stands where the changes are; None where too little of it differs, or it is too large."""
+    spacing = max(surface.nearest_distance for surface in surfaces)
+    changed = np.concatenate([*each(lambda surface, own: surface.points[own], surfaces, seeds)])
+    lower, upper = changed.min(axis=0), changed.max(axis=0)
+    centre = (lower + upper) / 2
+    radius = settings.reach * float(np.linalg.norm(upper - lower)) / 2 + settings.margin * spacing
+    inside = surfaces.map(lambda surface: np.sort(np.array(surface.tree.query_ball_point(centre, radius), int)))
+    if min(map(len, inside)) < settings.fewest:
+        return None
+    flatness = settings.flatness * max(noise, *(surface.thickness for surface in surfaces))
+    points = each(lambda surface, own: surface.points[own], surfaces, inside)
+    planes = _large_planes(np.concatenate([*points]), centre, radius, flatness, settings)
+    loose = points.map(
+        lambda own: np.all([np.abs(own @ n - d) > flatness for n, d in planes] or [own[:, 0] == own[:, 0]], axis=0)
+    )
+    members = each(lambda own, kept: own[kept], inside, loose)
+    members = _connected_to(seeds, members, surfaces, settings.connected * spacing, settings)
+    if not settings.fewest <= min(map(len, members)) <= max(map(len, members)) <= settings.most:
+        return None
+
+    def differs(surface: LocalSurface, other: LocalSurface, own: np.ndarray) -> np.ndarray:
+        return ~on_surface(surface.points[own], surface.means(own), other, noise, spacing, match.overlap)
+
+    different = each(differs, surfaces, surfaces.swapped, members)
+    counts = sorted(int(own.sum()) for own in different)
+    if counts[0] < max(settings.fewest, settings.least_ratio * counts[1]):
+        return None
+    things = each(lambda surface, own: LocalSurface.of(surface.points[own]), surfaces, members)
+    return _Place(things, members, different, np.array([normal for normal, _ in planes]).reshape(-1, 3))
+
+
+def _large_planes(
+    points: Float[np.ndarray, "n 3"],
+    centre: Float64[np.ndarray, " 3"],
+    radius: float,
+    flatness: float,
+    settings: InPlaceSettings,
+) -> list[tuple[Float64[np.ndarray, " 3"], float]]:
+    """The planes of a place that go beyond it: walls, floors, the table that an object stands on."""
+    few = plane_surface(points[evenly_chosen(len(points), settings.sample)], settings.planes)
+    outer = np.linalg.norm(few.points - centre, axis=1) > (1 - settings.border) * radius
+    large = []
+    for plane in planes_of(few, flatness, settings=settings.planes):
+        # Without the points of other surfaces that the plane cuts, such as a wall at the height of a table.
+        inliers = (plane.distance(few.points) <= flatness) & (np.abs(few.normals @ plane.normal) > settings.parallel)
+        if inliers.any() and outer[inliers].mean() >= settings.at_border:
+            large.append((plane.normal, plane.offset))
+    return large
+
+
+def _connected_to(
+    seeds: Pair[Int[np.ndarray, " _"]],
+    members: Pair[Int[np.ndarray, " _"]],
+    surfaces: Pair[LocalSurface],
+    radius: float,
+    settings: InPlaceSettings,
+) -> Pair[Int[np.ndarray, " _"]]:
+    """Those points of both clouds that are of a thing, before or after, with changed points."""
+    points = each(lambda surface, own: surface.points[own], surfaces, members)
+    labels = _things(np.concatenate([*points]), radius)
+    of_cloud = Pair(labels[: len(members.before)], labels[len(members.before) :])
+    changed = np.concatenate([*each(lambda own, seed, label: label[np.isin(own, seed)], members, seeds, of_cloud)])
+    counts = np.bincount(changed[changed >= 0], minlength=labels.max(initial=-1) + 1)
+    things = np.flatnonzero(counts >= settings.fewest_of_thing)
+    return each(lambda own, label: own[np.isin(label, things)], members, of_cloud)
+
+
+def _things(points: Float64[np.ndarray, "n 3"], distance: float) -> Int[np.ndarray, " n"]:
+    """The number of the connected thing that each point is of: points in cells of half the distance that touch."""
+    if not len(points):
+        return np.zeros(0, int)
+    cells, cell = np.unique(np.floor(2 * (points - points.min(axis=0)) / distance), axis=0, return_inverse=True)
+    links = cKDTree(cells).query_pairs(1.5, p=np.inf, output_type="ndarray")
+    graph = coo_array((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(len(cells), len(cells)))
+    return connected_components(graph, directed=False)[1][cell.reshape(-1)]
+
+
+def _best_transform(
+    place: _Place, noise: float, match: MatchSettings, settings: InPlaceSettings
+) -> tuple[Float64[np.ndarray, "4 4"], bool]:
+    """The motion that explains most of what differs, and whether it is one about a hinge.
+
+    Of equal ones the smallest rotation is taken, and a hinge before any other: a panel's planes do not tell how far it
+    slid along itself.
+    """
+    different = each(lambda thing, differs: thing.points[differs], place.things, place.differs)
+    starts = best_starts(different, place.things, _starts(place, different, settings), settings.candidates, match.rigid)
+    hinged = _hinged(different, settings)
+    found = [(*_refined(place, start, noise, match, settings), False) for start in starts]
+    found += [(*_refined(place, start, noise, match, settings), True) for start in hinged]
+    best = max(found, key=lambda one: one[0] + settings.hinge_bonus * one[2])
+    return best[1], best[2]
+
+
+def _starts(
+    place: _Place, different: Pair[Float64[np.ndarray, "_ 3"]], settings: InPlaceSettings
+) -> Float64[np.ndarray, "s 4 4"]:
+    """No motion, the translation of what differs, and rotations about the walls' axes and the object's own."""
+    middles = different.map(lambda points: (points.min(axis=0) + points.max(axis=0)) / 2)
+    means = different.map(lambda points: points.mean(axis=0))
+    starts = [rigid_transform(), rigid_transform(translation=means.after - means.before)]
+    starts.append(rigid_transform(translation=middles.after - middles.before))
+    for axis in _distinct([*place.axes, *_own_axes(place.things.before)]):
+        for angle in np.radians(settings.angles):
+            for sense in (-1, 1):
+                rotation = Rotation.from_rotvec(sense * angle * axis).as_matrix()
+                starts.append(rotation_about(rotation, middles.before, middles.after))
+    return np.stack(starts)
+
+
+def _own_axes(thing: LocalSurface) -> Float64[np.ndarray, "6 3"]:
+    """The directions of most normals, one across the other, and the principal axes."""
+    normals = thing.normals[evenly_chosen(len(thing), 300)]
+    parallel = np.abs(normals @ normals.T)
+    first = normals[int((parallel > 0.95).sum(axis=1).argmax())]
+    across = normals - np.outer(normals @ first, first)
+    lengths = np.linalg.norm(across, axis=1)
+    far = lengths > 0.7
+    across = across[far] / lengths[far, None] if far.any() else np.linalg.svd(first[None])[2][1:2]
+    second = across[int((np.abs(across @ across.T) > 0.95).sum(axis=1).argmax())]
+    own = np.linalg.svd(thing.points - thing.points.mean(axis=0), full_matrices=False)[2]
+    return np.stack([first, second, np.cross(first, second), *own])
+
+
+def _distinct(axes: Sequence[Float64[np.ndarray, " 3"]]) -> list[Float64[np.ndarray, " 3"]]:
+    """The axes without those that nearly repeat one before them."""
+    kept: list[np.ndarray] = []
+    for axis in axes:
+        if all(abs(axis @ other) < 0.95 for other in kept):
+            kept.append(axis)
+    return kept
+
+
+def _hinged(different: Pair[Float64[np.ndarray, "_ 3"]], settings: InPlaceSettings) -> list[Float64[np.ndarray, "4 4"]]:
+    """The rotations about the line in which the planes of two panels meet; none where what differs is not flat."""
+    means = different.map(lambda points: points.mean(axis=0))
+    spectra = each(lambda points, mean: np.linalg.eigh(np.cov((points - mean).T)), different, means)
+    if any(np.sqrt(max(values[0], 0)) > settings.flat * np.sqrt(values[1]) for values, _ in spectra):
+        return []
+    normals = spectra.map(lambda spectrum: spectrum[1][:, 0])
+    line = np.cross(normals.before, normals.after)
+    sine = float(np.linalg.norm(line))
+    if sine < np.sin(np.radians(min(settings.angles)) / 2):
+        return []
+    line /= sine
+    # The point on both planes that is next to what differs.
+    rows = np.stack([normals.before, normals.after, line])
+    on_line = np.linalg.solve(
+        rows, [normals.before @ means.before, normals.after @ means.after, line @ (means.before + means.after) / 2]
+    )
+    angle = float(np.arctan2(sine, normals.before @ normals.after))
+    turns = [Rotation.from_rotvec(turn * line).as_matrix() for turn in (angle, angle - np.pi)]
+    return [rotation_about(turn, on_line, on_line) for turn in turns]
+
+
+def _refined(
+    place: _Place, start: Float64[np.ndarray, "4 4"], noise: float, match: MatchSettings, settings: InPlaceSettings
+) -> tuple[float, Float64[np.ndarray, "4 4"]]:
+    """A start after point-to-plane ICP of what the motion explains, and its merit."""
+    rigid: RigidMatchSettings = match.rigid
+    transform, first = start, rigid.first_reach
+    own = place.differs.before
+    for _ in range(settings.refinements):
+        moving = np.flatnonzero(own)
+        moving = moving[evenly_chosen(len(moving), rigid.sample)]
+        means = place.things.before.means(moving)
+        reaches = first * noise, rigid.last_reach * noise
+        transform = point_to_plane_icp(means, place.things.after, transform, *reaches, rigid.icp)
+        explained = _explained(place, transform, noise, match)
+        first = rigid.refined_first_reach
+        own = explained.before | place.differs.before
+    shares = [float(own[differs].mean()) for own, differs in zip(explained, place.differs, strict=True)]
+    half_turns = Rotation.from_matrix(transform[:3, :3]).magnitude() / np.pi
+    return min(shares) + sum(shares) / 2 - match.rotation_penalty * half_turns, transform
+
+
+def _explained(
+    place: _Place, transform: Float64[np.ndarray, "4 4"], noise: float, match: MatchSettings
+) -> Pair[Bool[np.ndarray, " _"]]:
+    """Which points of either thing lie on the other one after the motion."""
+    spacing = max(thing.nearest_distance for thing in place.things)
+
+    def lies(own: LocalSurface, way: np.ndarray, other: LocalSurface) -> np.ndarray:
+        means = transformed(own.means(np.arange(len(own))), way)
+        return on_surface(transformed(own.points, way), means, other, noise, spacing, match.overlap)
+
+    return each(lies, place.things, Pair(transform, np.linalg.inv(transform)), place.things.swapped)
+
+
+def _moved_points(
+    place: _Place,
+    explained: Pair[Bool[np.ndarray, " _"]],
+    transform: Float64[np.ndarray, "4 4"],
+    settings: InPlaceSettings,
+) -> Pair[Bool[np.ndarray, " _"]] | None:
+    """The points of the object: what differs, and what fits the motion within the hull of what it explains.
+
+    What looks unchanged outside of that hull belongs to the object where all that is connected with it fits the motion,
+    as the top of a box does that was shifted. Of a thing that stays some sides do not.
+    """
+    spacing = max(thing.nearest_distance for thing in place.things)
+    ways = Pair(transform, np.linalg.inv(transform))
+    sure = each(lambda thing, fits, differs: thing.points[fits & differs], place.things, explained, place.differs)
+    moved_sure = each(transformed, sure, ways)
+
+    def own(
+        thing: LocalSurface, fits: np.ndarray, differs: np.ndarray, here: np.ndarray, there: np.ndarray
+    ) -> np.ndarray:
+        hull = ConvexHull(np.concatenate([here, there]), qhull_options="QJ").equations
+        inside = (thing.points @ hull[:, :3].T + hull[:, 3]).max(axis=1) < settings.margin_of_hull * spacing
+        chosen = (differs | fits) & inside
+        beyond = np.flatnonzero(~inside & ~differs)
+        components = _things(thing.points[beyond], settings.connected * spacing)
+        for component in range(components.max(initial=-1) + 1):
+            whole = beyond[components == component]
+            chosen[whole] = fits[whole] & (fits[whole].mean() >= settings.least_fitting)
+        return np.asarray(chosen)
+
+    try:
+        chosen = each(own, place.things, explained, place.differs, sure, moved_sure.swapped)
+    except QhullError:
+        return None
+    return chosen if min(own.sum() for own in chosen) >= settings.fewest else None

@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+
+from gmmjax.errors import InputError
+from gmmjax.evaluation import LabelledCloud, LabelledPair
+from gmmjax.learning import CandidateRows, collected, read_rows, rows_of, write_rows
+from gmmjax.learning.candidate_rows import CHANGED, UNCHANGED, UNOBSERVED
+from gmmjax.learning.collection import LEARNED_FROM, training_sources
+from gmmjax.pair import Pair
+from tests.changes.rooms import around, box, scanned
+
+
+@pytest.fixture(scope="module")
+def found():
+    """A room where a box came; of the before survey a part of the views is lost."""
+    views = Pair(around(5), around(8))
+    thing = box((-0.4, -0.3, 0), (0.3, 0.3, 0.3))
+    before = scanned(views.before, noise=0.004, voxel=0.016)
+    after = scanned(views.after, [thing], noise=0.004, voxel=0.016, seed=1)
+    inside = ((after > thing[0] - 0.01) & (after < thing[1] + 0.01)).all(axis=1)
+    nothing = np.zeros(len(before), bool)
+    unseen = after[:, 0] > 0.9
+    pair = LabelledPair(
+        "room",
+        LabelledCloud(before, np.full(len(before), -1), nothing, views.before),
+        LabelledCloud(after, np.where(inside, 0, -1), unseen & ~inside, views.after),
+    )
+    return rows_of(pair)
+
+
+def test_the_box_is_a_change_in_both_sets(found):
+    for rows in found:
+        (largest,) = np.flatnonzero(rows.points == rows.points[rows.kind == CHANGED].max())[:1]
+        assert rows.changed_points[largest] > 0.9 * rows.points[largest]
+        assert set(rows.kind) <= {CHANGED, UNOBSERVED, UNCHANGED}
+        assert rows.values.shape[0] == len(rows.kind) == len(rows.points)
+    assert found.after.values.shape[1] > found.before.values.shape[1]
+
+
+def test_what_is_written_is_read_again(found, tmp_path):
+    from gmmjax.learning import Collected
+
+    write_rows(tmp_path / "rows.npz", Collected({"room": found}))
+    again = read_rows(tmp_path / "rows.npz")
+    for was, now in zip(found, again.families["room"], strict=True):
+        for before, after in zip(was, now, strict=True):
+            np.testing.assert_array_equal(before, after)
+
+
+def test_candidates_of_other_facts_are_refused(found, tmp_path):
+    np.savez(tmp_path / "rows.npz", **{"names/before": np.array(["luck"]), "names/after": np.array(["luck"])})
+    with pytest.raises(InputError, match=r"rows\.npz: was made with other facts"):
+        read_rows(tmp_path / "rows.npz")
+
+
+def test_every_family_has_scenes_with_views():
+    for family in LEARNED_FROM:
+        (source,) = training_sources(family, [7])
+        assert source.name
+    with pytest.raises(InputError, match="family='caves'"):
+        training_sources("caves", [0])
+
+
+def test_the_number_of_workers_changes_nothing():
+    one, two = (collected(["tabletop"], [2, 3], workers=workers) for workers in (1, 2))
+    for was, now in zip(one.families["tabletop"], two.families["tabletop"], strict=True):
+        np.testing.assert_array_equal(was.values, now.values)
+        np.testing.assert_array_equal(was.kind, now.kind)
+
+
+def test_no_rows_have_the_columns_of_the_facts():
+    assert CandidateRows.none(poses=True).values.shape == (0, CandidateRows.none(poses=False).values.shape[1] + 7)

@@ -1,0 +1,98 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from gmmjax.changes import FACTS
+from gmmjax.errors import InputError
+from gmmjax.learning import CandidateRows, TrainingSettings, learned
+from gmmjax.learning.left_out_table import calibration_error, left_out_table
+from tests.learning.candidates import NAMES, rows
+
+SETTINGS = TrainingSettings(penalties=(0.1, 1.0))
+
+
+@pytest.fixture(scope="module")
+def families():
+    return {name: rows(seed)[0] for seed, name in enumerate(("rooms", "halls", "streets"))}
+
+
+@pytest.fixture(scope="module")
+def trained(families):
+    return learned(families, poses=False, settings=SETTINGS)
+
+
+def test_the_facts_that_decide_have_the_greatest_weights(trained):
+    verdict, _ = trained
+    assert NAMES[int(np.argmax(verdict.weights[0]))] == "excess"
+    assert NAMES[int(np.argmax(verdict.weights[1]))] == "continued"
+
+
+def test_weights_have_the_signs_of_their_facts(trained):
+    verdict, _ = trained
+    signs = np.array([FACTS[name].change for name in NAMES])
+    assert (signs * verdict.weights[0] >= 0).all()
+    # What can only speak for a change never speaks more for not observed.
+    assert (signs * (verdict.weights[0] - verdict.weights[1]) >= -1e-12).all()
+
+
+def test_probabilities_of_families_left_out_are_frequencies(families, trained):
+    left_out = trained[1]
+    truth = np.concatenate([rows(seed)[1] for seed in range(3)])
+    probability = np.concatenate([*left_out.probabilities.values()])
+    assert np.abs(probability - truth).mean() < 0.12
+    changed = np.concatenate([own.kind == 0 for own in families.values()])
+    assert calibration_error(probability[:, 0], changed) < 0.06
+
+
+def test_a_family_is_judged_without_its_own_truth(families, trained):
+    """With the truth of one family turned round its own log odds stay, but for the temperature; the others' do not."""
+    turned = families["rooms"]._replace(kind=2 - families["rooms"].kind)
+    _, again = learned({**families, "rooms": turned}, poses=False, settings=TrainingSettings(penalties=(1.0,)))
+    _, before = learned(families, poses=False, settings=TrainingSettings(penalties=(1.0,)))
+    for family, same in (("rooms", True), ("halls", False)):
+        odds = [np.log(own.probabilities[family][:, 0] / own.probabilities[family][:, 2]) for own in (before, again)]
+        ratio = before.temperature / again.temperature
+        assert np.allclose(odds[1], ratio * odds[0], rtol=1e-6, atol=1e-9) == same
+
+
+def test_the_same_candidates_give_the_same_verdict(families, trained):
+    again, _ = learned(families, poses=False, settings=SETTINGS)
+    np.testing.assert_array_equal(again.weights, trained[0].weights)
+
+
+def test_the_order_of_the_families_hardly_matters(families, trained):
+    turned, _ = learned(dict(reversed(families.items())), poses=False, settings=SETTINGS)
+    with jax.enable_x64(True):
+        facts = jnp.asarray(trained[0].centre)
+        here, there = (np.asarray(own.probabilities(facts)) for own in (trained[0], turned))
+    np.testing.assert_allclose(here, there, atol=1e-3)
+
+
+def test_too_little_to_learn_from_is_refused(families):
+    with pytest.raises(InputError, match="at least two"):
+        learned({"rooms": families["rooms"]}, poses=False, settings=SETTINGS)
+    unchanged = families["halls"]._replace(kind=np.full(200, 2))
+    with pytest.raises(InputError, match="one of them a change"):
+        learned({"rooms": unchanged, "halls": unchanged}, poses=False, settings=SETTINGS)
+
+
+def test_the_table_counts_what_is_false_and_missed(families, trained):
+    lines = left_out_table(families, trained[1]).splitlines()
+    assert lines[2].startswith("| rooms | 200 | ")
+    found = trained[1].probabilities["rooms"][:, 0] >= 0.5
+    changed = families["rooms"].kind == 0
+    assert lines[2].split(" | ")[4:6] == [str((found & ~changed).sum()), str((~found & changed).sum())]
+    assert lines[5].startswith("| all | 600 | ")
+
+
+def test_a_family_without_candidates_is_passed_over(families):
+    nothing = CandidateRows.none(poses=False)
+    _, left_out = learned({**families, "deserts": nothing}, poses=False, settings=TrainingSettings(penalties=(1.0,)))
+    assert "deserts" not in left_out.probabilities
+
+
+@pytest.mark.parametrize(("probability", "error"), [([0.2] * 10, 0.0), ([0.7] * 10, 0.5)])
+def test_calibration_error_is_the_gap_between_probability_and_frequency(probability, error):
+    true = np.array([True] * 2 + [False] * 8)
+    assert calibration_error(np.array(probability), true) == pytest.approx(error)
