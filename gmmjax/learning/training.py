@@ -162,7 +162,7 @@ def _penalised(
     kind: Int[Array, " n"],
     weight: Float[Array, " n"],
     signs: Float[Array, " f"],
-    penalty: float,
+    penalty: float | Float[Array, ""],
 ) -> Float[Array, ""]:
     """The weighted negative log likelihood with the penalty of the weights."""
     weights, bias = signed(free, signs)
