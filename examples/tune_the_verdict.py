@@ -22,8 +22,8 @@ from gmmjax.evaluation import LabelledCloud, LabelledPair, Scores, family_pair, 
 from gmmjax.tuning import TuningSettings, scan_pair, tune_verdict, unchanged_pair
 
 
-def with_multipath(cloud: LabelledCloud, random: np.random.Generator, patches: float = 3.0) -> LabelledCloud:
-    """The cloud with patches of unchanged surfaces that return 3 to 12 % too short a range, a few in each frame."""
+def with_multipath(cloud: LabelledCloud, random: np.random.Generator, patches: float) -> LabelledCloud:
+    """The cloud with patches of unchanged surfaces that return 3 to 12 % too short a range, so many in each frame."""
     assert cloud.views is not None
     sensors, points = cloud.views.poses[:, :3, 3], cloud.points.copy()
     for _ in range(random.poisson(patches * len(sensors))):
@@ -37,10 +37,10 @@ def with_multipath(cloud: LabelledCloud, random: np.random.Generator, patches: f
     return dataclasses.replace(cloud, points=points)
 
 
-def surveyed(family: str, seed: int, *, poses: bool) -> LabelledPair:
+def surveyed(family: str, seed: int, *, poses: bool, patches: float) -> LabelledPair:
     """A pair of the family as the sensor sees it."""
     random, pair = np.random.default_rng(seed), family_pair(family, seed, "given")
-    before, after = (with_multipath(cloud, random) for cloud in (pair.before, pair.after))
+    before, after = (with_multipath(cloud, random, patches) for cloud in (pair.before, pair.after))
     if not poses:
         before, after = (dataclasses.replace(cloud, views=None) for cloud in (before, after))
     return LabelledPair(f"{family} {seed}", before, after)
@@ -65,12 +65,13 @@ def main() -> None:
     parser.add_argument("--training", type=int, default=2, help="pairs to tune on")
     parser.add_argument("--unseen", type=int, default=1, help="pairs to judge by")
     parser.add_argument("--first-seed", type=int, default=9900)
+    parser.add_argument("--patches", type=float, default=3.0, help="with multipath errors, a frame; 0: none")
     parser.add_argument("--poses", action="store_true", help="the poses of the sensor are given")
     options = parser.parse_args()
     # What tuning is for: registrations in doubt, and candidates unlike those that the verdict was learned from.
     warnings.simplefilter("ignore", InputWarning)
     seeds = range(options.first_seed, options.first_seed + options.training + options.unseen)
-    pairs = [surveyed(options.family, seed, poses=options.poses) for seed in seeds]
+    pairs = [surveyed(options.family, seed, poses=options.poses, patches=options.patches) for seed in seeds]
     training, unseen = pairs[: options.training], pairs[options.training :]
     unchanged = [
         unchanged_pair(pair.name, pair.before.points, pair.after.points, pair.before.views, pair.after.views)
