@@ -42,10 +42,11 @@ def main(
         verdicts, penalties = _learned(found)
         if out is not None:
             write_verdicts(out, verdicts, {"families": list(found.families), "seeds": seeds, "first_seed": first_seed})
-        for family in found.families if left_out is not None else ():
-            others = found.without(family)
-            made = {"families": list(others.families), "seeds": seeds, "first_seed": first_seed}
-            write_verdicts(left_out / f"{family}.json", _learned(others, penalties, show=False)[0], made)
+        if left_out is not None:
+            for family in found.families:
+                others = found.without(family)
+                made = {"families": list(others.families), "seeds": seeds, "first_seed": first_seed}
+                write_verdicts(left_out / f"{family}.json", _learned(others, penalties, show=False)[0], made)
     except InputError as error:
         print(error, file=sys.stderr)
         return 2

@@ -2,10 +2,12 @@
 
 import concurrent.futures
 import dataclasses
+import itertools
 import multiprocessing
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
@@ -15,7 +17,7 @@ from gmmjax.errors import ComputationError, InputError, InputWarning, check_choi
 from gmmjax.evaluation import CONDITIONS, PairSource, family_sources, laboratory_sources
 from gmmjax.learning.candidate_rows import CandidateRows, rows_of
 from gmmjax.pair import Pair
-from gmmjax.scenes import FAMILIES
+from gmmjax.scenes import FAMILIES, Difficulty, SurveyKind
 
 LABORATORY = "laboratory"
 LEARNED_FROM = (LABORATORY, *FAMILIES)
@@ -60,7 +62,7 @@ def training_sources(family: str, seeds: Sequence[int]) -> list[PairSource]:
     check_choice("family", family, LEARNED_FROM)
     if family != LABORATORY:
         return family_sources([family], seeds, poses="given")
-    kinds = [(survey, level) for survey in ("panorama", "frame") for level in ("normal", "hard")]
+    kinds = list(itertools.product(get_args(SurveyKind), get_args(Difficulty)))
     sources = []
     for seed in seeds:
         survey, level = kinds[seed % len(kinds)]

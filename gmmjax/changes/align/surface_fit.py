@@ -105,8 +105,8 @@ def _one_sided_fit(
     # Geman and McClure's weight, at half a spacing a quarter; cosines' fourth power falls to a half at 33 degrees.
     scores = overlapping * cosines**4 / (1 + (2 * offsets / spacing) ** 2) ** 2
     noise = np.sqrt(own.variances[chosen, 0] / MEAN_NEIGHBOURS + other.variances[there, 0] / PLANE_NEIGHBOURS)
-    shares = (float(own.mean()) for own in (scores, overlapping, contradicts))
-    return _OneSidedFit(*shares, offsets[overlapping], noise[overlapping])
+    score, overlap, contradicted = (float(own.mean()) for own in (scores, overlapping, contradicts))
+    return _OneSidedFit(score, overlap, contradicted, offsets[overlapping], noise[overlapping])
 
 
 def random_sample(count: int, size: int) -> Int[np.ndarray, " m"]:

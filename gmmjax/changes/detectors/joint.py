@@ -105,11 +105,11 @@ class JointDetector(AbstractChangeDetector):
 
         Returns:
             For each point of either scan the row of its working point, -1 for what was left out; for each of `poses`
-            the candidates of both scans; none where the clouds fill volumes.
+            the candidates of both scans. Neither where the clouds fill volumes.
         """
         compared = self._compared(scans)
         if compared is None:
-            return scans.map(lambda scan: np.full(len(scan.cloud), -1)), []
+            return Pair(np.zeros(0, int), np.zeros(0, int)), []
         of_poses = []
         for given in poses:
             surveys = compared.surveys if given else compared.pair.surfaces.map(Survey)

@@ -56,8 +56,8 @@ class Surroundings:
         own: the candidates of the cloud, cut into pieces.
         clusters: of each point -1, or the number of the candidate that its piece was cut from.
         continuations: of each piece.
-        supports: whether each point is of a piece that a candidate of the other cloud stands on.
         other: tree of the points of the other cloud.
+        supports: whether each point is of a piece that a candidate of the other cloud stands on.
         opposite: tree of those of them that are of candidates.
         limits: of distances and offsets.
         sightlines: how surely the other survey observed each place to be empty; None: its views are not known.
@@ -67,8 +67,8 @@ class Surroundings:
     own: Candidates
     clusters: Int[np.ndarray, " n"]
     continuations: Mapping[int, Continuation]
-    supports: Bool[np.ndarray, " n"]
     other: cKDTree
+    supports: Bool[np.ndarray, " n"]
     opposite: cKDTree
     limits: DetectionLimits
     sightlines: Sightlines | None = None

@@ -1,6 +1,7 @@
 """The evidence stage: of each candidate the facts, and from them the verdict whether it is a change."""
 
 import dataclasses
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.spatial import cKDTree
 from gmmjax.changes.candidates import Candidates
 from gmmjax.changes.differences import DetectionLimits, Differences, LocalDifference
 from gmmjax.changes.evidence.candidate import Candidate, Surroundings, SurroundingsSettings, candidates_in
-from gmmjax.changes.evidence.continuation import ContinuationSettings
+from gmmjax.changes.evidence.continuation import Continuation, ContinuationSettings
 from gmmjax.changes.evidence.coverage_edge import ReferenceSurfaces
 from gmmjax.changes.evidence.facts import measured
 from gmmjax.changes.evidence.free_space import (
@@ -114,28 +115,32 @@ def measured_candidates(
         settings: how they are cut.
     """
 
-    def pieces(own: Candidates, other: Candidates) -> tuple:
+    def pieces(own: Candidates, other: Candidates) -> _Cut:
         # What is farther off than this is another surface: the top of a thin object does not cover the floor's plane.
         tolerance = settings.same_surface * limits.offset
         reference = ReferenceSurfaces.of(own.points[own.labels < 0], other.points, tolerance, limits.spacing)
         labels, continuations = cut(own.points, own.labels, reference, settings.pieces, settings.continuation)
-        return own._replace(labels=labels), own.labels, continuations, reference.other
+        return _Cut(own._replace(labels=labels), own.labels, continuations, reference.other)
 
     cuts = each(pieces, candidates, candidates.swapped)
-    points, labels = candidates.map(lambda own: own.points), cuts.map(lambda own: own[0].labels)
+    points, labels = candidates.map(lambda own: own.points), cuts.map(lambda own: own.pieces.labels)
     support_planes = supports(points, labels, limits.spacing, settings.support)
     opposite = each(lambda own, label: cKDTree(own[label >= 0]), points, labels).swapped
 
-    def surroundings(own: tuple, support: np.ndarray, opposite: cKDTree, survey: Survey) -> list[Candidate]:
-        pieces, clusters, continuations, other = own
-        sight = None if survey.views is None else _sightlines(pieces, survey, limits)
-        return candidates_in(
-            Surroundings(
-                pieces, clusters, continuations, support, other, opposite, limits, sight, settings.surroundings
-            )
-        )
+    def surroundings(own: _Cut, support: np.ndarray, opposite: cKDTree, survey: Survey) -> list[Candidate]:
+        sight = None if survey.views is None else _sightlines(own.pieces, survey, limits)
+        return candidates_in(Surroundings(*own, support, opposite, limits, sight, settings.surroundings))
 
     return each(surroundings, cuts, support_planes, opposite, surveys.swapped)
+
+
+class _Cut(NamedTuple):
+    """The candidates of one cloud, cut into pieces: the first fields of `Surroundings`."""
+
+    pieces: Candidates
+    clusters: Int[np.ndarray, " n"]
+    continuations: Mapping[int, Continuation]
+    other: cKDTree
 
 
 def _sightlines(own: Candidates, survey: Survey, limits: DetectionLimits) -> Sightlines:
