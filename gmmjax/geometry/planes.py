@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.spatial import cKDTree
 
-from gmmjax.geometry.local_surface import LocalSurface
+from gmmjax.geometry.local_surface import LocalSurface, evenly_chosen
 
 
 class Plane(NamedTuple):
@@ -43,6 +43,8 @@ class PlaneSettings:
             by chance make a plane.
         least_inliers: number of them, at least; what has fewer points has no plane. Fewer than 3 determine no plane.
         most_planes: number of planes, at most: a bound on the time, above the sides that are seen of any segment.
+        hypotheses: number of local planes, at most and evenly chosen, that are tried: a bound on the time, which grows
+            with their product with the points. Fewer: small planes of large clouds are missed.
         neighbours: nearest neighbours that a local plane is fitted to. Fewer: the noise tilts the local planes, and
             large planes lose inliers; more: those at edges are averages of two sides.
     """
@@ -50,6 +52,7 @@ class PlaneSettings:
     least_share: float = 0.1
     least_inliers: int = 8
     most_planes: int = 6
+    hypotheses: int = 800
     neighbours: int = 12
 
 
@@ -80,6 +83,8 @@ def planes_of(
     points, normals, centres = surface.points[kept], surface.normals[kept], surface.centres[kept]
     if len(points) < settings.least_inliers:
         return found
+    tried = evenly_chosen(len(points), settings.hypotheses)
+    normals, centres = normals[tried], centres[tried]
     inliers = np.abs(points @ normals.T - (normals * centres).sum(axis=1)) <= flatness
     for _ in range(settings.most_planes):
         best = inliers[:, int(inliers.sum(axis=0).argmax())].copy()

@@ -6,7 +6,7 @@ from gmmjax.changes.differences import DetectionLimits, Differences, DifferenceS
 from gmmjax.pair import Pair
 
 SPACING = 0.01
-LIMITS = DetectionLimits(SPACING, 0.005, 0.001, distance=0.1, offset=0.02, settings=DifferenceSettings())
+LIMITS = DetectionLimits(SPACING, 0.1 / 3, 0.02 / 7, distance=0.1, offset=0.02, settings=DifferenceSettings())
 
 
 def difference(distance=0.0, offset=0.0, noise=0.0, thickness=0.0, spacing=0.0):

@@ -117,8 +117,8 @@ def test_what_was_not_observed_is_no_change(laboratory, of_laboratory):
         unobserved = getattr(of_laboratory, f"unobserved_{side}")
         unseen = getattr(laboratory, f"unseen_{side}")
         assert (getattr(of_laboratory, f"labels_{side}")[unseen] >= 0).mean() < 0.1
-        # What the survey truly could not see is mostly said to be unobserved, and little else.
-        assert unobserved[unseen].mean() > 0.6 and unobserved[~unseen].mean() < 0.05
+        # What is unseen, and farther from all surfaces than they are surely apart, is unobserved, and little else is.
+        assert unobserved[unseen].mean() > 0.35 and unobserved[~unseen].mean() < 0.05
 
 
 def test_without_views_shadows_are_no_change_either(laboratory):
