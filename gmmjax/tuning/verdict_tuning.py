@@ -158,8 +158,8 @@ def tune_verdict(
     config's (or the shipped ones). How strongly is chosen by pairs that are held back, each once: it is the strongest
     draw with which the log score of their candidates is within one standard error of the least, and where nothing
     changed in any pair, the strongest with which the fewest candidates are taken for changes. The tuned verdict is kept
-    only if that score is clearly less than the start's and `detect_changes` finds no less in the pairs held back
-    (segment and point F1; where nothing changed, false segments); or if it finds more there.
+    only if `detect_changes` finds more in the pairs held back: neither segment nor point F1 less, one of them more;
+    where nothing changed, fewer false segments.
 
     Args:
         pairs: of scans with truth; of `unchanged_pair` where nothing changed. With views the verdict with poses is
@@ -372,7 +372,7 @@ def _judged_by_detection(
         tuned = [dataclasses.replace(result.config, verdict=str(files[fold])) for fold in folds]
         after = detection_scores(pairs, tuned, lambda stage, share: progress(stage, 0.5 + share / 2))
     no_less, more = gained(before, after)
-    improved = no_less and (more or unknown.clear or given.clear)
+    improved = no_less and more
     verdicts = Verdicts(unknown.tuned, given.tuned) if improved else result.verdicts
     return dataclasses.replace(result, improved=improved, verdicts=verdicts, before=before, after=after)
 

@@ -100,9 +100,10 @@ def test_a_gain_that_is_not_clear_is_none(config, monkeypatch):
     assert not result.improved and np.isinf(result.poses_unknown.draw)
 
 
-def test_a_clear_gain_need_not_show_in_detection(config, detection):
+def test_a_gain_must_show_in_detection(config, detection):
     detection(FOUND_LESS, FOUND_LESS)
-    assert tuned(config, measured_pairs(4), draws=(30.0,)).improved
+    result = tuned(config, measured_pairs(4), draws=(30.0,))
+    assert result.poses_unknown.clear and not result.improved
 
 
 def test_a_verdict_that_is_right_already_stays(config, tmp_path):
