@@ -155,11 +155,11 @@ def tune_verdict(
     """Tunes the parameters by which a difference between two scans is a change.
 
     The candidates of every pair are measured once. The parameters maximise their log likelihood, drawn towards the
-    config's (or the shipped ones). How strongly is chosen by pairs that are held back, each once: by the least log
-    score of their candidates, and where nothing changed in any pair, it is the strongest draw with which the fewest
-    candidates are taken for changes. The tuned verdict is kept only if that score is clearly less than the start's and
-    `detect_changes` finds no less in the pairs held back (segment and point F1; where nothing changed, false segments);
-    or if it finds more there.
+    config's (or the shipped ones). How strongly is chosen by pairs that are held back, each once: it is the strongest
+    draw with which the log score of their candidates is within one standard error of the least, and where nothing
+    changed in any pair, the strongest with which the fewest candidates are taken for changes. The tuned verdict is kept
+    only if `detect_changes` finds more in the pairs held back: neither segment nor point F1 less, one of them more;
+    where nothing changed, fewer false segments.
 
     Args:
         pairs: of scans with truth; of `unchanged_pair` where nothing changed. With views the verdict with poses is
@@ -301,7 +301,7 @@ def _course(
     losses = -np.log(np.clip(np.where(changed, probability, 1 - probability), 1e-12, None))
     false_alarms = ((probability >= threshold) & ~changed).sum(axis=1)
     scores = losses @ rows.weight
-    chosen = int(scores.argmin() if changed.any() else false_alarms.argmin())
+    chosen = _chosen(losses * rows.weight, of_pair) if changed.any() else int(false_alarms.argmin())
     return VerdictCourse(
         candidates=count,
         changes=int(changed.sum()),
@@ -341,6 +341,14 @@ def _changed(verdict: Verdict, facts: Float[Array, "n f"]) -> Float[Array, " n"]
     return jax.vmap(verdict.probabilities)(facts)[:, 0]
 
 
+def _chosen(losses: Float[np.ndarray, "d n"], of_pair: Int[np.ndarray, " n"]) -> int:
+    """The strongest draw that is not clearly worse than the one with the least loss: the one-standard-error rule."""
+    best = int(losses.sum(axis=1).argmin())
+    return next(
+        place for place, own in enumerate(losses) if place == best or not _clearly_less(own - losses[best], of_pair)
+    )
+
+
 def _clearly_less(gains: Float[np.ndarray, " n"], of_pair: Int[np.ndarray, " n"]) -> bool:
     """Whether the gains of the candidates sum up to more than their standard error, which is that over the pairs."""
     of_pairs = np.bincount(of_pair, gains)[np.unique(of_pair)]
@@ -364,7 +372,7 @@ def _judged_by_detection(
         tuned = [dataclasses.replace(result.config, verdict=str(files[fold])) for fold in folds]
         after = detection_scores(pairs, tuned, lambda stage, share: progress(stage, 0.5 + share / 2))
     no_less, more = gained(before, after)
-    improved = no_less and (more or unknown.clear or given.clear)
+    improved = no_less and more
     verdicts = Verdicts(unknown.tuned, given.tuned) if improved else result.verdicts
     return dataclasses.replace(result, improved=improved, verdicts=verdicts, before=before, after=after)
 
