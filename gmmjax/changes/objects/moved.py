@@ -27,8 +27,10 @@ class MovedSettings:
     """Which disappeared and appeared changes are compared, and when they are one object.
 
     Attributes:
-        threshold: probability from which on two changes are reported as one object. Below 0.5 a change may have two
-            partners, of which the more probable one is reported.
+        threshold: probability from which on two changes are reported as one object. A pair that is missed is still
+            reported as two changes, both true; a wrong one is a false statement, and within a place it gives points
+            that did not change to the object. Below 0.5 a change may have two partners, of which the more probable one
+            is reported.
         sample: number of points of a change, at most, that are compared with another change. Empirical. Larger: slower.
         most_extent_ratio: changes whose longest extents differ by a greater factor are not compared: saves time.
             Empirical. Infinite: all are.
@@ -48,7 +50,7 @@ class MovedSettings:
         pairing: how the probability is shared among several partners that fit.
     """
 
-    threshold: float = 0.5
+    threshold: float = 0.9
     sample: int = 2500
     most_extent_ratio: float = 1.5
     most_count_ratio: float = 5.0
