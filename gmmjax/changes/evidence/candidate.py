@@ -202,9 +202,10 @@ class Candidate:
         return np.asarray(difference.distance[self.rows] / spacing)
 
     @functools.cached_property
-    def to_opposite(self) -> Float[np.ndarray, " m"]:
-        """Distance of its points to the nearest point of a candidate of the other cloud, in spacings, or inf."""
-        return np.asarray(self.surroundings.opposite.query(self.points)[0] / self.spacing)
+    def beside_opposite(self) -> Bool[np.ndarray, " m"]:
+        """Which of its points are beside a candidate of the other cloud."""
+        reach = self.surroundings.settings.adjacent * self.spacing
+        return np.isfinite(self.surroundings.opposite.query(self.points, distance_upper_bound=reach)[0])
 
     @property
     def _reach(self) -> float:

@@ -221,7 +221,7 @@ def opposite_nearby(candidate: Candidate) -> float:
 
 def opposite_contact(candidate: Candidate) -> float:
     """Share of its points beside candidates of the other cloud, 0 to 1."""
-    return float((candidate.to_opposite < candidate.surroundings.settings.adjacent).mean())
+    return float(candidate.beside_opposite.mean())
 
 
 def differing_nearby(candidate: Candidate) -> float:
