@@ -27,3 +27,6 @@ from gmmjax.geometry.rigid import rotated as rotated
 from gmmjax.geometry.rigid import rotation_about as rotation_about
 from gmmjax.geometry.rigid import transformed as transformed
 from gmmjax.geometry.statistics import MEDIAN_TO_DEVIATION as MEDIAN_TO_DEVIATION
+from gmmjax.geometry.upward import Contact as Contact
+from gmmjax.geometry.upward import UpwardSettings as UpwardSettings
+from gmmjax.geometry.upward import upward_direction as upward_direction

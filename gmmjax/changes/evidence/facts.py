@@ -208,7 +208,7 @@ def other_roughness(candidate: Candidate) -> float:
 
 
 def supports(candidate: Candidate) -> float:
-    """Share of its points on a surface that a candidate of the other cloud stands on, 0 to 1."""
+    """Share of its points on a level surface that a candidate of the other cloud stands on, 0 to 1."""
     return float(candidate.surroundings.supports[candidate.rows].mean())
 
 

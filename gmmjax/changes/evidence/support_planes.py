@@ -9,9 +9,21 @@ import functools
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int
+from scipy.spatial import cKDTree
 
 from gmmjax.clouds import voxel_grid
-from gmmjax.geometry import Plane, PlaneSettings, plane_surface, planes_of
+from gmmjax.geometry import (
+    Contact,
+    Plane,
+    PlaneSettings,
+    UpwardSettings,
+    evenly_chosen,
+    local_planes,
+    nearest_neighbours,
+    plane_surface,
+    planes_of,
+    upward_direction,
+)
 from gmmjax.pair import Pair, each
 
 
@@ -36,6 +48,9 @@ class SupportSettings:
             0: every object above the infinite plane stands on it.
         adjacent: distance along the plane, in spacings, at which these have it. Larger: objects next to a support stand
             on it.
+        upward: when there is an upward direction, across which supports are.
+        most_touching: number of a candidate's points, at most and evenly chosen, whose contact with unchanged surfaces
+            tells the upward direction: a bound on the time.
     """
 
     planes: PlaneSettings = PlaneSettings(least_share=0.75)
@@ -46,6 +61,8 @@ class SupportSettings:
     touching: float = 3.0
     least_touching: int = 8
     adjacent: float = 5.0
+    upward: UpwardSettings = UpwardSettings()
+    most_touching: int = 300
 
 
 def supports(
@@ -56,7 +73,8 @@ def supports(
 ) -> Pair[Bool[np.ndarray, " _"]]:
     """The points of the segments of either cloud that a segment of the other cloud stands on.
 
-    Of two flat segments that could stand on each other neither is taken for a support.
+    Of two flat segments that could stand on each other neither is taken for a support. What is not level, or not
+    beneath, supports nothing; where there is no upward direction, nothing does.
 
     Args:
         points: of both clouds.
@@ -64,7 +82,10 @@ def supports(
         spacing: distance of neighbouring points on a surface.
         settings: when a segment is a support.
     """
-    segments = each(lambda own, label: _segments(own, label, spacing, settings), points, labels)
+    up = _upward(points, labels, spacing, settings)
+    if up is None:
+        return labels.map(lambda own: np.zeros(len(own), bool))
+    segments = each(lambda own, label: _segments(own, label, up, spacing, settings), points, labels)
     gone, new = segments.before, segments.after
     under = {(i, j) for i, own in gone.items() for j, change in new.items() if own.supports(change)}
     over = {(i, j) for i, change in gone.items() for j, own in new.items() if own.supports(change)}
@@ -80,11 +101,13 @@ class _Segment:
 
     Attributes:
         points: of the segment.
+        up: the upward direction.
         spacing: distance of neighbouring points on a surface.
         settings: when a segment is a support.
     """
 
     points: Float64[np.ndarray, "n 3"]
+    up: Float64[np.ndarray, " 3"]
     spacing: float
     settings: SupportSettings
 
@@ -99,19 +122,54 @@ class _Segment:
         return self.points.min(axis=0), self.points.max(axis=0)
 
     def supports(self, change: "_Segment") -> bool:
-        """Whether it is flat, and a change of the other cloud stands on it."""
+        """Whether it is flat and level, and a change of the other cloud stands on it."""
         reach = (self.settings.adjacent + self.settings.touching) * self.spacing
         (lower, upper), (least, greatest) = self.bounds, change.bounds
         if (least > upper + reach).any() or (greatest < lower - reach).any():
             return False
         plane, noise = self.plane
-        return plane is not None and _stands_on(change.points, self.points, plane, noise, self.spacing, self.settings)
+        if plane is None or abs(plane.normal @ self.up) < self.settings.upward.level:
+            return False
+        sense = np.sign(plane.normal @ self.up)
+        upward = Plane(sense * plane.normal, sense * plane.offset)
+        return _stands_on(change.points, self.points, upward, noise, self.spacing, self.settings)
 
 
-def _segments(points: np.ndarray, labels: np.ndarray, spacing: float, settings: SupportSettings) -> dict[int, _Segment]:
+def _segments(
+    points: np.ndarray, labels: np.ndarray, up: np.ndarray, spacing: float, settings: SupportSettings
+) -> dict[int, _Segment]:
     return {
-        int(label): _Segment(points[labels == label], spacing, settings) for label in np.unique(labels[labels >= 0])
+        int(label): _Segment(points[labels == label], up, spacing, settings) for label in np.unique(labels[labels >= 0])
     }
+
+
+def _upward(
+    points: Pair[Float64[np.ndarray, "_ 3"]],
+    labels: Pair[Int[np.ndarray, " _"]],
+    spacing: float,
+    settings: SupportSettings,
+) -> Float64[np.ndarray, " 3"] | None:
+    """The upward direction, by the unchanged surfaces of both clouds that the segments touch."""
+    unchanged = np.concatenate([*each(lambda own, label: own[label < 0], points, labels)])
+    if not len(unchanged):
+        return None
+    tree, contacts = cKDTree(unchanged), []
+    for own, label in zip(points, labels, strict=True):
+        contacts += [_contact(own[label == number], tree, spacing, settings) for number in np.unique(label[label >= 0])]
+    return upward_direction(contacts, settings.upward)
+
+
+def _contact(
+    segment: Float64[np.ndarray, "n 3"], unchanged: cKDTree, spacing: float, settings: SupportSettings
+) -> Contact:
+    """Where a segment touches unchanged surfaces."""
+    chosen = segment[evenly_chosen(len(segment), settings.most_touching)]
+    distances, nearest = unchanged.query(chosen, distance_upper_bound=settings.adjacent * spacing)
+    touched = unchanged.data[np.unique(nearest[np.isfinite(distances)])]
+    if not len(touched):
+        return Contact(np.zeros((0, 3)), np.zeros(3))
+    normals = local_planes(unchanged.data[nearest_neighbours(unchanged, touched, settings.planes.neighbours)[1]])[1]
+    return Contact(normals, segment.mean(axis=0) - touched.mean(axis=0))
 
 
 def _support_plane(
@@ -134,7 +192,6 @@ def _stands_on(
     settings: SupportSettings,
 ) -> bool:
     heights = change @ plane.normal - plane.offset
-    heights *= 1 if np.median(heights) >= 0 else -1
     if (heights < -(noise + spacing)).mean() > settings.most_below:
         return False
     touching = change[heights < settings.touching * spacing + noise]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Float64
 
-from gmmjax.geometry import LocalSurface, evenly_chosen
+from gmmjax.geometry import Contact, LocalSurface, UpwardSettings, upward_direction
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,25 +19,21 @@ class SupportPlaneSettings:
     Attributes:
         contact: the background touches an object within this distance of it, in the object's spacings. 0: no object has
             a support plane.
-        fewest: number of background points, at least, that the upward direction and a support plane are found from.
+        fewest: number of background points, at least, that a support plane is found from.
         level: cosine of the angle between two normals from which on they are of one direction. Above 1: no object has a
             support plane.
-        agreement: fraction of the objects that touch a background, at least, that touch one across the upward
-            direction. Below, as where things float or hang on several walls, there is no upward direction. Empirical.
-            0: there always is one.
-        largest_sample: number of normals, at most, that the upward direction is found from.
         above: an object has more than this fraction of its points above its support plane. 0: it may be sunk into it.
         tolerance: points up to this far below the plane count as above it, in standard deviations of the offset between
             local means. 0: the noise of the lowest points counts against the plane.
+        upward: when objects have a common upward direction.
     """
 
     contact: float = 4.0
     fewest: int = 12
     level: float = 0.9
-    agreement: float = 0.6
-    largest_sample: int = 2000
     above: float = 0.96
     tolerance: float = 5.0
+    upward: UpwardSettings = UpwardSettings()
 
 
 class SupportPlane(NamedTuple):
@@ -81,7 +77,8 @@ def support_planes(
         settings: what an object stands on.
     """
     patches = [_contact_patches(part, background, settings) for part in parts]
-    up = _upwards(parts, patches, settings)
+    contacts = [_contact(part, own) for part, own in zip(parts, patches, strict=True)]
+    up = upward_direction(contacts, settings.upward)
     if up is None:
         return [None] * len(parts)
     return [_support_plane(part, own, up, noise, settings) for part, own in zip(parts, patches, strict=True)]
@@ -100,29 +97,9 @@ def _contact_patches(
     return _ContactPatches(surface.centres[touches], surface.normals[touches])
 
 
-def _upwards(
-    parts: Sequence[LocalSurface], patches: Sequence[_ContactPatches], settings: SupportPlaneSettings
-) -> Float64[np.ndarray, " 3"] | None:
-    """The normal of most contact patches, towards the objects; None where there are too few."""
-    normals = np.concatenate([own.normals for own in patches])
-    normals = normals[evenly_chosen(len(normals), settings.largest_sample)]
-    if len(normals) < settings.fewest:
-        return None
-    parallel = np.abs(normals @ normals.T) > settings.level
-    leader = int(np.argmax(parallel.sum(axis=1)))
-    own = normals[parallel[leader]]
-    touching = [patch.normals for patch in patches if len(patch.normals) >= settings.fewest]
-    across = [(np.abs(own_normals @ normals[leader]) > settings.level).sum() for own_normals in touching]
-    if sum(count >= settings.fewest for count in across) < settings.agreement * len(touching):
-        return None
-    up = (own * np.sign(own @ normals[leader])[:, None]).sum(axis=0)
-    up /= np.linalg.norm(up)
-    heights = [
-        np.median(part.points @ up) - np.median(own.centres @ up)
-        for part, own in zip(parts, patches, strict=True)
-        if len(own.centres)
-    ]
-    return np.asarray(up if np.sum(heights) > 0 else -up)
+def _contact(part: LocalSurface, patches: _ContactPatches) -> Contact:
+    rise = part.points.mean(axis=0) - patches.centres.mean(axis=0) if len(patches.centres) else np.zeros(3)
+    return Contact(patches.normals, rise)
 
 
 def _support_plane(

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from gmmjax.changes.objects.support_plane import SupportPlaneSettings, support_planes
 from gmmjax.geometry.local_surface import LocalSurface
 from gmmjax.geometry.rigid import transformed
+from gmmjax.geometry.upward import UpwardSettings
 from tests.changes.scanned_objects import on_floor_and_shelf
 
 NOISE = 0.003
@@ -58,4 +59,6 @@ def test_things_at_walls_of_all_directions_have_no_support_plane(scene):
     near = background[background[:, 2] < 0.3]
     around = np.concatenate([near @ turn.T + shift for turn, shift in zip(turns, shifts, strict=True)])
     assert planes_of(parts, around) == [None] * 3
-    assert None not in planes_of(parts, around, SupportPlaneSettings(agreement=0.0, above=0.0, fewest=1, level=0.0))
+    any_direction = UpwardSettings(agreement=0.0, fewest=1, level=0.0)
+    settings = SupportPlaneSettings(above=0.0, fewest=1, level=0.0, upward=any_direction)
+    assert None not in planes_of(parts, around, settings)

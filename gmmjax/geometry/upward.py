@@ -1,0 +1,67 @@
+"""The upward direction of a place where gravity is not known: that of the surface on which most things stand."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+
+from gmmjax.geometry.local_surface import evenly_chosen
+
+
+@dataclasses.dataclass(frozen=True)
+class UpwardSettings:
+    """When things have a common upward direction. All values are empirical.
+
+    Attributes:
+        fewest: number of background points that touch a thing, at least, for it to stand on them.
+        level: cosine of the angle between two normals from which on they are of one direction. Above 1: there is no
+            upward direction.
+        agreement: fraction of the things that touch a background, at least, that touch one across the upward
+            direction. Below, as where things float or hang on several walls, there is none. 0: there always is one.
+        largest_sample: number of normals, at most, that the direction is found from.
+    """
+
+    fewest: int = 12
+    level: float = 0.9
+    agreement: float = 0.6
+    largest_sample: int = 2000
+
+
+class Contact(NamedTuple):
+    """Where a thing touches the background.
+
+    Attributes:
+        normals: of the background there, of unit length and either sense.
+        rise: from the middle of those points to that of the thing.
+    """
+
+    normals: Float64[np.ndarray, "k 3"]
+    rise: Float64[np.ndarray, " 3"]
+
+
+def upward_direction(
+    contacts: Sequence[Contact], settings: UpwardSettings = UpwardSettings()
+) -> Float64[np.ndarray, " 3"] | None:
+    """The normal of most of the background that touches things, towards the things; None where they do not agree.
+
+    Args:
+        contacts: of each thing.
+        settings: when they agree.
+    """
+    touching = [contact for contact in contacts if len(contact.normals) >= settings.fewest]
+    if not touching:
+        return None
+    normals = np.concatenate([contact.normals for contact in contacts])
+    normals = normals[evenly_chosen(len(normals), settings.largest_sample)]
+    parallel = np.abs(normals @ normals.T) > settings.level
+    leader = int(np.argmax(parallel.sum(axis=1)))
+    across = [(np.abs(contact.normals @ normals[leader]) > settings.level).sum() for contact in touching]
+    if sum(count >= settings.fewest for count in across) < settings.agreement * len(touching):
+        return None
+    own = normals[parallel[leader]]
+    up = (own * np.sign(own @ normals[leader])[:, None]).sum(axis=0)
+    up /= np.linalg.norm(up)
+    rise = np.sum([contact.rise @ up for contact in contacts if len(contact.normals)])
+    return np.asarray(up if rise > 0 else -up)
