@@ -52,10 +52,10 @@ class SurfaceRegistrationSettings:
         same_transform: transforms that differ by fewer spacings, over the points, are one.
         preference: for the given frame, in the score from 0 to 1: of transforms that fit equally well, such as along a
             plane, it is the one from there. 0: any of them may be applied.
-        more_consistent: the transform from the given frame is also taken where another one has more overlap, but is
-            less consistent by this: two surveys that share half of their extent are else slid over each other. 1: it
-            never is.
-        least_overlap: overlap of the transform from the given frame, at least, for that. 0: a corner may be enough.
+        least_overlap: overlap of the transform that is chosen, at least: of those that have it, it is the most
+            consistent one. 1: that with the highest score, so that two surveys that share half of their extent are slid
+            over each other. 0: a corner that fits may be enough.
+        more_consistent: as `preference`, in the consistency of the finalists.
         needed: the transform is applied when it lowers the residual to this fraction or raises the overlap by the rest.
     """
 
@@ -75,8 +75,8 @@ class SurfaceRegistrationSettings:
     undetermined: float = 2.0
     same_transform: float = 2.0
     preference: float = 0.01
-    more_consistent: float = 0.02
     least_overlap: float = 0.2
+    more_consistent: float = 0.02
     needed: float = 0.9
 
 
@@ -124,13 +124,13 @@ def rough_registration(
     if pair.volumetric:
         return RoughRegistration.none()
     surfaces = pair.clouds.map(lambda cloud: LocalSurface.of(cloud.points))
-    best, *others = _finalists(pair.spacing, surfaces, _refined_starts(pair.spacing, surfaces, settings), settings)
-    rival = max((other.fit.score for other in others), default=0.0) / max(best.fit.score, np.finfo(np.float64).tiny)
-    near = next((other for other in others if other.from_given_frame), best)
-    if near is not best and _more_consistent(near.fit, best.fit, settings):
-        rival = best.fit.consistency / near.fit.consistency
-        best = near
+    finalists = _finalists(pair.spacing, surfaces, _refined_starts(pair.spacing, surfaces, settings), settings)
     given = surface_fit(surfaces, np.eye(4), pair.spacing, settings.score)
+    # With the given frame itself: ICP from there may slide along a floor and a wall of which half is in common.
+    best = _most_consistent([*finalists, _Candidate(np.eye(4), given, True)], settings)
+    points, apart = surfaces.after.points, settings.same_transform * pair.spacing
+    others = (other for other in finalists if _distance(points, other.transform, best.transform) >= apart)
+    rival = max((_ratio(other.fit, best.fit) for other in others), default=0.0)
     transform = best.transform if _better(best.fit, given, settings) else np.eye(4)
     return RoughRegistration(transform, best.from_given_frame, min(rival, 1.0))
 
@@ -174,10 +174,25 @@ def registered_surfaces(
     )
 
 
-def _more_consistent(near: SurfaceFit, other: SurfaceFit, settings: SurfaceRegistrationSettings) -> bool:
-    """Whether the transform from the given frame explains what both surveys cover better, if less overlaps."""
-    enough = near.overlap >= settings.least_overlap
-    return enough and near.consistency > other.consistency + settings.more_consistent
+def _most_consistent(finalists: list[_Candidate], settings: SurfaceRegistrationSettings) -> _Candidate:
+    """The finalist that explains best what both surveys cover, of those with enough overlap; the first if none has.
+
+    The highest score would be that of the greatest overlap: of two surveys of one half each, slid over each other.
+    """
+
+    def merit(found: _Candidate) -> float:
+        return found.fit.consistency + settings.more_consistent * found.from_given_frame
+
+    enough = [found for found in finalists if found.fit.overlap >= settings.least_overlap]
+    return max(enough, key=merit, default=finalists[0])
+
+
+def _ratio(other: SurfaceFit, own: SurfaceFit) -> float:
+    """Of the scores; of the consistencies where the other one has the higher score."""
+    tiny = np.finfo(np.float64).tiny
+    if other.score > own.score:
+        return other.consistency / max(own.consistency, tiny)
+    return other.score / max(own.score, tiny)
 
 
 def _better(fit: SurfaceFit, given: SurfaceFit, settings: SurfaceRegistrationSettings) -> bool:
