@@ -9,41 +9,41 @@ from gmmjax._typing import Array
 
 
 def log_probabilities(
-    weights: Float[Array, "2 f"], bias: Float[Array, " 2"], facts: Float[Array, "n f"]
+    weights: Float[Array, "2 c"], bias: Float[Array, " 2"], columns: Float[Array, "n c"]
 ) -> Float[Array, "n 3"]:
     """Log probabilities of changed, not observed and unchanged; arguments as of `log_likelihood`."""
-    odds = facts @ weights.T + bias[None]
+    odds = columns @ weights.T + bias[None]
     return jax.nn.log_softmax(jnp.concatenate([odds, jnp.zeros_like(odds[:, :1])], axis=1), axis=1)
 
 
 def log_likelihood(
-    weights: Float[Array, "2 f"],
+    weights: Float[Array, "2 c"],
     bias: Float[Array, " 2"],
-    facts: Float[Array, "n f"],
+    columns: Float[Array, "n c"],
     kind: Int[Array, " n"],
     weight: Float[Array, " n"],
 ) -> Float[Array, ""]:
     """The weighted log likelihood of what the candidates are, nats.
 
     Args:
-        weights: of each fact in the log odds of changed, and of not observed, each against unchanged.
+        weights: of each column in the log odds of changed, and of not observed, each against unchanged.
         bias: of both log odds.
-        facts: of each candidate, standardised: less their centre, by their spread.
+        columns: of each candidate what the weights multiply, see `Verdict.columns`.
         kind: `CHANGED`, `UNOBSERVED`, `UNCHANGED` or `NOT_CHANGED`.
         weight: how many candidates each stands for; 0 is one that is not looked at.
     """
-    logs = log_probabilities(weights, bias, facts)
+    logs = log_probabilities(weights, bias, columns)
     not_changed = jnp.logaddexp(logs[:, 1], logs[:, 2])
     kinds = jnp.concatenate([logs, not_changed[:, None]], axis=1)
     return weight @ jnp.take_along_axis(kinds, kind[:, None], axis=1)[:, 0]
 
 
-def signed(free: Float[Array, " p"], signs: Float[Array, " f"]) -> tuple[Float[Array, "2 f"], Float[Array, " 2"]]:
-    """The weights and the bias: where a fact has a sign, it never speaks more for unobserved than for changed.
+def signed(free: Float[Array, " p"], signs: Float[Array, " c"]) -> tuple[Float[Array, "2 c"], Float[Array, " 2"]]:
+    """The weights and the bias: where a column has a sign, it never speaks more for unobserved than for changed.
 
     Args:
-        free: for each fact two numbers, which `bounds_of` bounds where it has a sign, and both biases.
-        signs: of the facts: 1 where more can only speak for a change, -1 only against one, 0 where it depends.
+        free: for each column two numbers, which `bounds_of` bounds where it has a sign, and both biases.
+        signs: of the columns: 1 where more can only speak for a change, -1 only against one, 0 where it depends.
     """
     changed, second = free[:-2].reshape(2, -1)
     with_sign = jnp.stack([signs * changed, signs * (changed - second)])
@@ -51,7 +51,7 @@ def signed(free: Float[Array, " p"], signs: Float[Array, " f"]) -> tuple[Float[A
 
 
 def free_from(
-    weights: Float[np.ndarray, "2 f"], bias: Float[np.ndarray, " 2"], signs: Float[np.ndarray, " f"]
+    weights: Float[np.ndarray, "2 c"], bias: Float[np.ndarray, " 2"], signs: Float[np.ndarray, " c"]
 ) -> Float[np.ndarray, " p"]:
     """The inverse of `signed`; weights against their sign, by the rounding of a file, are 0."""
     first, second = weights
@@ -59,8 +59,8 @@ def free_from(
     return np.concatenate([np.where(signs == 0, weights, with_sign).ravel(), bias])
 
 
-def bounds_of(signs: Float[np.ndarray, " f"]) -> list[tuple[float | None, float | None]]:
+def bounds_of(signs: Float[np.ndarray, " c"]) -> list[tuple[float | None, float | None]]:
     """The bounds of the numbers that `signed` takes, by which the signs hold."""
-    # Of a fact with a sign the changed side is bounded, and so is what it has beyond the unobserved side.
+    # Of a column with a sign the changed side is bounded, and so is what it has beyond the unobserved side.
     least = [*(0.0 if sign else None for sign in np.tile(signs, 2)), None, None]
     return [(own, None) for own in least]

@@ -11,10 +11,10 @@ from jaxtyping import Float, Int
 from scipy.optimize import minimize, minimize_scalar
 
 from gmmjax._typing import Array
-from gmmjax.changes import FACTS, Verdict, names_of
+from gmmjax.changes import Verdict, names_of
 from gmmjax.errors import InputError
 from gmmjax.learning.candidate_rows import CHANGED, CandidateRows
-from gmmjax.learning.objective import bounds_of, log_likelihood, signed
+from gmmjax.learning.objective import bounds_of, free_from, log_likelihood, signed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -139,10 +139,13 @@ def _fitted(rows: _Rows, names: Sequence[str], penalty: float, settings: Trainin
     lower, upper = np.quantile(rows.facts, [settings.trimmed, 1 - settings.trimmed], axis=0)
     inside = np.clip(rows.facts, lower, upper)
     centre, spread = inside.mean(axis=0), np.maximum(inside.std(axis=0), 1e-6)
-    signs = np.array([float(FACTS[name].change) for name in names])
-    free = np.zeros(2 * len(names) + 2)
+    nothing = np.zeros((2, 2 * len(names)))
+    start = Verdict(tuple(names), nothing, nothing[:, 0], _bends(inside, rows.kind), centre, spread, lower, upper)
+    signs = start.signs
+    free = free_from(start.weights, start.bias, signs)
     with jax.enable_x64(True):
-        arguments = [jnp.asarray(own) for own in ((inside - centre) / spread, rows.kind, rows.weight, signs)]
+        columns = jax.vmap(start.columns)(jnp.asarray(rows.facts))
+        arguments = [columns, *(jnp.asarray(own) for own in (rows.kind, rows.weight, signs))]
 
         def objective(free: np.ndarray) -> tuple[float, np.ndarray]:
             value, gradient = _penalised(jnp.asarray(free), *arguments, penalty)
@@ -151,22 +154,28 @@ def _fitted(rows: _Rows, names: Sequence[str], penalty: float, settings: Trainin
         options = {"maxiter": settings.most_steps}
         best = minimize(objective, free, jac=True, bounds=bounds_of(signs), method="L-BFGS-B", options=options)
         weights, bias = signed(jnp.asarray(best.x), arguments[-1])
-    return Verdict(tuple(names), np.asarray(weights), np.asarray(bias), centre, spread, lower, upper)
+    return dataclasses.replace(start, weights=np.asarray(weights), bias=np.asarray(bias))
+
+
+def _bends(facts: Float[np.ndarray, "n f"], kind: Int[np.ndarray, " n"]) -> Float[np.ndarray, " f"]:
+    """Where the slope of each fact may change: midway between the medians of the changes and of all others."""
+    changed = kind == CHANGED
+    return np.asarray((np.median(facts[changed], axis=0) + np.median(facts[~changed], axis=0)) / 2)
 
 
 @jax.jit
 @jax.value_and_grad
 def _penalised(
     free: Float[Array, " p"],
-    facts: Float[Array, "n f"],
+    columns: Float[Array, "n c"],
     kind: Int[Array, " n"],
     weight: Float[Array, " n"],
-    signs: Float[Array, " f"],
+    signs: Float[Array, " c"],
     penalty: float | Float[Array, ""],
 ) -> Float[Array, ""]:
     """The weighted negative log likelihood with the penalty of the weights."""
     weights, bias = signed(free, signs)
-    return -log_likelihood(weights, bias, facts, kind, weight) + penalty * jnp.sum(weights**2)
+    return -log_likelihood(weights, bias, columns, kind, weight) + penalty * jnp.sum(weights**2)
 
 
 def _cooled(verdict: Verdict, temperature: float) -> Verdict:

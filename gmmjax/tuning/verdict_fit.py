@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from gmmjax._programs import kept_jit
 from gmmjax._typing import Array
-from gmmjax.changes import FACTS, Verdict
+from gmmjax.changes import Verdict
 from gmmjax.errors import ComputationError
 from gmmjax.learning import bounds_of, free_from, log_likelihood, log_probabilities, signed
 
@@ -68,11 +68,13 @@ def tuned_verdict(start: Verdict, rows: WeightedRows, draw: float, remembered: i
     if np.isinf(draw) or not used.any():
         return start
     widened = _widened(start, rows.facts[used])
-    signs = np.array([float(FACTS[name].change) for name in start.names])
+    signs = start.signs
     padded = rows.padded()
     with jax.enable_x64(True):
-        own = [start.weights, start.bias, standardised(widened, padded.facts), padded.kind, padded.weight, signs]
-        arguments = [jnp.asarray(part) for part in (*own, remembered_facts(start, remembered), draw)]
+        own = [start.weights, start.bias, jax.vmap(widened.columns)(padded.facts), padded.kind, padded.weight, signs]
+        arguments = [
+            jnp.asarray(part) for part in (*own, jax.vmap(start.columns)(remembered_facts(start, remembered)), draw)
+        ]
 
         def objective(free: np.ndarray) -> tuple[float, np.ndarray]:
             value, gradient = _gradient(jnp.asarray(free), *arguments)
@@ -88,13 +90,13 @@ def tuned_verdict(start: Verdict, rows: WeightedRows, draw: float, remembered: i
 
 def negative_log_posterior(
     free: Float[Array, " p"],
-    start_weights: Float[Array, "2 f"],
+    start_weights: Float[Array, "2 c"],
     start_bias: Float[Array, " 2"],
-    facts: Float[Array, "n f"],
+    columns: Float[Array, "n c"],
     kind: Int[Array, " n"],
     weight: Float[Array, " n"],
-    signs: Float[Array, " f"],
-    remembered: Float[Array, "m f"],
+    signs: Float[Array, " c"],
+    remembered: Float[Array, "m c"],
     draw: Float[Array, ""],
 ) -> Float[Array, ""]:
     """The negative log posterior of the parameters, nats, but for a constant.
@@ -107,11 +109,11 @@ def negative_log_posterior(
         free: the parameters, see `signed`.
         start_weights: of the start.
         start_bias: of the start.
-        facts: of the candidates, standardised.
+        columns: of the candidates, what the weights multiply.
         kind: of the candidates.
         weight: of the candidates.
-        signs: of the facts.
-        remembered: facts of the remembered candidates, standardised.
+        signs: of the columns.
+        remembered: the same of the remembered candidates.
         draw: how strong the draw is, in candidates.
     """
     weights, bias = signed(free, signs)
@@ -119,21 +121,16 @@ def negative_log_posterior(
     after = log_probabilities(weights, bias, remembered)
     forgotten = jnp.mean(jnp.sum(jnp.exp(before) * (before - after), axis=1))
     apart = jnp.sum((weights - start_weights) ** 2) + jnp.sum((bias - start_bias) ** 2)
-    return draw * forgotten + apart / 2 - log_likelihood(weights, bias, facts, kind, weight)
+    return draw * forgotten + apart / 2 - log_likelihood(weights, bias, columns, kind, weight)
 
 
 _gradient = kept_jit(jax.value_and_grad(negative_log_posterior))
 
 
 def remembered_facts(start: Verdict, number: int) -> Float[np.ndarray, "m f"]:
-    """Facts like those that the verdict was learned from, by their mean, spread and range; standardised."""
+    """Facts like those that the verdict was learned from, by their mean and spread."""
     normal = np.random.default_rng(0).standard_normal((number, len(start.names)))
-    return standardised(start, np.asarray(start.centre + start.spread * normal))
-
-
-def standardised(verdict: Verdict, facts: Float[np.ndarray, "n f"]) -> Float[np.ndarray, "n f"]:
-    """The facts as the weights multiply them."""
-    return np.asarray((np.clip(facts, verdict.lower, verdict.upper) - verdict.centre) / verdict.spread)
+    return np.asarray(start.centre + start.spread * normal)
 
 
 def _widened(start: Verdict, facts: Float[np.ndarray, "n f"]) -> Verdict:

@@ -72,8 +72,8 @@ class VerdictCourse:
         return self.draws.index(self.draw)
 
     def moved_weights(self) -> list[tuple[str, float, float]]:
-        """Of each fact its name and its weight for a change before and after, those first that moved most."""
-        before, after = np.asarray(self.start.weights[0]), np.asarray(self.tuned.weights[0])
+        """Of each fact its name and its mean slope for a change before and after, those first that moved most."""
+        before, after = (np.reshape(own.weights[0], (2, -1)).mean(axis=0) for own in (self.start, self.tuned))
         order = np.argsort(-np.abs(after - before), kind="stable")
         return [(self.start.names[place], float(before[place]), float(after[place])) for place in order]
 

@@ -3,7 +3,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gmmjax.changes import FACTS
 from gmmjax.errors import InputError
 from gmmjax.learning import CandidateRows, TrainingSettings, learned
 from gmmjax.learning.left_out_table import calibration_error, left_out_table
@@ -23,14 +22,30 @@ def trained(families):
 
 
 def test_the_facts_that_decide_have_the_greatest_weights(trained):
-    verdict, _ = trained
-    assert NAMES[int(np.argmax(verdict.weights[0]))] == "excess"
-    assert NAMES[int(np.argmax(verdict.weights[1]))] == "continued"
+    slopes = trained[0].weights.reshape(2, 2, -1).sum(axis=1)
+    assert NAMES[int(np.argmax(slopes[0]))] == "excess"
+    assert NAMES[int(np.argmax(slopes[1]))] == "continued"
+
+
+def test_a_fact_that_tells_no_more_beyond_a_value_is_bent_there():
+    """Whether the first half of a fact is there decides; how much of the second is, says nothing."""
+    families, column = {}, NAMES.index("excess")
+    for seed, name in enumerate(("rooms", "halls")):
+        random = np.random.default_rng(seed)
+        own, excess = rows(seed)[0], random.uniform(0, 1, 400)
+        values = np.repeat(own.values[:1], 400, axis=0)
+        values[:, column] = excess
+        changed = random.uniform(size=400) < np.minimum(excess, 0.5) * 1.8
+        families[name] = own._replace(
+            values=values, kind=np.where(changed, 0, 2), points=np.ones(400, int), changed_points=changed.astype(int)
+        )
+    below, above = learned(families, poses=False, settings=SETTINGS)[0].weights[0].reshape(2, -1)[:, column]
+    assert below > 3 * above >= 0
 
 
 def test_weights_have_the_signs_of_their_facts(trained):
     verdict, _ = trained
-    signs = np.array([FACTS[name].change for name in NAMES])
+    signs = verdict.signs
     assert (signs * verdict.weights[0] >= 0).all()
     # What can only speak for a change never speaks more for not observed.
     assert (signs * (verdict.weights[0] - verdict.weights[1]) >= -1e-12).all()

@@ -3,14 +3,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gmmjax.changes import FACTS
 from gmmjax.learning import CHANGED, NOT_CHANGED, UNCHANGED, UNOBSERVED, free_from, signed
 from gmmjax.tuning import check_gradient
-from gmmjax.tuning.verdict_fit import negative_log_posterior, remembered_facts, standardised, tuned_verdict
+from gmmjax.tuning.verdict_fit import negative_log_posterior, remembered_facts, tuned_verdict
 from tests.changes.evidence.verdicts import verdict
-from tests.tuning.candidates import DISTANT, NAMES, measured, weighted
+from tests.tuning.candidates import DISTANT, measured, weighted
 
-SIGNS = np.array([float(FACTS[name].change) for name in NAMES])
+SIGNS = DISTANT.signs
 UNCHANGED_ROWS = weighted(measured(40, changes=0.0, seed=3))
 LOWERED = tuned_verdict(DISTANT, UNCHANGED_ROWS, 10.0)
 
@@ -90,19 +89,21 @@ def test_what_was_known_is_not_forgotten():
 def test_the_gradient_is_that_of_the_loss(kinds):
     random = np.random.default_rng(0)
     rows = weighted(measured(20))
-    facts, kind, weight = standardised(DISTANT, rows.facts), random.choice(kinds, 20), random.uniform(0, 2, 20)
-    own = (DISTANT.weights, DISTANT.bias, facts, kind, weight, SIGNS, remembered_facts(DISTANT, 20), 3.0)
+    kind, weight = random.choice(kinds, 20), random.uniform(0, 2, 20)
+    with jax.enable_x64(True):
+        columns, remembered = (jax.vmap(DISTANT.columns)(own) for own in (rows.facts, remembered_facts(DISTANT, 20)))
+    own = (DISTANT.weights, DISTANT.bias, columns, kind, weight, SIGNS, remembered, 3.0)
 
     def loss(free):
         return negative_log_posterior(free, *map(jnp.asarray, own))
 
-    assert check_gradient(loss, np.abs(random.normal(size=2 * len(NAMES) + 2))).largest_error < 1e-7
+    assert check_gradient(loss, np.abs(random.normal(size=2 * len(SIGNS) + 2))).largest_error < 1e-7
 
 
 def test_the_parameters_are_those_of_their_free_numbers(float64):
     random = np.random.default_rng(0)
     weights = np.where(
-        SIGNS == 0, random.normal(size=(2, len(NAMES))), SIGNS * np.sort(random.random((2, len(SIGNS))), 0)[::-1]
+        SIGNS == 0, random.normal(size=(2, len(SIGNS))), SIGNS * np.sort(random.random((2, len(SIGNS))), 0)[::-1]
     )
     bias = random.normal(size=2)
     again, of_both = signed(jnp.asarray(free_from(weights, bias, SIGNS)), jnp.asarray(SIGNS))

@@ -1,7 +1,8 @@
 """The verdict on a candidate: changed, unchanged or not observed, from its facts.
 
-A multinomial logistic model on about thirty facts. It is linear in them, so that what each adds to the log odds can be
-told, and where physics says that a fact can only speak for a change, or only against one, its weight has that sign.
+A multinomial logistic model, additive in about forty facts, so that what each adds to the log odds can be told. Of each
+fact it is a line that may bend once: the first points in free space tell more than the last. Where physics says that a
+fact can only speak for a change, or only against one, both slopes have that sign.
 """
 
 import dataclasses
@@ -26,9 +27,11 @@ class Verdict(eqx.Module):
     """The parameters of the model. Facts are those of `FACTS`, on their scales.
 
     Attributes:
-        names: of the facts, in the order of the columns.
-        weights: of each fact in the log odds of changed, and of not observed, each against unchanged.
+        names: of the facts, in their order.
+        weights: slopes in the log odds of changed, and of not observed, each against unchanged: first those of each
+            fact below its bend, then those of each above it.
         bias: of both log odds.
+        bend: of each fact, where its slope may change.
         centre: of each fact, the mean over the candidates that the weights were learned from.
         spread: their standard deviation, positive.
         lower: the least value of each fact among them.
@@ -36,17 +39,32 @@ class Verdict(eqx.Module):
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
-    weights: Float[Array, "2 f"]
+    weights: Float[Array, "2 c"]
     bias: Float[Array, " 2"]
+    bend: Float[Array, " f"]
     centre: Float[Array, " f"]
     spread: Float[Array, " f"]
     lower: Float[Array, " f"]
     upper: Float[Array, " f"]
 
-    def terms(self, facts: Float[Array, " f"]) -> Float[Array, "2 f"]:
-        """What each fact adds to both log odds, compared with its mean; beyond what was learned as at its edge."""
+    @property
+    def signs(self) -> Float[np.ndarray, " c"]:
+        """Of each weight: 1 where its fact can only speak for a change, -1 only against one, 0 where it depends."""
+        return np.tile([float(FACTS[name].change) for name in self.names], 2)
+
+    def columns(self, facts: Float[Array, " f"]) -> Float[Array, " c"]:
+        """What the weights multiply: how far each fact is from its mean, below its bend and above it, by its spread.
+
+        Beyond what was learned a fact counts as at the edge of that.
+        """
         inside = jnp.clip(facts, self.lower, self.upper)
-        return self.weights * ((inside - self.centre) / self.spread)[None]
+        below = jnp.minimum(inside, self.bend) - jnp.minimum(self.centre, self.bend)
+        above = jnp.maximum(inside, self.bend) - jnp.maximum(self.centre, self.bend)
+        return jnp.concatenate([below / self.spread, above / self.spread])
+
+    def terms(self, facts: Float[Array, " f"]) -> Float[Array, "2 f"]:
+        """What each fact adds to both log odds, compared with its mean."""
+        return (self.weights * self.columns(facts)[None]).reshape(2, 2, -1).sum(axis=1)
 
     def beyond(self, facts: Float[Array, " f"]) -> Float[Array, " f"]:
         """How far each fact is beyond those that the weights were learned from, in widths of their range."""

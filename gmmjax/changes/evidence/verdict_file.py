@@ -15,10 +15,12 @@ from gmmjax.changes.evidence.verdict import Verdict
 from gmmjax.clouds import atomic_write, read_json_record
 from gmmjax.errors import InputError
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 SHIPPED = Path(__file__).with_name("verdict.json")
 REMEDY = "write it with this version's `python -m gmmjax.learning` or `gmmjax tune`"
-COLUMNS = ("changed", "unobserved", "centre", "spread", "lower", "upper")
+SLOPES = ("changed_below", "changed_above", "unobserved_below", "unobserved_above")
+COLUMNS = (*SLOPES, "bend", "centre", "spread", "lower", "upper")
+ODDS = ("changed", "unobserved")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,12 +80,13 @@ def shipped_verdicts() -> Verdicts:
 
 
 def _plain(verdict: Verdict) -> dict[str, Any]:
-    rows = np.stack([*verdict.weights, verdict.centre, verdict.spread, verdict.lower, verdict.upper])
+    slopes = np.reshape(verdict.weights, (len(SLOPES), -1))
+    rows = np.stack([*slopes, verdict.bend, verdict.centre, verdict.spread, verdict.lower, verdict.upper])
     facts = {
         name: {column: _rounded(value) for column, value in zip(COLUMNS, rows[:, index], strict=True)}
         for index, name in enumerate(verdict.names)
     }
-    bias = {column: _rounded(value) for column, value in zip(COLUMNS, verdict.bias, strict=False)}
+    bias = {column: _rounded(value) for column, value in zip(ODDS, verdict.bias, strict=True)}
     return {"bias": bias, "facts": facts}
 
 
@@ -107,7 +110,9 @@ def _verdict(path: str | os.PathLike[str], content: Mapping[str, Any], group: st
         return float(value)
 
     rows = np.array([[number(part["facts"].get(name), name, column) for name in names] for column in COLUMNS])
-    if not (rows[3] > 0).all():
-        raise InputError(f"{path}: {group}, {names[int(rows[3].argmin())]}: spread must be positive; {REMEDY}")
-    bias = np.array([number(part.get("bias"), "bias", column) for column in COLUMNS[:2]])
-    return Verdict(names, rows[:2], bias, *rows[2:])
+    spread = rows[COLUMNS.index("spread")]
+    if not (spread > 0).all():
+        raise InputError(f"{path}: {group}, {names[int(spread.argmin())]}: spread must be positive; {REMEDY}")
+    bias = np.array([number(part.get("bias"), "bias", column) for column in ODDS])
+    slopes, others = rows[: len(SLOPES)], rows[len(SLOPES) :]
+    return Verdict(names, slopes.reshape(len(ODDS), -1), bias, *others)

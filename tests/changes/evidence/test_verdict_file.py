@@ -15,7 +15,7 @@ def test_what_is_written_is_read_to_six_digits(tmp_path):
     again = read_verdicts(tmp_path / "verdict.json")
     for was, now in ((verdicts.poses_unknown, again.poses_unknown), (verdicts.poses_given, again.poses_given)):
         assert now.names == was.names
-        for name in ("weights", "bias", "centre", "spread", "lower", "upper"):
+        for name in ("weights", "bias", "bend", "centre", "spread", "lower", "upper"):
             np.testing.assert_allclose(getattr(now, name), getattr(was, name), rtol=1e-5)
     assert json.loads((tmp_path / "verdict.json").read_text())["made"] == {"families": ["rooms"]}
 
