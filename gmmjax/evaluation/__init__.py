@@ -12,7 +12,7 @@ from gmmjax.evaluation.detectors import available as available
 from gmmjax.evaluation.detectors import detector as detector
 from gmmjax.evaluation.families import family_pair as family_pair
 from gmmjax.evaluation.families import family_sources as family_sources
-from gmmjax.evaluation.gaussians import FAMILIES as FAMILIES
+from gmmjax.evaluation.gaussians import GAUSSIAN_FAMILIES as GAUSSIAN_FAMILIES
 from gmmjax.evaluation.gaussians import Condition as Condition
 from gmmjax.evaluation.gaussians import gaussian_pair as gaussian_pair
 from gmmjax.evaluation.gaussians import gaussian_sources as gaussian_sources
@@ -27,6 +27,7 @@ from gmmjax.evaluation.labelled_pair import pair_views as pair_views
 from gmmjax.evaluation.labelled_pair import read_pair as read_pair
 from gmmjax.evaluation.laboratory import CONDITIONS as CONDITIONS
 from gmmjax.evaluation.laboratory import laboratory_sources as laboratory_sources
+from gmmjax.evaluation.reliability import Reliability as Reliability
 from gmmjax.evaluation.reliability import ReliabilityRecord as ReliabilityRecord
 from gmmjax.evaluation.scores import Scores as Scores
 from gmmjax.evaluation.scores import false_segments as false_segments

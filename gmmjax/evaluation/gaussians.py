@@ -57,7 +57,7 @@ def _of_overlaps(appeared: int, disappeared: int, **more: Any) -> tuple[Conditio
 # The conditions of figure 4.9, nothing, and three with more changes.
 NUMBERS = ((1, 0), (2, 0), (0, 1), (0, 2), (1, 1), (0, 0), (2, 2), (3, 1), (1, 3))
 CONDITIONS = tuple(condition for numbers in NUMBERS for condition in _of_overlaps(*numbers))
-FAMILIES: Mapping[str, tuple[Condition, ...]] = {
+GAUSSIAN_FAMILIES: Mapping[str, tuple[Condition, ...]] = {
     "thesis": CONDITIONS,
     "separation": tuple(
         condition for apart in (0.25, 0.5, 1.0, 2.0) for condition in _of_overlaps(1, 1, separation=apart)
@@ -77,20 +77,22 @@ def gaussian_sources(
 
     Args:
         seeds: one scene of every condition for each.
-        families: names in `FAMILIES`.
+        families: names in `GAUSSIAN_FAMILIES`.
         points: drawn from each Gaussian; None: as the condition says.
 
     Raises:
         InputError: an unknown family.
     """
     for family in families:
-        check_choice("family", family, tuple(FAMILIES))
-    return [
-        PairSource(f"seed {seed}", family, str(condition), functools.partial(gaussian_pair, condition, seed))
-        for family in families
-        for condition in (dataclasses.replace(known, points=points or known.points) for known in FAMILIES[family])
-        for seed in seeds
-    ]
+        check_choice("family", family, tuple(GAUSSIAN_FAMILIES))
+    sources = []
+    for family in families:
+        for known in GAUSSIAN_FAMILIES[family]:
+            condition = dataclasses.replace(known, points=points or known.points)
+            for seed in seeds:
+                load = functools.partial(gaussian_pair, condition, seed)
+                sources.append(PairSource(f"seed {seed}", family, str(condition), load))
+    return sources
 
 
 def gaussian_pair(condition: Condition, seed: int) -> LabelledPair:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from gmmjax.evaluation import Reliability
 from gmmjax.learning.candidate_rows import CHANGED, CandidateRows
 from gmmjax.learning.training import LeftOut
 
@@ -32,15 +33,8 @@ def left_out_table(families: Mapping[str, CandidateRows], left_out: LeftOut) -> 
         own = (pooled >= lower) & ((pooled < upper) | (upper == 1.0))
         if own.any():
             lines.append(f"| {lower} to {upper} | {own.sum()} | {pooled[own].mean():.3f} | {changed[own].mean():.3f} |")
-    lines += ["", f"Expected calibration error {calibration_error(pooled, changed):.4f}."]
+    lines += ["", f"Expected calibration error {Reliability.of(pooled, changed).calibration_error:.4f}."]
     return "\n".join(lines)
-
-
-def calibration_error(probability: np.ndarray, true: np.ndarray, bins: int = 10) -> float:
-    """The mean over all of the distance between probability and frequency, in bins of equal width."""
-    bin_of = np.minimum((probability * bins).astype(int), bins - 1)
-    gaps = [abs((probability - true)[bin_of == number].sum()) for number in range(bins)]
-    return float(sum(gaps) / max(len(true), 1))
 
 
 def _row(name: str, rows: CandidateRows, probability: np.ndarray) -> str:

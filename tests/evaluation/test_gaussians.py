@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from gmmjax import InputError
-from gmmjax.evaluation import FAMILIES, gaussian_sources
+from gmmjax.evaluation import GAUSSIAN_FAMILIES, gaussian_sources
 from gmmjax.evaluation.gaussians import CONDITIONS
 
 
@@ -13,15 +13,15 @@ def test_the_first_conditions_are_those_of_the_thesis():
 
 
 def test_every_condition_has_a_name_of_its_own():
-    for conditions in FAMILIES.values():
+    for conditions in GAUSSIAN_FAMILIES.values():
         assert len(set(map(str, conditions))) == len(conditions)
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", GAUSSIAN_FAMILIES)
 def test_scenes_are_what_their_condition_says(family):
     sources = gaussian_sources([7], [family])
-    assert len(sources) == len(FAMILIES[family])
-    for source, condition in zip(sources, FAMILIES[family], strict=True):
+    assert len(sources) == len(GAUSSIAN_FAMILIES[family])
+    for source, condition in zip(sources, GAUSSIAN_FAMILIES[family], strict=True):
         assert (source.name, source.group, source.condition) == ("seed 7", family, str(condition))
         pair = source.load()
         assert len(pair.before.points) == 5 * condition.points

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from gmmjax.errors import InputError
+from gmmjax.evaluation import Reliability
 from gmmjax.learning import CandidateRows, TrainingSettings, learned
-from gmmjax.learning.left_out_table import calibration_error, left_out_table
+from gmmjax.learning.left_out_table import left_out_table
 from tests.learning.candidates import NAMES, rows
 
 SETTINGS = TrainingSettings(penalties=(0.1, 1.0))
@@ -57,7 +58,7 @@ def test_probabilities_of_families_left_out_are_frequencies(families, trained):
     probability = np.concatenate([*left_out.probabilities.values()])
     assert np.abs(probability - truth).mean() < 0.12
     changed = np.concatenate([own.kind == 0 for own in families.values()])
-    assert calibration_error(probability[:, 0], changed) < 0.06
+    assert Reliability.of(probability[:, 0], changed).calibration_error < 0.06
 
 
 def test_a_family_is_judged_without_its_own_truth(families, trained):
