@@ -3,8 +3,8 @@
 Scenes of the families that the verdict is learned from, as they are and cut along their longest axis, so that each
 survey covers two thirds and both share one; as they are given, and displaced by up to an eighth of their extent and 30
 degrees. A registration is right when it takes the displacement back to three spacings of its voxels. For each rule the
-number of right ones: the highest score, as for surveys of one place, and the most consistent, with places that the
-other survey covers as those within `covered_spacings`.
+number of right ones: the highest score, as for surveys of one place, and the given frame unless another transform is
+more consistent, with places that the other survey covers as those within `covered_spacings`.
 """
 
 import argparse
@@ -42,10 +42,10 @@ class Case(NamedTuple):
 def rules(covered: list[float]) -> dict[str, SurfaceRegistrationSettings]:
     """The settings of each rule."""
     standard = SurfaceRegistrationSettings()
-    found = {"highest score": dataclasses.replace(standard, least_overlap=1.0)}
+    found = {"highest score": dataclasses.replace(standard, more_consistent=-1.0)}
     for spacings in covered:
         score = FitScoreSettings(covered_spacings=spacings)
-        found[f"most consistent, covered within {spacings:g}"] = dataclasses.replace(standard, score=score)
+        found[f"more consistent, covered within {spacings:g}"] = dataclasses.replace(standard, score=score)
     return found
 
 

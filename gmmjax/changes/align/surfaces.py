@@ -52,10 +52,11 @@ class SurfaceRegistrationSettings:
         same_transform: transforms that differ by fewer spacings, over the points, are one.
         preference: for the given frame, in the score from 0 to 1: of transforms that fit equally well, such as along a
             plane, it is the one from there. 0: any of them may be applied.
-        least_overlap: overlap of the transform that is chosen, at least: of those that have it, it is the most
-            consistent one. 1: that with the highest score, so that two surveys that share half of their extent are slid
-            over each other. 0: a corner that fits may be enough.
-        more_consistent: as `preference`, in the consistency of the finalists.
+        more_consistent: a transform that was not found from the given frame must be more consistent than one from
+            there by this. 1: it never is. -1: that with the highest score is taken, so that two surveys that share half
+            of their extent are slid over each other.
+        least_overlap: overlap of the transform from the given frame, at least, for that. 0: a corner that fits may be
+            enough.
         needed: the transform is applied when it lowers the residual to this fraction or raises the overlap by the rest.
     """
 
@@ -75,8 +76,8 @@ class SurfaceRegistrationSettings:
     undetermined: float = 2.0
     same_transform: float = 2.0
     preference: float = 0.01
-    least_overlap: float = 0.2
     more_consistent: float = 0.02
+    least_overlap: float = 0.2
     needed: float = 0.9
 
 
@@ -127,7 +128,7 @@ def rough_registration(
     finalists = _finalists(pair.spacing, surfaces, _refined_starts(pair.spacing, surfaces, settings), settings)
     given = surface_fit(surfaces, np.eye(4), pair.spacing, settings.score)
     # With the given frame itself: ICP from there may slide along a floor and a wall of which half is in common.
-    best = _most_consistent([*finalists, _Candidate(np.eye(4), given, True)], settings)
+    best = _selected(finalists, _Candidate(np.eye(4), given, True), settings)
     points, apart = surfaces.after.points, settings.same_transform * pair.spacing
     others = (other for other in finalists if _distance(points, other.transform, best.transform) >= apart)
     rival = max((_ratio(other.fit, best.fit) for other in others), default=0.0)
@@ -174,17 +175,16 @@ def registered_surfaces(
     )
 
 
-def _most_consistent(finalists: list[_Candidate], settings: SurfaceRegistrationSettings) -> _Candidate:
-    """The finalist that explains best what both surveys cover, of those with enough overlap; the first if none has.
+def _selected(finalists: list[_Candidate], given: _Candidate, settings: SurfaceRegistrationSettings) -> _Candidate:
+    """The finalist with the highest score, unless one from the given frame explains as well what both surveys cover.
 
-    The highest score would be that of the greatest overlap: of two surveys of one half each, slid over each other.
+    The highest score may be that of the greatest overlap: of two surveys of one half each, slid over each other.
     """
-
-    def merit(found: _Candidate) -> float:
-        return found.fit.consistency + settings.more_consistent * found.from_given_frame
-
-    enough = [found for found in finalists if found.fit.overlap >= settings.least_overlap]
-    return max(enough, key=merit, default=finalists[0])
+    best = finalists[0]
+    near = [found for found in (*finalists, given) if found.from_given_frame]
+    enough = [found for found in near if found.fit.overlap >= settings.least_overlap]
+    own = max(enough, key=lambda found: found.fit.consistency, default=best)
+    return best if best.fit.consistency > own.fit.consistency + settings.more_consistent else own
 
 
 def _ratio(other: SurfaceFit, own: SurfaceFit) -> float:
