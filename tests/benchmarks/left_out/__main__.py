@@ -3,7 +3,8 @@
 For each family the verdict that was learned on all others (`python -m gmmjax.learning --left-out left-out`), beside the
 peers at the setting, of a coarse series, that is the best for that very family, alone and with the evidence that ours
 has, and beside another checkout: `git worktree add ../thresholds COMMIT`, `--against ../thresholds`. The scenes are not
-those of training. Every family's result is kept in the folder; those that are there are not computed again.
+those of training. Every family's result is kept in the folder; those of the same verdict that are there are not made
+again: give another folder when the code has changed.
 """
 
 import argparse
