@@ -5,6 +5,8 @@ pieces of surfaces float in front of them. No family that the verdict was learne
 judged on pairs that tuning did not see. The table of docs/tuning.md is made by
 
     python examples/tune_the_verdict.py --training 8 --unseen 16 --first-seed 9900
+
+and, of sensors that the verdict was learned from, by the same with `--patches 0` and `--family`.
 """
 
 import argparse
@@ -19,7 +21,7 @@ import numpy as np
 from gmmjax import DetectionConfig, InputWarning, detect_changes
 from gmmjax.changes import write_verdicts
 from gmmjax.evaluation import LabelledCloud, LabelledPair, Scores, family_pair, score_labelled_pair
-from gmmjax.tuning import TuningSettings, scan_pair, tune_verdict, unchanged_pair
+from gmmjax.tuning import VerdictResult, scan_pair, tune_verdict, unchanged_pair
 
 
 def with_multipath(cloud: LabelledCloud, random: np.random.Generator, patches: float) -> LabelledCloud:
@@ -37,10 +39,18 @@ def with_multipath(cloud: LabelledCloud, random: np.random.Generator, patches: f
     return dataclasses.replace(cloud, points=points)
 
 
-def surveyed(family: str, seed: int, *, poses: bool, patches: float) -> LabelledPair:
+def thinned(cloud: LabelledCloud, every: int) -> LabelledCloud:
+    """Every so many of its points."""
+    assert cloud.unseen is not None
+    return dataclasses.replace(
+        cloud, points=cloud.points[::every], truth=cloud.truth[::every], unseen=cloud.unseen[::every]
+    )
+
+
+def surveyed(family: str, seed: int, *, poses: bool, patches: float, every: int = 1) -> LabelledPair:
     """A pair of the family as the sensor sees it."""
     random, pair = np.random.default_rng(seed), family_pair(family, seed, "given")
-    before, after = (with_multipath(cloud, random, patches) for cloud in (pair.before, pair.after))
+    before, after = (with_multipath(thinned(cloud, every), random, patches) for cloud in (pair.before, pair.after))
     if not poses:
         before, after = (dataclasses.replace(cloud, views=None) for cloud in (before, after))
     return LabelledPair(f"{family} {seed}", before, after)
@@ -66,12 +76,16 @@ def main() -> None:
     parser.add_argument("--unseen", type=int, default=1, help="pairs to judge by")
     parser.add_argument("--first-seed", type=int, default=9900)
     parser.add_argument("--patches", type=float, default=3.0, help="with multipath errors, a frame; 0: none")
+    parser.add_argument("--every", type=int, default=1, help="of so many points one is used, to save time")
     parser.add_argument("--poses", action="store_true", help="the poses of the sensor are given")
     options = parser.parse_args()
     # What tuning is for: registrations in doubt, and candidates unlike those that the verdict was learned from.
     warnings.simplefilter("ignore", InputWarning)
     seeds = range(options.first_seed, options.first_seed + options.training + options.unseen)
-    pairs = [surveyed(options.family, seed, poses=options.poses, patches=options.patches) for seed in seeds]
+    pairs = [
+        surveyed(options.family, seed, poses=options.poses, patches=options.patches, every=options.every)
+        for seed in seeds
+    ]
     training, unseen = pairs[: options.training], pairs[options.training :]
     unchanged = [
         unchanged_pair(pair.name, pair.before.points, pair.after.points, pair.before.views, pair.after.views)
@@ -80,18 +94,26 @@ def main() -> None:
     ]
     tunings = {"labelled": [scan_pair(pair) for pair in training], "unchanged": unchanged}
     print(f"{len(unseen)} unseen pairs{'' if options.poses else ', poses unknown'}")
-    print(f"{'':24}{'segment F1':>12}{'point F1':>12}{'false':>8}")
+    print(f"{'':32}{'segment F1':>12}{'point F1':>12}{'false':>8}")
+    print_row("shipped", scored(unseen, DetectionConfig()))
+    for name, own in tunings.items():
+        if own:
+            result = tune_verdict(own)
+            kept = "" if result.improved else ": not kept"
+            print_row(f"tuned on {len(own)} {name}{kept}", scored_with(result, unseen))
+
+
+def scored_with(result: VerdictResult, pairs: Sequence[LabelledPair]) -> Scores:
+    """The scores of all pairs with the verdicts that tuning gave: those that were shipped where no others were kept."""
     with tempfile.TemporaryDirectory() as folder:
-        configs = {"shipped": DetectionConfig()}
-        for name, own in tunings.items():
-            if own:
-                result = tune_verdict(own, settings=TuningSettings())
-                file = Path(folder) / f"{name}.json"
-                write_verdicts(file, result.verdicts, result.made)
-                configs[f"tuned on {len(own)} {name}"] = DetectionConfig(verdict=str(file))
-        for name, config in configs.items():
-            scores = scored(unseen, config)
-            print(f"{name:24}{scores.f1:12.3f}{scores.point_f1:12.3f}{scores.false_segments:8}")
+        file = Path(folder) / "tuned.json"
+        write_verdicts(file, result.verdicts, result.made)
+        return scored(pairs, DetectionConfig(verdict=str(file)))
+
+
+def print_row(name: str, scores: Scores) -> None:
+    """A row of the table."""
+    print(f"{name:32}{scores.f1:12.3f}{scores.point_f1:12.3f}{scores.false_segments:8}")
 
 
 if __name__ == "__main__":

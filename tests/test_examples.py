@@ -30,6 +30,7 @@ ARGUMENTS = {
     "align_by_gradient.py": ["--points", "1000"],
     "registration_error.py": ["--rooms", "1"],
     "tune_the_concentration.py": ["--unseen", "1", "--steps", "2", "--starts", "1"],
+    "tune_the_verdict.py": ["--every", "4"],
     "tune_to_a_sensor.py": ["--steps", "1", "--starts", "1", "--points", "200", "--max-points", "300"],
 }
 

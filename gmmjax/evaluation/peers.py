@@ -8,7 +8,7 @@ import dataclasses
 import importlib.util
 import logging
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -44,6 +44,20 @@ class Scale(NamedTuple):
     reach: float
 
 
+class Compared(NamedTuple):
+    """Two clouds as the peers look at them.
+
+    Attributes:
+        pair: at the working resolution.
+        points: of the clouds at that resolution.
+        scale: what lengths mean in the pair.
+    """
+
+    pair: WorkingPair
+    points: Pair[Float[np.ndarray, "_ 3"]]
+    scale: Scale
+
+
 @dataclasses.dataclass(frozen=True)
 class AbstractPeer(AbstractDetector):
     """Points that differ from the other cloud, in density clusters.
@@ -65,21 +79,45 @@ class AbstractPeer(AbstractDetector):
     resolution: ResolutionSettings = ResolutionSettings()
 
     @abc.abstractmethod
-    def differing(self, points: Pair[Float[np.ndarray, "_ 3"]], scale: Scale) -> Pair[Bool[np.ndarray, " _"]]:
+    def measured(self, compared: Compared) -> Any:
+        """What every point's difference is told by: the costly part, which no threshold enters.
+
+        Args:
+            compared: both clouds.
+        """
+
+    @abc.abstractmethod
+    def differing(self, measured: Any, scale: Scale) -> Pair[Bool[np.ndarray, " _"]]:
         """The points of either cloud that the other one has not.
 
         Args:
-            points: of both clouds.
+            measured: see there.
             scale: what lengths mean in the pair.
         """
 
+    def compared(self, scans: Pair[Scan]) -> Compared:
+        """Both clouds at the working resolution.
+
+        Args:
+            scans: in one frame.
+        """
+        pair = working_pair(coordinates(scans), settings=self.resolution)
+        return Compared(pair, pair.clouds.map(lambda cloud: cloud.points), _scale(pair))
+
     def detect(self, scans: Pair[Scan], report: Progress = silent) -> Detection:
         """The clusters of the points that differ, at the working resolution, carried over to all points."""
-        points = coordinates(scans)
-        pair = working_pair(points, settings=self.resolution)
-        compared = pair.clouds.map(lambda cloud: cloud.points)
-        differ = self.differing(compared, _scale(pair))
-        labels = each(lambda own, differs: self._clusters(own, differs, pair.spacing), compared, differ)
+        compared = self.compared(scans)
+        return self.segments(compared, self.measured(compared))
+
+    def segments(self, compared: Compared, measured: Any) -> Detection:
+        """`detect` where both clouds were compared and measured before.
+
+        Args:
+            compared: both clouds.
+            measured: in them, by a peer with the same settings up to its thresholds.
+        """
+        pair, differ = compared.pair, self.differing(measured, compared.scale)
+        labels = each(lambda own, differs: self._clusters(own, differs, pair.spacing), compared.points, differ)
         labels.after[labels.after >= 0] += labels.before.max(initial=-1) + 1
         return Detection(*each(lambda own, cloud: own[cloud.member], labels, pair.clouds))
 
@@ -101,14 +139,14 @@ class CloudToCloudDetector(AbstractPeer):
 
     distance: float = 6.0
 
-    def differing(self, points: Pair[Float[np.ndarray, "_ 3"]], scale: Scale) -> Pair[Bool[np.ndarray, " _"]]:
+    def measured(self, compared: Compared) -> Pair[Float[np.ndarray, " _"]]:
+        """The distance of each point to its nearest neighbour in the other cloud."""
+        points = compared.points
+        return each(lambda own, other: cKDTree(other).query(own, workers=-1)[0], points, points.swapped)
+
+    def differing(self, measured: Pair[Float[np.ndarray, " _"]], scale: Scale) -> Pair[Bool[np.ndarray, " _"]]:
         """The points without a near neighbour in the other cloud."""
-        limit = self.distance * scale.reach
-
-        def alone(own: np.ndarray, other: np.ndarray) -> np.ndarray:
-            return np.isinf(cKDTree(other).query(own, distance_upper_bound=limit, workers=-1)[0])
-
-        return each(alone, points, points.swapped)
+        return measured.map(lambda distances: distances >= self.distance * scale.reach)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,14 +159,29 @@ class VoxelDetector(AbstractPeer):
 
     leaf: float = 10.0
 
-    def differing(self, points: Pair[Float[np.ndarray, "_ 3"]], scale: Scale) -> Pair[Bool[np.ndarray, " _"]]:
-        """The points in voxels that are empty in the other cloud."""
-        leaf = self.leaf * scale.reach
+    def measured(self, compared: Compared) -> Pair[Int[np.ndarray, " _"]]:
+        """The number of each point's voxel; the same in both clouds."""
+        points = compared.points
         origin = np.minimum(*points.map(lambda cloud: cloud.min(axis=0)))
-        voxels = np.floor((np.concatenate([*points]) - origin) / leaf).astype(np.int64)
+        voxels = np.floor((np.concatenate([*points]) - origin) / (self.leaf * compared.scale.reach)).astype(np.int64)
         numbers = np.unique(voxels, axis=0, return_inverse=True)[1].ravel()
-        number = Pair(*np.split(numbers, [len(points.before)]))
-        return each(lambda own, other: ~np.isin(own, other), number, number.swapped)
+        return Pair(*np.split(numbers, [len(points.before)]))
+
+    def differing(self, measured: Pair[Int[np.ndarray, " _"]], scale: Scale) -> Pair[Bool[np.ndarray, " _"]]:
+        """The points in voxels that are empty in the other cloud."""
+        return each(lambda own, other: ~np.isin(own, other), measured, measured.swapped)
+
+
+class M3C2Distances(NamedTuple):
+    """M3C2 distances of the points of one cloud to the other.
+
+    Attributes:
+        distances: along the normal; NaN where the other cloud is not in the cylinder.
+        detectable: level of detection by roughness alone.
+    """
+
+    distances: Float[np.ndarray, " n"]
+    detectable: Float[np.ndarray, " n"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -159,11 +212,16 @@ class M3C2Detector(AbstractPeer):
             raise InputError("m3c2: py4dgeo is not installed; pip install '.[peers]', or leave this method out")
         return super().detect(scans, report)
 
-    def differing(self, points: Pair[Float[np.ndarray, "_ 3"]], scale: Scale) -> Pair[Bool[np.ndarray, " _"]]:
-        """The points whose distance exceeds its level of detection, or is not known."""
-        return each(lambda own, other: self._significant(own, other, scale), points, points.swapped)
+    def measured(self, compared: Compared) -> Pair[M3C2Distances]:
+        """The M3C2 distances of either cloud to the other."""
+        points, reach = compared.points, compared.scale.reach
+        return each(lambda own, other: self._distances(own, other, reach), points, points.swapped)
 
-    def _significant(self, own: np.ndarray, other: np.ndarray, scale: Scale) -> np.ndarray:
+    def differing(self, measured: Pair[M3C2Distances], scale: Scale) -> Pair[Bool[np.ndarray, " _"]]:
+        """The points whose distance exceeds its level of detection, or is not known."""
+        return measured.map(self._significant)
+
+    def _distances(self, own: np.ndarray, other: np.ndarray, reach: float) -> M3C2Distances:
         import py4dgeo
 
         # It logs to standard output and to a file in the working directory.
@@ -171,15 +229,19 @@ class M3C2Detector(AbstractPeer):
         algorithm = py4dgeo.M3C2(
             epochs=(py4dgeo.Epoch(own), py4dgeo.Epoch(other)),
             corepoints=own,
-            cyl_radius=self.cylinder * scale.reach,
-            normal_radii=(self.normals * scale.reach,),
-            max_distance=self.longest * scale.reach,
+            cyl_radius=self.cylinder * reach,
+            normal_radii=(self.normals * reach,),
+            max_distance=self.longest * reach,
             registration_error=0.0,
         )
         distances, uncertainties = algorithm.run()
+        return M3C2Distances(distances, uncertainties["lodetection"])
+
+    def _significant(self, measured: M3C2Distances) -> np.ndarray:
+        distances = measured.distances
         nowhere = np.isnan(distances)
         error = MEDIAN_TO_DEVIATION * np.median(np.abs(distances[~nowhere])) if not nowhere.all() else 0.0
-        detectable = uncertainties["lodetection"] + self.registration * 1.96 * error
+        detectable = measured.detectable + self.registration * 1.96 * error
         return np.asarray(nowhere | (np.abs(distances) > detectable))
 
 

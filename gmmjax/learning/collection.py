@@ -5,7 +5,7 @@ import dataclasses
 import itertools
 import multiprocessing
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import get_args
 
@@ -89,15 +89,23 @@ def collected(
     tasks = [(family, seed) for family in families for seed in seeds]
     found: dict[str, list[Pair[CandidateRows]]] = {family: [] for family in families}
     failed = []
+    for done, ((family, seed), rows) in enumerate(zip(tasks, _of_scenes(tasks, workers), strict=True), 1):
+        progress(f"{family}, seed {seed}", done / len(tasks))
+        if isinstance(rows, str):
+            failed.append(f"{family}, seed {seed}: {rows}")
+        else:
+            found[family].append(rows)
+    return Collected({family: _joined(parts) for family, parts in found.items()}, tuple(failed))
+
+
+def _of_scenes(tasks: Sequence[tuple[str, int]], workers: int) -> Iterator[Pair[CandidateRows] | str]:
+    """`_of_scene` of all tasks, in their order: in this process, or in several others."""
+    if workers == 1:
+        yield from map(_of_scene, tasks)
+        return
     context = multiprocessing.get_context("spawn")
     with concurrent.futures.ProcessPoolExecutor(workers, mp_context=context) as pool:
-        for done, ((family, seed), rows) in enumerate(zip(tasks, pool.map(_of_scene, tasks), strict=True), 1):
-            progress(f"{family}, seed {seed}", done / len(tasks))
-            if isinstance(rows, str):
-                failed.append(f"{family}, seed {seed}: {rows}")
-            else:
-                found[family].append(rows)
-    return Collected({family: _joined(parts) for family, parts in found.items()}, tuple(failed))
+        yield from pool.map(_of_scene, tasks)
 
 
 def _of_scene(task: tuple[str, int]) -> Pair[CandidateRows] | str:

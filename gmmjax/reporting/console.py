@@ -235,9 +235,10 @@ def _print_verdict(result: "VerdictResult", weights: int = 5) -> None:
     for name, course in result.courses.items():
         poses = name.replace("_", " ")
         table.add_row(f"{poses}: candidates; changes", str(course.candidates), str(course.changes))
-        losses = [f"{course.losses[place]:.4g}" for place in (0, course.chosen)]
-        table.add_row("  log score, held back", *losses)
-        table.add_row("  false alarms, held back", *(str(course.false_alarms[place]) for place in (0, course.chosen)))
+        places = (0, course.draws.index(course.tried))
+        table.add_row("  log score, held back", *(f"{course.losses[place]:.4g}" for place in places))
+        table.add_row("  false alarms, held back", *(str(course.false_alarms[place]) for place in places))
+        table.add_row("  wrong in all, held back", *(str(course.wrong[place]) for place in places))
         for fact, before, after in course.moved_weights()[:weights]:
             if before != after:
                 table.add_row(f"  weight of {fact}", f"{before:+.2f}", f"{after:+.2f}")

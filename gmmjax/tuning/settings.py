@@ -36,6 +36,10 @@ class TuningSettings:
             from; the one is chosen by which pairs that were held back are judged best. Infinite: it stays. Near 0: what
             a few candidates have in common by chance is learned, and what was known is forgotten.
         folds: of the pairs, each held back once for the verdict; as many as pairs, where these are fewer.
+        least_corrected: candidates of the pairs held back, at least, that a tuned verdict must judge rightly more than
+            the one before. Chosen: five of five for the better are chance once in 32. 1: one lucky candidate of a
+            sensor that is known already replaces a verdict from many hundred scenes.
+        clear_errors: standard errors over the pairs, by which that number must exceed 0. 0: one odd pair may decide.
     """
 
     parameters: tuple[Tunable, ...] | None = None
@@ -50,6 +54,8 @@ class TuningSettings:
     seed: int = 0
     draws: tuple[float, ...] = (1000.0, 300.0, 100.0, 30.0, 10.0)
     folds: int = 10
+    least_corrected: int = 5
+    clear_errors: float = 2.0
 
     def __post_init__(self) -> None:
         """Checks every setting.
@@ -59,6 +65,7 @@ class TuningSettings:
         """
         check_choice("loss", self.loss, get_args(LossChoice))
         least = {"steps": 1, "pairs_per_step": 1, "starts": 1, "patience": 1, "max_points": 100, "seed": 0, "folds": 2}
+        least |= {"least_corrected": 1}
         for name, lowest in least.items():
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or value < lowest:
@@ -68,6 +75,8 @@ class TuningSettings:
             raise InputError(f"learning_rate={self.learning_rate!r} must be a positive number")
         if not (isinstance(self.validation_share, int | float) and 0 < self.validation_share < 1):
             raise InputError(f"validation_share={self.validation_share!r} must lie between 0 and 1")
+        if not (isinstance(self.clear_errors, int | float) and 0 <= self.clear_errors < float("inf")):
+            raise InputError(f"clear_errors={self.clear_errors!r} must be a number of at least 0")
         if not self.draws or not all(isinstance(draw, int | float) and draw > 0 for draw in self.draws):
             raise InputError(f"draws={self.draws!r} must be positive numbers, at least one")
 

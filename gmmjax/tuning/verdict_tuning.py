@@ -47,9 +47,9 @@ class VerdictCourse:
         losses: for each draw the log score of the probability of a change, mean over the candidates, each judged by
             what was tuned on other pairs; nats. NaN without candidates.
         false_alarms: for each draw the number of candidates that are no change and were taken for one.
-        draw: the chosen one.
-        clear: whether its log score is less than the start's by more than the standard error; never where no candidate
-            is a change.
+        wrong: for each draw the number of candidates that were judged wrongly: false alarms and missed changes.
+        tried: the draw with which the pairs held back are judged best.
+        clear: whether it corrects clearly more candidates of the pairs held back than it spoils.
         start: the verdict as it was given.
         tuned: with the chosen draw, from all pairs.
         held_back: for each fold of the pairs, with the chosen draw, from all other folds.
@@ -60,11 +60,17 @@ class VerdictCourse:
     draws: tuple[float, ...]
     losses: tuple[float, ...]
     false_alarms: tuple[int, ...]
-    draw: float
+    wrong: tuple[int, ...]
+    tried: float
     clear: bool
     start: Verdict
     tuned: Verdict
     held_back: tuple[Verdict, ...]
+
+    @property
+    def draw(self) -> float:
+        """The chosen draw: that which was tried where its gain is clear, else an infinite one."""
+        return self.tried if self.clear else np.inf
 
     @property
     def chosen(self) -> int:
@@ -83,10 +89,12 @@ class VerdictCourse:
             "candidates": self.candidates,
             "changes": self.changes,
             "draw": _plain(self.draw),
+            "tried": _plain(self.tried),
             "clear": self.clear,
             "draws": [_plain(draw) for draw in self.draws],
             "losses": [_plain(loss) for loss in self.losses],
             "false_alarms": list(self.false_alarms),
+            "wrong": list(self.wrong),
             "weights": {name: {"before": before, "after": after} for name, before, after in self.moved_weights()},
         }
 
@@ -158,8 +166,8 @@ def tune_verdict(
     config's (or the shipped ones). How strongly is chosen by pairs that are held back, each once: it is the strongest
     draw with which the log score of their candidates is within one standard error of the least, and where nothing
     changed in any pair, the strongest with which the fewest candidates are taken for changes. The tuned verdict is kept
-    only if `detect_changes` finds more in the pairs held back: neither segment nor point F1 less, one of them more;
-    where nothing changed, fewer false segments.
+    only if it corrects clearly more candidates of the pairs held back than it spoils, and if `detect_changes` finds
+    more in them: neither segment nor point F1 less, one of them more; where nothing changed, fewer false segments.
 
     Args:
         pairs: of scans with truth; of `unchanged_pair` where nothing changed. With views the verdict with poses is
@@ -286,7 +294,8 @@ def _course(
     count = len(rows.kind)
     if not count:
         same = (start,) * (int(folds.max()) + 1)
-        return VerdictCourse(0, 0, draws, (np.nan,) * len(draws), (0,) * len(draws), np.inf, False, start, start, same)
+        losses, none = (np.nan,) * len(draws), (0,) * len(draws)
+        return VerdictCourse(0, 0, draws, losses, none, none, np.inf, False, start, start, same)
     fold_of = folds[of_pair]
     alone = folds.max() == 0
     held_back = [
@@ -298,18 +307,21 @@ def _course(
     ]
     probability = np.array([_by_folds(own, rows.facts, fold_of) for own in held_back])
     changed = rows.kind == CHANGED
-    losses = -np.log(np.clip(np.where(changed, probability, 1 - probability), 1e-12, None))
-    false_alarms = ((probability >= threshold) & ~changed).sum(axis=1)
-    scores = losses @ rows.weight
-    chosen = _chosen(losses * rows.weight, of_pair) if changed.any() else int(false_alarms.argmin())
+    log_score = -np.log(np.clip(np.where(changed, probability, 1 - probability), 1e-12, None))
+    wrong = (probability >= threshold) != changed
+    false_alarms = (wrong & ~changed).sum(axis=1)
+    tried = _best(log_score * rows.weight, of_pair) if changed.any() else int(false_alarms.argmin())
+    clear = _clearly_corrected(wrong[0].astype(int) - wrong[tried], of_pair, settings)
+    chosen = tried if clear else 0
     return VerdictCourse(
         candidates=count,
         changes=int(changed.sum()),
         draws=draws,
-        losses=tuple((scores / rows.weight.sum()).tolist()),
+        losses=tuple((log_score @ rows.weight / rows.weight.sum()).tolist()),
         false_alarms=tuple(false_alarms.tolist()),
-        draw=draws[chosen],
-        clear=bool(changed.any()) and _clearly_less((losses[0] - losses[chosen]) * rows.weight, of_pair),
+        wrong=tuple(wrong.sum(axis=1).tolist()),
+        tried=draws[tried],
+        clear=clear,
         start=start,
         tuned=tuned_verdict(start, rows, draws[chosen]),
         held_back=held_back[chosen],
@@ -341,19 +353,34 @@ def _changed(verdict: Verdict, facts: Float[Array, "n f"]) -> Float[Array, " n"]
     return jax.vmap(verdict.probabilities)(facts)[:, 0]
 
 
-def _chosen(losses: Float[np.ndarray, "d n"], of_pair: Int[np.ndarray, " n"]) -> int:
-    """The strongest draw that is not clearly worse than the one with the least loss: the one-standard-error rule."""
+def _best(losses: Float[np.ndarray, "d n"], of_pair: Int[np.ndarray, " n"]) -> int:
+    """The strongest draw that is within one standard error of the one with the least loss."""
     best = int(losses.sum(axis=1).argmin())
     return next(
-        place for place, own in enumerate(losses) if place == best or not _clearly_less(own - losses[best], of_pair)
+        place
+        for place, own in enumerate(losses)
+        if place == best or (own - losses[best]).sum() <= _standard_error(own - losses[best], of_pair)
     )
 
 
-def _clearly_less(gains: Float[np.ndarray, " n"], of_pair: Int[np.ndarray, " n"]) -> bool:
-    """Whether the gains of the candidates sum up to more than their standard error, which is that over the pairs."""
+def _clearly_corrected(gains: Int[np.ndarray, " n"], of_pair: Int[np.ndarray, " n"], settings: TuningSettings) -> bool:
+    """Whether more candidates are judged rightly than before, by more than chance.
+
+    A log score does not tell: it falls where a verdict that is right already becomes surer, which needs no tuning.
+
+    Args:
+        gains: of each candidate: 1 where it was corrected, -1 where it was spoilt, else 0.
+        of_pair: the pair of each: what is wrong in one pair often has one cause.
+        settings: what is clear.
+    """
+    clear = settings.clear_errors * _standard_error(gains, of_pair)
+    return bool(gains.sum() >= settings.least_corrected and gains.sum() > clear)
+
+
+def _standard_error(gains: Float[np.ndarray, " n"] | Int[np.ndarray, " n"], of_pair: Int[np.ndarray, " n"]) -> float:
+    """That of the sum of the candidates' gains, from their differences between pairs; 0 for a single pair."""
     of_pairs = np.bincount(of_pair, gains)[np.unique(of_pair)]
-    error = np.sqrt(len(of_pairs)) * of_pairs.std(ddof=1) if len(of_pairs) > 1 else 0.0
-    return bool(of_pairs.sum() > error)
+    return float(np.sqrt(len(of_pairs)) * of_pairs.std(ddof=1)) if len(of_pairs) > 1 else 0.0
 
 
 def _judged_by_detection(

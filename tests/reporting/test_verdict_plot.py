@@ -15,9 +15,9 @@ from tests.changes.evidence.verdicts import verdict
 def course(*, poses, draw=30.0):
     start = verdict({"distance": 2.0, "excess": 1.0}, poses=poses)
     tuned = verdict({"distance": 1.5, "excess": 4.0}, poses=poses)
-    losses, false_alarms = (0.9, 0.4, 0.5), (7, 2, 3)
+    losses, false_alarms, wrong = (0.9, 0.4, 0.5), (7, 2, 3), (9, 3, 5)
     draws = (np.inf, 30.0, 10.0)
-    return VerdictCourse(20, 8, draws, losses, false_alarms, draw, True, start, tuned, (tuned,))
+    return VerdictCourse(20, 8, draws, losses, false_alarms, wrong, draw, True, start, tuned, (tuned,))
 
 
 @pytest.fixture

@@ -93,11 +93,42 @@ def test_what_detection_finds_less_by_is_not_kept(config, detection, after):
     )
 
 
-def test_a_gain_that_is_not_clear_is_none(config, monkeypatch):
-    monkeypatch.setattr(STEPS, "_clearly_less", lambda gains, of_pair: False)
+def test_a_gain_that_is_not_clear_is_none(config):
     # Nothing is detected: that would fail, the pairs have four points.
-    result = tuned(config, measured_pairs(4), draws=(30.0,))
-    assert not result.improved and np.isinf(result.poses_unknown.draw)
+    result = tuned(config, measured_pairs(4), draws=(30.0,), least_corrected=1000)
+    course = result.poses_unknown
+    assert not result.improved and np.isinf(course.draw) and course.tuned is course.start
+    # What was tried is told all the same.
+    assert course.tried == 30.0 and course.wrong[1] < course.wrong[0]
+
+
+@pytest.mark.parametrize(
+    ("of_pairs", "clear"),
+    [
+        ((1, 1, 0, 1, 0, 1, 0, 0), False),
+        ((1, 1, 1, 1, 1, 0, 0, 0), True),
+        ((8, 0, 0, 0, 0, 0, 0, 0), False),
+        ((3, -1, 2, 0, 2, 0, -1, 0), False),
+        ((3, 2, 2, 0, 2, 1, 0, 1), True),
+    ],
+    ids=["too few", "five pairs", "one odd pair", "some are spoilt", "most pairs"],
+)
+def test_corrections_count_where_they_are_many_and_in_many_pairs(of_pairs, clear):
+    gains = np.repeat(np.sign(of_pairs), np.abs(of_pairs))
+    of_pair = np.repeat(np.arange(8), np.abs(of_pairs))
+    still = np.arange(8)
+    gains, of_pair = np.concatenate([gains, 0 * still]), np.concatenate([of_pair, still])
+    assert STEPS._clearly_corrected(gains, of_pair, TuningSettings()) is clear
+
+
+def test_a_verdict_that_only_becomes_surer_stays(config, tmp_path):
+    # Right about all, but unsure: the log score of the pairs held back falls by far, and nothing is judged otherwise.
+    unsure = verdict({"count": 0.4}, bias=(-1.74, -9.0))
+    write_verdicts(tmp_path / "unsure.json", Verdicts(unsure, verdict({}, poses=True)), {})
+    result = tuned(DetectionConfig(verdict=str(tmp_path / "unsure.json")), measured_pairs(8))
+    course = result.poses_unknown
+    assert min(course.losses) < 0.5 * course.losses[0] and course.wrong[0] == 0
+    assert not result.improved and np.isinf(course.draw) and np.isfinite(course.tried)
 
 
 def test_a_gain_must_show_in_detection(config, detection):
@@ -166,7 +197,9 @@ def test_says_where_the_verdict_cannot_be_tuned(parameters, config, message):
         tune(pairs_of(3), config=config, settings=TuningSettings(parameters=parameters))
 
 
-@pytest.mark.parametrize("change", [{"draws": ()}, {"draws": (1.0, -1.0)}, {"folds": 1}])
+@pytest.mark.parametrize(
+    "change", [{"draws": ()}, {"draws": (1.0, -1.0)}, {"folds": 1}, {"clear_errors": -1.0}, {"least_corrected": 0}]
+)
 def test_settings_out_of_their_range_are_named(change):
     with pytest.raises(InputError, match=next(iter(change))):
         TuningSettings(**change)
@@ -286,7 +319,7 @@ def no_compilation_cache():
 
 def test_an_unchanged_place_stops_false_alarms_and_detection_uses_the_file(folder, capsys, monkeypatch):
     out = folder / "tuned.toml"
-    assert run(folder, "--out", str(out), "--unchanged") == 0
+    assert run(folder, "--out", str(out), "--unchanged", "--least-corrected", "1") == 0
     printed = capsys.readouterr()
     assert "Verdict tuned" in printed.out and "false segments of detect" in printed.out
     assert "1 pair is too few" in printed.err
