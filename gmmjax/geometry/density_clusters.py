@@ -6,6 +6,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from gmmjax.geometry.neighbours import workers_for
+
 
 def density_clusters(
     points: Float[np.ndarray, "n d"], radius: float, neighbours: int, *, chunk: int = 500_000
@@ -29,13 +31,14 @@ def density_clusters(
     if len(points) < neighbours:
         return labels
     # The distance to the last of the neighbours, not their number: a radius may hold all points of the cloud.
-    distances, _ = cKDTree(points).query(points, k=[neighbours], workers=-1)
+    distances, _ = cKDTree(points).query(points, k=[neighbours], workers=workers_for(len(points)))
     core = np.flatnonzero(distances[:, 0] <= radius)
     if not len(core):
         return labels
     labels[core] = _connected(points[core], radius, chunk)
     others = np.flatnonzero(labels < 0)
-    distances, nearest = cKDTree(points[core]).query(points[others], distance_upper_bound=radius, workers=-1)
+    workers = workers_for(len(others))
+    distances, nearest = cKDTree(points[core]).query(points[others], distance_upper_bound=radius, workers=workers)
     near = np.isfinite(distances)
     labels[others[near]] = labels[core[nearest[near]]]
     return labels
@@ -119,7 +122,7 @@ class _Links:
         own = self._points[self._members[self._starts[pairs[pair, 0]] + nth]]
         places = np.column_stack([own, self._apart[pairs[pair, 1]]])
         bound = np.nextafter(self._radius, np.inf)
-        distances, _ = self._tree.query(places, distance_upper_bound=bound, workers=-1)
+        distances, _ = self._tree.query(places, distance_upper_bound=bound, workers=workers_for(len(places)))
         return np.asarray(np.bincount(pair, np.isfinite(distances), len(pairs)) > 0)
 
     def _merge(self, pairs: Int[np.ndarray, "p 2"]) -> None:
