@@ -1,5 +1,6 @@
 """Geometry of points and scanned surfaces: rigid transforms, ICP, local planes, clusters, depth images."""
 
+from gmmjax.geometry.cells import occupied_cells as occupied_cells
 from gmmjax.geometry.density_clusters import density_clusters as density_clusters
 from gmmjax.geometry.depth_image import DepthImage as DepthImage
 from gmmjax.geometry.depth_image import DepthImageSettings as DepthImageSettings

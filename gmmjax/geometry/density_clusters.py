@@ -6,6 +6,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from gmmjax.geometry.cells import occupied_cells
 from gmmjax.geometry.neighbours import workers_for
 
 
@@ -53,8 +54,7 @@ def _connected(points: Float[np.ndarray, "n d"], radius: float, chunk: int) -> I
     dimension = points.shape[1]
     # A little less than the diagonal, so that rounding puts no two points further apart than the radius in one cell.
     side = radius / np.sqrt(dimension) * (1 - 1e-9)
-    cells, cell = np.unique(np.floor((points - np.median(points, axis=0)) / side), axis=0, return_inverse=True)
-    cell = cell.reshape(-1)
+    cells, cell = occupied_cells(points - np.median(points, axis=0), side)
     pairs, apart = _neighbouring(cells)
     links = _Links(points, cell, len(cells), radius, chunk)
     # The nearest cells first, and by one point of each: most of the others are in one group by then.

@@ -93,13 +93,15 @@ def planes_of(
     tried = evenly_chosen(len(points), settings.hypotheses)
     normals, centres = normals[tried], centres[tried]
     inliers = np.abs(points @ normals.T - (normals * centres).sum(axis=1)) <= flatness
+    counts = np.count_nonzero(inliers, axis=0)
     for _ in range(settings.most_planes):
-        best = inliers[:, int(inliers.sum(axis=0).argmax())].copy()
+        best = inliers[:, int(counts.argmax())].copy()
         if best.sum() < max(settings.least_inliers, settings.least_share * len(points)):
             break
         centre = points[best].mean(axis=0)
         variances, axes = np.linalg.eigh(np.cov((points[best] - centre).T, bias=True))
         if variances[1] >= least_width**2:
             found.append(Plane(axes[:, 0], float(axes[:, 0] @ centre)))
+        counts -= np.count_nonzero(inliers[best], axis=0)
         inliers[best] = False
     return found

@@ -123,7 +123,7 @@ def rough_registration(
     pair = working_pair(thinned, settings=ResolutionSettings(voxels=settings.voxels))
     if pair.volumetric:
         return RoughRegistration.none()
-    surfaces = pair.clouds.map(lambda cloud: LocalSurface.of(cloud.points))
+    surfaces = pair.clouds.map(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree))
     best, *others = _finalists(pair.spacing, surfaces, _refined_starts(pair.spacing, surfaces, settings), settings)
     rival = max((other.fit.score for other in others), default=0.0) / max(best.fit.score, np.finfo(np.float64).tiny)
     near = next((other for other in others if other.from_given_frame), best)

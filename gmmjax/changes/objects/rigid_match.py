@@ -155,7 +155,7 @@ def best_starts(
         return transforms[np.argsort(left, kind="stable")]
 
     coarse = np.concatenate([starts, search.continued(starts, first, 0, settings.first_steps)])
-    return _distinct(ranked(coarse), few.before, settings.duplicate * last, count)
+    return _without_duplicates(ranked(coarse), few.before, settings.duplicate * last, count)
 
 
 def _promising(
@@ -176,7 +176,7 @@ def _promising(
     coarse = coarse[np.argsort(search.distances(coarse), kind="stable")[: settings.kept]]
     coarse = search.continued(coarse, first, settings.first_steps, settings.last_steps)
     coarse = coarse[np.argsort(search.distances(coarse), kind="stable")]
-    distinct = _distinct(coarse, few[0], settings.duplicate * last, count)
+    distinct = _without_duplicates(coarse, few[0], settings.duplicate * last, count)
     means = source.means(evenly_chosen(len(source), settings.sample))
     reaches = settings.first_reach * noise, settings.last_reach * noise
     return [point_to_plane_icp(means, target, start, *reaches, settings.icp) for start in distinct]
@@ -247,8 +247,11 @@ def _least_squares_transforms(
     return rigid_transform(rotation, goal - np.einsum("sij,sj->si", rotation, start))
 
 
-def _distinct(
-    transforms: Float[np.ndarray, "s 4 4"], points: Float[np.ndarray, "n 3"], largest_distance: float, count: int
+def _without_duplicates(
+    transforms: Float[np.ndarray, "s 4 4"],
+    points: Float[np.ndarray, "n 3"],
+    largest_distance: float,
+    count: int | None = None,
 ) -> list[Float[np.ndarray, "4 4"]]:
     """The first transforms that bring some point further than this from where every one before them brings it."""
     # A rigid transform is determined by three points; a dozen, evenly chosen, are hardly in one line.

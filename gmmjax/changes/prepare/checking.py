@@ -124,7 +124,8 @@ def check_comparable(
     Raises:
         InputError: one cloud is but a few points, or smaller than the spacing of the other.
     """
-    extents = points.map(lambda cloud: float(np.ptp(cloud, axis=0).max()))
+    # Axis by axis: NumPy is many times as fast along columns of their own.
+    extents = points.map(lambda cloud: max(float(np.ptp(axis)) for axis in cloud.T))
     if min(len(cloud) for cloud in compared) >= SMALLEST_CLOUD and min(extents) > resolution:
         return
     raise InputError(
