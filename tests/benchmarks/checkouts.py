@@ -1,8 +1,9 @@
 """What a detection costs in this checkout and in another one: `python -m tests.benchmarks.checkouts --against FOLDER`.
 
 Two processes, one for each checkout, detect the changes of the same pairs in turns; the first turn of a pair compiles
-and is not counted, CPU seconds are the median of the others. `same` says whether both gave the same labels,
-probabilities and motions, bit for bit. Real pairs are those of the folder GMMJAX_DATA, left out where it is not set.
+and is not counted, CPU seconds are the median of the others. `same` says whether both gave the same record, facts
+included, and the same values of all points, bit for bit. Real pairs are those of the folder GMMJAX_DATA, left out
+where it is not set.
 
 The other checkout is a worktree of an earlier commit (`git worktree add FOLDER COMMIT`), with its kernels compiled
 (`python setup.py build_ext --inplace` there).
