@@ -50,14 +50,15 @@ class LocalSurface:
         """
         tree = cKDTree(points) if tree is None else tree
         indices = nearest_neighbours(tree, points, neighbours)[1]
-        return cls(points, tree, indices, *local_planes(points[indices]))
+        # `take` is several times as fast as an index array in brackets.
+        return cls(points, tree, indices, *local_planes(points.take(indices, axis=0)))
 
     def __len__(self) -> int:
         return len(self.points)
 
     def groups(self, chosen: Int[np.ndarray, " c"]) -> Float64[np.ndarray, "c k 3"]:
         """The nearest neighbours whose mean stands for a point, for some of the points."""
-        return self.points[self.neighbours[chosen, :MEAN_NEIGHBOURS]]
+        return self.points.take(self.neighbours[chosen, :MEAN_NEIGHBOURS], axis=0)
 
     def means(self, chosen: Int[np.ndarray, " c"]) -> Float64[np.ndarray, "c 3"]:
         """The local means of some of the points."""

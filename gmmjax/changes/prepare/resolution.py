@@ -156,7 +156,7 @@ def _probe(cloud: WorkingCloud, settings: ResolutionSettings) -> tuple[float, fl
     small = min(settings.neighbours, max(2, len(points) // 4))
     large = max(small, int(settings.large_share * len(points)))
     distances, neighbours = cloud.tree.query(probes, k=large)
-    thickness = min(_thickness(points[neighbours[:, :size]]) for size in {small, large})
+    thickness = min(_thickness(points.take(neighbours[:, :size], axis=0)) for size in {small, large})
     return float(np.median(distances[:, 1])), thickness
 
 
