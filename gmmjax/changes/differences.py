@@ -155,7 +155,8 @@ def local_difference(
     groups = own.groups(chosen)
     means = groups.mean(axis=1)
     there = other.nearest(means)
-    normals, variances, centres = (own.take(there, axis=0) for own in (other.normals, other.variances, other.centres))
+    planes = other.normals, other.variances, other.centres
+    normals, variances, centres = (values.take(there, axis=0) for values in planes)
     own_scatter = ((groups - means[:, None]) @ normals[:, :, None])[..., 0].var(axis=1)
     return LocalDifference(
         distance=nearest_neighbours(other.tree, own.points[chosen], 1)[0][:, 0],

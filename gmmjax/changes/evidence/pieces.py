@@ -67,9 +67,9 @@ def _parts(
 ) -> Int[np.ndarray, " m"]:
     """The number of the piece of each point of one candidate."""
     least = max(settings.smallest, settings.share * len(points))
-    parts = np.full(len(points), -1)
     if len(points) < 2 * least:
         return np.zeros(len(points), int)
+    parts = np.full(len(points), -1)
     for side in (continued, ~continued):
         if side.sum() < least:
             continue
