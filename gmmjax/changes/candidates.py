@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int, Int8
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.differences import DetectionLimits, Differences, LocalDifference
-from gmmjax.geometry import density_clusters
+from gmmjax.geometry import density_clusters, workers_for
 from gmmjax.pair import Pair, each
 
 
@@ -171,8 +171,8 @@ def clusters_with_core(
     labels[np.isin(labels, np.flatnonzero(counts < settings.smallest_core))] = -1
     core, others = np.flatnonzero(labels >= 0), np.flatnonzero((labels < 0) & (probability >= threshold))
     if len(core):
-        tree = cKDTree(points[core])
-        distances, nearest = tree.query(points[others], distance_upper_bound=settings.growth * radius, workers=-1)
+        tree, reach, workers = cKDTree(points[core]), settings.growth * radius, workers_for(len(others))
+        distances, nearest = tree.query(points[others], distance_upper_bound=reach, workers=workers)
         near = np.isfinite(distances)
         labels[others[near]] = labels[core[nearest[near]]]
     return labels

@@ -155,11 +155,12 @@ def local_difference(
     groups = own.groups(chosen)
     means = groups.mean(axis=1)
     there = other.nearest(means)
-    normals, variances = other.normals[there], other.variances[there]
+    planes = other.normals, other.variances, other.centres
+    normals, variances, centres = (values.take(there, axis=0) for values in planes)
     own_scatter = ((groups - means[:, None]) @ normals[:, :, None])[..., 0].var(axis=1)
     return LocalDifference(
         distance=nearest_neighbours(other.tree, own.points[chosen], 1)[0][:, 0],
-        offset=np.abs(((means - other.centres[there]) * normals).sum(axis=1)),
+        offset=np.abs(((means - centres) * normals).sum(axis=1)),
         noise=np.sqrt(own_scatter / groups.shape[1] + variances[:, 0] / other.neighbours.shape[1]),
         thickness=np.sqrt(variances[:, 0]),
         spacing=other.spacing(there),

@@ -52,8 +52,10 @@ def morton_order(points: Float64[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
 
 
 def _unmirrored(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
-    middle = points.min(axis=0) / 2 + points.max(axis=0) / 2
-    return np.where(np.median(points, axis=0) < middle, -points, points)
+    # Axis by axis: NumPy is many times as fast along rows.
+    columns = np.ascontiguousarray(points.T)
+    middle = columns.min(axis=1) / 2 + columns.max(axis=1) / 2
+    return np.where(np.median(columns, axis=1) < middle, -points, points)
 
 
 def _spread_bits(numbers: UInt64[np.ndarray, " n"]) -> UInt64[np.ndarray, " n"]:

@@ -1,5 +1,6 @@
 """Geometry of points and scanned surfaces: rigid transforms, ICP, local planes, clusters, depth images."""
 
+from gmmjax.geometry.cells import occupied_cells as occupied_cells
 from gmmjax.geometry.density_clusters import density_clusters as density_clusters
 from gmmjax.geometry.depth_image import DepthImage as DepthImage
 from gmmjax.geometry.depth_image import DepthImageSettings as DepthImageSettings
@@ -17,6 +18,8 @@ from gmmjax.geometry.local_surface import LocalSurface as LocalSurface
 from gmmjax.geometry.local_surface import evenly_chosen as evenly_chosen
 from gmmjax.geometry.local_surface import local_planes as local_planes
 from gmmjax.geometry.neighbours import nearest_neighbours as nearest_neighbours
+from gmmjax.geometry.neighbours import within_box as within_box
+from gmmjax.geometry.neighbours import workers_for as workers_for
 from gmmjax.geometry.planes import Plane as Plane
 from gmmjax.geometry.planes import PlaneSettings as PlaneSettings
 from gmmjax.geometry.planes import plane_surface as plane_surface

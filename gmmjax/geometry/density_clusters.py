@@ -6,6 +6,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from gmmjax.geometry.cells import occupied_cells
+from gmmjax.geometry.neighbours import workers_for
+
 
 def density_clusters(
     points: Float[np.ndarray, "n d"], radius: float, neighbours: int, *, chunk: int = 500_000
@@ -29,13 +32,14 @@ def density_clusters(
     if len(points) < neighbours:
         return labels
     # The distance to the last of the neighbours, not their number: a radius may hold all points of the cloud.
-    distances, _ = cKDTree(points).query(points, k=[neighbours], workers=-1)
+    distances, _ = cKDTree(points).query(points, k=[neighbours], workers=workers_for(len(points)))
     core = np.flatnonzero(distances[:, 0] <= radius)
     if not len(core):
         return labels
     labels[core] = _connected(points[core], radius, chunk)
     others = np.flatnonzero(labels < 0)
-    distances, nearest = cKDTree(points[core]).query(points[others], distance_upper_bound=radius, workers=-1)
+    workers = workers_for(len(others))
+    distances, nearest = cKDTree(points[core]).query(points[others], distance_upper_bound=radius, workers=workers)
     near = np.isfinite(distances)
     labels[others[near]] = labels[core[nearest[near]]]
     return labels
@@ -50,8 +54,7 @@ def _connected(points: Float[np.ndarray, "n d"], radius: float, chunk: int) -> I
     dimension = points.shape[1]
     # A little less than the diagonal, so that rounding puts no two points further apart than the radius in one cell.
     side = radius / np.sqrt(dimension) * (1 - 1e-9)
-    cells, cell = np.unique(np.floor((points - np.median(points, axis=0)) / side), axis=0, return_inverse=True)
-    cell = cell.reshape(-1)
+    cells, cell = occupied_cells(points - np.median(points, axis=0), side)
     pairs, apart = _neighbouring(cells)
     links = _Links(points, cell, len(cells), radius, chunk)
     # The nearest cells first, and by one point of each: most of the others are in one group by then.
@@ -119,7 +122,7 @@ class _Links:
         own = self._points[self._members[self._starts[pairs[pair, 0]] + nth]]
         places = np.column_stack([own, self._apart[pairs[pair, 1]]])
         bound = np.nextafter(self._radius, np.inf)
-        distances, _ = self._tree.query(places, distance_upper_bound=bound, workers=-1)
+        distances, _ = self._tree.query(places, distance_upper_bound=bound, workers=workers_for(len(places)))
         return np.asarray(np.bincount(pair, np.isfinite(distances), len(pairs)) > 0)
 
     def _merge(self, pairs: Int[np.ndarray, "p 2"]) -> None:

@@ -69,11 +69,13 @@ def point_to_plane_icp(
         offsets = ((placed - target.centres[there]) * normals).sum(axis=1)
         reach = max(last_reach, first_reach * settings.shrinking**step)
         weights = geman_mcclure(offsets / reach) * geman_mcclure(distances[:, 0] / (settings.lateral * reach))
-        motion = _gauss_newton_step(placed, normals, offsets, weights, settings.damping)
+        centre, size = placed.mean(axis=0), _size(placed)
+        rows = offset_derivatives(placed, normals, centre, size)
+        motion = _gauss_newton_step(rows, offsets, weights, settings.damping)
         factor = min(settings.extrapolation, _extrapolation(previous, motion, settings)) if reach == last_reach else 1.0
         # After a long step the next one tells nothing of how they shrink.
         previous = motion if factor == 1.0 else None
-        transform = _transform(factor * motion, placed.mean(axis=0), _size(placed)) @ transform
+        transform = _transform(factor * motion, centre, size) @ transform
         moved_by = np.sqrt(((transformed(means, transform) - placed) ** 2).sum(axis=1).mean())
         if reach == last_reach and moved_by < settings.converged * last_reach:
             break
@@ -125,11 +127,11 @@ def offset_derivatives(
     return np.concatenate([np.cross((points - centre) / size, normals), normals], axis=1)
 
 
-def _gauss_newton_step(
-    points: np.ndarray, normals: np.ndarray, offsets: np.ndarray, weights: np.ndarray, damping: float
-) -> np.ndarray:
-    """Rotation vector, times the size, and translation that cancel the offsets in weighted least squares."""
-    rows = offset_derivatives(points, normals, points.mean(axis=0), _size(points))
+def _gauss_newton_step(rows: np.ndarray, offsets: np.ndarray, weights: np.ndarray, damping: float) -> np.ndarray:
+    """Rotation vector, times the size, and translation that cancel the offsets in weighted least squares.
+
+    `rows` are the offsets' derivatives.
+    """
     normal_matrix = rows.T @ (weights[:, None] * rows)
     ridge = damping * max(weights.sum(), 1e-12) * np.eye(6)
     return np.asarray(np.linalg.solve(normal_matrix + ridge, -rows.T @ (weights * offsets)))

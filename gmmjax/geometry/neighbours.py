@@ -12,6 +12,23 @@ def nearest_neighbours(
     tree: cKDTree, points: Float[np.ndarray, "n 3"], count: int
 ) -> tuple[Float[np.ndarray, "n k"], Int[np.ndarray, "n k"]]:
     """Distances and indices of the nearest points of a tree, the nearest first; k is the count, or all there are."""
-    workers = -1 if len(points) >= POINTS_FOR_THREADS else 1
-    distances, indices = tree.query(points, k=np.arange(1, min(count, tree.n) + 1), workers=workers)
+    ranks = np.arange(1, min(count, tree.n) + 1)
+    distances, indices = tree.query(points, k=ranks, workers=workers_for(len(points)))
     return distances, indices
+
+
+def within_box(
+    points: Float[np.ndarray, "n d"], lower: Float[np.ndarray, " d"], upper: Float[np.ndarray, " d"]
+) -> Int[np.ndarray, " m"]:
+    """The indices of the points in a box along the axes, in their order."""
+    rows = np.arange(len(points))
+    # One coordinate after the other, of what is left: few points are in a small box.
+    for axis, (least, most) in enumerate(zip(lower, upper, strict=True)):
+        values = points[rows, axis] if axis else points[:, 0]
+        rows = rows[(values >= least) & (values <= most)]
+    return rows
+
+
+def workers_for(count: int) -> int:
+    """The number of threads to look up so many points with, as SciPy's trees take it; -1: one for each core."""
+    return -1 if count >= POINTS_FOR_THREADS else 1

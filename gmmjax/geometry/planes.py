@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float64
 from scipy.spatial import cKDTree
 
 from gmmjax.geometry.local_surface import LocalSurface, evenly_chosen
+from gmmjax.geometry.neighbours import within_box
 
 
 class Plane(NamedTuple):
@@ -30,8 +31,14 @@ class Plane(NamedTuple):
         """The points whose projection onto the plane is within the distance of the projection of another point."""
         if not len(others) or not len(points):
             return np.zeros(len(points), bool)
-        tree = cKDTree(self.projections(others))
-        return np.isfinite(tree.query(self.projections(points), distance_upper_bound=distance)[0])
+        own, others = self.projections(points), self.projections(others)
+        # Most of a large surface is far from a small part of it.
+        rows = within_box(own, others.min(axis=0) - distance, others.max(axis=0) + distance)
+        near = np.zeros(len(own), bool)
+        if len(rows):
+            beside = others[within_box(others, own[rows].min(axis=0) - distance, own[rows].max(axis=0) + distance)]
+            near[rows] = np.isfinite(cKDTree(beside).query(own[rows], distance_upper_bound=distance)[0])
+        return near
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,13 +93,15 @@ def planes_of(
     tried = evenly_chosen(len(points), settings.hypotheses)
     normals, centres = normals[tried], centres[tried]
     inliers = np.abs(points @ normals.T - (normals * centres).sum(axis=1)) <= flatness
+    counts = np.count_nonzero(inliers, axis=0)
     for _ in range(settings.most_planes):
-        best = inliers[:, int(inliers.sum(axis=0).argmax())].copy()
+        best = inliers[:, int(counts.argmax())].copy()
         if best.sum() < max(settings.least_inliers, settings.least_share * len(points)):
             break
         centre = points[best].mean(axis=0)
         variances, axes = np.linalg.eigh(np.cov((points[best] - centre).T, bias=True))
         if variances[1] >= least_width**2:
             found.append(Plane(axes[:, 0], float(axes[:, 0] @ centre)))
+        counts -= np.count_nonzero(inliers[best], axis=0)
         inliers[best] = False
     return found

@@ -6,7 +6,19 @@ import re
 import numpy as np
 import pytest
 
-from tests.benchmarks import displacements, gradients, numpy_figueiredo_jain, peers, repeatability, scenes, tasks
+from gmmjax import SensorViews
+from tests.benchmarks import (
+    checkout_process,
+    checkouts,
+    displacements,
+    gradients,
+    numpy_figueiredo_jain,
+    peers,
+    repeatability,
+    scenes,
+    tasks,
+)
+from tests.benchmarks.interleaved import Timing
 from tests.mixtures import plain_figueiredo_jain
 
 
@@ -135,3 +147,45 @@ def test_the_report_of_a_part_is_printed(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["report", str(tmp_path / "run.json")])
     report.main()
     assert "| a fit | ≤ 0.3 s | 0.2 s | yes | 1 s |  | 0.7 |" in capsys.readouterr().out
+
+
+def test_a_pair_for_two_checkouts_comes_back_as_it_was(tmp_path):
+    clouds = np.arange(12.0).reshape(4, 3), np.ones((2, 3))
+    views = SensorViews(np.eye(4)[None], (90.0, 60.0), 8.0), SensorViews(np.stack([np.eye(4)] * 2), (360.0, 30.0), 9.0)
+    for given in (views, None):
+        checkouts.PairOfScans(clouds, given).save(tmp_path / "pair.npz")
+        with np.load(tmp_path / "pair.npz") as arrays:
+            back, named = checkout_process.arrays_of(arrays)
+        for own, read in zip(clouds, back, strict=True):
+            np.testing.assert_array_equal(own, read)
+        assert list(named) == (["views_before", "views_after"] if given else [])
+        for own, read in zip(given or (), named.values(), strict=True):
+            np.testing.assert_array_equal(own.poses, read.poses)
+            assert (own.field_of_view, own.max_range) == (read.field_of_view, read.max_range)
+
+
+def test_a_digest_sees_a_label_a_probability_and_a_fact():
+    class Found:
+        def __init__(self, label=0, probability=0.5, fact=0.25, seconds=1.0):
+            self.labels_before = np.array([label, -1])
+            self.probability_before = np.array([probability, 0.0])
+            self.labels_after = self.probability_after = self.unobserved_before = self.unobserved_after = np.zeros(2)
+            self.record = {"changes": [{"facts": [fact]}], "diagnostics": {"seconds": seconds}}
+
+        def to_dict(self):
+            return self.record
+
+    found = [Found(), Found(label=1), Found(probability=0.5 + 1e-12), Found(fact=0.25 + 1e-12)]
+    assert len({checkout_process.digest(one) for one in found}) == len(found)
+    assert checkout_process.digest(Found(seconds=2.0)) == checkout_process.digest(found[0])
+
+
+def test_a_row_compares_two_checkouts():
+    def timing(cpus, digest, **kinds):
+        return Timing(cpus=cpus, answer={"kinds": kinds, "digest": digest})
+
+    pair = checkouts.PairOfScans((np.zeros((1200, 3)), np.zeros((5, 3))))
+    timings = {"other": timing([2.0, 4.0, 9.0], "a", appeared=2), "own": timing([1.0, 1.0, 1.0], "b")}
+    row = checkouts.row("hall", pair, timings, 1.26)
+    assert row == "| hall | 1,200 and 5 | 4.00 | 1.00 | 0.25 | 2 appeared | nothing | no | 1.3 |"
+    assert row.count("|") == checkouts.HEADER.splitlines()[0].count("|")

@@ -64,6 +64,19 @@ def test_near_is_measured_along_the_plane():
     assert plane.near(np.zeros((0, 3)), others, 0.2).shape == (0,)
 
 
+@pytest.mark.parametrize(("count", "others"), [(40, 500), (500, 40), (40, 0), (0, 40)])
+def test_near_is_that_of_all_pairs(count, others):
+    generator = np.random.default_rng(0)
+    plane = Plane(np.array([0.6, 0, 0.8]), 0.3)
+    # A small part of a large surface, some of it beyond the edge.
+    points = generator.uniform([0.7, -0.2, -0.2], [1.1, 0.2, 0.2], (count, 3))
+    surface = generator.uniform(-1, 1, (others, 3))
+    apart = np.linalg.norm(plane.projections(points)[:, None] - plane.projections(surface)[None], axis=2)
+    near = plane.near(points, surface, 0.1)
+    np.testing.assert_array_equal(near, (apart < 0.1).any(axis=1))
+    assert bool(near.any()) == (min(count, others) > 0)
+
+
 def test_planes_of_some_of_the_points_and_at_most_some_planes():
     generator = np.random.default_rng(1)
     points = np.concatenate([patch(generator, np.eye(3), height) for height in (0.0, 1.0, 2.0)])

@@ -76,7 +76,7 @@ def aligned(
     rough = RoughRegistration.none() if mode == "never" else rough_registration(points, settings.surfaces)
     roughly = Pair(points.before, transformed(points.after, rough.transform)) if rough.moves else points
     pair = working_pair(roughly, voxel_size)
-    surfaces = pair.clouds.map(lambda cloud: LocalSurface.of(cloud.points))
+    surfaces = pair.clouds.map(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree))
     if pair.volumetric:
         registration = registered_volumes(pair, surfaces, mode, seed, settings.volumes)
     else:

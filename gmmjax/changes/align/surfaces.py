@@ -124,7 +124,7 @@ def rough_registration(
     pair = working_pair(thinned, settings=ResolutionSettings(voxels=settings.voxels))
     if pair.volumetric:
         return RoughRegistration.none()
-    surfaces = pair.clouds.map(lambda cloud: LocalSurface.of(cloud.points))
+    surfaces = pair.clouds.map(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree))
     finalists = _finalists(pair.spacing, surfaces, _refined_starts(pair.spacing, surfaces, settings), settings)
     given = surface_fit(surfaces, np.eye(4), pair.spacing, settings.score)
     # With the given frame itself: ICP from there may slide along a floor and a wall of which half is in common.

@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from gmmjax.changes.candidates import Candidates
 from gmmjax.changes.differences import DetectionLimits
 from gmmjax.changes.evidence.continuation import Continuation
+from gmmjax.changes.evidence.coverage_edge import ReferenceSurfaces
 from gmmjax.changes.evidence.free_space import Sightlines
 from gmmjax.geometry import evenly_chosen, plane_surface
 
@@ -35,6 +36,8 @@ class SurroundingsSettings:
         farthest: distance to unchanged points, in spacings, at most: where there are none. Larger: the same.
         nearby: distance, in spacings, within which unchanged points tell the registration error at a candidate. Larger:
             it is that of the whole scan.
+        chunk: number of points that are compared with all planes of a hull at a time: what fits the cache. It does not
+            change what is measured.
     """
 
     reach: float = 10.0
@@ -46,6 +49,7 @@ class SurroundingsSettings:
     neighbourhood: float = 40.0
     farthest: float = 1000.0
     nearby: float = 25.0
+    chunk: int = 512
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -56,7 +60,8 @@ class Surroundings:
         own: the candidates of the cloud, cut into pieces.
         clusters: of each point -1, or the number of the candidate that its piece was cut from.
         continuations: of each piece.
-        other: tree of the points of the other cloud.
+        reference: trees of the points of the cloud that are of no candidate, and of the other cloud.
+        everything: tree of all points of the cloud.
         supports: whether each point is of a piece that a candidate of the other cloud stands on.
         opposite: tree of those of them that are of candidates.
         limits: of distances and offsets.
@@ -67,22 +72,23 @@ class Surroundings:
     own: Candidates
     clusters: Int[np.ndarray, " n"]
     continuations: Mapping[int, Continuation]
-    other: cKDTree
+    reference: ReferenceSurfaces
+    everything: cKDTree
     supports: Bool[np.ndarray, " n"]
     opposite: cKDTree
     limits: DetectionLimits
     sightlines: Sightlines | None = None
     settings: SurroundingsSettings = SurroundingsSettings()
 
-    @functools.cached_property
+    @property
     def unchanged(self) -> cKDTree:
         """Tree of the points of the cloud that are of no candidate."""
-        return cKDTree(self.own.points[self.own.labels < 0])
+        return self.reference.unchanged
 
-    @functools.cached_property
-    def everything(self) -> cKDTree:
-        """Tree of all points of the cloud."""
-        return cKDTree(self.own.points)
+    @property
+    def other(self) -> cKDTree:
+        """Tree of the points of the other cloud."""
+        return self.reference.other
 
     @functools.cached_property
     def differing(self) -> cKDTree:
@@ -92,7 +98,7 @@ class Surroundings:
     @functools.cached_property
     def unchanged_offsets(self) -> Float[np.ndarray, " u"]:
         """Offset of each of these points."""
-        return self.own.difference.offset[self.own.labels < 0]
+        return self.own.difference.offset[self.clusters < 0]
 
     @functools.cached_property
     def hull(self) -> Float[np.ndarray, "f 4"]:
@@ -241,8 +247,12 @@ class Candidate:
     @functools.cached_property
     def beyond_hull(self) -> Float[np.ndarray, " m"]:
         """How far its points are outside of the convex hull of the other cloud, in spacings; negative inside."""
-        planes = self.surroundings.hull
-        return np.asarray((self.points @ planes[:, :3].T + planes[:, 3]).max(axis=1) / self.spacing)
+        planes, chunk = self.surroundings.hull, self.surroundings.settings.chunk
+        parts = [
+            (self.points[first : first + chunk] @ planes[:, :3].T + planes[:, 3]).max(axis=1)
+            for first in range(0, len(self.points), chunk)
+        ]
+        return np.asarray(np.concatenate(parts) / self.spacing)
 
     @functools.cached_property
     def roughness(self) -> float:

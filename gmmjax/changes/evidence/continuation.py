@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from gmmjax.changes.evidence.coverage_edge import CoverageEdgeSettings, ReferenceSurfaces, at_coverage_edge
 from gmmjax.clouds import voxel_grid
-from gmmjax.geometry import Plane, PlaneSettings, nearest_neighbours, plane_surface, planes_of
+from gmmjax.geometry import Plane, PlaneSettings, nearest_neighbours, plane_surface, planes_of, within_box
 
 
 @dataclasses.dataclass(frozen=True)
@@ -171,7 +171,8 @@ def _shown(
         footprint = voxel_grid(plane.projections(segment[~on_plane]), near).points
         surface = other[plane.distance(other) <= flatness + reference.tolerance]
         own = adjacent[plane.distance(adjacent) <= flatness + reference.tolerance]
-        shown = plane.near(footprint, surface, near) & ~plane.near(footprint, own, near)
+        shown = plane.near(footprint, surface, near)
+        shown[shown] = ~plane.near(footprint[shown], own, near)
         shares.append(float(shown.mean()))
     return max(shares)
 
@@ -186,13 +187,18 @@ def _covered(
     """Whether the other cloud has points of a plane at the places of these points."""
     if not len(points):
         return False
-    surface = reference.other.data[plane.distance(reference.other.data) <= flatness + reference.tolerance]
-    return bool(plane.near(points, surface, settings.near * reference.spacing).mean() > settings.most_covered)
+    near, clear = settings.near * reference.spacing, flatness + reference.tolerance
+    # No further from the points, which are within the flatness of the plane, can be at their places of it.
+    reach = near + flatness + clear
+    others = reference.other.data
+    others = others[within_box(others, points.min(axis=0) - reach, points.max(axis=0) + reach)]
+    surface = others[plane.distance(others) <= clear]
+    return bool(plane.near(points, surface, near).mean() > settings.most_covered)
 
 
 def _within(tree: cKDTree, points: Float64[np.ndarray, "n 3"], reach: float) -> Float64[np.ndarray, "b 3"]:
     """The points that are within reach of those of a tree."""
-    near = points[((points >= tree.mins - reach) & (points <= tree.maxes + reach)).all(axis=1)]
+    near = points[within_box(points, tree.mins - reach, tree.maxes + reach)]
     if not len(near):
         return near
     return near[np.isfinite(tree.query(near, distance_upper_bound=reach)[0])]

@@ -114,15 +114,16 @@ def measured_candidates(
         limits: of distances and offsets.
         settings: how they are cut.
     """
+    # What is farther off than this is another surface: the top of a thin object does not cover the floor's plane.
+    tolerance = settings.same_surface * limits.offset
+    everything = surveys.map(lambda survey: survey.surface.tree)
 
-    def pieces(own: Candidates, other: Candidates) -> _Cut:
-        # What is farther off than this is another surface: the top of a thin object does not cover the floor's plane.
-        tolerance = settings.same_surface * limits.offset
-        reference = ReferenceSurfaces.of(own.points[own.labels < 0], other.points, tolerance, limits.spacing)
+    def pieces(own: Candidates, everything: cKDTree, other: cKDTree) -> _Cut:
+        reference = ReferenceSurfaces(cKDTree(own.points[own.labels < 0]), other, tolerance, limits.spacing)
         labels, continuations = cut(own.points, own.labels, reference, settings.pieces, settings.continuation)
-        return _Cut(own._replace(labels=labels), own.labels, continuations, reference.other)
+        return _Cut(own._replace(labels=labels), own.labels, continuations, reference, everything)
 
-    cuts = each(pieces, candidates, candidates.swapped)
+    cuts = each(pieces, candidates, everything, everything.swapped)
     points, labels = candidates.map(lambda own: own.points), cuts.map(lambda own: own.pieces.labels)
     support_planes = supports(points, labels, limits.spacing, settings.support)
     opposite = each(lambda own, label: cKDTree(own[label >= 0]), points, labels).swapped
@@ -140,7 +141,8 @@ class _Cut(NamedTuple):
     pieces: Candidates
     clusters: Int[np.ndarray, " n"]
     continuations: Mapping[int, Continuation]
-    other: cKDTree
+    reference: ReferenceSurfaces
+    everything: cKDTree
 
 
 def _sightlines(own: Candidates, survey: Survey, limits: DetectionLimits) -> Sightlines:
@@ -243,6 +245,8 @@ def _joined(
 ) -> Int[np.ndarray, " n"]:
     """The labels with one number for all pieces that touch: one change may have been cut into several."""
     kept = np.flatnonzero(labels >= 0)
+    if not len(kept) or (labels[kept] == labels[kept[0]]).all():
+        return renumbered(labels)
     clusters = density_clusters(own.points[kept], settings.radius * limits.spacing, settings.neighbours)
     count = labels.max(initial=-1) + 1
     inside = clusters >= 0

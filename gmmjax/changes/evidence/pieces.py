@@ -67,8 +67,12 @@ def _parts(
 ) -> Int[np.ndarray, " m"]:
     """The number of the piece of each point of one candidate."""
     least = max(settings.smallest, settings.share * len(points))
+    if len(points) < 2 * least:
+        return np.zeros(len(points), int)
     parts = np.full(len(points), -1)
     for side in (continued, ~continued):
+        if side.sum() < least:
+            continue
         clusters = density_clusters(points[side], settings.radius * spacing, settings.neighbours)
         large = np.flatnonzero(np.bincount(clusters[clusters >= 0], minlength=1) >= least)
         for cluster in large:

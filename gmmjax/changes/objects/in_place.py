@@ -23,6 +23,7 @@ from gmmjax.geometry import (
     LocalSurface,
     PlaneSettings,
     evenly_chosen,
+    occupied_cells,
     plane_surface,
     planes_of,
     point_to_plane_icp,
@@ -302,10 +303,10 @@ def _things(points: Float64[np.ndarray, "n 3"], distance: float) -> Int[np.ndarr
     """The number of the connected thing that each point is of: points in cells of half the distance that touch."""
     if not len(points):
         return np.zeros(0, int)
-    cells, cell = np.unique(np.floor(2 * (points - points.min(axis=0)) / distance), axis=0, return_inverse=True)
+    cells, cell = occupied_cells(points - points.min(axis=0), distance / 2)
     links = cKDTree(cells).query_pairs(1.5, p=np.inf, output_type="ndarray")
     graph = coo_array((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(len(cells), len(cells)))
-    return connected_components(graph, directed=False)[1][cell.reshape(-1)]
+    return connected_components(graph, directed=False)[1][cell]
 
 
 def _best_transform(
@@ -392,32 +393,39 @@ def _refined(
     """A start after point-to-plane ICP of what the motion explains, and its merit."""
     rigid: RigidMatchSettings = match.rigid
     transform, first = start, rigid.first_reach
-    own = place.differs.before
-    for _ in range(settings.refinements):
+    all_before = Pair(np.arange(len(place.things.before)), np.arange(0))
+    for number in range(settings.refinements):
+        own = place.differs.before
+        if number:
+            own = own | _explained(place, transform, noise, match, all_before).before
         moving = np.flatnonzero(own)
         moving = moving[evenly_chosen(len(moving), rigid.sample)]
         means = place.things.before.means(moving)
         reaches = first * noise, rigid.last_reach * noise
         transform = point_to_plane_icp(means, place.things.after, transform, *reaches, rigid.icp)
-        explained = _explained(place, transform, noise, match)
         first = rigid.refined_first_reach
-        own = explained.before | place.differs.before
-    shares = [float(own[differs].mean()) for own, differs in zip(explained, place.differs, strict=True)]
+    explained = _explained(place, transform, noise, match, place.differs.map(np.flatnonzero))
+    shares = [float(own.mean()) for own in explained]
     half_turns = Rotation.from_matrix(transform[:3, :3]).magnitude() / np.pi
     return min(shares) + sum(shares) / 2 - match.rotation_penalty * half_turns, transform
 
 
 def _explained(
-    place: _Place, transform: Float64[np.ndarray, "4 4"], noise: float, match: MatchSettings
+    place: _Place,
+    transform: Float64[np.ndarray, "4 4"],
+    noise: float,
+    match: MatchSettings,
+    asked: Pair[Int[np.ndarray, " _"]] | None = None,
 ) -> Pair[Bool[np.ndarray, " _"]]:
-    """Which points of either thing lie on the other one after the motion."""
+    """Which of some points of either thing, or of all, lie on the other one after the motion."""
     spacing = max(thing.nearest_distance for thing in place.things)
+    asked = place.things.map(lambda thing: np.arange(len(thing))) if asked is None else asked
 
-    def lies(own: LocalSurface, way: np.ndarray, other: LocalSurface) -> np.ndarray:
-        means = transformed(own.means(np.arange(len(own))), way)
-        return on_surface(transformed(own.points, way), means, other, noise, spacing, match.overlap)
+    def lies(own: LocalSurface, rows: np.ndarray, way: np.ndarray, other: LocalSurface) -> np.ndarray:
+        means = transformed(own.all_means[rows], way)
+        return on_surface(transformed(own.points[rows], way), means, other, noise, spacing, match.overlap)
 
-    return each(lies, place.things, Pair(transform, np.linalg.inv(transform)), place.things.swapped)
+    return each(lies, place.things, asked, Pair(transform, np.linalg.inv(transform)), place.things.swapped)
 
 
 def _moved_points(

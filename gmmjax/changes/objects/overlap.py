@@ -81,8 +81,8 @@ def overlap(
     distance = settings.distance * max(own.nearest_distance, other.nearest_distance)
     both = np.concatenate([points, other.points])
     heights = _heights(means, other, (both.min(axis=0) + both.max(axis=0)) / 2)
-    covered = _lies_on(points, heights, other, offset, distance)
-    elsewhere = _lies_on(points, _heights(means, scene, means.mean(axis=0)), scene, offset, distance)
+    covered = _near(points, other, distance) & (np.abs(heights) < offset)
+    elsewhere = _lies_on(points, means, scene, offset, distance)
     beyond = other.beyond_hull(means)
     observed = (heights > -offset) & (beyond > offset)
     residual = float(np.sqrt((heights[covered] ** 2).mean())) / noise if covered.any() else 0.0
@@ -108,8 +108,7 @@ def on_surface(
         spacing: the coarser of both clouds' spacings.
         settings: when a point lies on a surface.
     """
-    heights = _heights(means, surface, means.mean(axis=0))
-    return _lies_on(points, heights, surface, settings.offset * noise, settings.distance * spacing)
+    return _lies_on(points, means, surface, settings.offset * noise, settings.distance * spacing)
 
 
 def _heights(
@@ -124,10 +123,19 @@ def _heights(
 
 def _lies_on(
     points: Float[np.ndarray, "n 3"],
-    heights: Float[np.ndarray, " n"],
+    means: Float[np.ndarray, "n 3"],
     surface: LocalSurface,
     offset: float,
     distance: float,
 ) -> Bool[np.ndarray, " n"]:
-    near = np.isfinite(surface.tree.query(points, distance_upper_bound=distance)[0])
-    return np.asarray(near & (np.abs(heights) < offset))
+    """Which points are near a surface, and their local means near its planes."""
+    lies = _near(points, surface, distance)
+    # Planes are only looked up for what is near: the way to the nearest point of a far surface is long.
+    there = surface.nearest(means[lies])
+    offsets = ((means[lies] - surface.centres[there]) * surface.normals[there]).sum(axis=1)
+    lies[lies] = np.abs(offsets) < offset
+    return lies
+
+
+def _near(points: Float[np.ndarray, "n 3"], surface: LocalSurface, distance: float) -> Bool[np.ndarray, " n"]:
+    return np.isfinite(surface.tree.query(points, distance_upper_bound=distance)[0])

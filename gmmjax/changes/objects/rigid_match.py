@@ -155,7 +155,7 @@ def best_starts(
         return transforms[np.argsort(left, kind="stable")]
 
     coarse = np.concatenate([starts, search.continued(starts, first, 0, settings.first_steps)])
-    return _without_duplicates(ranked(coarse), few.before, settings.duplicate * last)[:count]
+    return _without_duplicates(ranked(coarse), few.before, settings.duplicate * last, count)
 
 
 def _promising(
@@ -176,10 +176,10 @@ def _promising(
     coarse = coarse[np.argsort(search.distances(coarse), kind="stable")[: settings.kept]]
     coarse = search.continued(coarse, first, settings.first_steps, settings.last_steps)
     coarse = coarse[np.argsort(search.distances(coarse), kind="stable")]
-    distinct = _without_duplicates(coarse, few[0], settings.duplicate * last)
+    distinct = _without_duplicates(coarse, few[0], settings.duplicate * last, count)
     means = source.means(evenly_chosen(len(source), settings.sample))
     reaches = settings.first_reach * noise, settings.last_reach * noise
-    return [point_to_plane_icp(means, target, start, *reaches, settings.icp) for start in distinct[:count]]
+    return [point_to_plane_icp(means, target, start, *reaches, settings.icp) for start in distinct]
 
 
 class _CoarseSearch(NamedTuple):
@@ -220,12 +220,12 @@ class _CoarseSearch(NamedTuple):
         there = self.left(transforms)
         rotations = transforms[:, :3, :3]
         moved_back = np.einsum("sji,smj->smi", rotations, self.target[None] - transforms[:, None, :3, 3])
-        back = cKDTree(self.source).query(moved_back)[0]
+        back = cKDTree(self.source).query(moved_back, distance_upper_bound=self.last)[0]
         return np.asarray(there + np.minimum(back, self.last).mean(axis=1))
 
     def left(self, transforms: Float[np.ndarray, "s 4 4"]) -> Float[np.ndarray, " s"]:
         """The mean distance of the source's points from the target after each transform, at most the last limit."""
-        return np.asarray(np.minimum(self._closest(transforms)[0], self.last).mean(axis=1))
+        return np.asarray(np.minimum(self._closest(transforms, self.last)[0], self.last).mean(axis=1))
 
     def _closest(
         self, transforms: Float[np.ndarray, "s 4 4"], limit: float = np.inf
@@ -248,18 +248,23 @@ def _least_squares_transforms(
 
 
 def _without_duplicates(
-    transforms: Float[np.ndarray, "s 4 4"], points: Float[np.ndarray, "n 3"], largest_distance: float
+    transforms: Float[np.ndarray, "s 4 4"],
+    points: Float[np.ndarray, "n 3"],
+    largest_distance: float,
+    count: int | None = None,
 ) -> list[Float[np.ndarray, "4 4"]]:
-    """The transforms that bring some point further than this from where every one before them brings it."""
+    """The first transforms that bring some point further than this from where every one before them brings it."""
     # A rigid transform is determined by three points; a dozen, evenly chosen, are hardly in one line.
     few = points[evenly_chosen(len(points), 12)]
     kept: list[np.ndarray] = []
-    places: list[np.ndarray] = []
+    places = np.empty((0, *few.shape))
     for transform in transforms:
         placed = transformed(few, transform)
-        if all(np.linalg.norm(placed - other, axis=1).max() > largest_distance for other in places):
+        if (np.linalg.norm(placed - places, axis=2).max(axis=1) > largest_distance).all():
             kept.append(transform)
-            places.append(placed)
+            places = np.concatenate([places, placed[None]])
+        if len(kept) == count:
+            break
     return kept
 
 

@@ -7,7 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Float64
 
-from gmmjax.geometry import Contact, LocalSurface, UpwardSettings, upward_direction
+from gmmjax.geometry import (
+    Contact,
+    LocalSurface,
+    UpwardSettings,
+    upward_direction,
+    within_box,
+    workers_for,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,7 +96,8 @@ def _contact_patches(
 ) -> _ContactPatches:
     reach = settings.contact * part.nearest_distance
     # Twice as far, so that the local planes within reach have their neighbours.
-    distances = part.tree.query(background, distance_upper_bound=2 * reach, workers=-1)[0]
+    background = background[within_box(background, part.tree.mins - 2 * reach, part.tree.maxes + 2 * reach)]
+    distances = part.tree.query(background, distance_upper_bound=2 * reach, workers=workers_for(len(background)))[0]
     near = np.isfinite(distances)
     if near.sum() < settings.fewest:
         return _ContactPatches(np.zeros((0, 3)), np.zeros((0, 3)))

@@ -124,7 +124,7 @@ def check_comparable(
     Raises:
         InputError: one cloud is but a few points, or smaller than the spacing of the other.
     """
-    extents = points.map(lambda cloud: float(np.ptp(cloud, axis=0).max()))
+    extents = points.map(_longest_side)
     if min(len(cloud) for cloud in compared) >= SMALLEST_CLOUD and min(extents) > resolution:
         return
     raise InputError(
@@ -164,7 +164,7 @@ def _check_points(label: str, points: np.ndarray, crop: tuple[float, ...] | None
             f"at least {SMALLEST_CLOUD} are needed to fit a Gaussian"
         )
     # Halves, so that the difference of two numbers of either sign is finite.
-    extent = 2 * float(np.ptp(points / 2, axis=0).max())
+    extent = 2 * _longest_side(points / 2)
     if extent <= 8 * np.finfo(np.float64).eps * np.abs(points).max():
         raise InputError(f"{label}: all {len(points)} points are equal; there is nothing to compare")
     if not 1 / settings.largest_extent <= extent <= settings.largest_extent:
@@ -174,13 +174,19 @@ def _check_points(label: str, points: np.ndarray, crop: tuple[float, ...] | None
         )
 
 
+def _longest_side(points: np.ndarray) -> float:
+    """Of the box along the axes around the points."""
+    # Axis by axis: NumPy is many times as fast along single columns.
+    return max(float(np.ptp(axis)) for axis in points.T)
+
+
 def _inside(rows: np.ndarray, crop: tuple[float, ...]) -> np.ndarray:
     """Rows that are not finite count as outside."""
     return crop_box(np.where(np.isfinite(rows), rows, np.finfo(np.float64).max), np.array(crop[:3]), np.array(crop[3:]))
 
 
 def _warn_about_extents(before: np.ndarray, after: np.ndarray, settings: CheckSettings) -> None:
-    extent_before, extent_after = np.ptp(before, axis=0).max(), np.ptp(after, axis=0).max()
+    extent_before, extent_after = _longest_side(before), _longest_side(after)
     ratio = max(extent_before, extent_after) / min(extent_before, extent_after)
     if ratio > settings.suspicious_scale:
         warn(

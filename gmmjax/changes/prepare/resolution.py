@@ -1,6 +1,7 @@
 """What resolution two clouds are compared at, derived from their own points."""
 
 import dataclasses
+import functools
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -49,6 +50,11 @@ class WorkingCloud:
     mass: Float[np.ndarray, " m"]
     member: Int[np.ndarray, " n"]
 
+    @functools.cached_property
+    def tree(self) -> cKDTree:
+        """Tree of the points."""
+        return cKDTree(self.points)
+
 
 @dataclasses.dataclass(frozen=True)
 class WorkingPair:
@@ -96,7 +102,7 @@ def working_pair(
     clouds = points.map(lambda cloud: _working_cloud(cloud, size))
     compared = clouds.map(lambda cloud: cloud.points)
     check_comparable(points, compared, size or 0.0)
-    probes = compared.map(lambda cloud: _probe(cloud, settings))
+    probes = clouds.map(lambda cloud: _probe(cloud, settings))
     spacing = max(spacing for spacing, _ in probes)
     check_comparable(points, compared, spacing)
     return WorkingPair(
@@ -142,14 +148,15 @@ def _working_cloud(points: np.ndarray, size: float | None) -> WorkingCloud:
     return WorkingCloud(grid.points, grid.mass, grid.voxel_of_point)
 
 
-def _probe(points: np.ndarray, settings: ResolutionSettings) -> tuple[float, float]:
+def _probe(cloud: WorkingCloud, settings: ResolutionSettings) -> tuple[float, float]:
     """Median distance to the nearest neighbour, and median thickness of the neighbourhoods of the flatter size."""
+    points = cloud.points
     # Regularly spaced rows, so that the same cloud always gives the same scales.
     probes = points[evenly_chosen(len(points), settings.probes)]
     small = min(settings.neighbours, max(2, len(points) // 4))
     large = max(small, int(settings.large_share * len(points)))
-    distances, neighbours = cKDTree(points).query(probes, k=large)
-    thickness = min(_thickness(points[neighbours[:, :size]]) for size in {small, large})
+    distances, neighbours = cloud.tree.query(probes, k=large)
+    thickness = min(_thickness(points.take(neighbours[:, :size], axis=0)) for size in {small, large})
     return float(np.median(distances[:, 1])), thickness
 
 
