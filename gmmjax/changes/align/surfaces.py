@@ -129,8 +129,8 @@ def rough_registration(
     given = surface_fit(surfaces, np.eye(4), pair.spacing, settings.score)
     # With the given frame itself: ICP from there may slide along a floor and a wall of which half is in common.
     best = _selected(finalists, _Candidate(np.eye(4), given, True), settings)
-    points, apart = surfaces.after.points, settings.same_transform * pair.spacing
-    others = (other for other in finalists if _distance(points, other.transform, best.transform) >= apart)
+    own, apart = surfaces.after.points, settings.same_transform * pair.spacing
+    others = (other for other in finalists if _distance(own, other.transform, best.transform) >= apart)
     rival = max((_ratio(other.fit, best.fit) for other in others), default=0.0)
     transform = best.transform if _better(best.fit, given, settings) else np.eye(4)
     return RoughRegistration(transform, best.from_given_frame, min(rival, 1.0))
