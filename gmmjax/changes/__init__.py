@@ -26,6 +26,7 @@ from gmmjax.changes.detectors import Scan as Scan
 from gmmjax.changes.detectors import TransportDetector as TransportDetector
 from gmmjax.changes.detectors.greedy_removal import Removals as Removals
 from gmmjax.changes.detectors.greedy_removal import remove_changed as remove_changed
+from gmmjax.changes.detectors.joint import UnpairedChanges as UnpairedChanges
 from gmmjax.changes.detectors.unmatched_mass import Unmatched as Unmatched
 from gmmjax.changes.detectors.unmatched_mass import unmatched_shares as unmatched_shares
 from gmmjax.changes.differences import DifferenceSettings as DifferenceSettings
@@ -58,8 +59,10 @@ from gmmjax.changes.fit.joint_problem import joint_problem as joint_problem
 from gmmjax.changes.objects.cloud_changes import change_of as change_of
 from gmmjax.changes.objects.found import KINDS as KINDS
 from gmmjax.changes.objects.found import ObjectSettings as ObjectSettings
+from gmmjax.changes.objects.match import match_of as match_of
 from gmmjax.changes.objects.match_facts import MatchFacts as MatchFacts
 from gmmjax.changes.objects.moved import MovedSettings as MovedSettings
+from gmmjax.changes.objects.moved import PairHypothesis as PairHypothesis
 from gmmjax.changes.objects.moved import pair_hypotheses as pair_hypotheses
 from gmmjax.changes.objects.moved import place_hypotheses as place_hypotheses
 from gmmjax.changes.objects.same_object import LogisticWeights as LogisticWeights

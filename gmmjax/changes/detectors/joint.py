@@ -10,7 +10,7 @@ from jaxtyping import Int
 
 from gmmjax.changes.align.alignment import AlignedPair, AlignSettings, aligned
 from gmmjax.changes.candidates import Candidates, CandidateSettings, candidates_of
-from gmmjax.changes.change import Changes
+from gmmjax.changes.change import Change, Changes
 from gmmjax.changes.detectors.detector import AbstractChangeDetector, Scan
 from gmmjax.changes.differences import Differences, DifferenceSettings, differences_between
 from gmmjax.changes.evidence.candidate import Candidate
@@ -117,6 +117,24 @@ class JointDetector(AbstractChangeDetector):
             of_poses.append(measured_candidates(found, surveys, compared.differences.limits, self.evidence))
         return compared.members, of_poses
 
+    def unpaired(self, scans: Pair[Scan]) -> "UnpairedChanges | None":
+        """The changes of two scans before moved objects are looked for: what `same_object.json` is learned from.
+
+        Args:
+            scans: both clouds, with their views, where they are known.
+
+        Returns:
+            The changes; None where the clouds fill volumes.
+        """
+        compared = self._compared(scans)
+        if compared is None:
+            return None
+        pair = compared.pair
+        found = self._found_on_surfaces(pair, compared.surveys, compared.fits, self._verdicts())
+        items, labels = found.with_confidence(pair.registration.confidence).merged()
+        working = each(lambda own, cloud: cloud.of_working_points(own), labels, pair.working.clouds)
+        return UnpairedChanges(items, working, compared.members, pair, found.registration_error)
+
     def evident(self, scans: Pair[Scan], labels: Pair[Int[np.ndarray, " _"]]) -> Pair[Int[np.ndarray, " _"]]:
         """What the evidence leaves of the segments of another detector, by the same facts and the same verdict as ours.
 
@@ -208,6 +226,24 @@ class JointDetector(AbstractChangeDetector):
     def _verdicts(self) -> Verdicts:
         path = self.config.verdict
         return shipped_verdicts() if path is None else read_verdicts(path)
+
+
+class UnpairedChanges(NamedTuple):
+    """The changes of two scans before moved objects are looked for.
+
+    Attributes:
+        items: the changes of both clouds.
+        labels: of each working point the index of its change, or -1.
+        members: of each point of either scan the row of its working point, -1 for what was left out.
+        pair: both clouds, registered.
+        registration_error: standard deviation of the offset between local means of one surface.
+    """
+
+    items: tuple[Change, ...]
+    labels: Pair[Int[np.ndarray, " _"]]
+    members: Pair[Rows]
+    pair: AlignedPair
+    registration_error: float
 
 
 class _Compared(NamedTuple):

@@ -54,6 +54,8 @@ class InPlaceSettings:
             merely touches. Above 1: none is removed, and the object cannot be told from what it stands on.
         parallel: cosine between a plane's normal and that of a point on it, at least. 0: surfaces that the plane cuts
             count for its size.
+        apart: a point of such a plane that is further than this from the other cloud, in spacings, is kept: a door that
+            is closed lies in the plane of its wall. Empirical. Infinite: none is.
         connected: points nearer to each other than this, in spacings, are of one thing.
         fewest_of_thing: changed points, at least, of a thing that is examined. 0: all things of the place are.
         rounds: times that the place is examined, at most: around few slivers only a part of the object is seen at
@@ -65,13 +67,15 @@ class InPlaceSettings:
         least_ratio: between the numbers of the points that differ in the two clouds, the smaller by the larger: what
             only appeared has not moved. 0: any.
         angles: of the rotations, in degrees and either sense, that the search starts from.
-        flat: third by second extent, at most, of what may be a panel on a hinge.
+        panel: fraction of the points that differ, at least, that are in one plane for it to be a panel on a hinge; what
+            came into sight behind a door is among the others. Above 1: no motion about a hinge is tried.
+        sample_of_panel: number of points that differ, at most, that this plane is found from.
         hinge_bonus: fraction of the points that differ by which a motion about a hinge may explain less than another.
             0: a panel is often slid along itself.
         candidates: starts, the best, that are refined.
         refinements: rounds of point-to-plane ICP on what the motion explains.
-        least_explained: fraction of the points that differ that the motion explains, at least, in either cloud; the
-            rest of the decision is the model's of the facts. 0: left to the model alone.
+        least_explained: `InPlaceMotion.explained`, at least; the rest of the decision is the model's of the facts. 0:
+            left to the model alone.
         margin_of_hull: points of the object lie within the hull of what differs, or this many spacings outside of it.
         least_fitting: of what looks unchanged and is connected outside of the hull, the fraction, at least, that fits
             the motion for it to be of the object. Above 1: nothing there is.
@@ -87,6 +91,7 @@ class InPlaceSettings:
     border: float = 0.15
     at_border: float = 0.05
     parallel: float = 0.8
+    apart: float = 4.0
     connected: float = 4.0
     fewest_of_thing: int = 5
     rounds: int = 3
@@ -95,7 +100,8 @@ class InPlaceSettings:
     most: int = 20_000
     least_ratio: float = 0.1
     angles: tuple[float, ...] = (8.0, 20.0, 35.0, 50.0)
-    flat: float = 0.25
+    panel: float = 0.4
+    sample_of_panel: int = 600
     hinge_bonus: float = 0.1
     candidates: int = 5
     refinements: int = 2
@@ -111,7 +117,8 @@ class InPlaceMotion(NamedTuple):
         match: of what stood there to what stands there.
         members: of either cloud, the indices of its points.
         parts: the surfaces of those points.
-        explained: fraction of the points that differ that the motion explains, in the cloud where it is smaller.
+        explained: fraction of the points of the changes that the motion explains, in the cloud where it is smaller;
+            where a cloud has no changes, of the points that differ.
         hinged: whether the motion is a rotation about a hinge.
     """
 
@@ -130,12 +137,14 @@ class _Place(NamedTuple):
         members: their indices.
         differs: which of them do not lie on the other cloud.
         axes: unit normals of the walls and floors.
+        flatness: largest distance of a point from a plane that it belongs to.
     """
 
     things: Pair[LocalSurface]
     members: Pair[Int[np.ndarray, " _"]]
     differs: Pair[Bool[np.ndarray, " _"]]
     axes: Float64[np.ndarray, "a 3"]
+    flatness: float
 
 
 def adjacent_groups(
@@ -214,15 +223,30 @@ def _motion_around(
         return None
     transform, hinged = _best_transform(place, noise, match, settings)
     explained = _explained(place, transform, noise, match)
-    shares = [float(own[differs].mean()) for own, differs in zip(explained, place.differs, strict=True)]
-    if min(shares) < settings.least_explained:
+    share = min(each(lambda own, asked: float(own[asked].mean()), explained, _to_explain(place, seeds, settings)))
+    if share < settings.least_explained:
         return None
     chosen = _moved_points(place, explained, transform, settings)
     if chosen is None:
         return None
     parts = each(lambda thing, own: LocalSurface.of(thing.points[own]), place.things, chosen)
     members = each(lambda own, kept: own[kept], place.members, chosen)
-    return InPlaceMotion(match_of(parts, transform, surfaces, noise, match), members, parts, min(shares), hinged)
+    return InPlaceMotion(match_of(parts, transform, surfaces, noise, match), members, parts, share, hinged)
+
+
+def _to_explain(
+    place: _Place, seeds: Pair[Int[np.ndarray, " _"]], settings: InPlaceSettings
+) -> Pair[Bool[np.ndarray, " _"]]:
+    """In either cloud the points of the changes; where there are hardly any, all that differ.
+
+    Of what differs, but is no change, much came into sight: the room behind a door that was opened.
+    """
+
+    def own(members: np.ndarray, seed: np.ndarray, differs: np.ndarray) -> np.ndarray:
+        changed = differs & np.isin(members, seed)
+        return changed if changed.sum() >= settings.fewest else differs
+
+    return each(own, place.members, seeds, place.differs)
 
 
 def _place(
@@ -244,9 +268,16 @@ def _place(
     flatness = settings.flatness * max(noise, *(surface.thickness for surface in surfaces))
     points = each(lambda surface, own: surface.points[own], surfaces, inside)
     planes = _large_planes(np.concatenate([*points]), centre, radius, flatness, settings)
-    loose = points.map(
-        lambda own: np.all([np.abs(own @ n - d) > flatness for n, d in planes] or [own[:, 0] == own[:, 0]], axis=0)
-    )
+    apart = settings.apart * spacing
+
+    def is_loose(own: np.ndarray, other: LocalSurface) -> np.ndarray:
+        """Off all the planes; or in one where the other cloud has nothing, as a door that was closed."""
+        off = np.all([np.abs(own @ n - d) > flatness for n, d in planes] or [own[:, 0] == own[:, 0]], axis=0)
+        in_plane = np.flatnonzero(~off)
+        off[in_plane] = np.isinf(other.tree.query(own[in_plane], distance_upper_bound=apart)[0])
+        return np.asarray(off)
+
+    loose = each(is_loose, points, surfaces.swapped)
     members = each(lambda own, kept: own[kept], inside, loose)
     members = _connected_to(seeds, members, surfaces, settings.connected * spacing, settings)
     if not settings.fewest <= min(map(len, members)) <= max(map(len, members)) <= settings.most:
@@ -260,7 +291,8 @@ def _place(
     if counts[0] < max(settings.fewest, settings.least_ratio * counts[1]):
         return None
     things = each(lambda surface, own: LocalSurface.of(surface.points[own]), surfaces, members)
-    return _Place(things, members, different, np.array([normal for normal, _ in planes]).reshape(-1, 3))
+    axes = np.array([normal for normal, _ in planes]).reshape(-1, 3)
+    return _Place(things, members, different, axes, flatness)
 
 
 def _large_planes(
@@ -319,7 +351,7 @@ def _best_transform(
     """
     different = each(lambda thing, differs: thing.points[differs], place.things, place.differs)
     starts = best_starts(different, place.things, _starts(place, different, settings), settings.candidates, match.rigid)
-    hinged = _hinged(different, settings)
+    hinged = _hinged(different, place.flatness, settings)
     found = [(*_refined(place, start, noise, match, settings), False) for start in starts]
     found += [(*_refined(place, start, noise, match, settings), True) for start in hinged]
     best = max(found, key=lambda one: one[0] + settings.hinge_bonus * one[2])
@@ -365,12 +397,27 @@ def _distinct(axes: Sequence[Float64[np.ndarray, " 3"]]) -> list[Float64[np.ndar
     return kept
 
 
-def _hinged(different: Pair[Float64[np.ndarray, "_ 3"]], settings: InPlaceSettings) -> list[Float64[np.ndarray, "4 4"]]:
-    """The rotations about the line in which the planes of two panels meet; none where what differs is not flat."""
-    means = different.map(lambda points: points.mean(axis=0))
-    spectra = each(lambda points, mean: np.linalg.eigh(np.cov((points - mean).T)), different, means)
-    if any(np.sqrt(max(values[0], 0)) > settings.flat * np.sqrt(values[1]) for values, _ in spectra):
+def _panel(
+    points: Float64[np.ndarray, "n 3"], flatness: float, settings: InPlaceSettings
+) -> Float64[np.ndarray, "m 3"] | None:
+    """The points of the largest plane among those that differ; None where most of them are of other surfaces."""
+    few = plane_surface(points[evenly_chosen(len(points), settings.sample_of_panel)], settings.planes)
+    planes = planes_of(few, flatness, settings=dataclasses.replace(settings.planes, most_planes=1))
+    if not planes:
+        return None
+    own = few.points[planes[0].distance(few.points) <= flatness]
+    return own if len(own) >= settings.panel * len(few) else None
+
+
+def _hinged(
+    different: Pair[Float64[np.ndarray, "_ 3"]], flatness: float, settings: InPlaceSettings
+) -> list[Float64[np.ndarray, "4 4"]]:
+    """The rotations about the line in which the planes of two panels meet; none where what differs is no panel."""
+    before, after = different.map(lambda points: _panel(points, flatness, settings))
+    if before is None or after is None:
         return []
+    means = Pair(before, after).map(lambda points: points.mean(axis=0))
+    spectra = each(lambda points, mean: np.linalg.eigh(np.cov((points - mean).T)), Pair(before, after), means)
     normals = spectra.map(lambda spectrum: spectrum[1][:, 0])
     line = np.cross(normals.before, normals.after)
     sine = float(np.linalg.norm(line))

@@ -8,11 +8,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from gmmjax.changes.objects.bare_support import BareSupportSettings, Footing
 from gmmjax.changes.objects.overlap import Overlap, OverlapSettings, overlap
 from gmmjax.changes.objects.rigid_match import RigidMatchSettings, refined_match, rigid_matches, rigid_matches_near
 from gmmjax.changes.objects.support_plane import SupportPlane
 from gmmjax.changes.objects.top import Top, top_of
-from gmmjax.changes.objects.upright import UprightSettings, stays_upright, upright_transforms
+from gmmjax.changes.objects.upright import UprightSettings, stays_upright, upright_searches
 from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each
 
@@ -26,34 +27,40 @@ class MatchSettings:
 
     Attributes:
         transforms: number of candidate transforms where the support planes are not known.
-        upright_transforms: number of those that keep an object upright: more, since partly observed sides fit each
-            other at many headings.
+        upright_transforms: number of those that keep an object upright, of the whole objects and of their tops each.
         coarse_sample: number of points of either object that every candidate is compared by.
         most_contradicted: fraction of the points above which the best candidate is not refined. 1: it always is.
         refined: number of candidates, the best, that are refined.
         sample: number of points of either object that a refined transform is compared by.
         contradiction: contradicted points cost this multiple of what covered points gain in the comparison of
             transforms. 0: contradictions do not count.
+        bare_support: points over a bare support cost this multiple, in addition. 0: it does not count.
         rotation_penalty: fraction of the points that a rotation by 180 degrees costs there: of the transforms that fit
             a symmetric object the one with the smallest rotation is taken. 0: any of them.
         same_height: largest distance of the support planes after the transform. Infinite: objects may sink or float.
         other_height: objects whose tops differ in height by more are not compared: saves time. Infinite: all are.
+        equal_tops: standard deviation of the difference of equal tops, of which the survey of either saw the edges a
+            little differently. 0: no two tops are equal.
         overlap: when a point lies on a surface.
+        bare: where a support is bare.
         rigid: how transforms are searched.
         upright: what objects stand on, and which transforms keep them upright.
     """
 
     transforms: int = 7
-    upright_transforms: int = 10
+    upright_transforms: int = 4
     coarse_sample: int = 200
     most_contradicted: float = 0.3
     refined: int = 2
     sample: int = 800
     contradiction: float = 4.0
+    bare_support: float = 2.0
     rotation_penalty: float = 0.05
     same_height: float = 3.0
     other_height: float = 12.0
+    equal_tops: float = 3.0
     overlap: OverlapSettings = OverlapSettings()
+    bare: BareSupportSettings = BareSupportSettings()
     rigid: RigidMatchSettings = RigidMatchSettings()
     upright: UprightSettings = UprightSettings()
 
@@ -67,6 +74,8 @@ class Match(NamedTuple):
         back: how the second one fits the first.
         upright: whether it brings the support plane of the first one onto that of the second.
         tops: of both, above their support planes; None: too little of one was observed, or its support plane was not.
+        bare: fraction of the points below which the other survey shows the bare support, both fractions added up; 0
+            where the supports are not known.
         settings: how transforms are compared.
     """
 
@@ -75,15 +84,21 @@ class Match(NamedTuple):
     back: Overlap
     upright: bool = False
     tops: Pair[Top] | None = None
+    bare: float = 0.0
     settings: MatchSettings = MatchSettings()
+
+    @property
+    def fit(self) -> float:
+        """How well the objects fit: what is covered, less what is contradicted and what stands over a bare support."""
+        contradiction = self.settings.contradiction
+        fits = sum(side.covered - contradiction * side.contradicted for side in (self.there, self.back))
+        return fits - self.settings.bare_support * self.bare
 
     @property
     def merit(self) -> float:
         """What transforms are ranked by; of equal ones, as of a symmetric object, the smallest rotation is first."""
         half_turns = Rotation.from_matrix(self.transform[:3, :3]).magnitude() / np.pi
-        contradiction = self.settings.contradiction
-        fits = sum(side.covered - contradiction * side.contradicted for side in (self.there, self.back))
-        return float(fits - self.settings.rotation_penalty * half_turns)
+        return float(self.fit - self.settings.rotation_penalty * half_turns)
 
 
 class _Candidates(NamedTuple):
@@ -98,7 +113,7 @@ def best_match(
     parts: Pair[LocalSurface],
     surfaces: Pair[LocalSurface],
     noise: float,
-    stood_on: Pair[SupportPlane | None] = Pair(None, None),
+    footings: Pair[Footing | None] = Pair(None, None),
     settings: MatchSettings = MatchSettings(),
 ) -> Match | None:
     """The rigid transform that lays a disappeared object best onto an appeared one.
@@ -111,37 +126,39 @@ def best_match(
         parts: what disappeared from the before cloud, and what appeared in the after cloud.
         surfaces: of both clouds, registered.
         noise: standard deviation of the offset between local means of one surface.
-        stood_on: the support plane of either, where it is known.
+        footings: where either stands, if its support plane is known.
         settings: how the transform is found.
 
     Returns:
         The match; None where no transform keeps the object upright.
     """
-    candidates = _candidates(parts, noise, stood_on, settings)
+
+    def matched(transform: np.ndarray, sample: int) -> Match:
+        return match_of(parts, transform, surfaces, noise, dataclasses.replace(settings, sample=sample), footings)
+
+    def refined(match: Match) -> Match:
+        finer = refined_match(parts.before, parts.after, match.transform, noise, settings.rigid)
+        return max((matched(own, settings.sample) for own in (finer, match.transform)), key=lambda own: own.merit)
+
+    candidates = _candidates(parts, noise, footings, settings)
     if not candidates.transforms:
         return None
-    matches = [
-        _match(parts, transform, surfaces, noise, settings.coarse_sample, settings)
-        for transform in candidates.transforms
-    ]
+    matches = [matched(transform, settings.coarse_sample) for transform in candidates.transforms]
     matches.sort(key=lambda match: match.merit, reverse=True)
-    if min(matches[0].there.contradicted, matches[0].back.contradicted) > settings.most_contradicted:
-        return matches[0]._replace(upright=candidates.upright, tops=candidates.tops)
-    best = max(
-        (_refined(parts, match, surfaces, noise, settings) for match in matches[: settings.refined]),
-        key=lambda match: match.merit,
-    )
+    best = matches[0]
+    if min(best.there.contradicted, best.back.contradicted) <= settings.most_contradicted:
+        best = max((refined(match) for match in matches[: settings.refined]), key=lambda match: match.merit)
     return best._replace(upright=candidates.upright, tops=candidates.tops)
 
 
 def _candidates(
-    parts: Pair[LocalSurface], noise: float, stood_on: Pair[SupportPlane | None], settings: MatchSettings
+    parts: Pair[LocalSurface], noise: float, footings: Pair[Footing | None], settings: MatchSettings
 ) -> _Candidates:
-    if stood_on.before is None or stood_on.after is None:
+    if footings.before is None or footings.after is None:
         return _Candidates(
             rigid_matches(parts.before, parts.after, noise, settings.transforms, settings.rigid), False, None
         )
-    return _upright_candidates(parts, noise, Pair(stood_on.before, stood_on.after), settings)
+    return _upright_candidates(parts, noise, Pair(footings.before.plane, footings.after.plane), settings)
 
 
 def _upright_candidates(
@@ -153,29 +170,11 @@ def _upright_candidates(
     tops = None if first is None or second is None else Pair(first, second)
     if tops is not None and abs(tops.before.height - tops.after.height) > settings.other_height * noise:
         return _Candidates([], True, tops)
-    starts = upright_transforms(parts, planes, upright)
-    found = rigid_matches_near(parts.before, parts.after, starts, noise, settings.upright_transforms, settings.rigid)
+    searches = upright_searches(parts, planes, upright)
+    found = rigid_matches_near(parts.before, parts.after, searches, noise, settings.upright_transforms, settings.rigid)
     middle, tolerance = parts.after.points.mean(axis=0), settings.same_height * noise
     kept = [transform for transform in found if stays_upright(transform, planes, middle, tolerance, upright)]
     return _Candidates(kept, True, tops)
-
-
-def _refined(
-    parts: Pair[LocalSurface], match: Match, surfaces: Pair[LocalSurface], noise: float, settings: MatchSettings
-) -> Match:
-    transform = refined_match(parts.before, parts.after, match.transform, noise, settings.rigid)
-    return _match(parts, transform, surfaces, noise, settings.sample, settings)
-
-
-def _match(
-    parts: Pair[LocalSurface],
-    transform: Float[np.ndarray, "4 4"],
-    surfaces: Pair[LocalSurface],
-    noise: float,
-    sample: int,
-    settings: MatchSettings,
-) -> Match:
-    return match_of(parts, transform, surfaces, noise, dataclasses.replace(settings, sample=sample))
 
 
 def match_of(
@@ -184,6 +183,7 @@ def match_of(
     surfaces: Pair[LocalSurface],
     noise: float,
     settings: MatchSettings = MatchSettings(),
+    footings: Pair[Footing | None] = Pair(None, None),
 ) -> Match:
     """How well a known transform lays the one object onto the other.
 
@@ -193,11 +193,15 @@ def match_of(
         surfaces: of both clouds, registered.
         noise: standard deviation of the offset between local means of one surface.
         settings: how many points are compared, and when they lie on a surface.
+        footings: where either stands, if its support plane is known.
     """
     ways = Pair(transform, np.linalg.inv(transform))
 
     def fits(own: LocalSurface, way: np.ndarray, other: LocalSurface, scene: LocalSurface) -> Overlap:
         return overlap(own, way, other, scene, noise, settings.sample, settings.overlap)
 
+    def bare(own: LocalSurface, way: np.ndarray, footing: Footing | None) -> float:
+        return 0.0 if footing is None else footing.bare_share(own, way)
+
     there, back = each(fits, parts, ways, parts.swapped, surfaces.swapped)
-    return Match(transform, there, back, settings=settings)
+    return Match(transform, there, back, bare=sum(each(bare, parts, ways, footings.swapped)), settings=settings)

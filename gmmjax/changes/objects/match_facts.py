@@ -16,10 +16,12 @@ class MatchFacts(NamedTuple):
     Attributes:
         covered_least: fraction of the points that lie on the other object, of the object where it is smaller.
         covered_most: of the object where it is larger.
-        explained: of what differs between the clouds, the fraction that lies on the other object. All of an object that
-            was put elsewhere differs: there it is `covered_least`.
+        explained: of the changes, the fraction that lies on the other object, as `InPlaceMotion.explained`. All of an
+            object that was put elsewhere is a change: there it is `covered_least`.
         contradicted: square root of the fraction of the points that the other survey must have observed, but did not,
             both fractions added up.
+        bare: square root of the fraction of the points below which the other survey shows the bare support, of both
+            objects added up; 0 where the supports are not known.
         residual: root mean square offset of the covered points, in standard deviations of the noise; the mean of both.
         overhang_least: how far an object reaches beyond the other's hull, logarithm of one plus standard deviations of
             the noise, the smaller of both.
@@ -28,24 +30,29 @@ class MatchFacts(NamedTuple):
             noise; 0 where the tops are not known.
         outline_difference: of the sides of the tops' outlines, likewise.
         tops_known: 1 where both tops are known, else 0.
+        tops_agree: 1 where both tops have the same height and outline, towards 0 where they differ by several standard
+            deviations of the noise; 0 where the tops are not known.
         observability: how well the normals determine a translation, of the object where it is less: 0 where it can
             slide along itself, as a plane or a pipe can.
         width: logarithm of the second principal extent of the smaller object, in spacings, at most that of 15.
         thickness: of the third one, at most that of 10.
         fewest_points: logarithm of the number of points of the object that has fewer, at most that of 500.
-        distance: that the object's middle moves, in its radii, at most 2: it tells motions within a place from others.
+        distance: that the object's middle moves beyond its radius, in radii, at most 1: what moved within its place
+            overlaps the place where it was.
     """
 
     covered_least: float
     covered_most: float
     explained: float
     contradicted: float
+    bare: float
     residual: float
     overhang_least: float
     overhang_most: float
     height_difference: float
     outline_difference: float
     tops_known: float
+    tops_agree: float
     observability: float
     width: float
     thickness: float
@@ -64,11 +71,12 @@ def match_facts(match: Match, parts: Pair[LocalSurface], noise: float, explained
         match: of the two objects.
         parts: what disappeared from the before cloud, and what appeared in the after cloud.
         noise: standard deviation of the offset between local means of one surface.
-        explained: of what differs, the fraction that lies on the other object; None: all of both objects differs.
+        explained: of the changes, the fraction that lies on the other object; None: all of both objects is a change.
     """
     sides = (match.there, match.back)
     covered, overhang = [side.covered for side in sides], [float(np.log1p(side.overhang)) for side in sides]
     height, outline = _top_differences(match, noise)
+    tops_known = float(match.tops is not None)
     smaller = min(parts, key=lambda part: _radius(part.points))
     spacing = max(part.nearest_distance for part in parts)
     extents = principal_extents(smaller.points)
@@ -79,17 +87,19 @@ def match_facts(match: Match, parts: Pair[LocalSurface], noise: float, explained
         covered_most=max(covered),
         explained=min(covered) if explained is None else explained,
         contradicted=float(np.sqrt(sum(side.contradicted for side in sides))),
+        bare=float(np.sqrt(match.bare)),
         residual=sum(side.residual for side in sides) / 2,
         overhang_least=min(overhang),
         overhang_most=max(overhang),
-        height_difference=height,
-        outline_difference=outline,
-        tops_known=float(match.tops is not None),
+        height_difference=float(np.log1p(height)),
+        outline_difference=float(np.log1p(outline)),
+        tops_known=tops_known,
+        tops_agree=tops_known * float(np.exp(-(height**2 + outline**2) / 2 / match.settings.equal_tops**2)),
         observability=min(float(observability(part)[0]) for part in parts),
         width=float(np.log(np.clip(extents[1] / spacing, 0.1, 15.0))),
         thickness=float(np.log(np.clip(extents[2] / spacing, 0.1, 10.0))),
         fewest_points=float(np.log(min(500, *(len(part) for part in parts)))),
-        distance=min(moved_by / _radius(smaller.points), 2.0),
+        distance=float(np.clip(moved_by / _radius(smaller.points) - 1.0, 0.0, 1.0)),
     )
 
 
@@ -110,11 +120,11 @@ def observability(part: LocalSurface) -> Float64[np.ndarray, " 3"]:
 
 
 def _top_differences(match: Match, noise: float) -> tuple[float, float]:
+    """Of the tops' heights, and the larger one of their outlines' sides, in standard deviations of the noise."""
     if match.tops is None:
         return 0.0, 0.0
     first, second = match.tops
-    outline = float(np.abs(first.sides - second.sides).max())
-    return float(np.log1p(abs(first.height - second.height) / noise)), float(np.log1p(outline / noise))
+    return abs(first.height - second.height) / noise, float(np.abs(first.sides - second.sides).max()) / noise
 
 
 def _radius(points: Float[np.ndarray, "n 3"]) -> float:

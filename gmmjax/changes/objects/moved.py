@@ -1,7 +1,7 @@
 """Moved objects: changes of both clouds that a rigid transform makes one object, elsewhere or within its old place."""
 
 import dataclasses
-from collections.abc import Container, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float64, Int
 
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.change import Change
+from gmmjax.changes.objects.bare_support import Footing
 from gmmjax.changes.objects.cloud_changes import change_of, most_probable_first, reordered
 from gmmjax.changes.objects.in_place import InPlaceMotion, InPlaceSettings, adjacent_groups, motion_in_place
 from gmmjax.changes.objects.match import MatchSettings, best_match
@@ -16,7 +17,7 @@ from gmmjax.changes.objects.match_facts import MatchFacts, match_facts, observab
 from gmmjax.changes.objects.outline import OutlineSettings, aligned_outlines
 from gmmjax.changes.objects.pairing import PairingSettings, pairing_probabilities
 from gmmjax.changes.objects.same_object import Situation, shipped_model
-from gmmjax.changes.objects.support_plane import SupportPlane, support_planes
+from gmmjax.changes.objects.support_plane import support_planes
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.geometry import LocalSurface, evenly_chosen
 from gmmjax.pair import Pair, each
@@ -27,9 +28,9 @@ class MovedSettings:
     """Which disappeared and appeared changes are compared, and when they are one object.
 
     Attributes:
-        threshold: probability from which on two changes are reported as one object. A pair that is missed is still
-            reported as two changes, both true; a wrong one is a false statement, and within a place it gives points
-            that did not change to the object. Below 0.5 a change may have two partners, of which the more probable one
+        threshold: probability from which on two changes are reported as one object. Higher: more of them are reported
+            as two changes, both true; lower: more pairs are wrong, and within a place give points that did not change
+            to an object. Below 0.5 a change may have two partners, of which the more probable one
             is reported.
         sample: number of points of a change, at most, that are compared with another change. Empirical. Larger: slower.
         most_extent_ratio: changes whose longest extents differ by a greater factor are not compared: saves time.
@@ -50,7 +51,7 @@ class MovedSettings:
         pairing: how the probability is shared among several partners that fit.
     """
 
-    threshold: float = 0.9
+    threshold: float = 0.5
     sample: int = 2500
     most_extent_ratio: float = 1.5
     most_count_ratio: float = 5.0
@@ -70,12 +71,14 @@ class PairHypothesis(NamedTuple):
 
     Attributes:
         parts: the points of both.
+        footings: where either stands, if its support plane is known.
         transform: rigid transform [4, 4] from the one to the other.
         facts: of the match.
         situation: what was known of the motion beforehand.
     """
 
     parts: Pair[LocalSurface]
+    footings: Pair[Footing | None]
     transform: Float64[np.ndarray, "4 4"]
     facts: MatchFacts
     situation: Situation
@@ -120,8 +123,8 @@ def with_moved(
     """
     if not items:
         return items, labels
-    members = pair.working.clouds.map(lambda cloud: cloud.member)
-    working = each(_of_working_points, labels, members)
+    clouds = pair.working.clouds
+    working = each(lambda own, cloud: cloud.of_working_points(own), labels, clouds)
     items, working = _with_united(items, working, pair, noise, settings)
     hypotheses = pair_hypotheses(items, working, pair.surfaces, noise, settings)
     for (i, j), probability in _partners(hypotheses, settings).items():
@@ -129,7 +132,7 @@ def with_moved(
         transform = aligned_outlines(found.parts, found.transform, settings.outline)
         items = _joined(items, i, j, transform, probability)
     items, working = most_probable_first(items, working)
-    return items, each(lambda own, member: own[member], working, members)
+    return items, each(lambda own, cloud: own[cloud.member], working, clouds)
 
 
 def place_hypotheses(
@@ -185,27 +188,20 @@ def pair_hypotheses(
     if not parts:
         return {}
     background = np.concatenate([*each(lambda surface, own: surface.points[own < 0], surfaces, labels)])
-    planes = support_planes(list(parts.values()), background, noise, settings.match.upright.support)
-    stood_on: dict[int, SupportPlane | None] = dict(zip(parts, planes, strict=True))
+    footings = _footings(parts, gone, surfaces, background, noise, settings.match)
     hypotheses = {}
     for i, j in _similar_pairs(items, [i for i in gone if i in parts], [j for j in new if j in parts], settings):
-        both = Pair(parts[i], parts[j])
-        match = best_match(both, surfaces, noise, Pair(stood_on[i], stood_on[j]), settings.match)
+        both, stand = Pair(parts[i], parts[j]), Pair(footings[i], footings[j])
+        match = best_match(both, surfaces, noise, stand, settings.match)
         if match is not None:
-            facts = match_facts(match, both, noise)
-            hypotheses[i, j] = PairHypothesis(both, match.transform, facts, "standing" if match.upright else "free")
+            situation: Situation = "standing" if match.upright else "free"
+            hypotheses[i, j] = PairHypothesis(both, stand, match.transform, match_facts(match, both, noise), situation)
     return hypotheses
 
 
 def sigmoid(log_odds: float) -> float:
     """The probability of these log odds."""
     return float(1 / (1 + np.exp(-log_odds)))
-
-
-def _of_working_points(labels: Int[np.ndarray, " n"], member: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
-    working = np.empty(member.max() + 1, int)
-    working[member] = labels
-    return working
 
 
 def _members(group: Sequence[int], labels: Pair[Int[np.ndarray, " _"]]) -> Pair[Int[np.ndarray, " _"]]:
@@ -222,6 +218,23 @@ def _points_of(
 def _part(scene: LocalSurface, own: Bool[np.ndarray, " n"], settings: MovedSettings) -> LocalSurface:
     points = scene.points[own]
     return LocalSurface.of(points[evenly_chosen(len(points), settings.sample)])
+
+
+def _footings(
+    parts: Mapping[int, LocalSurface],
+    gone: Container[int],
+    surfaces: Pair[LocalSurface],
+    background: Float64[np.ndarray, "n 3"],
+    noise: float,
+    settings: MatchSettings,
+) -> dict[int, Footing | None]:
+    """Where each object stands; None where its support plane was not observed."""
+    planes = support_planes(list(parts.values()), background, noise, settings.upright.support)
+    found: dict[int, Footing | None] = {}
+    for (index, part), plane in zip(parts.items(), planes, strict=True):
+        scene = surfaces.before if index in gone else surfaces.after
+        found[index] = None if plane is None else Footing.of(part, scene, plane, noise, settings.bare)
+    return found
 
 
 def _distinctive(part: LocalSurface, surfaces: Pair[LocalSurface], settings: MovedSettings) -> bool:

@@ -41,6 +41,8 @@ class RigidMatchSettings:
         first_distance_near: the same where the transform is roughly known.
         duplicate: transforms that bring no point further apart than this, in the limit of the distance of closest
             points in the last coarse step, are duplicates; the best of them is kept. 0: all are kept.
+        equal: transforms that bring no point further apart than this after point-to-plane ICP are one, in standard
+            deviations of the noise. 0: all are kept.
         sample: number of local means, at most, in the point-to-plane ICP of the most promising transforms.
         first_reach: of its first step.
         last_reach: of its last steps, and of those of the refinement.
@@ -59,6 +61,7 @@ class RigidMatchSettings:
     first_distance: float = 1.0
     first_distance_near: float = 0.3
     duplicate: float = 0.5
+    equal: float = 2.0
     sample: int = 350
     first_reach: float = 16.0
     last_reach: float = 3.0
@@ -66,6 +69,20 @@ class RigidMatchSettings:
     refined_sample: int = 2000
     refined_first_reach: float = 4.0
     refined_icp: IcpSettings = IcpSettings(steps=10)
+
+
+class Search(NamedTuple):
+    """What a search for transforms starts from.
+
+    Attributes:
+        points: of either object by which the starts are compared: all, or those of the tops.
+        starts: transforms [s, 4, 4] from the first object to the second.
+        whole: whether the points are those of the whole objects; a start that brings the tops together is nearly right.
+    """
+
+    points: Pair[Float[np.ndarray, "_ 3"]]
+    starts: Float[np.ndarray, "s 4 4"]
+    whole: bool = True
 
 
 def rigid_matches(
@@ -91,13 +108,14 @@ def rigid_matches(
     to_origin = rigid_transform(translation=-source.points.mean(axis=0))
     back = rigid_transform(translation=target.points.mean(axis=0))
     starts = back @ rigid_transform(_orientations(settings.orientations)) @ to_origin
-    return _promising(source, target, starts, settings.first_distance, noise, count, settings)
+    coarse = _coarse_matches(Pair(source.points, target.points), starts, settings.first_distance, count, settings)
+    return _fine_matches(source, target, coarse, settings.first_reach * noise, noise, settings)
 
 
 def rigid_matches_near(
     source: LocalSurface,
     target: LocalSurface,
-    starts: Sequence[Float[np.ndarray, "4 4"]],
+    searches: Sequence[Search],
     noise: float,
     count: int,
     settings: RigidMatchSettings = RigidMatchSettings(),
@@ -107,12 +125,17 @@ def rigid_matches_near(
     Args:
         source: the first object.
         target: the second.
-        starts: transforms to start from.
+        searches: what they start from.
         noise: of `rigid_matches`.
-        count: number of transforms, at most.
+        count: number of transforms of each search, at most.
         settings: how they are searched.
     """
-    return _promising(source, target, np.stack(starts), settings.first_distance_near, noise, count, settings)
+    found: list[np.ndarray] = []
+    for search in searches:
+        coarse = _coarse_matches(search.points, search.starts, settings.first_distance_near, count, settings)
+        first = settings.first_reach if search.whole else settings.refined_first_reach
+        found += _fine_matches(source, target, coarse, first * noise, noise, settings)
+    return _without_duplicates(found, source.points, settings.equal * noise)
 
 
 def refined_match(
@@ -158,28 +181,36 @@ def best_starts(
     return _without_duplicates(ranked(coarse), few.before, settings.duplicate * last, count)
 
 
-def _promising(
-    source: LocalSurface,
-    target: LocalSurface,
+def _coarse_matches(
+    points: Pair[Float[np.ndarray, "_ 3"]],
     starts: Float[np.ndarray, "s 4 4"],
     first_distance: float,
-    noise: float,
     count: int,
     settings: RigidMatchSettings,
 ) -> list[Float[np.ndarray, "4 4"]]:
-    """Coarse ICP from all starts; the best distinct results after point-to-plane ICP."""
-    few = [surface.points[evenly_chosen(len(surface), settings.coarse_sample)] for surface in (source, target)]
-    last = 2 * max(usual_spacing(points) for points in few)
-    first = first_distance * float(np.sqrt(((few[1] - few[1].mean(axis=0)) ** 2).sum(axis=1).mean()))
-    search = _CoarseSearch(few[0], few[1], cKDTree(few[1]), last, settings)
+    """The distinct results of point-to-point ICP from all starts, the best first."""
+    few = points.map(lambda own: own[evenly_chosen(len(own), settings.coarse_sample)])
+    last = 2 * max(usual_spacing(own) for own in few)
+    first = first_distance * float(np.sqrt(few.after.var(axis=0).sum()))
+    search = _CoarseSearch(few.before, few.after, cKDTree(few.after), last, settings)
     coarse = search.continued(starts, first, 0, settings.first_steps)
     coarse = coarse[np.argsort(search.distances(coarse), kind="stable")[: settings.kept]]
     coarse = search.continued(coarse, first, settings.first_steps, settings.last_steps)
     coarse = coarse[np.argsort(search.distances(coarse), kind="stable")]
-    distinct = _without_duplicates(coarse, few[0], settings.duplicate * last, count)
-    means = source.means(evenly_chosen(len(source), settings.sample))
-    reaches = settings.first_reach * noise, settings.last_reach * noise
-    return [point_to_plane_icp(means, target, start, *reaches, settings.icp) for start in distinct]
+    return _without_duplicates(coarse, few.before, settings.duplicate * last, count)
+
+
+def _fine_matches(
+    source: LocalSurface,
+    target: LocalSurface,
+    starts: Sequence[Float[np.ndarray, "4 4"]],
+    first_reach: float,
+    noise: float,
+    settings: RigidMatchSettings,
+) -> list[Float[np.ndarray, "4 4"]]:
+    """Point-to-plane ICP on local means from every start."""
+    means, last = source.means(evenly_chosen(len(source), settings.sample)), settings.last_reach * noise
+    return [point_to_plane_icp(means, target, start, first_reach, last, settings.icp) for start in starts]
 
 
 class _CoarseSearch(NamedTuple):
@@ -248,7 +279,7 @@ def _least_squares_transforms(
 
 
 def _without_duplicates(
-    transforms: Float[np.ndarray, "s 4 4"],
+    transforms: Sequence[Float[np.ndarray, "4 4"]] | Float[np.ndarray, "s 4 4"],
     points: Float[np.ndarray, "n 3"],
     largest_distance: float,
     count: int | None = None,

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
+from gmmjax.changes.objects.rigid_match import Search
 from gmmjax.changes.objects.support_plane import SupportPlane, SupportPlaneSettings
 from gmmjax.changes.objects.top import TopSettings, level_points
 from gmmjax.geometry import LocalSurface, rotation_about
@@ -21,15 +22,15 @@ class UprightSettings:
         top: what the top of an object is.
         rotations: about the upward direction, per full turn, that a search starts from. Empirical. 1: an object keeps
             its heading.
-        levels: the horizontal points higher than each of these fractions of an object's height are one of its tops,
-            such as the seat and the back of a chair. Empirical. Empty: only the whole objects are brought together.
-        quantile: of the heights of an object's points: its height for these fractions. 1: a stray point has it.
+        lowest_top: the level points higher than this fraction of an object's height are its tops, such as the seat of a
+            chair. Empirical. 1: only the whole objects are brought together.
+        quantile: of the heights of an object's points: its height for this fraction. 1: a stray point has it.
     """
 
     support: SupportPlaneSettings = SupportPlaneSettings()
     top: TopSettings = TopSettings()
     rotations: int = 24
-    levels: tuple[float, ...] = (0.6, 0.85)
+    lowest_top: float = 0.4
     quantile: float = 0.95
 
 
@@ -56,14 +57,16 @@ def stays_upright(
     return bool(up @ second.up > settings.support.level and apart < tolerance)
 
 
-def upright_transforms(
+def upright_searches(
     parts: Pair[LocalSurface],
     planes: Pair[SupportPlane],
     settings: UprightSettings = UprightSettings(),
-) -> list[Float64[np.ndarray, "4 4"]]:
-    """Transforms from one object to another that keep it upright, with all headings.
+) -> list[Search]:
+    """Where transforms that keep an object upright are searched from: all headings.
 
-    They bring the centroid of the whole object, or that of a top, over that of the other object.
+    One search compares the whole objects and brings their centroids together. The other one compares their tops, of
+    which two surveys see the same, and brings those together: from different sides two surveys see different sides of
+    an object, whose centroids are apart.
 
     Args:
         parts: both objects.
@@ -74,15 +77,26 @@ def upright_transforms(
     level, _ = Rotation.align_vectors(second.up[None], first.up[None])
     angles = [2 * np.pi * step / settings.rotations for step in range(settings.rotations)]
     rotations = [(Rotation.from_rotvec(angle * second.up) * level).as_matrix() for angle in angles]
-    centres = zip(*each(lambda part, plane: _projections(part, plane, settings), parts, planes), strict=True)
-    return [rotation_about(rotation, start, goal) for start, goal in centres for rotation in rotations]
+
+    def search(points: Pair[np.ndarray], whole: bool) -> Search:
+        start, goal = each(_foot, points, planes)
+        return Search(points, np.stack([rotation_about(rotation, start, goal) for rotation in rotations]), whole)
+
+    searches = [search(parts.map(lambda part: part.points), True)]
+    tops = each(lambda part, plane: _top_points(part, plane, settings), parts, planes)
+    if min(map(len, tops)) > settings.top.fewest:
+        searches.append(search(tops, False))
+    return searches
 
 
-def _projections(part: LocalSurface, plane: SupportPlane, settings: UprightSettings) -> list[Float64[np.ndarray, " 3"]]:
-    """The centroids of an object and of its tops, projected onto the support plane."""
+def _foot(points: Float64[np.ndarray, "n 3"], plane: SupportPlane) -> Float64[np.ndarray, " 3"]:
+    """The centroid of points, projected onto the support plane."""
+    centroid = points.mean(axis=0)
+    return np.asarray(centroid - plane.above(centroid[None])[0] * plane.up)
+
+
+def _top_points(part: LocalSurface, plane: SupportPlane, settings: UprightSettings) -> Float64[np.ndarray, "n 3"]:
+    """The level points of an object that are not near its foot."""
     heights = plane.above(part.points)
-    level, height = level_points(part, plane, settings.top), np.quantile(heights, settings.quantile)
-    whole = np.ones(len(part), bool)
-    chosen = [whole, *(level & (heights > fraction * height) for fraction in settings.levels)]
-    centroids = [part.points[own if own.sum() > settings.top.fewest else whole].mean(axis=0) for own in chosen]
-    return [centroid - plane.above(centroid[None])[0] * plane.up for centroid in centroids]
+    high = heights > settings.lowest_top * np.quantile(heights, settings.quantile)
+    return part.points[level_points(part, plane, settings.top) & high]

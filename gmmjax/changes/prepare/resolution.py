@@ -55,6 +55,12 @@ class WorkingCloud:
         """Tree of the points."""
         return cKDTree(self.points)
 
+    def of_working_points(self, labels: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
+        """The label of each working point, by the labels of the cloud's points, which are one in a voxel."""
+        working = np.empty(len(self.points), int)
+        working[self.member] = labels
+        return working
+
 
 @dataclasses.dataclass(frozen=True)
 class WorkingPair:

@@ -1,6 +1,9 @@
+import dataclasses
+
 import numpy as np
 
 from gmmjax.changes.objects.cloud_changes import change_of
+from gmmjax.changes.objects.in_place import InPlaceSettings
 from gmmjax.changes.objects.moved import MovedSettings, with_moved
 from gmmjax.pair import Pair
 from tests.changes.scanned_objects import box, level, motion, placed, registered, standing
@@ -119,3 +122,28 @@ def test_an_object_that_was_replaced_by_a_greater_one_did_not_move():
     moved, grown = with_moved(items, labels, pair, NOISE)
     assert sorted(change.kind for change in moved) == ["appeared", "disappeared"]
     np.testing.assert_array_equal(grown.before >= 0, labels.before >= 0)
+
+
+def test_a_door_that_was_closed_is_found_in_the_plane_of_its_wall():
+    """Opened by 40 degrees it is a change; closed it is a part of the wall, and no change is reported there."""
+    random = np.random.default_rng(0)
+    spacing = 0.02
+    x, z = (grid.ravel() for grid in np.meshgrid(np.arange(-1.6, 1.6, spacing), np.arange(0, 2, spacing)))
+    wall = np.stack([x, np.zeros_like(x), z], axis=1)
+    leaf = wall[(x > 0) & (x < 0.8) & (z < 1.8)]
+    wall = wall[(x < 0) | (x >= 0.8) | (z >= 1.8)]
+    floor = placed(level(1, 0.0, half=1.6, spacing=spacing), motion(0.0, [0.0, -1.6, 0.0]))
+    way = motion(-0.7, [0.0, 0.0, 0.0])
+    before, after = (
+        np.concatenate([own, wall, floor]) + 0.002 * random.standard_normal((len(own) + len(wall) + len(floor), 3))
+        for own in (leaf, placed(leaf, way))
+    )
+    labels = Pair(np.full(len(before), -1), np.full(len(after), -1))
+    labels.after[: len(leaf)][leaf[:, 0] > 0.1] = 0
+    items = (change_of(after[labels.after == 0], "appeared", 0.9, 10.0),)
+    moved, grown = with_moved(items, labels, registered(before, after), NOISE)
+    assert [change.kind for change in moved] == ["moved", "moved"]
+    np.testing.assert_allclose(moved[0].transform, way, atol=0.03)
+    assert (grown.before[: len(leaf)] >= 0).mean() > 0.6
+    apart = dataclasses.replace(InPlaceSettings(), apart=np.inf)
+    assert len(with_moved(items, labels, registered(before, after), NOISE, MovedSettings(in_place=apart))[0]) == 1

@@ -7,18 +7,43 @@ from gmmjax import InputError
 from gmmjax.changes.objects.match_facts import MatchFacts
 from gmmjax.changes.objects.same_object import SameObjectModel, shipped_model
 
-FITS = MatchFacts(0.9, 0.95, 0.9, 0.0, 1.0, 0.02, 0.05, 0.5, 0.5, 1.0, 0.2, 3.0, 2.5, 6.5, 1.0)
+FITS = MatchFacts(
+    covered_least=0.9,
+    covered_most=0.95,
+    explained=0.9,
+    contradicted=0.0,
+    bare=0.0,
+    residual=1.0,
+    overhang_least=0.02,
+    overhang_most=0.05,
+    height_difference=0.5,
+    outline_difference=0.5,
+    tops_known=1.0,
+    tops_agree=0.95,
+    observability=0.2,
+    width=2.7,
+    thickness=2.3,
+    fewest_points=6.0,
+    distance=0.0,
+)
 
 
 def test_what_fits_is_one_object_and_what_contradicts_is_not():
     contradicted = FITS._replace(
-        covered_least=0.3, covered_most=0.5, explained=0.3, contradicted=0.7, overhang_least=3.0, overhang_most=3.5
+        covered_least=0.3,
+        covered_most=0.5,
+        explained=0.3,
+        contradicted=0.7,
+        bare=0.5,
+        tops_agree=0.0,
+        overhang_least=3.0,
+        overhang_most=3.5,
     )
     for situation in ("standing", "free", "in place"):
         assert shipped_model().log_odds(FITS, situation) > 0 > shipped_model().log_odds(contradicted, situation)
 
 
-@pytest.mark.parametrize("fact", ["contradicted", "residual", "overhang_most", "height_difference"])
+@pytest.mark.parametrize("fact", ["contradicted", "bare", "residual", "overhang_most", "height_difference"])
 def test_more_of_what_speaks_against_it_never_makes_it_more_probable(fact):
     values = [shipped_model().log_odds(FITS._replace(**{fact: value}), "standing") for value in (0.0, 0.5, 5.0)]
     assert values[0] >= values[1] >= values[2]

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 from gmmjax.changes.objects.cloud_changes import change_of
 from gmmjax.changes.objects.moved import with_moved
 from gmmjax.changes.objects.support_plane import support_planes
-from gmmjax.changes.objects.upright import stays_upright, upright_transforms
+from gmmjax.changes.objects.upright import UprightSettings, stays_upright, upright_searches
 from gmmjax.geometry.local_surface import LocalSurface
 from gmmjax.geometry.rigid import transformed
 from gmmjax.pair import Pair
@@ -40,12 +40,25 @@ def test_an_object_stays_upright_when_it_is_put_elsewhere(scene):
 def test_all_starts_keep_it_upright(scene):
     objects, background = scene
     planes = planes_of(objects, background)
-    transforms = upright_transforms(Pair(*(LocalSurface.of(points) for points in objects)), planes)
-    angles = {round(float(np.degrees(Rotation.from_matrix(transform[:3, :3]).magnitude()))) for transform in transforms}
-    assert len(angles) > 10
-    for transform in transforms:
-        assert stays_upright(transform, planes, objects[1].mean(axis=0), 1e-6)
-        np.testing.assert_allclose(transform[:3, :3] @ transform[:3, :3].T, np.eye(3), atol=1e-12)
+    for search in upright_searches(Pair(*(LocalSurface.of(points) for points in objects)), planes):
+        angles = {round(float(np.degrees(Rotation.from_matrix(start[:3, :3]).magnitude()))) for start in search.starts}
+        assert len(angles) > 10
+        for start in search.starts:
+            assert stays_upright(start, planes, objects[1].mean(axis=0), 1e-6)
+            np.testing.assert_allclose(start[:3, :3] @ start[:3, :3].T, np.eye(3), atol=1e-12)
+
+
+def test_one_search_brings_the_tops_together(scene):
+    """Of one box the sides at +x and +y were seen, of the other one those at -x and -y."""
+    planes = planes_of(*scene)
+    ends = [standing(0, faces=(0, 1, 2)), standing(1, faces=(2, 3, 4), height=0.6, middle=(1.0, 0.0))]
+    parts = Pair(*(LocalSurface.of(points) for points in ends))
+    whole, tops = (
+        np.linalg.norm(search.starts[0][:3, 3] - [1.0, 0.0, 0.6]) for search in upright_searches(parts, planes)
+    )
+    assert tops < 0.02 < whole
+    (only,) = upright_searches(parts, planes, UprightSettings(lowest_top=1.1))
+    assert only.whole
 
 
 def kinds(gone, new, floors):
