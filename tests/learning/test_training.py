@@ -106,9 +106,3 @@ def test_a_family_without_candidates_is_passed_over(families):
     nothing = CandidateRows.none(poses=False)
     _, left_out = learned({**families, "deserts": nothing}, poses=False, settings=TrainingSettings(penalties=(1.0,)))
     assert "deserts" not in left_out.probabilities
-
-
-@pytest.mark.parametrize(("probability", "error"), [([0.2] * 10, 0.0), ([0.7] * 10, 0.5)])
-def test_calibration_error_is_the_gap_between_probability_and_frequency(probability, error):
-    true = np.array([True] * 2 + [False] * 8)
-    assert calibration_error(np.array(probability), true) == pytest.approx(error)
