@@ -13,7 +13,7 @@ from gmmjax.learning.collection import LEARNED_FROM, Collected, collected, read_
 from gmmjax.learning.left_out_table import left_out_table
 from gmmjax.learning.training import TrainingSettings, learned
 
-SEEDS = 24
+SEEDS = 40
 
 
 def main(
