@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 from gmmjax import DetectionConfig, detect_changes
 from gmmjax.evaluation import LabelledPair, Scores, score_labelled_pair
-from gmmjax.evaluation.gaussians import FAMILIES, POINTS, gaussian_pair
+from gmmjax.evaluation.gaussians import GAUSSIAN_FAMILIES, POINTS, gaussian_pair
 from gmmjax.evaluation.laboratory import laboratory_pair
 from gmmjax.tuning import TuningSettings, scan_pair, tune
 
@@ -27,7 +27,7 @@ BY_HAND = {
 def scenes(kind: str, seeds: Sequence[int], points: int = POINTS) -> list[LabelledPair]:
     """Gaussians whose clouds are displaced against each other, or a room surveyed twice; poses unknown."""
     if kind == "gaussians":
-        conditions = [dataclasses.replace(own, points=points) for own in FAMILIES["shifted"]]
+        conditions = [dataclasses.replace(own, points=points) for own in GAUSSIAN_FAMILIES["shifted"]]
         pairs = [(str(own), gaussian_pair(own, seed)) for seed in seeds for own in conditions]
     else:
         changes = ("(+1)", "(-1 +1)", "(-2)", "(none)")

@@ -70,9 +70,11 @@ def test_a_displaced_cloud_gives_the_same_changes_in_the_frame_of_the_before_clo
     after = laboratory.after @ displacement[:3, :3].T + displacement[:3, 3]
     views = {"views_before": laboratory.views_before, "views_after": laboratory.views_after.moved(displacement)}
     changes = detect_changes(laboratory.before, after, config=CONFIG, **views)
-    assert [change.kind for change in changes.items] == [change.kind for change in of_laboratory.items]
-    assert np.mean(changes.labels_after != of_laboratory.labels_after) < 0.002
-    for one, other in zip(changes.items, of_laboratory.items, strict=True):
+    # Of changes that are equally probable either may be the first.
+    found, given = (sorted(own.items, key=lambda change: change.kind) for own in (changes, of_laboratory))
+    assert [change.kind for change in found] == [change.kind for change in given]
+    assert np.mean((changes.labels_after >= 0) != (of_laboratory.labels_after >= 0)) < 0.002
+    for one, other in zip(found, given, strict=True):
         np.testing.assert_allclose(one.mean, other.mean, atol=0.01)
     total = changes.registration.transform @ displacement
     np.testing.assert_allclose(total, of_laboratory.registration.transform, atol=0.004)
@@ -221,7 +223,8 @@ def test_in_equal_clouds_nothing_changed_and_every_number_is_finite(name, tmp_pa
 def test_one_object_on_a_plane_of_a_kilometre():
     random = np.random.default_rng(0)
     plain = np.column_stack([random.uniform(0, 1000, size=(3500, 2)), random.normal(0, 0.02, 3500)])
-    thing = random.uniform(size=(300, 3)) + np.array([500, 500, 0.0])
+    # As large as several spacings of the plane's points, which are 17 m apart.
+    thing = 60 * random.uniform(size=(300, 3)) + np.array([500, 500, 0.0])
     changes = detect_changes(plain, np.concatenate([plain, thing]), config=CONFIG)
     assert [change.kind for change in changes.items] == ["appeared"]
     assert (changes.labels_after[3500:] >= 0).mean() > 0.9 and (changes.labels_after[:3500] == -1).mean() > 0.99

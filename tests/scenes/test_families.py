@@ -11,7 +11,7 @@ from gmmjax.scenes.families.staging import Support, Turnover, turned
 from gmmjax.scenes.families.things import box, moved
 
 # One scene of each family in which something changes.
-SEEDS = {"rooms": 7, "kitchens": 0, "station": 1, "corridors": 1, "halls": 0, "apartments": 1}
+SEEDS = {"rooms": 7, "kitchens": 0, "station": 1, "corridors": 1, "halls": 0, "apartments": 1, "yards": 1}
 
 scene_of = functools.cache(lambda name: family_scene(name, SEEDS.get(name, 0)))
 

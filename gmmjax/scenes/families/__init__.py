@@ -17,6 +17,7 @@ from gmmjax.scenes.families.station import station
 from gmmjax.scenes.families.tabletop import tabletop
 from gmmjax.scenes.families.terrain import terrain
 from gmmjax.scenes.families.town import town
+from gmmjax.scenes.families.yards import yards
 from gmmjax.scenes.surveyed_scene import SurveyedScene
 
 # What each family's name makes from a random generator.
@@ -33,6 +34,7 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator], SurveyedScene]] = Mapping
         "corridors": corridors,
         "halls": halls,
         "apartments": apartments,
+        "yards": yards,
     }
 )
 
