@@ -30,8 +30,7 @@ class MovedSettings:
     Attributes:
         threshold: probability from which on two changes are reported as one object. Higher: more of them are reported
             as two changes, both true; lower: more pairs are wrong, and within a place give points that did not change
-            to an object. Below 0.5 a change may have two partners, of which the more probable one
-            is reported.
+            to an object. Below 0.5 a change may have two partners, of which the more probable one is reported.
         sample: number of points of a change, at most, that are compared with another change. Empirical. Larger: slower.
         most_extent_ratio: changes whose longest extents differ by a greater factor are not compared: saves time.
             Empirical. Infinite: all are.
@@ -51,7 +50,7 @@ class MovedSettings:
         pairing: how the probability is shared among several partners that fit.
     """
 
-    threshold: float = 0.5
+    threshold: float = 0.7
     sample: int = 2500
     most_extent_ratio: float = 1.5
     most_count_ratio: float = 5.0
