@@ -13,14 +13,12 @@ from gmmjax.learning.collection import LEARNED_FROM, Collected, collected, read_
 from gmmjax.learning.left_out_table import left_out_table
 from gmmjax.learning.training import TrainingSettings, learned
 
-SEEDS = 40
-
 
 def main(
     *,
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.json")] = None,
     families: tuple[str, ...] = LEARNED_FROM,
-    seeds: int = SEEDS,
+    seeds: int = 40,
     first_seed: int = 0,
     workers: int = 1,
     rows: Annotated[Path | None, tyro.conf.arg(metavar="FILE.npz")] = None,

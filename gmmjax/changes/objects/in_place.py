@@ -11,19 +11,16 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.objects.match import Match, MatchSettings, match_of
 from gmmjax.changes.objects.overlap import on_surface
+from gmmjax.changes.objects.place import Place, PlaceSettings, connected_things, place_around
 from gmmjax.changes.objects.rigid_match import RigidMatchSettings, best_starts
 from gmmjax.geometry import (
     LocalSurface,
-    PlaneSettings,
     evenly_chosen,
-    occupied_cells,
     plane_surface,
     planes_of,
     point_to_plane_icp,
@@ -42,30 +39,11 @@ class InPlaceSettings:
         most_groups: groups of adjacent changes that are examined, at most, the largest first: a bound on the time. 0:
             none, so that every sliver remains a change of its own.
         touching: changes nearer to each other than this, in spacings, are one group. 0: every change is by itself.
-        reach: radius of the place that is examined, in half diagonals of the group's bounding box. Too small: a part of
-            the object is cut off.
-        margin: added to that radius, in spacings.
-        sample: number of points of a place, at most, that its planes are found from.
-        planes: how.
-        flatness: largest distance of a point from a plane that it belongs to, in standard deviations of the points
-            about their local planes.
-        border: outermost fraction of the radius; a plane with points there goes beyond the place.
-        at_border: fraction of a plane's points there, at least, of a wall, a floor or another plane that the object
-            merely touches. Above 1: none is removed, and the object cannot be told from what it stands on.
-        parallel: cosine between a plane's normal and that of a point on it, at least. 0: surfaces that the plane cuts
-            count for its size.
-        apart: a point of such a plane that is further than this from the other cloud, in spacings, is kept: a door that
-            is closed lies in the plane of its wall. Empirical. Infinite: none is.
-        connected: points nearer to each other than this, in spacings, are of one thing.
-        fewest_of_thing: changed points, at least, of a thing that is examined. 0: all things of the place are.
+        place: what stands in the place of a group.
         rounds: times that the place is examined, at most: around few slivers only a part of the object is seen at
             first. 1: a part remains.
         growth: of the diagonal of the object's box beyond that of the changes, from which on its place is examined
             again. Infinite: never.
-        fewest: points, at least, that differ in either cloud.
-        most: points of the thing in either cloud, at most: a bound on the time.
-        least_ratio: between the numbers of the points that differ in the two clouds, the smaller by the larger: what
-            only appeared has not moved. 0: any.
         angles: of the rotations, in degrees and either sense, that the search starts from.
         panel: fraction of the points that differ, at least, that are in one plane for it to be a panel on a hinge; what
             came into sight behind a door is among the others. Above 1: no motion about a hinge is tried.
@@ -83,22 +61,9 @@ class InPlaceSettings:
 
     most_groups: int = 6
     touching: float = 8.0
-    reach: float = 1.6
-    margin: float = 12.0
-    sample: int = 1500
-    planes: PlaneSettings = PlaneSettings(least_share=0.05, most_planes=8)
-    flatness: float = 3.0
-    border: float = 0.15
-    at_border: float = 0.05
-    parallel: float = 0.8
-    apart: float = 4.0
-    connected: float = 4.0
-    fewest_of_thing: int = 5
+    place: PlaceSettings = PlaceSettings()
     rounds: int = 3
     growth: float = 1.4
-    fewest: int = 15
-    most: int = 20_000
-    least_ratio: float = 0.1
     angles: tuple[float, ...] = (8.0, 20.0, 35.0, 50.0)
     panel: float = 0.4
     sample_of_panel: int = 600
@@ -127,24 +92,6 @@ class InPlaceMotion(NamedTuple):
     parts: Pair[LocalSurface]
     explained: float
     hinged: bool
-
-
-class _Place(NamedTuple):
-    """What stands in a place, without the walls and floors around it.
-
-    Attributes:
-        things: the surfaces of the points, in either cloud.
-        members: their indices.
-        differs: which of them do not lie on the other cloud.
-        axes: unit normals of the walls and floors.
-        flatness: largest distance of a point from a plane that it belongs to.
-    """
-
-    things: Pair[LocalSurface]
-    members: Pair[Int[np.ndarray, " _"]]
-    differs: Pair[Bool[np.ndarray, " _"]]
-    axes: Float64[np.ndarray, "a 3"]
-    flatness: float
 
 
 def adjacent_groups(
@@ -218,7 +165,7 @@ def _motion_around(
     settings: InPlaceSettings,
 ) -> InPlaceMotion | None:
     """The motion in the place around these points; None where there is none that explains enough."""
-    place = _place(seeds, surfaces, noise, match, settings)
+    place = place_around(seeds, surfaces, noise, match.overlap, settings.place)
     if place is None:
         return None
     transform, hinged = _best_transform(place, noise, match, settings)
@@ -235,7 +182,7 @@ def _motion_around(
 
 
 def _to_explain(
-    place: _Place, seeds: Pair[Int[np.ndarray, " _"]], settings: InPlaceSettings
+    place: Place, seeds: Pair[Int[np.ndarray, " _"]], settings: InPlaceSettings
 ) -> Pair[Bool[np.ndarray, " _"]]:
     """In either cloud the points of the changes; where there are hardly any, all that differ.
 
@@ -244,105 +191,13 @@ def _to_explain(
 
     def own(members: np.ndarray, seed: np.ndarray, differs: np.ndarray) -> np.ndarray:
         changed = differs & np.isin(members, seed)
-        return changed if changed.sum() >= settings.fewest else differs
+        return changed if changed.sum() >= settings.place.fewest else differs
 
     return each(own, place.members, seeds, place.differs)
 
 
-def _place(
-    seeds: Pair[Int[np.ndarray, " _"]],
-    surfaces: Pair[LocalSurface],
-    noise: float,
-    match: MatchSettings,
-    settings: InPlaceSettings,
-) -> _Place | None:
-    """What stands where the changes are; None where too little of it differs, or it is too large."""
-    spacing = max(surface.nearest_distance for surface in surfaces)
-    changed = np.concatenate([*each(lambda surface, own: surface.points[own], surfaces, seeds)])
-    lower, upper = changed.min(axis=0), changed.max(axis=0)
-    centre = (lower + upper) / 2
-    radius = settings.reach * float(np.linalg.norm(upper - lower)) / 2 + settings.margin * spacing
-    inside = surfaces.map(lambda surface: np.sort(np.array(surface.tree.query_ball_point(centre, radius), int)))
-    if min(map(len, inside)) < settings.fewest:
-        return None
-    flatness = settings.flatness * max(noise, *(surface.thickness for surface in surfaces))
-    points = each(lambda surface, own: surface.points[own], surfaces, inside)
-    planes = _large_planes(np.concatenate([*points]), centre, radius, flatness, settings)
-    apart = settings.apart * spacing
-
-    def is_loose(own: np.ndarray, other: LocalSurface) -> np.ndarray:
-        """Off all the planes; or in one where the other cloud has nothing, as a door that was closed."""
-        off = np.all([np.abs(own @ n - d) > flatness for n, d in planes] or [own[:, 0] == own[:, 0]], axis=0)
-        in_plane = np.flatnonzero(~off)
-        off[in_plane] = np.isinf(other.tree.query(own[in_plane], distance_upper_bound=apart)[0])
-        return np.asarray(off)
-
-    loose = each(is_loose, points, surfaces.swapped)
-    members = each(lambda own, kept: own[kept], inside, loose)
-    members = _connected_to(seeds, members, surfaces, settings.connected * spacing, settings)
-    if not settings.fewest <= min(map(len, members)) <= max(map(len, members)) <= settings.most:
-        return None
-
-    def differs(surface: LocalSurface, other: LocalSurface, own: np.ndarray) -> np.ndarray:
-        return ~on_surface(surface.points[own], surface.means(own), other, noise, spacing, match.overlap)
-
-    different = each(differs, surfaces, surfaces.swapped, members)
-    counts = sorted(int(own.sum()) for own in different)
-    if counts[0] < max(settings.fewest, settings.least_ratio * counts[1]):
-        return None
-    things = each(lambda surface, own: LocalSurface.of(surface.points[own]), surfaces, members)
-    axes = np.array([normal for normal, _ in planes]).reshape(-1, 3)
-    return _Place(things, members, different, axes, flatness)
-
-
-def _large_planes(
-    points: Float[np.ndarray, "n 3"],
-    centre: Float64[np.ndarray, " 3"],
-    radius: float,
-    flatness: float,
-    settings: InPlaceSettings,
-) -> list[tuple[Float64[np.ndarray, " 3"], float]]:
-    """The planes of a place that go beyond it: walls, floors, the table that an object stands on."""
-    few = plane_surface(points[evenly_chosen(len(points), settings.sample)], settings.planes)
-    outer = np.linalg.norm(few.points - centre, axis=1) > (1 - settings.border) * radius
-    large = []
-    for plane in planes_of(few, flatness, settings=settings.planes):
-        # Without the points of other surfaces that the plane cuts, such as a wall at the height of a table.
-        inliers = (plane.distance(few.points) <= flatness) & (np.abs(few.normals @ plane.normal) > settings.parallel)
-        if inliers.any() and outer[inliers].mean() >= settings.at_border:
-            large.append((plane.normal, plane.offset))
-    return large
-
-
-def _connected_to(
-    seeds: Pair[Int[np.ndarray, " _"]],
-    members: Pair[Int[np.ndarray, " _"]],
-    surfaces: Pair[LocalSurface],
-    radius: float,
-    settings: InPlaceSettings,
-) -> Pair[Int[np.ndarray, " _"]]:
-    """Those points of both clouds that are of a thing, before or after, with changed points."""
-    points = each(lambda surface, own: surface.points[own], surfaces, members)
-    labels = _things(np.concatenate([*points]), radius)
-    of_cloud = Pair(labels[: len(members.before)], labels[len(members.before) :])
-    changed = np.concatenate([*each(lambda own, seed, label: label[np.isin(own, seed)], members, seeds, of_cloud)])
-    counts = np.bincount(changed[changed >= 0], minlength=labels.max(initial=-1) + 1)
-    things = np.flatnonzero(counts >= settings.fewest_of_thing)
-    return each(lambda own, label: own[np.isin(label, things)], members, of_cloud)
-
-
-def _things(points: Float64[np.ndarray, "n 3"], distance: float) -> Int[np.ndarray, " n"]:
-    """The number of the connected thing that each point is of: points in cells of half the distance that touch."""
-    if not len(points):
-        return np.zeros(0, int)
-    cells, cell = occupied_cells(points - points.min(axis=0), distance / 2)
-    links = cKDTree(cells).query_pairs(1.5, p=np.inf, output_type="ndarray")
-    graph = coo_array((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(len(cells), len(cells)))
-    return connected_components(graph, directed=False)[1][cell]
-
-
 def _best_transform(
-    place: _Place, noise: float, match: MatchSettings, settings: InPlaceSettings
+    place: Place, noise: float, match: MatchSettings, settings: InPlaceSettings
 ) -> tuple[Float64[np.ndarray, "4 4"], bool]:
     """The motion that explains most of what differs, and whether it is one about a hinge.
 
@@ -359,7 +214,7 @@ def _best_transform(
 
 
 def _starts(
-    place: _Place, different: Pair[Float64[np.ndarray, "_ 3"]], settings: InPlaceSettings
+    place: Place, different: Pair[Float64[np.ndarray, "_ 3"]], settings: InPlaceSettings
 ) -> Float64[np.ndarray, "s 4 4"]:
     """No motion, the translation of what differs, and rotations about the walls' axes and the object's own."""
     middles = different.map(lambda points: (points.min(axis=0) + points.max(axis=0)) / 2)
@@ -401,8 +256,8 @@ def _panel(
     points: Float64[np.ndarray, "n 3"], flatness: float, settings: InPlaceSettings
 ) -> Float64[np.ndarray, "m 3"] | None:
     """The points of the largest plane among those that differ; None where most of them are of other surfaces."""
-    few = plane_surface(points[evenly_chosen(len(points), settings.sample_of_panel)], settings.planes)
-    planes = planes_of(few, flatness, settings=dataclasses.replace(settings.planes, most_planes=1))
+    few = plane_surface(points[evenly_chosen(len(points), settings.sample_of_panel)], settings.place.planes)
+    planes = planes_of(few, flatness, settings=dataclasses.replace(settings.place.planes, most_planes=1))
     if not planes:
         return None
     own = few.points[planes[0].distance(few.points) <= flatness]
@@ -435,7 +290,7 @@ def _hinged(
 
 
 def _refined(
-    place: _Place, start: Float64[np.ndarray, "4 4"], noise: float, match: MatchSettings, settings: InPlaceSettings
+    place: Place, start: Float64[np.ndarray, "4 4"], noise: float, match: MatchSettings, settings: InPlaceSettings
 ) -> tuple[float, Float64[np.ndarray, "4 4"]]:
     """A start after point-to-plane ICP of what the motion explains, and its merit."""
     rigid: RigidMatchSettings = match.rigid
@@ -458,7 +313,7 @@ def _refined(
 
 
 def _explained(
-    place: _Place,
+    place: Place,
     transform: Float64[np.ndarray, "4 4"],
     noise: float,
     match: MatchSettings,
@@ -476,7 +331,7 @@ def _explained(
 
 
 def _moved_points(
-    place: _Place,
+    place: Place,
     explained: Pair[Bool[np.ndarray, " _"]],
     transform: Float64[np.ndarray, "4 4"],
     settings: InPlaceSettings,
@@ -498,7 +353,7 @@ def _moved_points(
         inside = (thing.points @ hull[:, :3].T + hull[:, 3]).max(axis=1) < settings.margin_of_hull * spacing
         chosen = (differs | fits) & inside
         beyond = np.flatnonzero(~inside & ~differs)
-        components = _things(thing.points[beyond], settings.connected * spacing)
+        components = connected_things(thing.points[beyond], settings.place.connected * spacing)
         for component in range(components.max(initial=-1) + 1):
             whole = beyond[components == component]
             chosen[whole] = fits[whole] & (fits[whole].mean() >= settings.least_fitting)
@@ -508,4 +363,4 @@ def _moved_points(
         chosen = each(own, place.things, explained, place.differs, sure, moved_sure.swapped)
     except QhullError:
         return None
-    return chosen if min(own.sum() for own in chosen) >= settings.fewest else None
+    return chosen if min(own.sum() for own in chosen) >= settings.place.fewest else None

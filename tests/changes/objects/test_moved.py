@@ -1,10 +1,9 @@
-import dataclasses
-
 import numpy as np
 
 from gmmjax.changes.objects.cloud_changes import change_of
 from gmmjax.changes.objects.in_place import InPlaceSettings
 from gmmjax.changes.objects.moved import MovedSettings, with_moved
+from gmmjax.changes.objects.place import PlaceSettings
 from gmmjax.pair import Pair
 from tests.changes.scanned_objects import box, level, motion, placed, registered, standing
 
@@ -145,5 +144,5 @@ def test_a_door_that_was_closed_is_found_in_the_plane_of_its_wall():
     assert [change.kind for change in moved] == ["moved", "moved"]
     np.testing.assert_allclose(moved[0].transform, way, atol=0.03)
     assert (grown.before[: len(leaf)] >= 0).mean() > 0.6
-    apart = dataclasses.replace(InPlaceSettings(), apart=np.inf)
+    apart = InPlaceSettings(place=PlaceSettings(apart=np.inf))
     assert len(with_moved(items, labels, registered(before, after), NOISE, MovedSettings(in_place=apart))[0]) == 1
