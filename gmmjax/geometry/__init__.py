@@ -18,6 +18,7 @@ from gmmjax.geometry.local_surface import LocalSurface as LocalSurface
 from gmmjax.geometry.local_surface import evenly_chosen as evenly_chosen
 from gmmjax.geometry.local_surface import local_planes as local_planes
 from gmmjax.geometry.neighbours import nearest_neighbours as nearest_neighbours
+from gmmjax.geometry.neighbours import points_within as points_within
 from gmmjax.geometry.neighbours import within_box as within_box
 from gmmjax.geometry.neighbours import workers_for as workers_for
 from gmmjax.geometry.planes import Plane as Plane

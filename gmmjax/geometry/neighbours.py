@@ -32,3 +32,17 @@ def within_box(
 def workers_for(count: int) -> int:
     """The number of threads to look up so many points with, as SciPy's trees take it; -1: one for each core."""
     return -1 if count >= POINTS_FOR_THREADS else 1
+
+
+def points_within(tree: cKDTree, points: Float[np.ndarray, "n d"], reach: float) -> Float[np.ndarray, "m d"]:
+    """Those of the points that are within a distance of the points of a tree.
+
+    Args:
+        tree: of other points.
+        points: coordinates.
+        reach: the distance.
+    """
+    near = points[within_box(points, tree.mins - reach, tree.maxes + reach)]
+    if not len(near):
+        return near
+    return near[np.isfinite(tree.query(near, distance_upper_bound=reach)[0])]

@@ -14,7 +14,15 @@ from scipy.spatial import cKDTree
 
 from gmmjax.changes.evidence.coverage_edge import CoverageEdgeSettings, ReferenceSurfaces, at_coverage_edge
 from gmmjax.clouds import voxel_grid
-from gmmjax.geometry import Plane, PlaneSettings, nearest_neighbours, plane_surface, planes_of, within_box
+from gmmjax.geometry import (
+    Plane,
+    PlaneSettings,
+    nearest_neighbours,
+    plane_surface,
+    planes_of,
+    points_within,
+    within_box,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,14 +104,14 @@ def continuation(
     if not reference.unchanged.n or not reference.other.n:
         return Continuation(nothing, nothing, 0.0)
     tree = cKDTree(segment)
-    adjacent = _within(tree, reference.unchanged.data, settings.reach * reference.spacing)
+    adjacent = points_within(tree, reference.unchanged.data, settings.reach * reference.spacing)
     # The segment may have curved sides; the noise is that of the adjacent points, where there are any.
     flatness = _flatness(adjacent if len(adjacent) else segment, reference, settings)
     planes = _planes_within(adjacent, settings.reach, 0.0, flatness, reference, settings)
     continued = _continued(segment, planes, flatness, reference, settings)
     shown = _shown(segment, adjacent, planes, flatness, reference, settings)
     if continued.mean() <= settings.continued:
-        far = _within(tree, reference.unchanged.data, settings.far_reach * reference.spacing)
+        far = points_within(tree, reference.unchanged.data, settings.far_reach * reference.spacing)
         width = settings.far_width * np.sqrt(max(np.linalg.eigvalsh(np.cov(segment.T, bias=True))[1], 0.0))
         planes = _planes_within(far, settings.far_reach, width, flatness, reference, settings)
         continued |= _continued(segment, planes, flatness, reference, settings)
@@ -194,14 +202,6 @@ def _covered(
     others = others[within_box(others, points.min(axis=0) - reach, points.max(axis=0) + reach)]
     surface = others[plane.distance(others) <= clear]
     return bool(plane.near(points, surface, near).mean() > settings.most_covered)
-
-
-def _within(tree: cKDTree, points: Float64[np.ndarray, "n 3"], reach: float) -> Float64[np.ndarray, "b 3"]:
-    """The points that are within reach of those of a tree."""
-    near = points[within_box(points, tree.mins - reach, tree.maxes + reach)]
-    if not len(near):
-        return near
-    return near[np.isfinite(tree.query(near, distance_upper_bound=reach)[0])]
 
 
 def _common_planes(

@@ -18,10 +18,9 @@ from gmmjax.geometry import (
     PlaneSettings,
     UpwardSettings,
     evenly_chosen,
-    local_planes,
-    nearest_neighbours,
     plane_surface,
     planes_of,
+    points_within,
     upward_direction,
 )
 from gmmjax.pair import Pair, each
@@ -49,8 +48,10 @@ class SupportSettings:
         adjacent: distance along the plane, in spacings, at which these have it. Larger: objects next to a support stand
             on it.
         upward: when there is an upward direction, across which supports are.
-        most_touching: number of a candidate's points, at most and evenly chosen, whose contact with unchanged surfaces
-            tells the upward direction: a bound on the time.
+        around: distance, in spacings, within which unchanged surfaces around the segments tell that direction. Smaller:
+            the normals beside an object are mixed with those of its sides.
+        most_touching: number of a segment's points, at most and evenly chosen, from which that distance is taken: a
+            bound on the time.
     """
 
     planes: PlaneSettings = PlaneSettings(least_share=0.75)
@@ -62,6 +63,7 @@ class SupportSettings:
     least_touching: int = 8
     adjacent: float = 5.0
     upward: UpwardSettings = UpwardSettings()
+    around: float = 10.0
     most_touching: int = 300
 
 
@@ -153,23 +155,27 @@ def _upward(
     unchanged = np.concatenate([*each(lambda own, label: own[label < 0], points, labels)])
     if not len(unchanged):
         return None
-    tree, contacts = cKDTree(unchanged), []
-    for own, label in zip(points, labels, strict=True):
-        contacts += [_contact(own[label == number], tree, spacing, settings) for number in np.unique(label[label >= 0])]
-    return upward_direction(contacts, settings.upward)
+    segments = [
+        own[label == number]
+        for own, label in zip(points, labels, strict=True)
+        for number in np.unique(label[label >= 0])
+    ]
+    return upward_direction([_contact(own, unchanged, spacing, settings) for own in segments], settings.upward)
 
 
 def _contact(
-    segment: Float64[np.ndarray, "n 3"], unchanged: cKDTree, spacing: float, settings: SupportSettings
+    segment: Float64[np.ndarray, "n 3"],
+    unchanged: Float64[np.ndarray, "u 3"],
+    spacing: float,
+    settings: SupportSettings,
 ) -> Contact:
-    """Where a segment touches unchanged surfaces."""
-    chosen = segment[evenly_chosen(len(segment), settings.most_touching)]
-    distances, nearest = unchanged.query(chosen, distance_upper_bound=settings.adjacent * spacing)
-    touched = unchanged.data[np.unique(nearest[np.isfinite(distances)])]
-    if not len(touched):
+    """The unchanged surfaces around a segment."""
+    tree = cKDTree(segment[evenly_chosen(len(segment), settings.most_touching)])
+    # Thinned, so that the planes of the voxels are larger than the noise and what the two clouds are off by.
+    around = voxel_grid(points_within(tree, unchanged, settings.around * spacing), settings.voxel * spacing).points
+    if not len(around):
         return Contact(np.zeros((0, 3)), np.zeros(3))
-    normals = local_planes(unchanged.data[nearest_neighbours(unchanged, touched, settings.planes.neighbours)[1]])[1]
-    return Contact(normals, segment.mean(axis=0) - touched.mean(axis=0))
+    return Contact(plane_surface(around, settings.planes).normals, segment.mean(axis=0) - around.mean(axis=0))
 
 
 def _support_plane(
