@@ -54,6 +54,11 @@ class Candidates(NamedTuple):
     labels: Int[np.ndarray, " n"]
     observed: Int8[np.ndarray, " n"] | None = None
 
+    @property
+    def free(self) -> Bool[np.ndarray, " n"] | None:
+        """Which points are in free space of the other survey; None: its views are not known."""
+        return None if self.observed is None else self.observed > 0
+
 
 def candidates_of(
     points: Pair[Float[np.ndarray, "_ 3"]],

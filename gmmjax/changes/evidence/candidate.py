@@ -27,7 +27,7 @@ class SurroundingsSettings:
         most_points: of the other cloud within reach that are looked at, evenly chosen: a bound on the time.
         contact: distance, in spacings, within which points are in contact. Smaller: the gaps between points separate
             what is adjacent.
-        adjacent: distance, in spacings, within which points of the other cloud's candidates are beside a candidate.
+        adjacent: distance, in spacings, within which points of other candidates are beside a candidate.
         least_around: number of points of the other cloud within reach, at least, for the directions in which they lie
             to say anything; of fewer there are none. 0: a single stray point is a direction.
         directions: number of directions, evenly spread over the sphere, that are looked into.
@@ -94,6 +94,12 @@ class Surroundings:
     def differing(self) -> cKDTree:
         """Tree of the points of the cloud that are of candidates."""
         return cKDTree(self.own.points[self.own.labels >= 0])
+
+    @functools.cached_property
+    def in_free_space(self) -> cKDTree:
+        """Tree of those of them in free space of the other survey; none where its views are not known."""
+        free = np.zeros(len(self.own.labels), bool) if self.own.free is None else self.own.free
+        return cKDTree(self.own.points[(self.own.labels >= 0) & free])
 
     @functools.cached_property
     def unchanged_offsets(self) -> Float[np.ndarray, " u"]:
@@ -207,11 +213,15 @@ class Candidate:
         spacing = np.maximum(difference.spacing[self.rows], self.spacing)
         return np.asarray(difference.distance[self.rows] / spacing)
 
-    @functools.cached_property
-    def beside_opposite(self) -> Bool[np.ndarray, " m"]:
-        """Which of its points are beside a candidate of the other cloud."""
+    def beside(self, tree: cKDTree) -> Bool[np.ndarray, " m"]:
+        """Which of its points are beside a point of a tree."""
         reach = self.surroundings.settings.adjacent * self.spacing
-        return np.isfinite(self.surroundings.opposite.query(self.points, distance_upper_bound=reach)[0])
+        return np.isfinite(tree.query(self.points, distance_upper_bound=reach)[0])
+
+    def count_beside(self, tree: cKDTree) -> int:
+        """Number of the points of a tree around it, up to where they are beside it."""
+        reach = (2 * float(np.linalg.norm(self.deviations)) + self.surroundings.settings.adjacent) * self.spacing
+        return int(tree.query_ball_point(self.centre, reach, return_length=True))
 
     @property
     def _reach(self) -> float:

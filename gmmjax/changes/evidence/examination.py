@@ -120,7 +120,7 @@ def measured_candidates(
 
     def pieces(own: Candidates, everything: cKDTree, other: cKDTree) -> _Cut:
         reference = ReferenceSurfaces(cKDTree(own.points[own.labels < 0]), other, tolerance, limits.spacing)
-        labels, continuations = cut(own.points, own.labels, reference, settings.pieces, settings.continuation)
+        labels, continuations = cut(own.points, own.labels, reference, own.free, settings.pieces, settings.continuation)
         return _Cut(own._replace(labels=labels), own.labels, continuations, reference, everything)
 
     cuts = each(pieces, candidates, everything, everything.swapped)

@@ -214,14 +214,12 @@ def supports(candidate: Candidate) -> float:
 
 def opposite_nearby(candidate: Candidate) -> float:
     """Points of the other cloud's candidates around it for each of its own, from 0: a shadow, or an old place."""
-    around = candidate.surroundings
-    reach = (2 * float(np.linalg.norm(candidate.deviations)) + around.settings.adjacent) * candidate.spacing
-    return int(around.opposite.query_ball_point(candidate.centre, reach, return_length=True)) / len(candidate.rows)
+    return candidate.count_beside(candidate.surroundings.opposite) / len(candidate.rows)
 
 
 def opposite_contact(candidate: Candidate) -> float:
     """Share of its points beside candidates of the other cloud, 0 to 1."""
-    return float(candidate.beside_opposite.mean())
+    return float(candidate.beside(candidate.surroundings.opposite).mean())
 
 
 def differing_nearby(candidate: Candidate) -> float:
@@ -281,10 +279,20 @@ def depth_beyond(candidate: Candidate) -> float:
 
 
 def cluster_free(candidate: Candidate) -> float:
-    """Share of the cluster that it was cut from in free space of the other survey, 0 to 1: the hidden side of that."""
-    observed = candidate.surroundings.own.observed
-    assert observed is not None
-    return float((observed[candidate.cluster_rows] == 1).mean())
+    """Share of the cluster that it was cut from in free space of the other survey, 0 to 1."""
+    free = candidate.surroundings.own.free
+    assert free is not None
+    return float(free[candidate.cluster_rows].mean())
+
+
+def free_nearby(candidate: Candidate) -> float:
+    """Points of its own cloud's candidates in free space of the other survey around it for each of its own, from 0."""
+    return candidate.count_beside(candidate.surroundings.in_free_space) / len(candidate.rows)
+
+
+def free_contact(candidate: Candidate) -> float:
+    """Share of its points beside such points, 0 to 1: the hidden side of what was seen through."""
+    return float(candidate.beside(candidate.surroundings.in_free_space).mean())
 
 
 FACTS: dict[str, Fact] = {
@@ -355,6 +363,16 @@ FACTS: dict[str, Fact] = {
     ),
     "cluster_free": Fact(
         cluster_free, "the other survey saw through {:.0%} of what differs there", "share", 1, poses=True
+    ),
+    "free_nearby": Fact(
+        free_nearby,
+        "the other survey saw through {:.1f} points of what differs around it for each of its own",
+        "ratio",
+        1,
+        poses=True,
+    ),
+    "free_contact": Fact(
+        free_contact, "{:.0%} of it lies beside what the other survey saw through", "share", 1, poses=True
     ),
 }
 

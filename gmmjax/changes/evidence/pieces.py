@@ -1,4 +1,8 @@
-"""Candidates cut into pieces that are one thing each: an object, and the wall behind it that it occluded."""
+"""Candidates cut into pieces that are one thing each: an object, and the wall behind it that it occluded.
+
+They are cut where they begin to continue an unchanged surface, where what the other survey saw through ends, and at
+gaps. They are not cut where they bend: faces of one object, judged one by one, are judged no better (docs/verdict.md).
+"""
 
 import dataclasses
 
@@ -22,18 +26,22 @@ class PieceSettings:
         radius: of the clusters that are pieces, in spacings (the radius of DBSCAN). Smaller: the gaps between points
             split them.
         neighbours: the minimum of DBSCAN, the point itself counted. 1: outliers connect pieces.
+        nearest: number of points, the point itself counted, by most of which it is told whether a place was seen
+            through. 1: single lines of sight cut objects into crumbs.
     """
 
     smallest: int = 60
     share: float = 0.1
     radius: float = 5.0
     neighbours: int = 8
+    nearest: int = 15
 
 
 def cut(
     points: Float[np.ndarray, "n 3"],
     labels: Int[np.ndarray, " n"],
     reference: ReferenceSurfaces,
+    free: Bool[np.ndarray, " n"] | None = None,
     settings: PieceSettings = PieceSettings(),
     continued: ContinuationSettings = ContinuationSettings(),
 ) -> tuple[Int[np.ndarray, " n"], dict[int, Continuation]]:
@@ -43,6 +51,7 @@ def cut(
         points: of one cloud.
         labels: -1, or the number of the candidate.
         reference: the unchanged points of the cloud, and the other cloud.
+        free: which points are in free space of the other survey; None: its views are not known.
         settings: how candidates are cut.
         continued: when a point continues a surface.
 
@@ -53,7 +62,8 @@ def cut(
     for label in np.unique(labels[labels >= 0]):
         own = np.flatnonzero(labels == label)
         whole = continuation(points[own], reference, continued)
-        parts = _parts(points[own], whole.continued, reference.spacing, settings)
+        sides = _sides(points[own], whole.continued, None if free is None else free[own], settings)
+        parts = _parts(points[own], sides, reference.spacing, settings)
         for part in range(parts.max() + 1):
             number, inside = len(continuations), parts == part
             pieces[own[inside]] = number
@@ -62,15 +72,30 @@ def cut(
     return pieces, continuations
 
 
+def _sides(
+    points: Float[np.ndarray, "m 3"],
+    continued: Bool[np.ndarray, " m"],
+    free: Bool[np.ndarray, " m"] | None,
+    settings: PieceSettings,
+) -> list[Bool[np.ndarray, " m"]]:
+    """The points of one candidate by whether they continue unchanged surfaces, and whether they were seen through."""
+    sides = [continued, ~continued]
+    if free is None:
+        return sides
+    nearest = nearest_neighbours(cKDTree(points), points, settings.nearest)[1]
+    mostly = free[nearest].mean(axis=1) > 0.5
+    return [side & seen for side in sides for seen in (mostly, ~mostly)]
+
+
 def _parts(
-    points: Float[np.ndarray, "m 3"], continued: Bool[np.ndarray, " m"], spacing: float, settings: PieceSettings
+    points: Float[np.ndarray, "m 3"], sides: list[Bool[np.ndarray, " m"]], spacing: float, settings: PieceSettings
 ) -> Int[np.ndarray, " m"]:
     """The number of the piece of each point of one candidate."""
     least = max(settings.smallest, settings.share * len(points))
     if len(points) < 2 * least:
         return np.zeros(len(points), int)
     parts = np.full(len(points), -1)
-    for side in (continued, ~continued):
+    for side in sides:
         if side.sum() < least:
             continue
         clusters = density_clusters(points[side], settings.radius * spacing, settings.neighbours)

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from gmmjax.changes.differences import Differences
 from gmmjax.changes.evidence.examination import measured_candidates, observed_places
 from gmmjax.changes.evidence.facts import FACTS, measured, names_of, sphere_directions
+from gmmjax.changes.evidence.free_space import Observed
 from gmmjax.clouds import SensorViews
 from gmmjax.pair import Pair
 from tests.changes.evidence.floors import (
@@ -84,6 +85,23 @@ def test_a_floor_that_the_other_survey_did_not_see(of_hole):
     assert of_hole["shown"] < 0.2
     assert of_hole["compactness"] < 0.1
     assert "seen_free" not in of_hole
+
+
+@pytest.mark.parametrize("both", [True, False])
+def test_the_hidden_side_of_what_was_seen_through_is_known_by_it(both):
+    """A block that reaches below the floor, where no survey from above sees; and its lower half without the upper."""
+    upper, lower = CUBE, CUBE - [0, 0, 0.42]
+    points = np.concatenate([BARE, lower, *([upper] if both else [])])
+    labels = np.repeat([-1, 0, 1], [len(BARE), len(lower), len(points) - len(BARE) - len(lower)])
+    observed = np.array([Observed.surface, Observed.unobserved, Observed.free], np.int8)[labels + 1]
+    pair = Pair(candidates_of(points, labels, observed), nothing_of(OTHER))
+    hidden, *_ = measured_candidates(pair, surveys_of(pair, FROM_ABOVE), LIMITS).before
+    facts = measured(hidden)
+    assert facts["not_seen"] == 1 and facts["seen_free"] == facts["cluster_free"] == 0
+    if both:
+        assert 0.05 < facts["free_contact"] < 0.5 and facts["free_nearby"] > 0.3
+    else:
+        assert facts["free_contact"] == facts["free_nearby"] == 0
 
 
 def test_every_fact_is_finite_in_its_range_and_has_a_sentence(of_cube, of_hole):
