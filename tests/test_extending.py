@@ -23,7 +23,7 @@ from gmmjax.changes.detectors.separate import AbstractSeparateDetector, over_pai
 from gmmjax.changes.evidence.facts import Fact
 from gmmjax.changes.progress import silent
 from gmmjax.clouds import READERS
-from gmmjax.evaluation import LabelledCloud, LabelledPair, evaluate, score_pair
+from gmmjax.evaluation import evaluate, score_pair
 from gmmjax.evaluation.detectors import EvidenceDetector, on_pairs
 from gmmjax.mixtures import GaussianMixture
 from gmmjax.pair import Pair
@@ -31,8 +31,7 @@ from gmmjax.scenes import random_scene
 from gmmjax.transport import earth_movers_distance
 from gmmjax.transport.ground_cost import distance_of_means
 from tests.changes.evidence.verdicts import verdict
-from tests.changes.scanned_objects import box
-from tests.evaluation.scenes import box_pair, floor_with_box, source
+from tests.evaluation.scenes import box_pair, source
 
 # The scene and the settings of the tests of separate mixtures, which compile the same fits.
 CONFIG = DetectionConfig(restarts=2)
@@ -104,14 +103,9 @@ def test_a_detector_is_scored_like_the_others():
 
 
 def test_a_detector_can_be_put_to_the_evidence_test():
-    before, after, truth = floor_with_box()
-    # With its sides, and without the floor that it hides.
-    sides = box(0, (0.4, 0.4, 0.3), density=2500.0, noise=0.002) + np.array([0.5, 0.5, 0.15])
-    hidden = (truth < 0) & (np.abs(after[:, :2] - 0.5) < 0.2).all(axis=1)
-    after = np.concatenate([after[~hidden], sides])
-    pair = LabelledPair("box", *(LabelledCloud(points, np.full(len(points), -1)) for points in (before, after)))
+    pair = box_pair()
     found, kept = (on_pairs(own)(pair) for own in (HeightDetector(), EvidenceDetector(HeightDetector())))
-    # A box that the other survey has not is evident; the evidence adds nothing.
+    # The top of a box that the other survey has not is evident; the evidence adds nothing.
     assert (kept.labels_after >= 0).any()
     np.testing.assert_array_equal(kept.labels_after[kept.labels_after >= 0], found.labels_after[kept.labels_after >= 0])
 

@@ -71,7 +71,7 @@ class LearningSettings(NamedTuple):
             points: what looks the same after a rotation is recognised all the same.
     """
 
-    scenes: int = 24
+    scenes: int = 60
     of_families: float = 0.5
     scene: SceneSettings = SceneSettings()
     others: float = 2.0

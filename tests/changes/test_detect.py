@@ -223,8 +223,8 @@ def test_in_equal_clouds_nothing_changed_and_every_number_is_finite(name, tmp_pa
 def test_one_object_on_a_plane_of_a_kilometre():
     random = np.random.default_rng(0)
     plain = np.column_stack([random.uniform(0, 1000, size=(3500, 2)), random.normal(0, 0.02, 3500)])
-    # As large as several spacings of the plane's points, which are 17 m apart.
-    thing = 60 * random.uniform(size=(300, 3)) + np.array([500, 500, 0.0])
+    # As large as the spacing of the plane's points.
+    thing = 17 * random.uniform(size=(300, 3)) + np.array([500, 500, 0.0])
     changes = detect_changes(plain, np.concatenate([plain, thing]), config=CONFIG)
     assert [change.kind for change in changes.items] == ["appeared"]
     assert (changes.labels_after[3500:] >= 0).mean() > 0.9 and (changes.labels_after[:3500] == -1).mean() > 0.99

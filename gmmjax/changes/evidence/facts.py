@@ -286,8 +286,9 @@ def cluster_free(candidate: Candidate) -> float:
 
 
 def free_nearby(candidate: Candidate) -> float:
-    """Points of its own cloud's candidates in free space of the other survey around it for each of its own, from 0."""
-    return candidate.count_beside(candidate.surroundings.in_free_space) / len(candidate.rows)
+    """Points of its cloud's candidates in free space of the other survey around it, by these and its own, 0 to 1."""
+    free = candidate.count_beside(candidate.surroundings.in_free_space)
+    return free / (free + len(candidate.rows))
 
 
 def free_contact(candidate: Candidate) -> float:
@@ -365,11 +366,7 @@ FACTS: dict[str, Fact] = {
         cluster_free, "the other survey saw through {:.0%} of what differs there", "share", 1, poses=True
     ),
     "free_nearby": Fact(
-        free_nearby,
-        "the other survey saw through {:.1f} points of what differs around it for each of its own",
-        "ratio",
-        1,
-        poses=True,
+        free_nearby, "of it and what differs around it the other survey saw through {:.0%}", "share", 1, poses=True
     ),
     "free_contact": Fact(
         free_contact, "{:.0%} of it lies beside what the other survey saw through", "share", 1, poses=True
