@@ -366,7 +366,11 @@ FACTS: dict[str, Fact] = {
         cluster_free, "the other survey saw through {:.0%} of what differs there", "share", 1, poses=True
     ),
     "free_nearby": Fact(
-        free_nearby, "what the other survey saw through around it is {:.0%} of that and itself", "share", 1, poses=True
+        free_nearby,
+        "what the other survey saw through around it makes up {:.0%} of that and it together",
+        "share",
+        1,
+        poses=True,
     ),
     "free_contact": Fact(
         free_contact, "{:.0%} of it lies beside what the other survey saw through", "share", 1, poses=True

@@ -62,14 +62,41 @@ def cut(
     for label in np.unique(labels[labels >= 0]):
         own = np.flatnonzero(labels == label)
         whole = continuation(points[own], reference, continued)
-        sides = _sides(points[own], whole.continued, None if free is None else free[own], settings)
-        parts = _parts(points[own], sides, reference.spacing, settings)
+        seen_through = None if free is None else free[own]
+        parts = _parts(points[own], whole.continued, seen_through, reference.spacing, settings)
         for part in range(parts.max() + 1):
             number, inside = len(continuations), parts == part
             pieces[own[inside]] = number
             alone = parts.max() == 0
             continuations[number] = whole if alone else continuation(points[own[inside]], reference, continued)
     return pieces, continuations
+
+
+def _parts(
+    points: Float[np.ndarray, "m 3"],
+    continued: Bool[np.ndarray, " m"],
+    free: Bool[np.ndarray, " m"] | None,
+    spacing: float,
+    settings: PieceSettings,
+) -> Int[np.ndarray, " m"]:
+    """The number of the piece of each point of one candidate."""
+    least = max(settings.smallest, settings.share * len(points))
+    if len(points) < 2 * least:
+        return np.zeros(len(points), int)
+    parts = np.full(len(points), -1)
+    for side in _sides(points, continued, free, settings):
+        if side.sum() < least:
+            continue
+        clusters = density_clusters(points[side], settings.radius * spacing, settings.neighbours)
+        large = np.flatnonzero(np.bincount(clusters[clusters >= 0], minlength=1) >= least)
+        for cluster in large:
+            parts[np.flatnonzero(side)[clusters == cluster]] = parts.max() + 1
+    if parts.max() < 1:
+        return np.zeros(len(points), int)
+    rest = parts < 0
+    nearest = nearest_neighbours(cKDTree(points[~rest]), points[rest], 1)[1][:, 0]
+    parts[rest] = parts[~rest][nearest]
+    return parts
 
 
 def _sides(
@@ -85,26 +112,3 @@ def _sides(
     nearest = nearest_neighbours(cKDTree(points), points, settings.nearest)[1]
     mostly = free[nearest].mean(axis=1) > 0.5
     return [side & seen for side in sides for seen in (mostly, ~mostly)]
-
-
-def _parts(
-    points: Float[np.ndarray, "m 3"], sides: list[Bool[np.ndarray, " m"]], spacing: float, settings: PieceSettings
-) -> Int[np.ndarray, " m"]:
-    """The number of the piece of each point of one candidate."""
-    least = max(settings.smallest, settings.share * len(points))
-    if len(points) < 2 * least:
-        return np.zeros(len(points), int)
-    parts = np.full(len(points), -1)
-    for side in sides:
-        if side.sum() < least:
-            continue
-        clusters = density_clusters(points[side], settings.radius * spacing, settings.neighbours)
-        large = np.flatnonzero(np.bincount(clusters[clusters >= 0], minlength=1) >= least)
-        for cluster in large:
-            parts[np.flatnonzero(side)[clusters == cluster]] = parts.max() + 1
-    if parts.max() < 1:
-        return np.zeros(len(points), int)
-    rest = parts < 0
-    nearest = nearest_neighbours(cKDTree(points[~rest]), points[rest], 1)[1][:, 0]
-    parts[rest] = parts[~rest][nearest]
-    return parts

@@ -21,21 +21,21 @@ class PlaceSettings:
     Attributes:
         reach: radius of the place that is examined, in half diagonals of the group's bounding box. Too small: a part of
             the object is cut off.
-        margin: added to that radius, in spacings.
-        sample: number of points of a place, at most, that its planes are found from.
-        planes: how.
+        margin: added to that radius, in spacings. 0: around a small group nothing tells walls and floors.
+        sample: number of points of a place, at most, that its planes are found from: a bound on the time.
+        planes: how these are found.
         flatness: largest distance of a point from a plane that it belongs to, in standard deviations of the points
-            about their local planes.
-        border: outermost fraction of the radius; a plane with points there goes beyond the place.
+            about their local planes. Smaller: noisy points of a wall are taken for the object.
+        border: outermost fraction of the radius; a plane with points there goes beyond the place. 0: none does.
         at_border: fraction of a plane's points there, at least, of a wall, a floor or another plane that the object
             merely touches. Above 1: none is removed, and the object cannot be told from what it stands on.
         parallel: cosine between a plane's normal and that of a point on it, at least. 0: surfaces that the plane cuts
             count for its size.
         apart: a point of such a plane that is further than this from the other cloud, in spacings, is kept: a door that
             is closed lies in the plane of its wall. Empirical. Infinite: none is.
-        connected: points nearer to each other than this, in spacings, are of one thing.
+        connected: points nearer to each other than this, in spacings, are of one thing. 0: every point is by itself.
         fewest_of_thing: changed points, at least, of a thing that is examined. 0: all things of the place are.
-        fewest: points, at least, that differ in either cloud.
+        fewest: points, at least, that differ in either cloud. 0: a motion is found from a few points by chance.
         most: points of the thing in either cloud, at most: a bound on the time.
         least_ratio: between the numbers of the points that differ in the two clouds, the smaller by the larger: what
             only appeared has not moved. 0: any.
