@@ -10,8 +10,8 @@ from typing import Annotated
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional
 
+from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.changes import DetectionConfig
-from gmmjax.cli.compilation_cache import use_compilation_cache
 from gmmjax.cli.flags import flags_of
 from gmmjax.clouds import read_toml
 from gmmjax.errors import InputError

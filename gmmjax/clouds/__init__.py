@@ -21,14 +21,15 @@ from gmmjax.clouds.files import require_file as require_file
 from gmmjax.clouds.filters import crop_box as crop_box
 from gmmjax.clouds.filters import statistical_outliers as statistical_outliers
 from gmmjax.clouds.mesh import load_open3d as load_open3d
+from gmmjax.clouds.output_folder import FolderKind as FolderKind
+from gmmjax.clouds.output_folder import check_output_folder as check_output_folder
+from gmmjax.clouds.output_folder import output_folder as output_folder
 from gmmjax.clouds.pcd_writing import viewpoint_of as viewpoint_of
 from gmmjax.clouds.pcd_writing import write_pcd as write_pcd
 from gmmjax.clouds.ply import write_ply as write_ply
 from gmmjax.clouds.point_cloud import PointCloud as PointCloud
 from gmmjax.clouds.reading import READERS as READERS
 from gmmjax.clouds.reading import read_cloud as read_cloud
-from gmmjax.clouds.temporaries import JOURNAL as JOURNAL
-from gmmjax.clouds.temporaries import PREFIX as PREFIX
 from gmmjax.clouds.temporaries import clear_folders as clear_folders
 from gmmjax.clouds.temporaries import temporary_folder as temporary_folder
 from gmmjax.clouds.views import MARGIN as MARGIN

@@ -10,10 +10,9 @@ import tomli_w
 from jaxtyping import Bool, Float, Int
 
 from gmmjax.changes import CHANGES_FILE, LABELS_FILE, Changes, DetectionConfig
-from gmmjax.clouds import PointCloud, atomic_write, write_ply
+from gmmjax.clouds import FolderKind, PointCloud, atomic_write, check_output_folder, output_folder, write_ply
 from gmmjax.errors import InputError
 from gmmjax.reporting.html_report import report_html
-from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder
 from gmmjax.reporting.palette import point_colors
 
 REPORT_FILE = "report.html"
