@@ -31,6 +31,7 @@ from gmmjax.clouds.point_cloud import PointCloud as PointCloud
 from gmmjax.clouds.reading import READERS as READERS
 from gmmjax.clouds.reading import read_cloud as read_cloud
 from gmmjax.clouds.temporaries import clear_folders as clear_folders
+from gmmjax.clouds.temporaries import locked_file as locked_file
 from gmmjax.clouds.temporaries import temporary_folder as temporary_folder
 from gmmjax.clouds.views import MARGIN as MARGIN
 from gmmjax.clouds.views import SensorViews as SensorViews
