@@ -17,7 +17,7 @@ from gmmjax.clouds import FolderKind, output_folder
 from gmmjax.errors import InputError, collected_warnings, one_line
 
 FITS_FILE = "fits.npz"
-PAIR_RESULT = FolderKind("result of a pair", PAIR_FILE, "request", (), tree=True)
+PAIR_RESULT = FolderKind("result of a pair", PAIR_FILE, "request", (), tree=True, owned=True)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
