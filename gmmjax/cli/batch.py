@@ -122,7 +122,7 @@ def _pairs(manifest: Path | None, pattern: str | None, config: DetectionConfig) 
 
     if (manifest is None) == (pattern is None):
         raise InputError("give a MANIFEST, or folders by --pairs 'FOLDERS/*/', and not both")
-    return pairs_in_folders(pattern) if manifest is None and pattern is not None else read_manifest(manifest, config)
+    return read_manifest(manifest, config) if manifest is not None else pairs_in_folders(str(pattern))
 
 
 def _merge(out: Path, part: "Shard | None", *, quiet: bool) -> int:
