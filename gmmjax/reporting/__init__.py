@@ -1,5 +1,6 @@
 """What was found, for people and programs: result folders, HTML report, terminal, mixtures and scenes on disk."""
 
+from gmmjax.reporting.batch_index import batch_index_html as batch_index_html
 from gmmjax.reporting.html_report import CONTENT_POLICY as CONTENT_POLICY
 from gmmjax.reporting.html_report import report_html as report_html
 from gmmjax.reporting.mixture_files import read_mixture as read_mixture
