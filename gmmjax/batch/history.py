@@ -174,7 +174,7 @@ def _events(
     for previous, epoch in itertools.pairwise(known):
         was, now = presence[previous], presence[epoch]
         if was and now:
-            places = Pair(track.inherited_place(previous, tree), track.inherited_place(epoch, tree))
+            places = Pair(track.place(previous, tree), track.place(epoch, tree))
             if _moved(track, places, epoch, tree, settings):
                 yield _moved_event(track, places, Pair(previous, epoch), tree)
         elif now:
@@ -220,7 +220,7 @@ def _event(kind: EventKind, track: Track, sighting: Sighting | None, epochs: Pai
         previous=epochs.before,
         probability=shown.change.probability,
         moved_probability=None if sighting is None or kind != "moved" else sighting.change.moved_probability,
-        box=track.inherited_place(there, tree).box if sighting is None else sighting.place.box,
+        box=track.place(there, tree).box if sighting is None else sighting.place.box,
         origin=None,
         distance=None,
         point_count=shown.change.point_count,

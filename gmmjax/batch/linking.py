@@ -228,7 +228,7 @@ class Linker:
         else:
             comparison = self._comparisons[next(other for other, own in self.tree.parents.items() if own == epoch)]
             coverage, frame = comparison.coverage.after, self._frames[epoch]
-        places = [(track.latest_place(epoch), track.inherited_place(epoch, self.tree)) for track in tracks]
+        places = [(track.latest_place(epoch), track.place(epoch, self.tree)) for track in tracks]
         settings = self._settings
         hidden = [
             not_observed(own, coverage, frame, settings.unobserved, settings.probes)

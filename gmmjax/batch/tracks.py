@@ -86,11 +86,15 @@ class Track:
         self.there[sighting.epochs.before] = from_elsewhere
         self.there[sighting.epochs.after] = True
 
-    def inherited_place(self, epoch: int, tree: EpochTree) -> Place:
-        """Where it is in an epoch in which it is there, as the comparisons from the root to this epoch say."""
+    def inherited_place(self, epoch: int, tree: EpochTree) -> Place | None:
+        """Where it is in an epoch, as the comparisons from the root to this epoch say; None: not there yet."""
         while epoch not in self.arrivals and epoch in tree.parents:
             epoch = tree.parents[epoch]
-        return self.arrivals[epoch].place if epoch in self.arrivals else self.first_place
+        return self.arrivals[epoch].place if epoch in self.arrivals else self.home
+
+    def place(self, epoch: int, tree: EpochTree) -> Place:
+        """Where it is in an epoch in which it is there, and else where it was or will be."""
+        return self.inherited_place(epoch, tree) or self.first_place
 
     def latest_place(self, epoch: int) -> Place:
         """Where it was seen last, up to an epoch."""

@@ -104,12 +104,17 @@ def _parts(random):
 
 def _places(random, epochs, spots):
     """Comes at some time or is there, goes or stays, and moves up to twice."""
+
     def spot():
         return (*map(float, spots.pop()), float(random.uniform(0, np.pi)))
 
     comes = int(random.integers(1, epochs - 1)) if random.random() < 0.5 else 0
     goes = int(random.integers(comes + 1, epochs)) if random.random() < 0.5 else epochs
-    moves = {int(epoch) for epoch in random.integers(comes + 1, goes, 2) if random.random() < 0.4} if comes + 1 < goes else set()
+    moves = (
+        {int(epoch) for epoch in random.integers(comes + 1, goes, 2) if random.random() < 0.4}
+        if comes + 1 < goes
+        else set()
+    )
     here, places = spot(), []
     for epoch in range(epochs):
         if epoch in moves and spots:
