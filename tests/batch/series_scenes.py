@@ -54,15 +54,40 @@ class Series:
     things: tuple[Thing, ...]
     misregistrations: tuple[np.ndarray, ...]
 
-    def truth(self):
-        """The histories of what changed at all, in no order."""
-        return sorted(thing.events() for thing in self.things if thing.events())
+    def truth(self, against="previous"):
+        """The number of each thing that changed, with its events.
 
-    def thing_at(self, box, epoch, frame=0):
-        """The thing whose place in an epoch is next to the middle of a box, in the frame of another epoch."""
-        middle = transformed(box.centre[None], np.linalg.inv(self.misregistrations[frame]))[0]
-        there = [(index, thing.places[epoch]) for index, thing in enumerate(self.things) if thing.places[epoch]]
-        return min(there, key=lambda one: np.hypot(*(middle[:2] - one[1][:2])))[0]
+        Against the first epoch, a thing that was not there then and moves is two: no comparison shows both places.
+        """
+        stories = []
+        for number, thing in enumerate(self.things):
+            events = thing.events()
+            if against == "first" and thing.places[0] is None:
+                stories += [(number, stay) for stay in _stays(events)]
+            elif events:
+                stories.append((number, events))
+        return stories
+
+    def told(self, history):
+        """A history as those of the truth; the thing is the one that was next to its first event."""
+        event = history.events[0]
+        there = event.epoch if event.kind == "came" else event.previous
+        box = event.origin if event.kind == "moved" else event.box
+        middle = transformed(box.centre[None], np.linalg.inv(self.misregistrations[history.frame]))[0]
+        places = {number: thing.places[there] for number, thing in enumerate(self.things) if thing.places[there]}
+        nearest = min(places, key=lambda number: np.hypot(*(middle[:2] - places[number][:2])), default=-1)
+        return nearest, tuple((event.kind, event.epoch) for event in history.events)
+
+
+def _stays(events):
+    """The events of each place that a thing was in."""
+    stays = []
+    for kind, epoch in events:
+        if kind in ("moved", "went"):
+            stays[-1] += (("went", epoch),)
+        if kind in ("moved", "came"):
+            stays.append((("came", epoch),))
+    return stays
 
 
 def series(seed, epochs=6, things=6, misregistration=(0.015, 0.4)):

@@ -141,7 +141,7 @@ def test_without_links_each_change_is_an_object():
 
 def test_an_epoch_that_failed_leaves_open_when_it_happened():
     frame = frames(5)
-    things = [BoxAt((None, HERE, HERE, HERE, HERE)), BoxAt((*HERE[:1], 2.0, 0.0),) * 3 + (None,) * 2)]
+    things = [BoxAt((None, HERE, HERE, HERE, HERE)), BoxAt((*[(0.5, 2.0, 0.0)] * 3, None, None))]
     comparisons = [compared(things, *pair, frame) for pair in ((0, 1), (1, 3), (3, 4))]
     came, went = object_histories(EPOCHS, comparisons)
     assert came.presence == (False, True, None, True, True)
