@@ -96,12 +96,13 @@ def series(seed, epochs=6, things=6, misregistration=(0.015, 0.4)):
     Args:
         seed: of everything.
         epochs: number of surveys.
-        things: that come, move, go or stay.
+        things: that come, move, go or stay, up to twelve.
         misregistration: largest translation, metres, and rotation, degrees, of each survey but the first.
     """
     random = np.random.default_rng(seed)
     spots = _spots(random)
-    drawn = [Thing(_parts(random), _places(random, epochs, spots)) for _ in range(things)]
+    homes = [spots.pop() for _ in range(things)]
+    drawn = [Thing(_parts(random), _places(random, epochs, home, spots)) for home in homes]
     wrong = [np.eye(4)]
     wrong += [small_motion(random, *random.uniform(0, misregistration)) for _ in range(epochs - 1)]
     clouds = [_survey(random, drawn, epoch, motion) for epoch, motion in enumerate(wrong)]
@@ -127,25 +128,21 @@ def _parts(random):
     return base, Solid(np.array([0.0, 0.0, extent[2] + upper[2] / 2]), upper)
 
 
-def _places(random, epochs, spots):
-    """Comes at some time or is there, goes or stays, and moves up to twice."""
-
-    def spot():
-        return (*map(float, spots.pop()), float(random.uniform(0, np.pi)))
-
+def _places(random, epochs, home, spots):
+    """Comes at some time or is there, goes or stays, and moves up to twice where there is room left."""
     comes = int(random.integers(1, epochs - 1)) if random.random() < 0.5 else 0
     goes = int(random.integers(comes + 1, epochs)) if random.random() < 0.5 else epochs
-    moves = (
-        {int(epoch) for epoch in random.integers(comes + 1, goes, 2) if random.random() < 0.4}
-        if comes + 1 < goes
-        else set()
-    )
-    here, places = spot(), []
+    moves = {int(epoch) for epoch in random.integers(1, epochs, 2) if comes < epoch < goes and random.random() < 0.5}
+    here, places = _standing(random, home), []
     for epoch in range(epochs):
         if epoch in moves and spots:
-            here = spot()
+            here = _standing(random, spots.pop())
         places.append(here if comes <= epoch < goes else None)
     return tuple(places)
+
+
+def _standing(random, spot):
+    return (float(spot[0]), float(spot[1]), float(random.uniform(0, np.pi)))
 
 
 def _survey(random, things, epoch, wrong):
