@@ -17,7 +17,6 @@ import jax
 import numpy as np
 
 from gmmjax import detect_changes
-from gmmjax._host import available_cores
 from gmmjax.changes.align.alignment import aligned
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.fit.joint_fit import JointFits, _reweighted, point_excess
@@ -228,7 +227,7 @@ def queue_of_restarts(operation: str, path: Path, slots: int) -> Any:
 def queue_of_pairs(operation: str, path: Path, slots: int, way: str = "restarts in turn") -> Any:
     """A core that is done takes the next pair."""
     if operation == "detection":
-        with ThreadPoolExecutor(available_cores()) as threads:
+        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
             return stacked(list(threads.map(functools.partial(_of_one_pair, operation, slots), jobs_of(path))))
     return map_on_cores(_program(operation, way, slots), jobs_of(path), PRECISION)
 
