@@ -1,7 +1,6 @@
 """Between the host and traced code: which of the two holds an array, and how results leave."""
 
 import functools
-import os
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
@@ -65,8 +64,3 @@ def _in_float64(tree: Any) -> Any:
         return np.asarray(leaf, np.float64) if floating else leaf
 
     return jax.tree.map(cast, tree)
-
-
-def available_cores() -> int:
-    """The processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

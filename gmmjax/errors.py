@@ -4,7 +4,9 @@ import os
 import reprlib
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from types import FrameType
 
@@ -39,8 +41,30 @@ class InputWarning(UserWarning):
     """An input that can be used but looks wrong, such as two clouds in different units."""
 
 
+_collected: ContextVar[list[str] | None] = ContextVar("collected warnings", default=None)
+
+
+@contextmanager
+def collected_warnings() -> Iterator[list[str]]:
+    """Collects what `warn` is told in this block and this thread, in place of warning of it.
+
+    Yields:
+        The messages, which grow while the block runs.
+    """
+    messages: list[str] = []
+    token = _collected.set(messages)
+    try:
+        yield messages
+    finally:
+        _collected.reset(token)
+
+
 def warn(message: str) -> None:
     """Gives an `InputWarning` that points to the user's line: the one that called gmmjax."""
+    collected = _collected.get()
+    if collected is not None:
+        collected.append(message)
+        return
     warnings.warn(message, InputWarning, stacklevel=_levels_to_the_caller(sys._getframe()))
 
 

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 import gmmjax
+from gmmjax import _compilation_cache as compilation_cache
 from gmmjax.changes import Changes
-from gmmjax.cli import compilation_cache, main
+from gmmjax.cli import main
 from gmmjax.clouds import read_cloud, write_ply
 from gmmjax.reporting import read_mixture
 from tests.changes.explained import rejected

@@ -259,6 +259,12 @@ class Changes:
     def __getitem__(self, label: int | slice) -> Change | tuple[Change, ...]:
         return self.items[label]
 
+    def object_counts(self) -> dict[str, int]:
+        """How many objects appeared, disappeared and moved; one that moved, which is two changes, counts once."""
+        counts = {kind: sum(change.kind == kind for change in self.items) for kind in get_args(Kind)}
+        paired = sum(change.kind == "moved" and change.partner is not None for change in self.items)
+        return {**counts, "moved": counts["moved"] - paired // 2}
+
     def to_dict(self) -> dict[str, Any]:
         """The changes without the per-point arrays, as plain numbers, strings, lists and dictionaries (for JSON).
 

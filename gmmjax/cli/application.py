@@ -21,6 +21,7 @@ DESCRIPTION = "What changed between two 3D scans, and how sure are you?   (gmmja
 # them, and its line in the help. Only the module of the command at hand is imported.
 COMMANDS: Mapping[str, tuple[str, str]] = {
     "detect": ("detect", "What changed from one scan to another: a list, labels for all points, a report."),
+    "batch": ("batch", "What changed in many pairs of scans, on all cores or a cluster; goes on where it stopped."),
     "fit": ("fit", "Fit a Gaussian mixture to a scan; the number of Gaussians is found."),
     "extract": ("extract", "Frames and maps from a ROS bag or a depth image, as files that detect reads."),
     "simulate gaussians": ("simulate_gaussians", "A pair of clouds drawn from Gaussians, with the truth."),

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from gmmjax.cli.compilation_cache import use_compilation_cache
+from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.cli.detect import RESULT_FILES
 from gmmjax.errors import check_seed
 

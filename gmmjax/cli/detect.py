@@ -10,8 +10,8 @@ from typing import Annotated
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional
 
+from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.changes import DetectionConfig
-from gmmjax.cli.compilation_cache import use_compilation_cache
 from gmmjax.cli.flags import flags_of
 from gmmjax.clouds import read_toml
 from gmmjax.errors import InputError
@@ -31,7 +31,7 @@ Flags = flags_of(DetectionConfig)
 
 def command(arguments: Sequence[str]) -> Callable[..., int]:
     """`detect` with the settings of `--config` as the defaults of its flags, so that flags win over the file."""
-    file = _config_file(arguments)
+    file = config_file(arguments)
     settings = DetectionConfig() if file is None else read_settings(file)
     return functools.partial(detect, settings=Flags(**dataclasses.asdict(settings)))
 
@@ -113,8 +113,12 @@ def read_settings(file: Path) -> DetectionConfig:
     return dataclasses.replace(config, verdict=str((file.parent / config.verdict).resolve()))
 
 
-def _config_file(arguments: Sequence[str]) -> Path | None:
-    """The file of `--config FILE` or `--config=FILE`, the last one given."""
+def config_file(arguments: Sequence[str]) -> Path | None:
+    """The file of `--config FILE` or `--config=FILE`, the last one given.
+
+    Args:
+        arguments: of the command.
+    """
     file = None
     for word, following in itertools.pairwise([*arguments, ""]):
         if word == "--config" and following:

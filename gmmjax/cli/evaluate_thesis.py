@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from gmmjax.cli.compilation_cache import use_compilation_cache
+from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.cli.evaluation import DONE, FAILED
 from gmmjax.errors import InputError, check_seed
 from gmmjax.thesis.chapter4 import PARTS, PartName, Plan, run_chapter

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.changes import DetectionConfig
-from gmmjax.cli.compilation_cache import use_compilation_cache
 from gmmjax.cli.detect import read_settings
 from gmmjax.errors import ComputationError, InputError, check_seed
 from gmmjax.evaluation import Detector, Name, available, detector

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from tyro.conf import Positional
 
-from gmmjax.cli.compilation_cache import use_compilation_cache
+from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.errors import InputError, check_seed
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional
 
+from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.changes import DetectionConfig, names_of
-from gmmjax.cli.compilation_cache import use_compilation_cache
 from gmmjax.cli.detect import read_settings
 from gmmjax.cli.flags import flags_of
 from gmmjax.errors import InputError

@@ -5,6 +5,7 @@ import numpy.typing as npt
 from jaxtyping import Bool
 from scipy.spatial import cKDTree
 
+from gmmjax._cores import available_cores
 from gmmjax.clouds.coordinates import as_finite_points
 from gmmjax.errors import InputError
 
@@ -36,7 +37,7 @@ def statistical_outliers(points: npt.ArrayLike, *, neighbours: int = 20, ratio: 
     count = len(coordinates)
     if count < 2:
         return np.zeros(count, dtype=bool)
-    distances, _ = cKDTree(coordinates).query(coordinates, k=min(neighbours, count - 1) + 1, workers=-1)
+    distances, _ = cKDTree(coordinates).query(coordinates, k=min(neighbours, count - 1) + 1, workers=available_cores())
     # The nearest one is the point itself, or one at the same place: the distance is 0 either way.
     mean_distances = distances[:, 1:].mean(axis=1)
     return np.asarray(mean_distances > mean_distances.mean() + ratio * mean_distances.std(ddof=1))

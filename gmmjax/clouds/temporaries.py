@@ -89,6 +89,30 @@ def temporary_file(folder: Path) -> Iterator[tuple[Path, BinaryIO]]:
             os.close(descriptor)
 
 
+@contextmanager
+def locked_file(folder: Path, name: str, *, shared: bool = False) -> Iterator[None]:
+    """Holds a lock in a folder while the block runs; its hidden file stays. Nothing where a file system has no locks.
+
+    Args:
+        folder: that is there.
+        name: of the lock.
+        shared: with others that hold it shared; else alone.
+
+    Raises:
+        BlockingIOError: another process holds it.
+        OSError: its file cannot be made.
+    """
+    if fcntl is None:
+        yield
+        return
+    descriptor = os.open(folder / f"{PREFIX}{name}.lock", os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        _try_lock(descriptor, fcntl.LOCK_SH if shared else fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
 def clear_folders(parent: Path, recover: Callable[[Path], None] | None = None) -> None:
     """Removes the temporary folders in a folder that dead processes of this host left there.
 
@@ -168,10 +192,10 @@ def _lock(path: Path) -> int | None:
     return descriptor
 
 
-def _try_lock(descriptor: int) -> bool:
+def _try_lock(descriptor: int, kind: int | None = None) -> bool:
     """Whether the file system has locks; another process's lock is a `BlockingIOError`."""
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, (fcntl.LOCK_EX if kind is None else kind) | fcntl.LOCK_NB)
     except BlockingIOError:
         raise
     except OSError:

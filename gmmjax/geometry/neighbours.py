@@ -4,6 +4,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
+from gmmjax._cores import available_cores
+
 # Threads cost more than they save on fewer points.
 POINTS_FOR_THREADS = 10_000
 
@@ -30,8 +32,8 @@ def within_box(
 
 
 def workers_for(count: int) -> int:
-    """The number of threads to look up so many points with, as SciPy's trees take it; -1: one for each core."""
-    return -1 if count >= POINTS_FOR_THREADS else 1
+    """The number of threads to look up so many points with, as SciPy's trees take it: one for each core, or one."""
+    return available_cores() if count >= POINTS_FOR_THREADS else 1
 
 
 def points_within(tree: cKDTree, points: Float[np.ndarray, "n d"], reach: float) -> Float[np.ndarray, "m d"]:

@@ -7,7 +7,8 @@ from typing import Any, Literal
 import jax
 import numpy as np
 
-from gmmjax._host import available_cores, to_numpy
+from gmmjax._cores import available_cores
+from gmmjax._host import to_numpy
 
 Precision = Literal["float64", "float32"]
 

@@ -4,9 +4,6 @@ from gmmjax.reporting.html_report import CONTENT_POLICY as CONTENT_POLICY
 from gmmjax.reporting.html_report import report_html as report_html
 from gmmjax.reporting.mixture_files import read_mixture as read_mixture
 from gmmjax.reporting.mixture_files import write_mixture as write_mixture
-from gmmjax.reporting.output_folder import FolderKind as FolderKind
-from gmmjax.reporting.output_folder import check_output_folder as check_output_folder
-from gmmjax.reporting.output_folder import output_folder as output_folder
 from gmmjax.reporting.page_parts import asset as asset
 from gmmjax.reporting.page_parts import script_json as script_json
 from gmmjax.reporting.result_folder import check_result_folder as check_result_folder

@@ -27,15 +27,18 @@ from gmmjax.reporting.palette import KIND_COLORS
 from gmmjax.reporting.summary import (
     HEADINGS,
     answer,
+    batch_answer,
     change_rows,
     dropped_rows,
     dropped_text,
+    percent,
     registration_text,
     unobserved_text,
 )
 from gmmjax.scenes import GaussianScene
 
 if TYPE_CHECKING:
+    from gmmjax.reporting.batch_files import Summary
     from gmmjax.surveys import Bag
     from gmmjax.tuning import TuningResult, VerdictResult
 
@@ -129,6 +132,35 @@ def print_files(folder: Path, description: dict[str, str]) -> None:
     width = max(len(name) for name in description)
     for name, text in description.items():
         console.print(f"  {name:<{width}}  [dim]{escape(text)}[/dim]", highlight=False, soft_wrap=True)
+
+
+def print_batch(summary: "Summary", most: int = 10) -> None:
+    """How many pairs of a run are done and changed, those that changed most surely, and those that failed.
+
+    Args:
+        summary: of the run.
+        most: lines of each list; the others are counted.
+    """
+    console = Console()
+    console.print(batch_answer(summary), style="bold", highlight=False, soft_wrap=True)
+    changed = sorted((row for row in summary.done if row.changes), key=lambda row: -(row.highest_probability or 0))
+    if changed:
+        table = plain_table()
+        table.add_column("Pair", overflow="ellipsis", no_wrap=True, max_width=40)
+        for heading in ("Changes", "Appeared", "Disappeared", "Moved", "Most probable"):
+            table.add_column(heading, justify="right", no_wrap=True)
+        for row in changed[:most]:
+            counts = (row.changes, row.appeared, row.disappeared, row.moved)
+            table.add_row(escape(row.name), *map(str, counts), percent(row.highest_probability or 0))
+        console.print(table)
+    if len(changed) > most:
+        console.print(f"  and {len(changed) - most} more pairs with changes", style="dim", highlight=False)
+    if summary.failed:
+        console.print(f"\n{len(summary.failed)} failed", style="bold", highlight=False)
+    for row in summary.failed[:most]:
+        console.print(f"  {escape(row.name)}: {escape(row.error)}", highlight=False, soft_wrap=True)
+    if len(summary.failed) > most:
+        console.print(f"  and {len(summary.failed) - most} more, in pairs.csv", style="dim", highlight=False)
 
 
 def print_fit(fit: Fit, cloud: PointCloud) -> None:

@@ -12,10 +12,17 @@ from typing import IO, Literal
 import numpy as np
 from jaxtyping import Float64
 
-from gmmjax.clouds import atomic_write, viewpoint_of, write_pcd, write_ply
+from gmmjax.clouds import (
+    FolderKind,
+    atomic_write,
+    check_output_folder,
+    output_folder,
+    viewpoint_of,
+    write_pcd,
+    write_ply,
+)
 from gmmjax.errors import InputError
 from gmmjax.geometry import transformed
-from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder
 from gmmjax.surveys import Frame
 
 SCHEMA_VERSION = 1

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from gmmjax.clouds import atomic_write, read_json_record
+from gmmjax.clouds import FolderKind, atomic_write, check_output_folder, output_folder, read_json_record
 from gmmjax.errors import InputError, one_line
 from gmmjax.mixtures import Fit, FitStatus, GaussianMixture
-from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder
 
 SCHEMA_VERSION = 1
 MIXTURE_FILE = "mixture.json"

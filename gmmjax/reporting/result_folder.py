@@ -10,10 +10,9 @@ import tomli_w
 from jaxtyping import Bool, Float, Int
 
 from gmmjax.changes import CHANGES_FILE, LABELS_FILE, Changes, DetectionConfig
-from gmmjax.clouds import PointCloud, atomic_write, write_ply
+from gmmjax.clouds import FolderKind, PointCloud, atomic_write, check_output_folder, output_folder, write_ply
 from gmmjax.errors import InputError
 from gmmjax.reporting.html_report import report_html
-from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder
 from gmmjax.reporting.palette import point_colors
 
 REPORT_FILE = "report.html"
@@ -59,17 +58,32 @@ def write_result(
     """
     _check_lengths(before, after, changes)
     with output_folder(folder, RESULT, overwrite=overwrite) as staging:
-        changes.save(staging)
-        fields = changes.labels_before, changes.probability_before, changes.unobserved_before
-        _write_labelled(staging / BEFORE_FILE, before, *fields, changes)
-        fields = changes.labels_after, changes.probability_after, changes.unobserved_after
-        registered = dataclasses.replace(after, points=changes.registration.apply(after.points))
-        _write_labelled(staging / AFTER_FILE, registered, *fields, changes)
-        with atomic_write(staging / REPORT_FILE) as file:
-            file.write(report_html(before, after, changes).encode())
-        with atomic_write(staging / CONFIG_FILE) as file:
-            tomli_w.dump(_portable(changes.config), file)
+        write_result_files(staging, before, after, changes)
     return Path(folder)
+
+
+def write_result_files(folder: Path, before: PointCloud, after: PointCloud, changes: Changes) -> None:
+    """Writes the files of `write_result` into a folder that is there.
+
+    Args:
+        folder: to write to.
+        before: the before cloud that the changes were found in.
+        after: the after cloud, as given.
+        changes: what was found.
+
+    Raises:
+        InputError, OSError: a file cannot be written.
+    """
+    changes.save(folder)
+    fields = changes.labels_before, changes.probability_before, changes.unobserved_before
+    _write_labelled(folder / BEFORE_FILE, before, *fields, changes)
+    fields = changes.labels_after, changes.probability_after, changes.unobserved_after
+    registered = dataclasses.replace(after, points=changes.registration.apply(after.points))
+    _write_labelled(folder / AFTER_FILE, registered, *fields, changes)
+    with atomic_write(folder / REPORT_FILE) as file:
+        file.write(report_html(before, after, changes).encode())
+    with atomic_write(folder / CONFIG_FILE) as file:
+        tomli_w.dump(_portable(changes.config), file)
 
 
 def _portable(config: DetectionConfig) -> dict[str, Any]:

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from gmmjax.clouds import atomic_write, write_ply
+from gmmjax.clouds import FolderKind, atomic_write, check_output_folder, output_folder, write_ply
 from gmmjax.mixtures import GaussianMixture
-from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder
 from gmmjax.scenes import GaussianScene
 
 SCHEMA_VERSION = 1

@@ -1,11 +1,14 @@
 """The answer in words and in rows, the same on the terminal and in the report."""
 
 import math
-from typing import NamedTuple, get_args
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from gmmjax.changes import Change, Changes, Kind, RejectedCandidate
+
+if TYPE_CHECKING:
+    from gmmjax.reporting.batch_files import Summary
 
 HEADINGS = ("Label", "Kind", "Probability", "Points", "Centre", "Size")
 
@@ -26,14 +29,22 @@ class ChangeRow(NamedTuple):
 
 def answer(changes: Changes) -> str:
     """The answer in a sentence: "2 changes: 1 appeared, 1 disappeared". A moved object counts once."""
-    counts = {kind: sum(change.kind == kind for change in changes.items) for kind in get_args(Kind)}
-    paired = sum(change.kind == "moved" and change.partner is not None for change in changes.items)
-    counts["moved"] -= paired // 2
+    counts = changes.object_counts()
     total = sum(counts.values())
     if total == 0:
         return "No change found"
     parts = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
     return f"{total} change{'s' * (total != 1)}: {parts}"
+
+
+def batch_answer(summary: "Summary") -> str:
+    """The answer of a run in a sentence: "198 of 200 pairs done, 2 failed; 61 with changes"."""
+    done, failed, missing = len(summary.done), len(summary.failed), len(summary.missing)
+    parts = [f"{done} of {done + failed + missing} pairs done"]
+    parts += [f"{failed} failed"] if failed else []
+    parts += [f"{missing} missing"] if missing else []
+    changed = sum(bool(row.changes) for row in summary.done)
+    return f"{', '.join(parts)}; {changed or 'none'} with changes"
 
 
 def change_rows(changes: Changes) -> list[ChangeRow]:

@@ -5,9 +5,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from gmmjax.clouds import atomic_write, read_json
+from gmmjax.clouds import FolderKind, atomic_write, check_output_folder, read_json
 from gmmjax.errors import InputError, shown
-from gmmjax.reporting import FolderKind, check_output_folder
 from gmmjax.thesis.chapter4 import Journal, Plan, ThesisResults
 from gmmjax.thesis.report.chapter_page import thesis_html
 from gmmjax.thesis.report.chapter_text import THESIS_TEXT

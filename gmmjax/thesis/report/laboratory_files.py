@@ -12,8 +12,16 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from jaxtyping import Shaped
 
-from gmmjax.clouds import atomic_write, load_open3d, write_pcd, write_ply, write_views
-from gmmjax.reporting import FolderKind, check_output_folder, output_folder
+from gmmjax.clouds import (
+    FolderKind,
+    atomic_write,
+    check_output_folder,
+    load_open3d,
+    output_folder,
+    write_pcd,
+    write_ply,
+    write_views,
+)
 from gmmjax.surveys import Frame, load_rosbags, write_bag, write_intrinsics
 from gmmjax.thesis.laboratory import (
     FRAMES,

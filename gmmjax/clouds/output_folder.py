@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from gmmjax.clouds import JOURNAL, PREFIX, clear_folders, read_json, temporary_folder
+from gmmjax.clouds.files import read_json
+from gmmjax.clouds.temporaries import JOURNAL, PREFIX, clear_folders, temporary_folder
 from gmmjax.errors import InputError
 
 # In the staging folder: what is being replaced.

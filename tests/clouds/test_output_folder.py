@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from gmmjax.clouds.output_folder import FolderKind, check_output_folder, output_folder
 from gmmjax.clouds.temporaries import PREFIX
 from gmmjax.errors import InputError
-from gmmjax.reporting.output_folder import FolderKind, check_output_folder, output_folder
 
 KIND = FolderKind("result", "marker.json", "items", ("data.bin",))
 
@@ -137,7 +137,7 @@ def fail_late(monkeypatch):
 KILLED = """
 import os, signal, sys, warnings
 from pathlib import Path
-from tests.reporting.test_output_folder import write
+from tests.clouds.test_output_folder import write
 
 warnings.simplefilter("ignore")  # of forks beside JAX's threads: there are none yet
 replace = Path.replace

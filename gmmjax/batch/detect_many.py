@@ -1,0 +1,237 @@
+"""Many pairs of scans from Python: an iterator of results, as they are done."""
+
+import dataclasses
+import os
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+
+from gmmjax._cores import available_cores
+from gmmjax.batch.driver import results_of
+from gmmjax.batch.pools import AbstractPool, ClusterPool, ExecutorPool, local_pool
+from gmmjax.batch.rows import ChangeRow, PairRow
+from gmmjax.batch.run_folder import RunFolder, RunRecord, Shard, recorded, run_folder, with_kept_fits
+from gmmjax.batch.scan_pair import BatchPair, check_distinct
+from gmmjax.batch.sending import sent_results
+from gmmjax.batch.worker import PairResult, PairTask, Save, save_changes
+from gmmjax.changes import NAMES, Changes, DetectionConfig
+from gmmjax.errors import ComputationError, InputError, shown
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BatchResult:
+    """What became of a pair.
+
+    Attributes:
+        name: of the pair.
+        pair: its row of the summary; `pair.error` says why it failed, and is empty where it did not.
+        change_rows: the rows of its changes.
+        folder: of its result; None: it is in memory, or the pair failed.
+        reused: whether it was there from an earlier run.
+    """
+
+    name: str
+    pair: PairRow
+    change_rows: tuple[ChangeRow, ...] = ()
+    folder: Path | None = None
+    reused: bool = False
+    _changes: Changes | None = None
+
+    @property
+    def done(self) -> bool:
+        """Whether the pair has a result."""
+        return self.pair.status == "done"
+
+    def changes(self) -> Changes:
+        """The changes; read from the folder where they are not in memory.
+
+        Raises:
+            ComputationError: the pair failed.
+            InputError: the files are missing or damaged.
+        """
+        if not self.done:
+            raise ComputationError(f"pair {self.name}: failed ({self.pair.error})")
+        if self._changes is not None:
+            return self._changes
+        assert self.folder is not None
+        return Changes.load(self.folder)
+
+
+def detect_many(
+    pairs: Iterable[BatchPair],
+    *,
+    out: str | os.PathLike[str] | None = None,
+    config: DetectionConfig | None = None,
+    until_stable: float | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    executor: Executor | None = None,
+    capacity: int | None = None,
+    shard: Shard | None = None,
+    send: bool = False,
+    save: Save = save_changes,
+    overwrite: bool = False,
+    fail_fast: bool = False,
+) -> Generator[BatchResult, None, None]:
+    """Detects the changes of many pairs of scans in other processes, and gives each result as soon as it is done.
+
+    With `out` every result is written when it is done; started again the function computes what is missing, and what
+    was made of other scans, with other settings or by another version. Results are the same bit for bit whatever the
+    number of workers, and however often the run was interrupted.
+
+    A script that calls it needs `if __name__ == "__main__":`, as for every function that starts processes.
+
+    Args:
+        pairs: the pairs; a sequence is computed in the order of its files' sizes, so that pairs of like sizes meet the
+            same compiled programs, and any other iterable as it comes.
+        out: folder of the run; None: results are in memory.
+        config: settings of all pairs that have none of their own; default `DetectionConfig()`.
+        until_stable: no more restarts are made for a pair when doubling them changes the probability of no change by
+            more than this; `restarts` is then the most. None: all are made.
+        workers: processes on this machine; None: one a core.
+        scheduler: address of a Dask scheduler, such as tcp://10.0.0.1:8786, whose workers compute in place of processes
+            of this machine. They must see the files by the same paths, or `send`.
+        executor: any other `concurrent.futures.Executor` in their place.
+        capacity: chunks of pairs that an `executor` is given before the first one is done: more than it has workers.
+        shard: the part of the run that is computed; the others are computed elsewhere. None: all.
+        send: whether the clouds are read here and sent to the workers, and the results are written here: for workers
+            that do not see the files.
+        save: writes the result of a pair into its folder.
+        overwrite: whether `out` may be of a run with other settings, whose results are replaced.
+        fail_fast: whether the first pair that fails ends the run.
+
+    Yields:
+        A result for each pair, those that are there already first. A pair that fails has a result that says why.
+
+    Raises:
+        InputError: pairs of one name, a folder that cannot be used, or that another run is using.
+        ComputationError: the workers are lost, results cannot be written, or a pair failed and `fail_fast`.
+    """
+    if scheduler is not None and executor is not None:
+        raise InputError("scheduler and executor are two places to compute; give one of them")
+    if shard is not None and out is None:
+        raise InputError("shard needs out: the parts of a run meet in its folder")
+    settings = _BatchSettings(config or DetectionConfig(), until_stable, save, overwrite, fail_fast)
+    _check_until_stable(until_stable, settings.config)
+    if out is not None or isinstance(pairs, Sequence):
+        pairs = list(pairs)
+        check_distinct([pair.name for pair in pairs], "pairs")
+    count = len(pairs) if isinstance(pairs, list) else None
+    pool = _pool(workers, scheduler, executor, capacity, count)
+    if out is None:
+        tasks = (settings.task(pair, None) for pair in pairs)
+        return _computed(tasks, pool, settings, None, send=False)
+    assert isinstance(pairs, list)
+    return _in_folder(pairs, Path(os.path.abspath(out)), shard, pool, settings, send=send)
+
+
+def _check_until_stable(until_stable: float | None, config: DetectionConfig) -> None:
+    if until_stable is None:
+        return
+    if not 0 < until_stable < 1:
+        raise InputError(f"until_stable={until_stable} must lie between 0 and 1")
+    if config.restarts is None:
+        raise InputError("until_stable needs restarts, the most that are made, such as restarts=64")
+
+
+@dataclasses.dataclass(frozen=True)
+class _BatchSettings:
+    """What all pairs of a run have in common."""
+
+    config: DetectionConfig
+    until_stable: float | None
+    save: Save
+    overwrite: bool
+    fail_fast: bool
+
+    def task(self, pair: BatchPair, folder: RunFolder | None) -> PairTask:
+        """What is to be done with a pair. Its paths are absolute: a worker may be started in another folder."""
+        files = {role: Path(os.path.abspath(file)) for role, file in pair.files().items()}
+        placed = dataclasses.replace(pair, **files)
+        config = self.config if pair.config is None else pair.config
+        place = None if folder is None else folder.pair(pair.name)
+        return PairTask(placed, config, self.until_stable, place, self.save)
+
+
+def _pool(
+    workers: int | None, scheduler: str | None, executor: Executor | None, capacity: int | None, pairs: int | None
+) -> AbstractPool:
+    if scheduler is not None:
+        return ClusterPool(scheduler)
+    if executor is not None:
+        return ExecutorPool(executor, capacity or 2 * (workers or available_cores()))
+    return local_pool(workers, pairs)
+
+
+def _in_folder(
+    pairs: list[BatchPair],
+    out: Path,
+    shard: Shard | None,
+    pool: AbstractPool,
+    settings: _BatchSettings,
+    *,
+    send: bool,
+) -> Generator[BatchResult, None, None]:
+    """What is there already, and then what is computed, largest first: like sizes meet the same compiled programs."""
+    folder = run_folder(out)
+    with folder.locked(shard):
+        folder.prepare(RunRecord.of([pair.name for pair in pairs], settings.config), overwrite=settings.overwrite)
+        waiting = []
+        for pair in pairs if shard is None else shard.of(pairs):
+            task = settings.task(pair, folder)
+            record = recorded(task)
+            if record is None:
+                waiting.append(task)
+            else:
+                folder.clear_error(pair.name)
+                yield BatchResult(pair.name, record.pair, record.changes, task.folder, reused=True)
+        waiting.sort(key=_size, reverse=True)
+        yield from _computed(map(with_kept_fits, waiting), pool, settings, folder, send=send)
+
+
+def _computed(
+    tasks: Iterator[PairTask],
+    pool: AbstractPool,
+    settings: _BatchSettings,
+    folder: RunFolder | None,
+    *,
+    send: bool,
+) -> Generator[BatchResult, None, None]:
+    known: dict[str, PairTask] = {}
+
+    def remembered(tasks: Iterator[PairTask]) -> Iterator[PairTask]:
+        for task in tasks:
+            if task.pair.name in known:
+                raise InputError(f"pairs: the name {shown(task.pair.name)} is there more than once")
+            known[task.pair.name] = task
+            yield task
+
+    results = sent_results(remembered(tasks), pool) if send else results_of(remembered(tasks), pool)
+    for result in results:
+        task = known[result.name]
+        # Without the clouds, which may be in memory: only the name must not come again.
+        known[result.name] = dataclasses.replace(task, pair=BatchPair(result.name, "", ""))
+        yield _kept(result, task, folder)
+        if result.record is None and settings.fail_fast:
+            raise ComputationError(f"pair {result.name}: {result.error}")
+
+
+def _kept(result: PairResult, task: PairTask, folder: RunFolder | None) -> BatchResult:
+    """The result for the caller; why a pair failed is written, too."""
+    if result.record is not None:
+        if folder is not None:
+            folder.clear_error(result.name)
+        changes = None if result.consensus is None else result.consensus.changes
+        return BatchResult(result.name, result.record.pair, result.record.changes, task.folder, _changes=changes)
+    files = {role: str(file) for role, file in task.pair.files().items() if role in NAMES}
+    row = PairRow(result.name, "failed", result.error, **files)
+    if folder is not None:
+        folder.write_error(row)
+    return BatchResult(result.name, row)
+
+
+def _size(task: PairTask) -> int:
+    """Bytes of the scans of a pair, about what it takes."""
+    clouds = [getattr(cloud, "points", cloud) for cloud in task.pair.clouds]
+    in_memory = sum(getattr(cloud, "nbytes", 0) for cloud in clouds)
+    return in_memory + sum(file.stat().st_size for file in task.pair.files().values() if file.is_file())

@@ -1,0 +1,256 @@
+"""The pairs of a run, from a table or from folders."""
+
+import csv
+import glob
+import io
+import typing
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from gmmjax.batch.scan_pair import BatchPair, check_distinct, check_name
+from gmmjax.changes import DetectionConfig
+from gmmjax.clouds import READERS, parse_json, read_bytes, read_toml
+from gmmjax.errors import InputError, one_line, shown
+
+REQUIRED = ("name", "before", "after")
+FILES = ("before", "after", "views_before", "views_after")
+# A column or key with a file of settings.
+CONFIG = "config"
+DELIMITERS: Mapping[str, str] = {".csv": ",", ".tsv": "\t", ".tab": "\t"}
+JSON_LINES = (".jsonl", ".ndjson")
+# Names listed in a message.
+LISTED = 10
+# The views beside the clouds in a folder, as `extract` writes them and as the options are called.
+VIEWS = ("{side}_views", "views_{side}")
+
+
+class Entry(NamedTuple):
+    """A line of a manifest.
+
+    Attributes:
+        place: the file and the line, at the start of messages.
+        values: by column; those that are empty are left out.
+    """
+
+    place: str
+    values: Mapping[str, Any]
+
+
+def read_manifest(path: Path, config: DetectionConfig = DetectionConfig()) -> list[BatchPair]:
+    """The pairs of a manifest: CSV, TSV or JSON lines.
+
+    Columns: "name", "before", "after"; where wanted "views_before", "views_after", "config" (a TOML file), and any
+    setting of `DetectionConfig` by its name, which wins over the file. Paths are relative to the manifest.
+
+    Args:
+        path: of the manifest.
+        config: what a pair's own settings are in place of.
+
+    Raises:
+        InputError: a manifest that cannot be read, with a missing or an unknown column, a wrong setting, names that are
+            there twice or cannot be those of folders, or with files that do not exist, all of which are listed.
+    """
+    known = {*REQUIRED, *FILES, CONFIG, *_setting_types()}
+    entries = read_entries(path, REQUIRED, known)
+    pairs = [_pair(entry, path.parent, config) for entry in entries]
+    check_distinct([pair.name for pair in pairs], str(path))
+    check_files(path, {f"{pair.name}: {role}": file for pair in pairs for role, file in pair.files().items()})
+    return pairs
+
+
+def pairs_in_folders(pattern: str) -> list[BatchPair]:
+    """A pair for each folder that a pattern matches, which has a file `before` and a file `after` of any format.
+
+    Views are in `before_views` or `views_before`, .json or .npz; the same for after. The pair has the folder's name.
+
+    Args:
+        pattern: such as "scans/*/".
+
+    Raises:
+        InputError: no folder matches, or one has no pair of scans, or several files for one scan.
+    """
+    folders = sorted(Path(found) for found in glob.glob(pattern) if Path(found).is_dir())
+    if not folders:
+        raise InputError(f"pairs={shown(pattern)} matches no folder; quote it, as in --pairs 'scans/*/'")
+    pairs = []
+    for folder in folders:
+        before, after = (_one_of(folder, [side], tuple(READERS)) for side in ("before", "after"))
+        lacking = [side for side, file in (("before", before), ("after", after)) if file is None]
+        if lacking:
+            raise InputError(f"{folder}: has no file {' and no file '.join(lacking)}, such as {lacking[0]}.ply")
+        views = [
+            _one_of(folder, [name.format(side=side) for name in VIEWS], (".json", ".npz"))
+            for side in ("before", "after")
+        ]
+        check_name(folder.name, f"{folder}: name")
+        assert before is not None and after is not None
+        pairs.append(BatchPair(folder.name, before, after, *views))
+    check_distinct([pair.name for pair in pairs], f"pairs={shown(pattern)}")
+    return pairs
+
+
+def read_entries(path: Path, required: Sequence[str], known: Iterable[str]) -> list[Entry]:
+    """The lines of a table.
+
+    Args:
+        path: .csv, .tsv, .jsonl or .ndjson.
+        required: columns that each line must have.
+        known: columns that a line may have.
+
+    Raises:
+        InputError: the file cannot be read or is none of these, is empty, or has a missing or an unknown column.
+    """
+    read = _json_lines if path.suffix.lower() in JSON_LINES else _table
+    entries = read(path, read_bytes(path))
+    if not entries:
+        raise InputError(f"{path}: has no lines with pairs; write one a line, with the columns {', '.join(required)}")
+    known = set(known)
+    for place, values in entries:
+        unknown = [str(column) for column in values if column not in known]
+        missing = [column for column in required if column not in values]
+        if missing:
+            raise InputError(f"{place}: has no {' and no '.join(missing)}; every line needs {', '.join(required)}")
+        if unknown:
+            listed = ", ".join(shown(column) for column in unknown[:3])
+            raise InputError(f"{place}: unknown column {listed}; known are {', '.join(sorted(known))}")
+    return entries
+
+
+def check_files(path: Path, files: Mapping[str, Path]) -> None:
+    """Checks that all files of a manifest are there.
+
+    Args:
+        path: of the manifest.
+        files: by what each is.
+
+    Raises:
+        InputError: some are not; it lists them.
+    """
+    absent = [f"{what} {file}" for what, file in files.items() if not file.is_file()]
+    if absent:
+        listed = "; ".join(absent[:LISTED]) + (f"; and {len(absent) - LISTED} more" if len(absent) > LISTED else "")
+        raise InputError(f"{path}: {len(absent)} of its {len(files)} files do not exist: {listed}")
+
+
+def settings_of(entry: Entry, folder: Path, config: DetectionConfig) -> DetectionConfig | None:
+    """The settings of a line; None where it has none of its own.
+
+    Args:
+        entry: the line.
+        folder: that paths are relative to.
+        config: what its settings are in place of.
+
+    Raises:
+        InputError: an unknown setting or a wrong value.
+    """
+    types = _setting_types()
+    own = {name: value for name, value in entry.values.items() if name in types}
+    if CONFIG not in entry.values and not own:
+        return None
+    try:
+        file = {} if CONFIG not in entry.values else _file_settings(folder / str(entry.values[CONFIG]))
+        values = {name: _value(name, value, types[name]) for name, value in own.items()}
+        if isinstance(values.get("verdict"), str):
+            values["verdict"] = str(folder / values["verdict"])
+        return DetectionConfig.from_dict({**config.to_dict(), **file, **values})
+    except InputError as error:
+        raise InputError(f"{entry.place}: {error}") from error
+
+
+def _file_settings(path: Path) -> dict[str, Any]:
+    settings = read_toml(path)
+    if isinstance(settings.get("verdict"), str):
+        settings["verdict"] = str(path.parent / settings["verdict"])
+    return settings
+
+
+def _pair(entry: Entry, folder: Path, config: DetectionConfig) -> BatchPair:
+    values = entry.values
+    check_name(values["name"], f"{entry.place}: name")
+    files = {role: folder / _path(entry, role) for role in FILES if role in values}
+    return BatchPair(values["name"], **files, config=settings_of(entry, folder, config))
+
+
+def _path(entry: Entry, role: str) -> str:
+    value = entry.values[role]
+    if not isinstance(value, str) or "\0" in value:
+        raise InputError(f"{entry.place}: {role}={shown(value)} must be the path of a file")
+    return value
+
+
+def _table(path: Path, content: bytes) -> list[Entry]:
+    delimiter = DELIMITERS.get(path.suffix.lower())
+    if delimiter is None:
+        endings = ", ".join([*DELIMITERS, *JSON_LINES])
+        raise InputError(f"{path}: is no manifest by its ending; name it {endings}, by what it holds")
+    try:
+        reader = csv.DictReader(io.StringIO(content.decode("utf-8-sig"), newline=""), delimiter=delimiter, strict=True)
+        columns = [column.strip() for column in reader.fieldnames or ()]
+        reader.fieldnames = columns
+        if len(set(columns)) < len(columns):
+            raise ValueError("two columns have one name")
+        rows = [(reader.line_num, row) for row in reader]
+    except (csv.Error, ValueError) as error:
+        remedy = "write it in UTF-8, with a line of column names"
+        raise InputError(f"{path}: is no table ({one_line(error)}); {remedy}") from error
+    return [_entry(path, line, row) for line, row in rows]
+
+
+def _entry(path: Path, line: int, row: Mapping[Any, Any]) -> Entry:
+    if None in row:
+        raise InputError(f"{path}, line {line}: has more values than there are columns; quote values with commas")
+    texts = {column: value.strip() for column, value in row.items() if value is not None}
+    return Entry(f"{path}, line {line}", {column: value for column, value in texts.items() if value})
+
+
+def _json_lines(path: Path, content: bytes) -> list[Entry]:
+    entries = []
+    for number, line in enumerate(content.splitlines(), 1):
+        place = f"{path}, line {number}"
+        if not line.strip():
+            continue
+        try:
+            values = parse_json(line)
+        except ValueError as error:
+            raise InputError(f"{place}: is not JSON ({one_line(error)}); write an object a line") from error
+        if not isinstance(values, dict):
+            raise InputError(f"{place}: is {shown(values)}; write an object, such as " + '{"name": "hall", ...}')
+        settings = values.pop("settings", {})
+        if not isinstance(settings, dict):
+            raise InputError(f"{place}: settings={shown(settings)} must be an object of settings by name")
+        entries.append(Entry(place, {name: own for name, own in {**settings, **values}.items() if own is not None}))
+    return entries
+
+
+def _setting_types() -> dict[str, Any]:
+    return typing.get_type_hints(DetectionConfig)
+
+
+def _value(name: str, value: Any, kind: Any) -> Any:
+    """A setting; in a table it is a text."""
+    if not isinstance(value, str):
+        return value
+    kinds = {*typing.get_args(kind), kind}
+    if bool in kinds:
+        return {"true": True, "false": False}.get(value.lower(), value)
+    if str in kinds or typing.get_origin(kind) is typing.Literal:
+        return value
+    readers: Sequence[Callable[[str], Any]] = [int] if float not in kinds else [int, float]
+    if name == "crop":
+        readers = [lambda text: tuple(float(number) for number in text.split())]
+    for read in readers:
+        try:
+            return read(value)
+        except ValueError:
+            continue
+    return value
+
+
+def _one_of(folder: Path, stems: Sequence[str], endings: Sequence[str]) -> Path | None:
+    """The file of a folder with one of these names; None where there is none."""
+    found = [file for file in sorted(folder.iterdir()) if file.stem in stems and file.suffix.lower() in endings]
+    if len(found) > 1:
+        listed = ", ".join(file.name for file in found)
+        raise InputError(f"{folder}: has {listed}, which could all be meant; leave one of them")
+    return found[0] if found else None

@@ -1,0 +1,225 @@
+"""Where chunks of pairs are computed: local processes, or any executor, such as that of a cluster."""
+
+import abc
+import contextlib
+import os
+import signal
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
+from multiprocessing import get_context
+from typing import TYPE_CHECKING, Any
+
+from gmmjax._cores import available_cores
+from gmmjax._worker_process import start_worker, use_cores
+from gmmjax.errors import ComputationError, InputError, one_line
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+
+class AbstractPool(abc.ABC):
+    """Takes functions and gives futures, as `concurrent.futures.Executor` does.
+
+    Attributes:
+        capacity: number of calls that are worth handing over before the first one is done.
+    """
+
+    capacity: int
+
+    @abc.abstractmethod
+    def submit(self, function: Any, *arguments: Any) -> "Future[Any]":
+        """Hands a call over; there are never more than `capacity`.
+
+        Args:
+            function: of a module, so that another process finds it.
+            arguments: its arguments.
+        """
+
+    @abc.abstractmethod
+    def stop(self, *, at_once: bool) -> None:
+        """Ends it.
+
+        Args:
+            at_once: without waiting for calls that are running.
+        """
+
+    def lost(self, error: BaseException) -> ComputationError | None:
+        """What to say where an error means that there is no pool any more; None: it means something else.
+
+        Args:
+            error: what a future raised.
+        """
+        return None
+
+
+class LocalPool(AbstractPool):
+    """Processes of this machine, each with a share of its cores.
+
+    Each is an executor of its own, so that one that dies takes its own chunk along and no other; it is replaced.
+    """
+
+    def __init__(self, workers: int, cores: int):
+        """Starts no process yet.
+
+        Args:
+            workers: number of processes.
+            cores: that each may use.
+        """
+        self.capacity = workers
+        self._cores = cores
+        self._lanes: list[_Lane | None] = [None] * workers
+
+    def submit(self, function: Any, *arguments: Any) -> "Future[Any]":
+        """Hands a call to a process that has nothing to do; see `AbstractPool`."""
+        number = next(number for number, lane in enumerate(self._lanes) if lane is None or lane.free)
+        lane = self._lanes[number]
+        if lane is not None:
+            try:
+                return lane.submit(function, *arguments)
+            except BrokenExecutor:
+                # It died while it had nothing to do, or with its last chunk.
+                lane.stop(at_once=True)
+        self._lanes[number] = lane = _Lane(self._cores)
+        return lane.submit(function, *arguments)
+
+    def stop(self, *, at_once: bool) -> None:
+        """Ends all processes; see `AbstractPool`."""
+        for lane in self._lanes:
+            if lane is not None:
+                lane.stop(at_once=at_once)
+        self._lanes = [None] * self.capacity
+
+
+class _Lane:
+    """One process."""
+
+    def __init__(self, cores: int):
+        # No fork: the threads of XLA would be missing in the copy.
+        self._executor = ProcessPoolExecutor(
+            1, mp_context=get_context("spawn"), initializer=start_worker, initargs=(cores,)
+        )
+        self._process = self._executor.submit(os.getpid)
+        self._latest: Future[Any] | None = None
+
+    @property
+    def free(self) -> bool:
+        return self._latest is None or self._latest.done()
+
+    def submit(self, function: Any, *arguments: Any) -> "Future[Any]":
+        self._latest = self._executor.submit(function, *arguments)
+        return self._latest
+
+    def stop(self, *, at_once: bool) -> None:
+        if at_once and self._process.done() and self._process.exception() is None and not self.free:
+            with contextlib.suppress(OSError):
+                os.kill(self._process.result(), signal.SIGTERM)
+        self._executor.shutdown(wait=not at_once, cancel_futures=True)
+
+
+class ExecutorPool(AbstractPool):
+    """Any `concurrent.futures.Executor`, such as `mpi4py.futures.MPIPoolExecutor`. Whoever made it ends it."""
+
+    def __init__(self, executor: Executor, capacity: int):
+        """Takes an executor.
+
+        Args:
+            executor: whose workers can import gmmjax.
+            capacity: chunks that it is given before the first one is done.
+        """
+        self.capacity = capacity
+        self._executor = executor
+        self._running: set[Future[Any]] = set()
+
+    def submit(self, function: Any, *arguments: Any) -> "Future[Any]":
+        """Hands a call over; see `AbstractPool`."""
+        future = self._executor.submit(_call, function, arguments)
+        self._running.add(future)
+        future.add_done_callback(self._running.discard)
+        return future
+
+    def stop(self, *, at_once: bool) -> None:
+        """Takes back what has not begun; see `AbstractPool`."""
+        if at_once:
+            for future in list(self._running):
+                future.cancel()
+
+
+class ClusterPool(ExecutorPool):
+    """The workers of a Dask cluster. It sends a chunk again where a worker dies."""
+
+    def __init__(self, address: str):
+        """Connects to a cluster.
+
+        Args:
+            address: of its scheduler, such as tcp://10.0.0.1:8786.
+
+        Raises:
+            InputError: Dask is not installed, nobody answers at the address, or the cluster has no workers.
+        """
+        self._address = address
+        self._client = _connected(address)
+        threads = sum(self._client.nthreads().values())
+        if not threads:
+            self._client.close()
+            raise InputError(f"scheduler {address}: has no workers; start some with: dask worker {address}")
+        # Twice as many as compute: none waits for the next message.
+        super().__init__(self._client.get_executor(pure=False), 2 * threads)
+
+    def lost(self, error: BaseException) -> ComputationError | None:
+        """Whether the scheduler has gone; see `AbstractPool`."""
+        if not isinstance(error, CancelledError | OSError) and self._client.status == "running":
+            return None
+        return ComputationError(
+            f"the scheduler at {self._address} has gone ({one_line(error)}); what is done is kept: "
+            "start the cluster and the same command again, which goes on from there"
+        )
+
+    def stop(self, *, at_once: bool) -> None:
+        """Leaves the cluster; see `AbstractPool`."""
+        super().stop(at_once=at_once)
+        with contextlib.suppress(Exception):
+            self._client.close(timeout=5)
+
+
+def died(error: BaseException) -> bool:
+    """Whether an error of a future means that the worker died, by the standard library or by Dask.
+
+    Args:
+        error: what the future raised.
+    """
+    return isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"
+
+
+def local_pool(workers: int | None, pairs: int | None = None) -> LocalPool:
+    """Processes that share the cores of this machine.
+
+    Args:
+        workers: number of processes; None: one a core.
+        pairs: number of pairs, where it is known: there are no more processes than pairs, each with more cores.
+
+    Raises:
+        InputError: no process at all.
+    """
+    if workers is not None and workers < 1:
+        raise InputError(f"workers={workers} must be at least 1")
+    cores = available_cores()
+    count = max(1, min(workers or cores, cores if pairs is None else pairs) if workers is None else workers)
+    return LocalPool(count, max(1, cores // count))
+
+
+def _connected(address: str) -> "Client":
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError("a scheduler needs Dask; install it with: pip install 'gmmjax[cluster]'") from error
+    try:
+        return Client(address, timeout=10, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"scheduler {address}: cannot be reached ({one_line(error)}); check address and network"
+        ) from error
+
+
+def _call(function: Any, arguments: tuple[Any, ...]) -> Any:
+    """A call in a worker that we have not started: it gets one core, as each thread of a cluster's worker has."""
+    use_cores(1)
+    return function(*arguments)

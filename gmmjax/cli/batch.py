@@ -1,0 +1,158 @@
+"""`gmmjax batch MANIFEST --out DIR`."""
+
+import contextlib
+import dataclasses
+import functools
+import shlex
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from tyro.conf import OmitArgPrefixes, Positional
+
+from gmmjax.changes import DetectionConfig
+from gmmjax.cli.detect import Flags, config_file, read_settings
+from gmmjax.errors import InputError
+
+if TYPE_CHECKING:
+    from gmmjax.batch import BatchPair, RunFolder, Shard
+    from gmmjax.reporting.batch_progress import BatchProgress
+
+# Probabilities that change by less are the same to a reader, who sees whole percents.
+SETTLED = 0.01
+SUMMARY_FILES = {
+    "index.html": "open it in a browser: all pairs, to sort and search",
+    "pairs.csv": "a row for each pair; pairs.parquet is the same",
+    "changes.csv": "a row for each change; changes.parquet is the same",
+    "pairs": "a folder for each pair, with its report",
+}
+
+
+def command(arguments: Sequence[str]) -> Callable[..., int]:
+    """`batch` with the settings of `--config` as the defaults of its flags, so that flags win over the file."""
+    file = config_file(arguments)
+    settings = DetectionConfig() if file is None else read_settings(file)
+    return functools.partial(batch, settings=Flags(**dataclasses.asdict(settings)))
+
+
+def batch(
+    manifest: Annotated[Positional[Path | None], tyro.conf.arg(metavar="MANIFEST")] = None,
+    *,
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    pairs: Annotated[str | None, tyro.conf.arg(metavar="'FOLDERS/*/'")] = None,
+    config: Annotated[Path | None, tyro.conf.arg(metavar="FILE.toml")] = None,
+    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    scheduler: Annotated[str | None, tyro.conf.arg(metavar="tcp://HOST:PORT")] = None,
+    send: bool = False,
+    shard: Annotated[str | None, tyro.conf.arg(metavar="K/N")] = None,
+    merge: bool = False,
+    until_stable: bool = False,
+    fail_fast: bool = False,
+    overwrite: bool = False,
+    quiet: bool = False,
+    settings: OmitArgPrefixes[Flags],  # type: ignore[valid-type]
+) -> int:
+    """What changed in many pairs of scans: a result for each, tables of all, and a page to look at them.
+
+    The manifest is a table, .csv or .tsv, with the columns name, before and after, and where wanted views_before,
+    views_after, config, or any setting by its name; or JSON lines (.jsonl) with the same keys. Paths in it are relative
+    to it. A run that was interrupted goes on when the same command is given again: it computes what is missing, and
+    what was made of other scans, with other settings or by another version.
+
+    Args:
+        manifest: the pairs.
+        out: folder of the run; is made where needed.
+        pairs: in place of a manifest, folders that each have before.* and after.*, and where known before_views.json
+            and after_views.json.
+        config: TOML file with settings of all pairs; flags win over it.
+        workers: processes on this machine; default one a core.
+        scheduler: address of a Dask scheduler, whose workers compute in place of this machine.
+        send: read the scans here and send them to the workers, which do not see the files.
+        shard: compute a part of the run, such as 3/100; the others are computed elsewhere, into the same folder.
+        merge: compute nothing; write tables and page of what is in the folder, such as after all shards.
+        until_stable: of each pair, stop when doubling the restarts changes no probability by 1 % or more; --restarts is
+            then the most.
+        fail_fast: stop at the first pair that fails.
+        overwrite: replace the results of a run with other settings in the folder.
+        quiet: print nothing but errors.
+        settings: lengths are in the unit of the scans; None means derived from the data.
+    """
+    del config  # Its settings are the defaults of the flags already: see `command`.
+    from gmmjax.batch import Shard, detect_many, run_folder
+    from gmmjax.reporting.batch_files import save_report
+    from gmmjax.reporting.batch_progress import batch_progress
+
+    detection = DetectionConfig(**dataclasses.asdict(settings))
+    part = None if shard is None else Shard.parse(shard)
+    if merge:
+        return _merge(out, part, quiet=quiet)
+    given = _pairs(manifest, pairs, detection)
+    results = detect_many(
+        given,
+        out=out,
+        config=detection,
+        until_stable=SETTLED if until_stable else None,
+        workers=workers,
+        scheduler=scheduler,
+        send=send,
+        shard=part,
+        save=save_report,
+        overwrite=overwrite,
+        fail_fast=fail_fast,
+    )
+    started = False
+    try:
+        with batch_progress(len(given if part is None else part.of(given)), quiet=quiet) as progress:
+            for result in results:
+                started = True
+                progress.count(done=result.done, reused=result.reused)
+    except BaseException:
+        # What is done so far can be looked at, too; the reason for the end is what the user must read.
+        results.close()
+        if started and part is None:
+            with contextlib.suppress(InputError):
+                _summarised(run_folder(out), quiet=True)
+        raise
+    if part is not None:
+        return _shard_done(out, progress, quiet=quiet)
+    return _summarised(run_folder(out), quiet=quiet)
+
+
+def _pairs(manifest: Path | None, pattern: str | None, config: DetectionConfig) -> "list[BatchPair]":
+    from gmmjax.batch import pairs_in_folders, read_manifest
+
+    if (manifest is None) == (pattern is None):
+        raise InputError("give a MANIFEST, or folders by --pairs 'FOLDERS/*/', and not both")
+    return pairs_in_folders(pattern) if manifest is None and pattern is not None else read_manifest(manifest, config)
+
+
+def _merge(out: Path, part: "Shard | None", *, quiet: bool) -> int:
+    """Tables and page of what is in the folder."""
+    from gmmjax.batch import RUN_FILE, run_folder
+
+    if part is not None:
+        raise InputError("--merge is of all shards; leave --shard out")
+    if not (out / RUN_FILE).is_file():
+        raise InputError(f"--out {out}: holds no run (no {RUN_FILE}); give the folder that the shards were computed in")
+    return _summarised(run_folder(out), quiet=quiet)
+
+
+def _summarised(folder: "RunFolder", *, quiet: bool) -> int:
+    """Writes the summary; 1 where pairs failed or are missing."""
+    from gmmjax.reporting import console
+    from gmmjax.reporting.batch_files import write_summary
+
+    record = folder.run_record()
+    assert record is not None
+    summary = write_summary(folder, record.names)
+    if not quiet:
+        console.print_batch(summary)
+        console.print_files(folder.path, SUMMARY_FILES)
+    return 1 if summary.failed or summary.missing else 0
+
+
+def _shard_done(out: Path, progress: "BatchProgress", *, quiet: bool) -> int:
+    if not quiet:
+        print(f"{progress.text}; when all shards are: gmmjax batch --merge --out {shlex.quote(str(out))}")
+    return 1 if progress.failed else 0
