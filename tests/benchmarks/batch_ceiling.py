@@ -16,6 +16,8 @@ import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -73,11 +75,23 @@ def processes(workers: int) -> Iterator[AbstractPool]:
 
 @contextlib.contextmanager
 def dask(workers: int) -> Iterator[AbstractPool]:
-    """A cluster of this machine: a scheduler here, and a process for each worker."""
+    """A cluster of this machine: a process for the scheduler and one for each worker, apart from the driver's."""
+    ours, theirs = get_context("spawn").Pipe()
+    process = get_context("spawn").Process(target=_cluster, args=(workers, theirs))
+    process.start()
+    try:
+        yield ClusterPool(ours.recv())
+    finally:
+        ours.send("end")
+        process.join()
+
+
+def _cluster(workers: int, driver: Connection) -> None:
     from distributed import LocalCluster
 
     with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster:
-        yield ClusterPool(cluster.scheduler_address)
+        driver.send(cluster.scheduler_address)
+        driver.recv()
 
 
 POOLS: dict[str, Callable[[int], contextlib.AbstractContextManager[AbstractPool]]] = {
@@ -161,8 +175,8 @@ def timed(pool: str, size: int, chunk: str, pairs: int, repeats: int) -> dict[st
         with POOLS[pool](size) as opened:
             # Without end, so that the pool is full all the time.
             results = results_of(map(task, itertools.count()), opened, work, settings)
-            # Every worker has answered by then: results come by turns.
-            skipped = 1 if pool == "driver alone" else 4 * opened.capacity * CHUNKS[chunk]
+            # Until every worker has answered, and what is out has grown from one pair to whole chunks.
+            skipped = 4 * opened.capacity + 10 * CHUNKS[chunk]
             collections.deque(itertools.islice(results, skipped), maxlen=0)
             wall, cpu, network = time.perf_counter(), time.process_time(), loopback_bytes()
             collections.deque(itertools.islice(results, pairs), maxlen=0)
