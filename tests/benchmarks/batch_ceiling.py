@@ -74,10 +74,10 @@ def processes(workers: int) -> Iterator[AbstractPool]:
 
 
 @contextlib.contextmanager
-def dask(workers: int) -> Iterator[AbstractPool]:
-    """A cluster of this machine: a process for the scheduler and one for each worker, apart from the driver's."""
+def dask(threads: int) -> Iterator[AbstractPool]:
+    """A cluster of this machine: a process for the scheduler and two for workers, with so many threads in all."""
     ours, theirs = get_context("spawn").Pipe()
-    process = get_context("spawn").Process(target=_cluster, args=(workers, theirs))
+    process = get_context("spawn").Process(target=_cluster, args=(threads, theirs))
     process.start()
     try:
         yield ClusterPool(ours.recv())
@@ -86,10 +86,10 @@ def dask(workers: int) -> Iterator[AbstractPool]:
         process.join()
 
 
-def _cluster(workers: int, driver: Connection) -> None:
+def _cluster(threads: int, driver: Connection) -> None:
     from distributed import LocalCluster
 
-    with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=2, threads_per_worker=threads // 2, dashboard_address=None) as cluster:
         driver.send(cluster.scheduler_address)
         driver.recv()
 
@@ -196,7 +196,7 @@ def loopback_bytes() -> int:
 def table(log: Path) -> str:
     """A row for each pool, size and chunk: medians."""
     rows = [
-        "| pool | workers, or messages out | message | pairs a second | driver's CPU a pair | network a pair | load |",
+        "| pool | workers, threads, or messages out | message | pairs a second | driver's CPU a pair | network a pair | load |",
         "|---|---|---|---|---|---|---|",
     ]
     for line in read(log):

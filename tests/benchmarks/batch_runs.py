@@ -49,7 +49,8 @@ def main() -> None:
     ceiling = commands.add_parser("ceiling", help="pairs a second with empty work")
     ceiling.add_argument("--log", type=Path, required=True, help="JSON lines")
     ceiling.add_argument("--pairs", type=int, default=20_000)
-    ceiling.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4], help="of processes and of Dask")
+    ceiling.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4], help="processes of this machine")
+    ceiling.add_argument("--threads", type=int, nargs="+", default=[2, 16, 128], help="of two Dask workers together")
     ceiling.add_argument(
         "--out", type=int, nargs="+", default=[2, 128, 2048, 16384], help="messages of the driver alone"
     )
@@ -91,7 +92,8 @@ def run_memory(arguments: argparse.Namespace) -> None:
 
 
 def run_ceiling(arguments: argparse.Namespace) -> None:
-    sizes = {pool: arguments.out if pool == "driver alone" else arguments.workers for pool in arguments.pools}
+    sizes = {"driver alone": arguments.out, "processes": arguments.workers, "dask": arguments.threads}
+    sizes = {pool: sizes[pool] for pool in arguments.pools}
     batch_ceiling.measure(arguments.log, sizes, arguments.pairs, arguments.repeats)
     print(batch_ceiling.table(arguments.log), batch_ceiling.table_of_bytes(), sep="\n\n")
 
