@@ -64,3 +64,15 @@ def _in_float64(tree: Any) -> Any:
         return np.asarray(leaf, np.float64) if floating else leaf
 
     return jax.tree.map(cast, tree)
+
+
+def padded_chunks(rows: np.ndarray, size: int) -> list[np.ndarray]:
+    """The rows in chunks of one size, the last one filled up with zeros: one compiled program for any number of rows.
+
+    Args:
+        rows: any number; of none there is a chunk of zeros.
+        size: of a chunk.
+    """
+    chunks = max(1, -(-len(rows) // size))
+    padding = ((0, chunks * size - len(rows)), *((0, 0) for _ in rows.shape[1:]))
+    return np.split(np.pad(rows, padding), chunks)

@@ -5,6 +5,7 @@ import os
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
+from typing import Any
 
 from gmmjax._cores import available_cores
 from gmmjax.batch.driver import results_of
@@ -14,7 +15,7 @@ from gmmjax.batch.run_folder import RunFolder, RunRecord, Shard, recorded, run_f
 from gmmjax.batch.scan_pair import BatchPair, check_distinct
 from gmmjax.batch.sending import sent_results
 from gmmjax.batch.worker import PairResult, PairTask, Save, save_changes
-from gmmjax.changes import NAMES, Changes, DetectionConfig
+from gmmjax.changes import Changes, DetectionConfig
 from gmmjax.errors import ComputationError, InputError, shown
 
 
@@ -146,7 +147,7 @@ class _BatchSettings:
 
     def task(self, pair: BatchPair, folder: RunFolder | None) -> PairTask:
         """What is to be done with a pair. Its paths are absolute: a worker may be started in another folder."""
-        files = {role: Path(os.path.abspath(file)) for role, file in pair.files().items()}
+        files: dict[str, Any] = {role: Path(os.path.abspath(file)) for role, file in pair.files().items()}
         placed = dataclasses.replace(pair, **files)
         config = self.config if pair.config is None else pair.config
         place = None if folder is None else folder.pair(pair.name)
@@ -223,8 +224,8 @@ def _kept(result: PairResult, task: PairTask, folder: RunFolder | None) -> Batch
             folder.clear_error(result.name)
         changes = None if result.consensus is None else result.consensus.changes
         return BatchResult(result.name, result.record.pair, result.record.changes, task.folder, _changes=changes)
-    files = {role: str(file) for role, file in task.pair.files().items() if role in NAMES}
-    row = PairRow(result.name, "failed", result.error, **files)
+    files = {role: str(file) for role, file in task.pair.files().items()}
+    row = PairRow(result.name, "failed", result.error, files.get("before"), files.get("after"))
     if folder is not None:
         folder.write_error(row)
     return BatchResult(result.name, row)

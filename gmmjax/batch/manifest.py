@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from gmmjax.batch.scan_pair import BatchPair, check_distinct, check_name
-from gmmjax.changes import DetectionConfig
+from gmmjax.changes import NAMES, DetectionConfig
 from gmmjax.clouds import READERS, parse_json, read_bytes, read_toml
 from gmmjax.errors import InputError, one_line, shown
 
@@ -73,19 +73,7 @@ def pairs_in_folders(pattern: str) -> list[BatchPair]:
     folders = sorted(Path(found) for found in glob.glob(pattern) if Path(found).is_dir())
     if not folders:
         raise InputError(f"pairs={shown(pattern)} matches no folder; quote it, as in --pairs 'scans/*/'")
-    pairs = []
-    for folder in folders:
-        before, after = (_one_of(folder, [side], tuple(READERS)) for side in ("before", "after"))
-        lacking = [side for side, file in (("before", before), ("after", after)) if file is None]
-        if lacking:
-            raise InputError(f"{folder}: has no file {' and no file '.join(lacking)}, such as {lacking[0]}.ply")
-        views = [
-            _one_of(folder, [name.format(side=side) for name in VIEWS], (".json", ".npz"))
-            for side in ("before", "after")
-        ]
-        check_name(folder.name, f"{folder}: name")
-        assert before is not None and after is not None
-        pairs.append(BatchPair(folder.name, before, after, *views))
+    pairs = [_pair_in(folder) for folder in folders]
     check_distinct([pair.name for pair in pairs], f"pairs={shown(pattern)}")
     return pairs
 
@@ -245,6 +233,23 @@ def _value(name: str, value: Any, kind: Any) -> Any:
         except ValueError:
             continue
     return value
+
+
+def _pair_in(folder: Path) -> BatchPair:
+    check_name(folder.name, f"{folder}: name")
+    clouds, views = NAMES.map(lambda side: _cloud(folder, side)), NAMES.map(lambda side: _views(folder, side))
+    return BatchPair(folder.name, clouds.before, clouds.after, views.before, views.after)
+
+
+def _cloud(folder: Path, side: str) -> Path:
+    file = _one_of(folder, [side], tuple(READERS))
+    if file is None:
+        raise InputError(f"{folder}: has no file {side}, such as {side}.ply")
+    return file
+
+
+def _views(folder: Path, side: str) -> Path | None:
+    return _one_of(folder, [name.format(side=side) for name in VIEWS], (".json", ".npz"))
 
 
 def _one_of(folder: Path, stems: Sequence[str], endings: Sequence[str]) -> Path | None:

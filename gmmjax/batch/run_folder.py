@@ -270,9 +270,10 @@ def with_kept_fits(task: PairTask) -> PairTask:
         task: of a pair that is not done as it asks for it.
     """
     record = _record_of_inputs(task)
-    kept = record is not None and task.folder is not None and record.request.same_fits(task.request)
-    whole = kept and FITS_FILE in record.files and record.files[FITS_FILE].matches(task.folder / FITS_FILE)
-    return dataclasses.replace(task, keeps_fits=whole)
+    if record is None or task.folder is None or not record.request.same_fits(task.request):
+        return task
+    fits = record.files.get(FITS_FILE)
+    return dataclasses.replace(task, keeps_fits=fits is not None and fits.matches(task.folder / FITS_FILE))
 
 
 def _record_of_inputs(task: PairTask) -> PairRecord | None:

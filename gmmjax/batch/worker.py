@@ -17,7 +17,7 @@ from gmmjax.clouds import FolderKind, output_folder
 from gmmjax.errors import InputError, collected_warnings, one_line
 
 FITS_FILE = "fits.npz"
-PAIR_RESULT = FolderKind("result of a pair", PAIR_FILE, "request", (), tree=True)
+PAIR_RESULT = FolderKind("result of a pair", PAIR_FILE, "request", (), tree=True, owned=True)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -195,7 +195,7 @@ def _found(task: PairTask, loaded: LoadedPair) -> FoundPair:
     stages = diagnostics.pop("seconds")
     changes = dataclasses.replace(consensus.changes, diagnostics=diagnostics)
     seconds = {**stages, "detection": time.perf_counter() - began}
-    return FoundPair(task.pair.name, loaded, consensus._replace(changes=changes), seconds, tuple(warnings))
+    return FoundPair(task.pair.name, loaded, dataclasses.replace(consensus, changes=changes), seconds, tuple(warnings))
 
 
 def earlier_fits(task: PairTask) -> RestartFits | None:
@@ -270,7 +270,9 @@ def _pair_row(task: PairTask, found: FoundPair, seconds: float) -> PairRow:
         points_before=len(changes.labels_before),
         points_after=len(changes.labels_after),
         changes=sum(counts.values()),
-        **counts,
+        appeared=counts["appeared"],
+        disappeared=counts["disappeared"],
+        moved=counts["moved"],
         highest_probability=max((change.probability for change in changes), default=None),
         restarts=len(found.consensus.fits),
         standard_error=max(errors, default=None),

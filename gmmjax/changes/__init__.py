@@ -15,10 +15,15 @@ from gmmjax.changes.config import PRIOR_LEAVES as PRIOR_LEAVES
 from gmmjax.changes.config import DetectionConfig as DetectionConfig
 from gmmjax.changes.config import Method as Method
 from gmmjax.changes.config import with_settings as with_settings
+from gmmjax.changes.consensus import Consensus as Consensus
+from gmmjax.changes.consensus import Doubling as Doubling
+from gmmjax.changes.consensus import largest_difference as largest_difference
 from gmmjax.changes.detect import detect_changes as detect_changes
+from gmmjax.changes.detect import detect_consensus as detect_consensus
 from gmmjax.changes.detectors import DETECTORS as DETECTORS
 from gmmjax.changes.detectors import AbstractChangeDetector as AbstractChangeDetector
 from gmmjax.changes.detectors import AbstractDetector as AbstractDetector
+from gmmjax.changes.detectors import AbstractRestartDetector as AbstractRestartDetector
 from gmmjax.changes.detectors import Detection as Detection
 from gmmjax.changes.detectors import GreedyDetector as GreedyDetector
 from gmmjax.changes.detectors import JointDetector as JointDetector
@@ -56,6 +61,7 @@ from gmmjax.changes.fit.joint_mixture_model import fit_joint_mixture_from_seeds 
 from gmmjax.changes.fit.joint_mixture_model import joint_prior as joint_prior
 from gmmjax.changes.fit.joint_problem import JointFitSettings as JointFitSettings
 from gmmjax.changes.fit.joint_problem import joint_problem as joint_problem
+from gmmjax.changes.fit.restart_fits import RestartFits as RestartFits
 from gmmjax.changes.objects.cloud_changes import change_of as change_of
 from gmmjax.changes.objects.found import KINDS as KINDS
 from gmmjax.changes.objects.found import ObjectSettings as ObjectSettings

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int, Int8
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.differences import DetectionLimits, Differences, LocalDifference
+from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.geometry import density_clusters, workers_for
 from gmmjax.pair import Pair, each
 
@@ -41,7 +42,7 @@ class Candidates(NamedTuple):
         points: of the cloud, at the working resolution.
         difference: of each to the other cloud.
         excess: for each restart the posterior of the joint mixture that the point is of what only its cloud has.
-        probability: for each restart, that the point looks changed.
+        looks_changed: probability that the point looks changed, mean over the restarts.
         labels: -1, or the number of the candidate.
         observed: what the other survey observed at the place of each point, values of `Observed`; None: its views are
             not known.
@@ -49,8 +50,8 @@ class Candidates(NamedTuple):
 
     points: Float[np.ndarray, "n 3"]
     difference: LocalDifference
-    excess: Float[np.ndarray, "r n"]
-    probability: Float[np.ndarray, "r n"]
+    excess: RestartValues
+    looks_changed: Float[np.ndarray, " n"]
     labels: Int[np.ndarray, " n"]
     observed: Int8[np.ndarray, " n"] | None = None
 
@@ -63,7 +64,7 @@ class Candidates(NamedTuple):
 def candidates_of(
     points: Pair[Float[np.ndarray, "_ 3"]],
     differences: Differences,
-    excess: Pair[Float[np.ndarray, "r _"]],
+    excess: Pair[RestartValues],
     observed: Pair[Int8[np.ndarray, " _"] | None] = Pair(None, None),
     threshold: float = 0.5,
     settings: CandidateSettings = CandidateSettings(),
@@ -81,38 +82,48 @@ def candidates_of(
     limits = differences.limits
 
     def of_cloud(
-        points: np.ndarray, difference: LocalDifference, excess: np.ndarray, observed: np.ndarray | None
+        points: np.ndarray, difference: LocalDifference, excess: RestartValues, observed: np.ndarray | None
     ) -> Candidates:
-        probability = changed_probability(difference, excess, limits, settings)
-        labels = clusters_by_observation(
-            points, probability.mean(axis=0), observed, limits.spacing, threshold, settings
-        )
-        return Candidates(points, difference, excess, probability, labels, observed)
+        looks_changed = mean_probability(excess, probability_by_difference(difference, limits, settings))
+        labels = clusters_by_observation(points, looks_changed, observed, limits.spacing, threshold, settings)
+        return Candidates(points, difference, excess, looks_changed, labels, observed)
 
     return each(of_cloud, points, differences.local, excess, observed)
 
 
-def changed_probability(
-    difference: LocalDifference,
-    excess: Float[np.ndarray, "r n"],
-    limits: DetectionLimits,
-    settings: CandidateSettings = CandidateSettings(),
-) -> Float[np.ndarray, "r n"]:
-    """For each restart the greatest of three: the mixture's posterior, and what distance and offset say.
+def probability_by_difference(
+    difference: LocalDifference, limits: DetectionLimits, settings: CandidateSettings = CandidateSettings()
+) -> Float[np.ndarray, " n"]:
+    """What distance and offset say, whichever is greater, of each point.
 
-    The mixture sees differences of density and extended changes; the distance sees small objects, for which it cannot
-    spare a Gaussian; the offset sees thin ones, which are nearer to the other surface than its points to each other.
+    The distance sees small objects, for which the mixture cannot spare a Gaussian; the offset sees thin ones, which are
+    nearer to the other surface than its points to each other.
 
     Args:
         difference: of each point to the other cloud.
-        excess: the mixture's posterior.
         limits: of distances and offsets.
         settings: where the probability by distance begins.
     """
     by_distance = difference.distance / limits.local_distance(difference)
     by_distance = np.clip((by_distance - settings.first_distance) / (1 - settings.first_distance), 0, 1)
     by_offset = np.clip(difference.offset / limits.local_offset(difference), 0, 1)
-    return np.maximum(excess, np.maximum(by_distance, by_offset)[None])
+    return np.asarray(np.maximum(by_distance, by_offset))
+
+
+def mean_probability(excess: RestartValues, by_difference: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """The probability that each point looks changed, the mean over the restarts.
+
+    For each restart the greater of two: the mixture's posterior, which sees differences of density and extended
+    changes, and what distance and offset say.
+
+    Args:
+        excess: the mixture's posterior.
+        by_difference: what distance and offset say.
+    """
+    total = np.zeros_like(by_difference)
+    for of_restart in excess.each():
+        total += np.maximum(of_restart, by_difference)
+    return total / excess.restarts
 
 
 def clusters_by_observation(

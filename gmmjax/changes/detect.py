@@ -7,9 +7,12 @@ from jaxtyping import ArrayLike
 
 from gmmjax.changes.change import Changes
 from gmmjax.changes.config import DetectionConfig, Method
-from gmmjax.changes.detectors import DETECTORS, Scan
+from gmmjax.changes.consensus import Consensus
+from gmmjax.changes.detectors import DETECTORS, AbstractRestartDetector, Scan
+from gmmjax.changes.fit.restart_fits import RestartFits
 from gmmjax.changes.progress import Progress, silent
 from gmmjax.clouds import PointCloud, SensorViews
+from gmmjax.errors import InputError, shown
 from gmmjax.pair import Pair
 
 
@@ -53,8 +56,70 @@ def detect_changes(
             made or it is in doubt; a registration in doubt; views that contradict their cloud, which are not used.
     """
     config = _overridden(config or DetectionConfig(), method=method, restarts=restarts, seed=seed)
-    scans = Pair(Scan(before, _views(before, views_before)), Scan(after, _views(after, views_after)))
+    scans = _scans(before, after, views_before, views_after)
     return DETECTORS[config.method](config).changes(scans, progress or silent)
+
+
+def detect_consensus(
+    before: ArrayLike | PointCloud,
+    after: ArrayLike | PointCloud,
+    *,
+    config: DetectionConfig | None = None,
+    views_before: SensorViews | None = None,
+    views_after: SensorViews | None = None,
+    earlier: RestartFits | None = None,
+    until_stable: float | None = None,
+    progress: Progress | None = None,
+) -> Consensus:
+    """`detect_changes` with the fits of its restarts, which more can be added to, and how sure the average is.
+
+    64 restarts after 16 compute 48, and give what 64 at once do, in every bit.
+
+    Args:
+        before: as of `detect_changes`.
+        after: as of `detect_changes`.
+        config: all settings; `restarts` is how many there are in all, or the most of them with `until_stable`.
+        views_before: as of `detect_changes`.
+        views_after: as of `detect_changes`.
+        earlier: fits of an earlier consensus of the same clouds and settings but `restarts`, which are not computed
+            again; that they are of the same is for the caller to know.
+        until_stable: ends after 2, 4, 8, ... restarts when the last doubling has changed the mean probability of no
+            change by this much; the record is that of a detection with as many restarts. None: all are computed.
+        progress: as of `detect_changes`.
+
+    Returns:
+        The changes, all fits, and the standard errors of the changes' probabilities.
+
+    Raises:
+        InputError: clouds, views or settings that cannot be used; fits of another method, or of mixtures of another
+            size; a method without restarts.
+        ComputationError: as of `detect_changes`.
+
+    Warns:
+        InputWarning: as of `detect_changes`.
+    """
+    config = config or DetectionConfig()
+    _check_tolerance(until_stable)
+    detector = DETECTORS[config.method](config)
+    if not isinstance(detector, AbstractRestartDetector):
+        raise InputError(f"method={config.method} has no restarts to average over; choose another, or detect_changes")
+    scans = _scans(before, after, views_before, views_after)
+    return detector.consensus(scans, earlier=earlier, until_stable=until_stable, report=progress or silent)
+
+
+def _check_tolerance(until_stable: float | None) -> None:
+    number = isinstance(until_stable, int | float) and not isinstance(until_stable, bool)
+    if until_stable is not None and not (number and 0 < until_stable <= 1):
+        raise InputError(f"until_stable={shown(until_stable)} must be a probability above 0, such as 0.02")
+
+
+def _scans(
+    before: ArrayLike | PointCloud,
+    after: ArrayLike | PointCloud,
+    views_before: SensorViews | None,
+    views_after: SensorViews | None,
+) -> Pair[Scan]:
+    return Pair(Scan(before, _views(before, views_before)), Scan(after, _views(after, views_after)))
 
 
 def _overridden(config: DetectionConfig, **settings: Any) -> DetectionConfig:

@@ -13,7 +13,7 @@ from tyro.conf import OmitArgPrefixes, Positional
 
 from gmmjax.changes import DetectionConfig
 from gmmjax.cli.detect import Flags, config_file, read_settings
-from gmmjax.errors import InputError
+from gmmjax.errors import ComputationError, InputError
 
 if TYPE_CHECKING:
     from gmmjax.batch import BatchPair, RunFolder, Shard
@@ -101,16 +101,14 @@ def batch(
         overwrite=overwrite,
         fail_fast=fail_fast,
     )
-    started = False
     try:
         with batch_progress(len(given if part is None else part.of(given)), quiet=quiet) as progress:
             for result in results:
-                started = True
                 progress.count(done=result.done, reused=result.reused)
-    except BaseException:
-        # What is done so far can be looked at, too; the reason for the end is what the user must read.
+    except (KeyboardInterrupt, ComputationError):
         results.close()
-        if started and part is None:
+        if part is None:
+            # What is done so far can be looked at; why the run ended is what the user must read.
             with contextlib.suppress(InputError):
                 _summarised(run_folder(out), quiet=True)
         raise
@@ -124,7 +122,7 @@ def _pairs(manifest: Path | None, pattern: str | None, config: DetectionConfig) 
 
     if (manifest is None) == (pattern is None):
         raise InputError("give a MANIFEST, or folders by --pairs 'FOLDERS/*/', and not both")
-    return pairs_in_folders(pattern) if manifest is None and pattern is not None else read_manifest(manifest, config)
+    return read_manifest(manifest, config) if manifest is not None else pairs_in_folders(str(pattern))
 
 
 def _merge(out: Path, part: "Shard | None", *, quiet: bool) -> int:
@@ -144,7 +142,8 @@ def _summarised(folder: "RunFolder", *, quiet: bool) -> int:
     from gmmjax.reporting.batch_files import write_summary
 
     record = folder.run_record()
-    assert record is not None
+    if record is None:
+        raise InputError(f"{folder.path}: holds no run yet; nothing was computed")
     summary = write_summary(folder, record.names)
     if not quiet:
         console.print_batch(summary)

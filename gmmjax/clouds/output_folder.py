@@ -25,6 +25,7 @@ class FolderKind:
         key: a key that the marker has, beside "schema_version".
         others: the other files that may be there.
         tree: whether it holds folders and files of any name; whatever is there is then known by the marker alone.
+        owned: whether it lies in a folder of ours, so that what is there without a marker is what is left of one.
     """
 
     name: str
@@ -32,6 +33,7 @@ class FolderKind:
     key: str
     others: tuple[str, ...]
     tree: bool = False
+    owned: bool = False
 
     def is_held_by(self, folder: Path) -> bool:
         """Whether the folder's marker is one of this kind, of any schema version."""
@@ -115,7 +117,7 @@ def _check_contents(folder: Path, kind: FolderKind, overwrite: bool) -> None:
     entries = [entry for entry in folder.iterdir() if not entry.name.startswith(PREFIX)]
     known = {kind.marker, *kind.others}
     foreign = [] if kind.tree else sorted(e.name for e in entries if e.name not in known or not e.is_file())
-    if entries and not foreign and not kind.is_held_by(folder):
+    if entries and not foreign and not kind.owned and not kind.is_held_by(folder):
         foreign = sorted(entry.name for entry in entries)
     if foreign:
         listed = ", ".join(foreign[:3]) + (", ..." if len(foreign) > 3 else "")

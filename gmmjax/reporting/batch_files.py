@@ -49,9 +49,9 @@ def save_report(folder: Path, found: FoundPair) -> None:
     Raises:
         InputError, OSError: a file cannot be written.
     """
-    changes = found.consensus.changes
-    write_result_files(folder, *found.loaded.clouds, changes)
-    write_thumbnails(folder, found.loaded.clouds, changes)
+    changes, clouds = found.consensus.changes, found.loaded.clouds
+    write_result_files(folder, clouds.before, clouds.after, changes)
+    write_thumbnails(folder, clouds, changes)
 
 
 def summary_of(folder: RunFolder, names: Sequence[str]) -> Summary:

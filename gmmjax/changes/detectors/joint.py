@@ -9,30 +9,39 @@ import numpy as np
 from jaxtyping import Int
 
 from gmmjax.changes.align.alignment import AlignedPair, AlignSettings, aligned
-from gmmjax.changes.candidates import Candidates, CandidateSettings, candidates_of
+from gmmjax.changes.candidates import Candidates, CandidateSettings, candidates_of, probability_by_difference
 from gmmjax.changes.change import Change, Changes
-from gmmjax.changes.detectors.detector import AbstractChangeDetector, Scan
-from gmmjax.changes.differences import Differences, DifferenceSettings, differences_between
+from gmmjax.changes.detectors.aligned_scans import AlignedScans, surveys_of
+from gmmjax.changes.detectors.detector import Scan
+from gmmjax.changes.detectors.restart_detector import AbstractRestartDetector, Outcome
+from gmmjax.changes.differences import DifferenceSettings, LocalDifference
 from gmmjax.changes.evidence.candidate import Candidate
 from gmmjax.changes.evidence.examination import (
     EvidenceSettings,
     Examined,
     examined,
     measured_candidates,
-    observed_places,
     unexamined,
 )
 from gmmjax.changes.evidence.free_space import Survey
 from gmmjax.changes.evidence.verdict_file import Verdicts, read_verdicts, shipped_verdicts
-from gmmjax.changes.evidence.view_checks import usable_views
-from gmmjax.changes.fit.joint_fit import JointFits, fit_joint_restarts, mixtures_distance, point_excess
-from gmmjax.changes.fit.joint_problem import JointFitSettings, JointProblem, joint_problem
-from gmmjax.changes.objects.found import Found, ObjectSettings, surfaces_found, volumes_found
+from gmmjax.changes.fit.joint_fit import (
+    JointFits,
+    component_excess,
+    fit_joint_restarts,
+    mixtures_distance,
+    point_excess,
+)
+from gmmjax.changes.fit.joint_problem import JointFitSettings, joint_problem
+from gmmjax.changes.fit.restart_fits import RestartFits
+from gmmjax.changes.fit.restart_values import RestartValues
+from gmmjax.changes.objects.found import Found, ObjectSettings, surfaces_found, volume_weights, volumes_found
 from gmmjax.changes.objects.moved import with_moved
-from gmmjax.changes.prepare.checking import NAMES, CheckedCloud, CheckSettings, check_overlap, check_pair
+from gmmjax.changes.prepare.checking import CheckedCloud, CheckSettings, check_overlap, check_pair
 from gmmjax.changes.prepare.resolution import WorkingCloud
-from gmmjax.changes.progress import Clock, Progress, silent
+from gmmjax.changes.progress import Clock, silent
 from gmmjax.changes.registration import Registration
+from gmmjax.changes.standard_errors import means_of_changes, standard_error
 from gmmjax.clouds import SensorViews
 from gmmjax.errors import warn
 from gmmjax.geometry import LocalSurface
@@ -40,10 +49,12 @@ from gmmjax.mixtures import FitStatus
 from gmmjax.pair import Pair, each
 
 Rows: TypeAlias = Int[np.ndarray, " n"]
+# Whether a cloud is the after cloud.
+AFTER = Pair(False, True)
 
 
 @dataclasses.dataclass(frozen=True)
-class JointDetector(AbstractChangeDetector):
+class JointDetector(AbstractRestartDetector[AlignedScans]):
     """One mixture for both clouds, each component with its share of either; on scans with distances and evidence.
 
     Attributes:
@@ -64,35 +75,61 @@ class JointDetector(AbstractChangeDetector):
     evidence: EvidenceSettings = EvidenceSettings()
     objects: ObjectSettings = ObjectSettings()
 
-    def changes(self, scans: Pair[Scan], report: Progress = silent) -> Changes:
-        """What changed: prepare, align, fit, differences, candidates, evidence, objects."""
+    fits_begin, fits_end = 0.25, 0.75
+
+    def restarts_of(self, prepared: AlignedScans) -> int:
+        """Fewer on surfaces, where distances see what one mixture misses."""
+        return self.config.number_of_restarts(on_surfaces=not prepared.volumetric)
+
+    def slots_of(self, prepared: AlignedScans) -> int:
+        """Of the joint mixture."""
+        return prepared.problem.slots
+
+    def prepared(self, scans: Pair[Scan], clock: Clock) -> AlignedScans:
+        """Prepare, align."""
         # First of all, so that a file that cannot be used is told before the work.
         verdicts = self._verdicts()
-        clock = Clock(report)
         clock.start("preparation", "Reading the scales of the clouds", 0.0)
-        prepared = check_pair(scans.map(lambda scan: scan.cloud), self.config.crop, self.prepare)
+        checked = check_pair(scans.map(lambda scan: scan.cloud), self.config.crop, self.prepare)
         clock.start("registration", "Registering the clouds", 0.1)
-        pair = self._aligned(prepared)
-        surveys = _surveys(pair, scans, self.evidence)
-        clock.start("fits", "Fitting the mixtures", 0.25)
+        pair = self._aligned(checked)
         problem = joint_problem(pair.working, pair.registration, self.config, self.fit)
-        fits = self._fitted(problem, report)
+        surveys = surveys_of(pair, scans, self.evidence.free_space, self.evidence.view_checks)
+        return AlignedScans(scans, checked, pair, surveys, problem, verdicts, self.differences)
+
+    def fitted(self, prepared: AlignedScans, restarts: range, report: Callable[[float], None]) -> dict[str, np.ndarray]:
+        """Fit; see `AbstractRestartDetector`."""
+        problem, done = prepared.problem, iter(range(1, len(restarts) + 1))
+        return fit_joint_restarts(
+            prepared.framed,
+            key=jax.random.key(self.config.seed),
+            max_components=problem.max_components,
+            slots=problem.slots,
+            prior=problem.prior,
+            restarts=restarts,
+            max_points=problem.max_points,
+            settings=self.fit.em,
+            progress=lambda: report(next(done) / len(restarts)),
+        )
+
+    def found(self, prepared: AlignedScans, fits: RestartFits, clock: Clock) -> Outcome:
+        """Differences, candidates, evidence, objects."""
+        pair, joint = prepared.pair, JointFits.of_arrays(fits.arrays, prepared.framed.frame)
         clock.start("changes", "Looking for changes", 0.75)
-        if pair.working.volumetric:
-            found = volumes_found(pair.points, problem, fits, self.config.threshold, self.objects.volumes)
+        if prepared.volumetric:
+            found = volumes_found(pair.points, prepared.problem, joint, self.config.threshold, self.objects.volumes)
         else:
-            found = self._found_on_surfaces(pair, surveys, fits, verdicts)
+            found = self._found_on_surfaces(prepared, joint)
         found = found.of_kinds(self.config.kinds).with_confidence(pair.registration.confidence)
         items, labels = found.merged()
         clock.start("moved", "Looking for moved objects", 0.9)
-        if not pair.working.volumetric and self.config.kinds == "both":
+        if not prepared.volumetric and self.config.kinds == "both":
             items, labels = with_moved(items, labels, pair, found.registration_error, self.objects.moved)
             found = found.grown_to(items, labels)
-        clock.finish()
-        diagnostics = _diagnostics(scans, prepared, pair, fits, problem, surveys, clock)
-        return found.record(
-            prepared, items, labels, mixtures_distance(fits), self.config, diagnostics, pair.registration
-        )
+        clock.stop()
+        emd, diagnostics = mixtures_distance(joint), _diagnostics(prepared, joint, clock)
+        changes = found.record(prepared.checked, items, labels, emd, self.config, diagnostics, pair.registration)
+        return Outcome(changes, lambda: self._standard_errors(prepared, joint, changes))
 
     def cut_candidates(
         self, scans: Pair[Scan], *, poses: Sequence[bool]
@@ -107,15 +144,17 @@ class JointDetector(AbstractChangeDetector):
             For each point of either scan the row of its working point, -1 for what was left out; for each of `poses`
             the candidates of both scans. Neither where the clouds fill volumes.
         """
-        compared = self._compared(scans)
-        if compared is None:
+        prepared = self.prepared(scans, Clock(silent))
+        if prepared.volumetric:
             return Pair(np.zeros(0, int), np.zeros(0, int)), []
+        fits, limits = self._joint_fits(prepared), prepared.differences.limits
         of_poses = []
         for given in poses:
-            surveys = compared.surveys if given else compared.pair.surfaces.map(Survey)
-            found = self._candidates(compared.pair, surveys, compared.fits, compared.differences)
-            of_poses.append(measured_candidates(found, surveys, compared.differences.limits, self.evidence))
-        return compared.members, of_poses
+            observed = prepared.observed if given else Pair(None, None)
+            surveys = prepared.surveys if given else prepared.pair.surfaces.map(Survey)
+            found = self._candidates(prepared, fits, observed)
+            of_poses.append(measured_candidates(found, surveys, limits, self.evidence))
+        return prepared.members, of_poses
 
     def unpaired(self, scans: Pair[Scan]) -> "UnpairedChanges | None":
         """The changes of two scans before moved objects are looked for: what `same_object.json` is learned from.
@@ -126,14 +165,13 @@ class JointDetector(AbstractChangeDetector):
         Returns:
             The changes; None where the clouds fill volumes.
         """
-        compared = self._compared(scans)
-        if compared is None:
+        prepared = self.prepared(scans, Clock(silent))
+        if prepared.volumetric:
             return None
-        pair = compared.pair
-        found = self._found_on_surfaces(pair, compared.surveys, compared.fits, self._verdicts())
+        pair, found = prepared.pair, self._found_on_surfaces(prepared, self._joint_fits(prepared))
         items, labels = found.with_confidence(pair.registration.confidence).merged()
         working = each(lambda own, cloud: cloud.of_working_points(own), labels, pair.working.clouds)
-        return UnpairedChanges(items, working, compared.members, pair, found.registration_error)
+        return UnpairedChanges(items, working, prepared.members, pair, found.registration_error)
 
     def evident(self, scans: Pair[Scan], labels: Pair[Int[np.ndarray, " _"]]) -> Pair[Int[np.ndarray, " _"]]:
         """What the evidence leaves of the segments of another detector, by the same facts and the same verdict as ours.
@@ -153,32 +191,21 @@ class JointDetector(AbstractChangeDetector):
         Args:
             scans: both clouds.
         """
-        compared = self._compared(scans)
-        if compared is None:
+        prepared = self.prepared(scans, Clock(silent))
+        if prepared.volumetric:
             return lambda labels: labels
-        found = self._candidates(compared.pair, compared.surveys, compared.fits, compared.differences)
-        limits, verdicts, threshold = compared.differences.limits, self._verdicts(), self.config.threshold
+        found = self._candidates(prepared, self._joint_fits(prepared), prepared.observed)
+        limits, verdicts, threshold = prepared.differences.limits, prepared.verdicts, self.config.threshold
 
         def left(own: Examined, member: np.ndarray, labels: np.ndarray) -> np.ndarray:
             return np.where((member >= 0) & (own.labels[member] >= 0), labels, -1)
 
         def evident(labels: Pair[np.ndarray]) -> Pair[np.ndarray]:
-            segments = each(_with_labels, found, compared.members, labels)
-            judged = examined(segments, compared.surveys, limits, verdicts, threshold, self.evidence)
-            return each(left, judged, compared.members, labels)
+            segments = each(_with_labels, found, prepared.members, labels)
+            judged = examined(segments, prepared.surveys, limits, verdicts, threshold, self.evidence)
+            return each(left, judged, prepared.members, labels)
 
         return evident
-
-    def _compared(self, scans: Pair[Scan]) -> "_Compared | None":
-        """Both scans up to their differences; None where they fill volumes."""
-        prepared = check_pair(scans.map(lambda scan: scan.cloud), self.config.crop, self.prepare)
-        pair = self._aligned(prepared)
-        if pair.working.volumetric:
-            return None
-        members = each(lambda cloud, working: cloud.to_rows(working.member, -1), prepared, pair.working.clouds)
-        fits = self._fitted(joint_problem(pair.working, pair.registration, self.config, self.fit), silent)
-        differences = differences_between(pair.surfaces, pair.working.spacing, self.differences)
-        return _Compared(members, pair, _surveys(pair, scans, self.evidence), fits, differences)
 
     def _aligned(self, prepared: Pair[CheckedCloud]) -> AlignedPair:
         """Both clouds in one frame, with a warning where that is in doubt."""
@@ -188,40 +215,55 @@ class JointDetector(AbstractChangeDetector):
         _warn_about_registration(pair.registration)
         return pair
 
-    def _fitted(self, problem: JointProblem, report: Progress) -> JointFits:
-        restarts = self.config.number_of_restarts(on_surfaces=not problem.volumetric)
-        done = iter(range(1, restarts + 1))
-        return fit_joint_restarts(
-            problem.points,
-            key=jax.random.key(self.config.seed),
-            max_components=problem.max_components,
-            slots=problem.slots,
-            prior=problem.prior,
-            restarts=restarts,
-            max_points=problem.max_points,
-            settings=self.fit.em,
-            progress=lambda: report("Fitting the mixtures", 0.25 + 0.5 * next(done) / restarts),
-        )
+    def _joint_fits(self, prepared: AlignedScans) -> JointFits:
+        """The fits of all restarts."""
+        arrays = self.fitted(prepared, range(self.restarts_of(prepared)), lambda share: None)
+        return JointFits.of_arrays(arrays, prepared.framed.frame)
 
-    def _found_on_surfaces(
-        self, pair: AlignedPair, surveys: Pair[Survey], fits: JointFits, verdicts: Verdicts
-    ) -> Found:
-        measured = differences_between(pair.surfaces, pair.working.spacing, self.differences)
-        looks_changed = self._candidates(pair, surveys, fits, measured)
+    def _found_on_surfaces(self, prepared: AlignedScans, fits: JointFits) -> Found:
+        measured, looks_changed = prepared.differences, self._candidates(prepared, fits, prepared.observed)
         if self.config.evidence:
-            threshold = self.config.threshold
-            evident = examined(looks_changed, surveys, measured.limits, verdicts, threshold, self.evidence)
+            verdicts, threshold = prepared.verdicts, self.config.threshold
+            evident = examined(looks_changed, prepared.surveys, measured.limits, verdicts, threshold, self.evidence)
         else:
             evident = unexamined(looks_changed)
-        return surfaces_found(pair, measured, evident, self.objects.surfaces)
+        return surfaces_found(prepared.pair, measured, evident, self.objects.surfaces)
 
     def _candidates(
-        self, pair: AlignedPair, surveys: Pair[Survey], fits: JointFits, measured: Differences
+        self, prepared: AlignedScans, fits: JointFits, observed: Pair[np.ndarray | None]
     ) -> Pair[Candidates]:
-        points = pair.surfaces.map(lambda surface: surface.points)
-        excess = Pair(point_excess(fits, points.before, False), point_excess(fits, points.after, True))
-        observed = observed_places(points, surveys, measured)
-        return candidates_of(points, measured, excess, observed, self.config.threshold, self.candidates)
+        points = prepared.pair.surfaces.map(lambda surface: surface.points)
+        excess = each(lambda own, after: _of_points(fits, own, after), points, AFTER)
+        return candidates_of(points, prepared.differences, excess, observed, self.config.threshold, self.candidates)
+
+    def _standard_errors(self, prepared: AlignedScans, joint: JointFits, changes: Changes) -> tuple[float | None, ...]:
+        """Of the probability by mixture, distance and offset; in volumes of that by components."""
+        if len(joint.steps) < 2 or not changes:
+            return (None,) * len(changes)
+        if prepared.volumetric:
+            weights = volume_weights(prepared.problem, joint)
+            probability = each(lambda points, after: _of_components(joint, points, after), prepared.pair.points, AFTER)
+        else:
+            weights = np.full(len(joint.steps), 1 / len(joint.steps))
+            probability = self._looks_changed(prepared, joint)
+        means = means_of_changes(probability, prepared.labels_of(changes), len(changes))
+        return tuple(standard_error(means, weights).tolist())
+
+    def _looks_changed(self, prepared: AlignedScans, fits: JointFits) -> Pair[RestartValues]:
+        """For each restart the probability that each point of either cloud looks changed: its working point's."""
+
+        def of_cloud(surface: LocalSurface, after: bool, cloud: WorkingCloud, local: LocalDifference) -> RestartValues:
+            excess = _of_points(fits, surface.points, after)
+            by_difference = probability_by_difference(local, prepared.differences.limits, self.candidates)
+
+            def of(restart: int, rows: Int[np.ndarray, " m"] | slice) -> np.ndarray:
+                working, place = np.unique(cloud.member[rows], return_inverse=True)
+                return np.maximum(excess.of(restart, working), by_difference[working])[place]
+
+            return RestartValues(excess.restarts, of)
+
+        pair = prepared.pair
+        return each(of_cloud, pair.surfaces, AFTER, pair.working.clouds, prepared.differences.local)
 
     def _verdicts(self) -> Verdicts:
         path = self.config.verdict
@@ -246,22 +288,14 @@ class UnpairedChanges(NamedTuple):
     registration_error: float
 
 
-class _Compared(NamedTuple):
-    """Two scans up to their differences.
+def _of_points(fits: JointFits, points: np.ndarray, after: bool) -> RestartValues:
+    """The posterior by the mixtures that each point is of what only its cloud has."""
+    return RestartValues(len(fits.steps), lambda restart, rows: point_excess(fits, points[rows], after, restart))
 
-    Attributes:
-        members: of each point of either scan the row of its working point, -1 for what was left out.
-        pair: registered.
-        surveys: with the views that can be used.
-        fits: the joint mixtures.
-        differences: of the working points.
-    """
 
-    members: Pair[Rows]
-    pair: AlignedPair
-    surveys: Pair[Survey]
-    fits: JointFits
-    differences: Differences
+def _of_components(fits: JointFits, points: np.ndarray, after: bool) -> RestartValues:
+    """The posterior that each point is of a component that changed."""
+    return RestartValues(len(fits.steps), lambda restart, rows: component_excess(fits, points[rows], after, restart)[0])
 
 
 def _with_labels(own: Candidates, member: np.ndarray, labels: np.ndarray) -> Candidates:
@@ -270,18 +304,6 @@ def _with_labels(own: Candidates, member: np.ndarray, labels: np.ndarray) -> Can
     used = member >= 0
     np.maximum.at(of_working, member[used], labels[used])
     return own._replace(labels=of_working)
-
-
-def _surveys(pair: AlignedPair, scans: Pair[Scan], settings: EvidenceSettings) -> Pair[Survey]:
-    """Both clouds with their views in the before frame, where these do not contradict them."""
-    views = scans.map(lambda scan: scan.views)
-    if views.after is not None and pair.registration.applied:
-        views = Pair(views.before, views.after.moved(pair.registration.transform))
-
-    def survey(name: str, surface: LocalSurface, views: SensorViews | None) -> Survey:
-        return usable_views(f"views_{name}", Survey(surface, views, settings.free_space), settings.view_checks)
-
-    return each(survey, NAMES, pair.surfaces, views)
 
 
 def _warn_about_registration(registration: Registration) -> None:
@@ -298,30 +320,23 @@ def _warn_about_registration(registration: Registration) -> None:
     )
 
 
-def _diagnostics(
-    scans: Pair[Scan],
-    prepared: Pair[CheckedCloud],
-    pair: AlignedPair,
-    fits: JointFits,
-    problem: JointProblem,
-    surveys: Pair[Survey],
-    clock: Clock,
-) -> dict[str, Any]:
+def _diagnostics(prepared: AlignedScans, fits: JointFits, clock: Clock) -> dict[str, Any]:
     """Plain values for the record and the report."""
-    clouds = each(_cloud_diagnostics, scans, prepared, pair.working.clouds, surveys.map(lambda survey: survey.views))
+    pair, views = prepared.pair, prepared.surveys.map(lambda survey: survey.views)
+    clouds = each(_cloud_diagnostics, prepared.scans, prepared.checked, pair.working.clouds, views)
     return {
         "before": clouds.before,
         "after": clouds.after,
         "voxel_size": pair.working.voxel_size,
         "spacing": pair.working.spacing,
         "volumetric": pair.working.volumetric,
-        "tolerance": float(problem.prior.tolerance),
+        "tolerance": float(prepared.problem.prior.tolerance),
         "components": fits.joint.mixture.live.sum(axis=1).tolist(),
         "message_length": np.round(fits.message_length, 3).tolist(),
         "density_ratio": np.round(fits.density_ratio, 4).tolist(),
         "steps": fits.steps.tolist(),
         "converged": np.asarray(fits.result == FitStatus.converged).tolist(),
-        "seconds": clock.seconds,
+        "seconds": dict(clock.seconds),
         "device": jax.devices()[0].device_kind,
         "precision": "float64",
     }

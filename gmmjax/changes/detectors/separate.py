@@ -9,17 +9,21 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
+from gmmjax._host import to_numpy
 from gmmjax._typing import Array
 from gmmjax.changes.change import Changes, Kind
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.detectors.count_significance import CountSettings, count_significance
-from gmmjax.changes.detectors.detector import AbstractChangeDetector, Scan
+from gmmjax.changes.detectors.detector import Scan
+from gmmjax.changes.detectors.restart_detector import AbstractRestartDetector, Outcome
+from gmmjax.changes.fit.restart_fits import RestartFits, mixture_arrays, mixture_of, status_array, status_of
 from gmmjax.changes.objects.cloud_changes import CloudChanges
-from gmmjax.changes.objects.consensus import ConsensusSettings, cloud_consensus, votes_of_pairs
+from gmmjax.changes.objects.consensus import ConsensusSettings, cloud_consensus, component_labels, votes_of_pairs
 from gmmjax.changes.objects.found import KINDS, Found
 from gmmjax.changes.prepare.checking import NAMES
 from gmmjax.changes.prepare.separate_clouds import PreparedCloud, PreparedPair, prepare_pair
-from gmmjax.changes.progress import Clock, Progress, silent
+from gmmjax.changes.progress import Clock
+from gmmjax.changes.standard_errors import means_of_pairs, standard_error_of_pairs
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, default_noise_floor, fits_of
 from gmmjax.pair import Pair, each
@@ -33,24 +37,51 @@ def over_pairs(function: Callable[..., Any]) -> Callable[..., Any]:
     return jax.vmap(jax.vmap(function, in_axes=(None, 0)), in_axes=(0, None))
 
 
+class PreparedScans(NamedTuple):
+    """Two scans, and what is fitted to them.
+
+    Attributes:
+        scans: as they were given.
+        pair: filtered and reduced.
+    """
+
+    scans: Pair[Scan]
+    pair: PreparedPair
+
+
 class _Votes(NamedTuple):
     """What the pairs of restarts say.
 
     Attributes:
-        changed: for each restart and Gaussian the share of the other cloud's restarts by which it changed.
+        by_pairs: for each restart of the other cloud, own restart and Gaussian whether it changed.
+        valid: for each restart of the before and of the after cloud whether they could be compared.
         emd: earth mover's distance, mean over the pairs.
-        solved: pairs whose transport problems were solved.
-        pairs: of restarts.
     """
 
-    changed: Pair[np.ndarray]
+    by_pairs: Pair[Bool[np.ndarray, "other own k"]]
+    valid: Bool[np.ndarray, "r0 r1"]
     emd: float
-    solved: int
-    pairs: int
+
+    def where(self, believed: Pair[Bool[np.ndarray, "own k"]]) -> "_Votes":
+        """The votes for the Gaussians in whose place a cloud has significantly more points than the other.
+
+        The mixtures differ between restarts, and between samples of one scene; a change must show in the counts, too.
+        """
+        return self._replace(by_pairs=each(lambda votes, own: votes & own[None], self.by_pairs, believed))
+
+    @property
+    def changed(self) -> Pair[Float[np.ndarray, "own k"]]:
+        """For each restart and Gaussian the share of the other cloud's restarts by which it changed."""
+        return each(votes_of_pairs, self.by_pairs, self.solved)
+
+    @property
+    def solved(self) -> Pair[Bool[np.ndarray, "other own"]]:
+        """Whether the transport problems of a pair of restarts were solved, for either cloud as the own one."""
+        return Pair(self.valid.T, self.valid)
 
 
 @dataclasses.dataclass(frozen=True)
-class AbstractSeparateDetector(AbstractChangeDetector):
+class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
     """Each cloud is fitted from several random starts, and every pair of restarts is compared by optimal transport.
 
     Points and Gaussians get the mean of the votes as probability.
@@ -62,13 +93,18 @@ class AbstractSeparateDetector(AbstractChangeDetector):
         patience: of annihilation. Real scans want more Gaussians than they are given; a message length this much above
             the best one (nats an observation) does not come back, and going down to one Gaussian would only cost time.
             Infinite: it goes down.
-        consensus: how points are labelled with the Gaussians.
+        block: number of restarts of either cloud that are compared at a time, all of their pairs side by side: a bound
+            on the memory. Results do not depend on it.
+        labelling: how points are labelled with the Gaussians.
     """
 
     counts: CountSettings = CountSettings()
     slots: tuple[int, ...] = (8, 16)
     patience: float = 0.25
-    consensus: ConsensusSettings = ConsensusSettings()
+    block: int = 8
+    labelling: ConsensusSettings = ConsensusSettings()
+
+    fits_begin, fits_end = 0.15, 0.8
 
     @abc.abstractmethod
     def compare(self, mixtures: Pair[GaussianMixture], points: Pair[float]) -> Compared:
@@ -79,31 +115,26 @@ class AbstractSeparateDetector(AbstractChangeDetector):
             points: observations in either cloud.
         """
 
-    def changes(self, scans: Pair[Scan], report: Progress = silent) -> Changes:
-        """The record of what changed."""
-        clock = Clock(report)
+    def prepared(self, scans: Pair[Scan], clock: Clock) -> PreparedScans:
+        """Check, filter, reduce."""
         clock.start("preparation", "Filtering the points", 0.0)
-        pair = prepare_pair(scans.map(lambda scan: scan.cloud), self.config)
-        clock.start("fits", "Fitting the mixtures", 0.15)
-        fits = self._fit(pair, report)
-        clock.start("comparison", "Comparing the mixtures", 0.8)
-        mixtures = self._compacted(fits, pair.max_components)
-        votes = self._votes(mixtures, pair)
-        clock.start("labels", "Labelling the points", 0.9)
-        found = Found(
-            each(self._cloud_changes, pair.clouds, pair.clouds.swapped, mixtures, fits, votes.changed, KINDS),
-            pair.clouds.map(lambda cloud: np.zeros(len(cloud.points), bool)),
-        )
-        items, labels = found.merged()
-        clock.finish()
-        diagnostics = _diagnostics(scans, pair, fits, votes, clock, self.config)
-        return found.record(pair.clouds, items, labels, votes.emd, self.config, diagnostics)
+        return PreparedScans(scans, prepare_pair(scans.map(lambda scan: scan.cloud), self.config))
 
-    def _fit(self, pair: PreparedPair, report: Progress) -> Pair[Fit]:
-        """The fits of both clouds with a leading axis of restarts; those that failed are left out."""
-        restarts = self.config.number_of_restarts()
-        done = iter(range(1, 2 * restarts + 1))
-        keys = list(jax.random.split(jax.random.key(self.config.seed), restarts))
+    def restarts_of(self, prepared: PreparedScans) -> int:
+        """Of either cloud."""
+        return self.config.number_of_restarts()
+
+    def slots_of(self, prepared: PreparedScans) -> int:
+        """Of the mixture of either cloud."""
+        return prepared.pair.max_components
+
+    def fitted(
+        self, prepared: PreparedScans, restarts: range, report: Callable[[float], None]
+    ) -> dict[str, np.ndarray]:
+        """Fit each cloud; see `AbstractRestartDetector`."""
+        pair, done = prepared.pair, iter(range(1, 2 * len(restarts) + 1))
+        key = jax.random.key(self.config.seed)
+        keys = [jax.random.fold_in(key, restart) for restart in restarts]
         both = fits_of(
             list(pair.clouds.map(lambda cloud: cloud.weighted)),
             # The same starts for both, whichever is the earlier one: equal clouds have equal mixtures.
@@ -114,9 +145,29 @@ class AbstractSeparateDetector(AbstractChangeDetector):
             settings=FitSettings(patience=self.patience),
             precision="float64",
             devices=None,
-            progress=lambda: report("Fitting the mixtures", 0.15 + 0.65 * next(done) / (2 * restarts)),
+            progress=lambda: report(next(done) / (2 * len(restarts))),
         )
-        return each(_finite, NAMES, Pair(*both))
+        return {
+            f"{name}_{time}": own for time, fit in zip(NAMES, both, strict=True) for name, own in _arrays(fit).items()
+        }
+
+    def found(self, prepared: PreparedScans, fits: RestartFits, clock: Clock) -> Outcome:
+        """Compare every pair of restarts, label the points."""
+        pair, mixed = prepared.pair, each(_finite, NAMES, _fits_of_clouds(fits))
+        clock.start("comparison", "Comparing the mixtures", 0.8)
+        mixtures = self._compacted(mixed, pair.max_components)
+        significance = each(self._significance, mixtures, pair.clouds, pair.clouds.swapped)
+        votes = self._votes(mixtures, pair).where(significance.map(lambda own: own >= self.counts.significance))
+        clock.start("labels", "Labelling the points", 0.9)
+        found = Found(
+            each(self._cloud_changes, pair.clouds, mixtures, mixed, votes.changed, significance, KINDS),
+            pair.clouds.map(lambda cloud: np.zeros(len(cloud.points), bool)),
+        )
+        items, labels = found.merged()
+        clock.stop()
+        diagnostics = _diagnostics(prepared, len(fits), mixed, votes, clock)
+        changes = found.record(pair.clouds, items, labels, votes.emd, self.config, diagnostics)
+        return Outcome(changes, lambda: self._standard_errors(pair, mixtures, votes, changes))
 
     def _compacted(self, fits: Pair[Fit], max_components: int) -> Pair[GaussianMixture]:
         """The mixtures of all restarts in the smallest common number of slots."""
@@ -127,38 +178,68 @@ class AbstractSeparateDetector(AbstractChangeDetector):
             return fits.map(lambda fit: jax.tree.map(np.asarray, compacted(fit.mixture)))
 
     def _votes(self, mixtures: Pair[GaussianMixture], pair: PreparedPair) -> _Votes:
-        """Every pair of restarts at once."""
+        """Every pair of restarts."""
         points = pair.clouds.map(lambda cloud: float(cloud.weighted.mass.sum()))
-        with jax.enable_x64(True):
-            compared = self.compare(mixtures, points)
-            changed_before, changed_after, emd, valid = (np.asarray(part) for part in compared)
+        changed_before, changed_after, emd, valid = self._compared(mixtures, points)
         if not valid.any():
             raise ComputationError("no pair of restarts could be compared: the transport problems were not solved")
-        return _Votes(
-            Pair(votes_of_pairs(changed_before.swapaxes(0, 1), valid.T), votes_of_pairs(changed_after, valid)),
-            emd=float(emd[valid].mean()),
-            solved=int(valid.sum()),
-            pairs=valid.size,
-        )
+        return _Votes(Pair(changed_before.swapaxes(0, 1), changed_after), valid, float(emd[valid].mean()))
+
+    def _compared(self, mixtures: Pair[GaussianMixture], points: Pair[float]) -> list[np.ndarray]:
+        """`compare` for some restarts of either cloud at a time, filled up to that number."""
+        restarts = mixtures.map(lambda mixture: len(mixture.weights))
+        blocks = each(lambda mixture: _blocks(mixture, self.block), mixtures)
+        rows = []
+        with jax.enable_x64(True):
+            for before in blocks.before:
+                compared = [to_numpy(self.compare(Pair(before, after), points)) for after in blocks.after]
+                rows.append([np.concatenate(parts, axis=1) for parts in zip(*compared, strict=True)])
+        whole = [np.concatenate(parts) for parts in zip(*rows, strict=True)]
+        return [part[: restarts.before, : restarts.after] for part in whole]
+
+    def _standard_errors(
+        self, pair: PreparedPair, mixtures: Pair[GaussianMixture], votes: _Votes, changes: Changes
+    ) -> tuple[float | None, ...]:
+        """Of the votes, over the restarts of both clouds."""
+        if min(votes.valid.any(axis=1).sum(), votes.valid.any(axis=0).sum()) < 2:
+            return (None,) * len(changes)
+
+        def of_cloud(cloud: PreparedCloud, own: GaussianMixture, voted: np.ndarray, labels: np.ndarray) -> np.ndarray:
+            components = component_labels(cloud.points, own, self.labelling)
+            return means_of_pairs(components, labels[cloud.rows], len(changes), voted)
+
+        labels = Pair(changes.labels_before, changes.labels_after)
+        means = each(of_cloud, pair.clouds, mixtures, votes.by_pairs, labels)
+        # Each change is one of one of the clouds.
+        errors = each(standard_error_of_pairs, means, votes.solved)
+        return tuple(np.maximum(errors.before, errors.after).tolist())
+
+    def _significance(self, mixtures: GaussianMixture, own: PreparedCloud, other: PreparedCloud) -> np.ndarray:
+        """By how much each Gaussian's points exceed what the other cloud has in its place."""
+        return count_significance(mixtures, own.counted, other.counted, self.counts)
 
     def _cloud_changes(
         self,
         own: PreparedCloud,
-        other: PreparedCloud,
         mixtures: GaussianMixture,
         fits: Fit,
         votes: np.ndarray,
+        significance: np.ndarray,
         kind: Kind,
     ) -> CloudChanges:
-        """The changes of one cloud, by the votes for the Gaussians in whose place it has significantly more points.
-
-        The mixtures differ between restarts, and between samples of one scene; a change must show in the counts, too.
-        """
-        significance = count_significance(mixtures, own.counted, other.counted, self.counts)
-        votes = np.where(significance >= self.counts.significance, votes, 0.0)
+        """The changes of one cloud, by the votes for its Gaussians."""
         reference = int(np.argmin(fits.message_length))
-        threshold, settings = self.config.threshold, self.consensus
+        threshold, settings = self.config.threshold, self.labelling
         return cloud_consensus(own.points, mixtures, votes, significance, reference, kind, threshold, settings)
+
+
+def _blocks(mixtures: GaussianMixture, size: int) -> list[GaussianMixture]:
+    """The restarts in blocks of this size, the last one filled up with its last restart; or all of fewer."""
+    restarts = len(mixtures.weights)
+    if restarts <= size:
+        return [mixtures]
+    rows = np.minimum(np.arange(restarts + -restarts % size), restarts - 1)
+    return [jax.tree.map(lambda leaf, own=own: leaf[own], mixtures) for own in np.split(rows, len(rows) // size)]
 
 
 def _prior(pair: PreparedPair, config: DetectionConfig) -> Prior | None:
@@ -178,20 +259,37 @@ def _finite(name: str, fits: Fit) -> Fit:
     return kept
 
 
+def _arrays(fit: Fit) -> dict[str, np.ndarray]:
+    """The arrays of the fits of one cloud, as in `RestartFits`."""
+    scores = {name: getattr(fit, name) for name in ("message_length", "log_likelihood", "steps", "bits", "noise_share")}
+    return {**mixture_arrays(fit.mixture), **scores, "result": status_array(fit.result)}
+
+
+def _fits_of_clouds(fits: RestartFits) -> Pair[Fit]:
+    """The fits of both clouds with a leading axis of restarts."""
+
+    def of_cloud(time: str) -> Fit:
+        own = {name.removesuffix(f"_{time}"): part for name, part in fits.arrays.items() if name.endswith(f"_{time}")}
+        scores = {name: own[name] for name in ("message_length", "log_likelihood", "steps", "bits", "noise_share")}
+        return Fit(mixture=mixture_of(own), result=status_of(own["result"]), **scores)
+
+    return NAMES.map(of_cloud)
+
+
 def _diagnostics(
-    scans: Pair[Scan], pair: PreparedPair, fits: Pair[Fit], votes: _Votes, clock: Clock, config: DetectionConfig
+    prepared: PreparedScans, restarts: int, fits: Pair[Fit], votes: _Votes, clock: Clock
 ) -> dict[str, Any]:
     """Plain values for the record and the report."""
-    restarts = config.number_of_restarts()
-    clouds = each(lambda *of_cloud: _cloud_diagnostics(restarts, *of_cloud), scans, pair.clouds, fits)
+    pair = prepared.pair
+    clouds = each(lambda *of_cloud: _cloud_diagnostics(restarts, *of_cloud), prepared.scans, pair.clouds, fits)
     return {
         "before": clouds.before,
         "after": clouds.after,
         "voxel_size": pair.voxel_size,
         "max_components": pair.max_components,
-        "pairs_of_restarts": votes.pairs,
-        "pairs_solved": votes.solved,
-        "seconds": clock.seconds,
+        "pairs_of_restarts": votes.valid.size,
+        "pairs_solved": int(votes.valid.sum()),
+        "seconds": dict(clock.seconds),
         "device": jax.devices()[0].device_kind,
         "precision": "float64",
     }

@@ -3,7 +3,8 @@
 import dataclasses
 import functools
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
@@ -38,6 +39,8 @@ class SurroundingsSettings:
             it is that of the whole scan.
         chunk: number of points that are compared with all planes of a hull at a time: what fits the cache. It does not
             change what is measured.
+        posteriors: of the joint mixtures that are held at a time, points times restarts: a bound on the memory, which
+            the largest candidate alone may exceed. It does not change what is measured.
     """
 
     reach: float = 10.0
@@ -50,6 +53,19 @@ class SurroundingsSettings:
     farthest: float = 1000.0
     nearby: float = 25.0
     chunk: int = 512
+    posteriors: int = 4_000_000
+
+
+class Excess(NamedTuple):
+    """The posterior of the joint mixtures that the points of a candidate are of what only its cloud has.
+
+    Attributes:
+        mean: over its points and the restarts.
+        of_restarts: the mean over its points, for each restart.
+    """
+
+    mean: float
+    of_restarts: Float[np.ndarray, " r"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -122,6 +138,29 @@ class Surroundings:
         """Offset of each point, in its limit."""
         return np.asarray(self.own.difference.offset / self.limits.local_offset(self.own.difference))
 
+    @functools.cached_property
+    def excess(self) -> list[Excess]:
+        """Of each piece."""
+        found, posterior = list[Excess](), self.own.excess
+        for pieces in self._handfuls(rows_of_pieces(self.own.labels)):
+            together = posterior.together(np.concatenate(pieces))
+            parts = np.split(together, np.cumsum([len(rows) for rows in pieces])[:-1])
+            found += [Excess(float(part.mean()), part.mean(axis=0)) for part in parts]
+        return found
+
+    def _handfuls(self, pieces: list[Int[np.ndarray, " _"]]) -> Iterator[list[Int[np.ndarray, " _"]]]:
+        """Pieces whose posteriors by all restarts are held at a time."""
+        most = self.settings.posteriors // self.own.excess.restarts
+        handful, points = list[Int[np.ndarray, " _"]](), 0
+        for rows in pieces:
+            if handful and points + len(rows) > most:
+                yield handful
+                handful, points = [], 0
+            handful.append(rows)
+            points += len(rows)
+        if handful:
+            yield handful
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Candidate:
@@ -183,9 +222,9 @@ class Candidate:
         return self.surroundings.relative_offset[self.rows]
 
     @property
-    def excess(self) -> Float[np.ndarray, "r m"]:
-        """For each restart the posterior that a point is of what only its cloud has."""
-        return self.surroundings.own.excess[:, self.rows]
+    def excess(self) -> "Excess":
+        """The posterior that its points are of what only its cloud has."""
+        return self.surroundings.excess[self.number]
 
     @property
     def observed(self) -> Int8[np.ndarray, " m"] | None:
@@ -285,10 +324,16 @@ class Candidate:
 
 def candidates_in(surroundings: Surroundings) -> list[Candidate]:
     """All candidates of a cloud, in the order of their numbers."""
-    labels = surroundings.own.labels
+    pieces = rows_of_pieces(surroundings.own.labels)
+    return [Candidate(rows, number, surroundings) for number, rows in enumerate(pieces)]
+
+
+def rows_of_pieces(labels: Int[np.ndarray, " n"]) -> list[Int[np.ndarray, " _"]]:
+    """The points of each piece, in the order of their numbers.
+
+    Args:
+        labels: of each point -1, or the number of its piece.
+    """
     order = np.argsort(labels, kind="stable")
     starts = np.searchsorted(labels[order], np.arange(labels.max(initial=-1) + 2))
-    return [
-        Candidate(order[first:last], number, surroundings)
-        for number, (first, last) in enumerate(itertools.pairwise(starts))
-    ]
+    return [order[first:last] for first, last in itertools.pairwise(starts)]

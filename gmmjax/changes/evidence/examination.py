@@ -196,7 +196,7 @@ def unexamined(candidates: Pair[Candidates]) -> Pair[Examined]:
     """
 
     def of_cloud(own: Candidates) -> Examined:
-        labels, looks_changed = renumbered(own.labels), own.probability.mean(axis=0)
+        labels, looks_changed = renumbered(own.labels), own.looks_changed
         count = labels.max(initial=-1) + 1
         probability = np.array([looks_changed[labels == label].mean() for label in range(count)])
         nowhere = np.zeros(len(labels), bool)
@@ -233,7 +233,7 @@ def _examined_cloud(
     return Examined(
         joined,
         np.array([_mean_probability(own_pieces, explanations) for own_pieces in of_changes]),
-        own.probability.mean(axis=0),
+        own.looks_changed,
         unobserved,
         tuple(_largest(own_pieces, explanations) for own_pieces in of_changes),
         tuple(rejected),

@@ -122,12 +122,12 @@ def greatest_gap(candidate: Candidate) -> float:
 
 def excess(candidate: Candidate) -> float:
     """Mean posterior of the joint mixture that only its own cloud has it, 0 to 1."""
-    return float(candidate.excess.mean())
+    return candidate.excess.mean
 
 
 def agreement(candidate: Candidate) -> float:
-    """How nearly the restarts agree in that posterior, 0 to 1."""
-    return 1.0 - float(np.ptp(candidate.excess.mean(axis=1)))
+    """How nearly two restarts agree in that posterior, the mean over all pairs of them, 0 to 1."""
+    return 1.0 - _mean_difference(candidate.excess.of_restarts)
 
 
 def contact(candidate: Candidate) -> float:
@@ -403,6 +403,16 @@ def sphere_directions(number: int) -> Float[np.ndarray, "d 3"]:
     height, angle = 1 - 2 * index / number, np.pi * (1 + np.sqrt(5)) * index
     radius = np.sqrt(1 - height**2)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
+
+
+def _mean_difference(values: Float[np.ndarray, " r"]) -> float:
+    """The mean absolute difference of two of the values, over all pairs of them (Gini's); 0 of a single one."""
+    count = len(values)
+    if count < 2:
+        return 0.0
+    # In how many pairs a value is the larger one, less those in which it is the smaller one.
+    signs = 2 * np.arange(count) - (count - 1)
+    return float((signs * np.sort(values)).sum() / (count * (count - 1) / 2))
 
 
 def _sides(candidate: Candidate) -> tuple[float, float]:

@@ -1,7 +1,7 @@
 """The joint mixture fitted on the host: several random starts, on a subsample, in the unit of the points."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int, PRNGKeyArray
 
-from gmmjax._host import to_numpy
+from gmmjax._host import padded_chunks, to_numpy
 from gmmjax._programs import kept_jit
 from gmmjax._typing import Array
 from gmmjax.changes.fit.joint_mixture import JointMixture, component_posterior, density_ratio, point_posterior
 from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, fit_joint_mixture_from_seeds
+from gmmjax.changes.fit.restart_fits import mixture_arrays, mixture_of, status_array, status_of
 from gmmjax.clouds import canonical_order, morton_order
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import Annihilated, FitSettings, FitStatus, GaussianMixture, Prior, Standardisation, map_on_cores
@@ -21,6 +22,32 @@ from gmmjax.transport import earth_movers_distance
 
 # Points whose posterior is computed in one pass: one compiled shape for clouds of every size.
 CHUNK = 8192
+
+
+class FramedPoints(NamedTuple):
+    """What the restarts are fitted to: both clouds in an order and a frame that do not depend on which is the earlier.
+
+    Attributes:
+        points: of both clouds, in the frame, in the order of a space-filling curve.
+        frame: from the unit of the points into that of the mixtures.
+    """
+
+    points: SourcedPoints
+    frame: Standardisation
+
+    @classmethod
+    def of(cls, points: SourcedPoints) -> "FramedPoints":
+        """Both clouds in their frame.
+
+        Args:
+            points: NumPy arrays in any unit.
+        """
+        # The same samples whichever cloud is the earlier one, spread evenly over space.
+        order = canonical_order(np.asarray(points.points.points))
+        order = order[morton_order(np.asarray(points.points.points)[order])]
+        points = jax.tree.map(lambda leaf: leaf[order], points)
+        frame = Standardisation.of(points.points)
+        return cls(SourcedPoints(frame.enter(points.points), points.after), frame)
 
 
 class JointFits(NamedTuple):
@@ -42,56 +69,78 @@ class JointFits(NamedTuple):
     result: FitStatus
     frame: Standardisation
 
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, np.ndarray], frame: Standardisation) -> "JointFits":
+        """The fits that have a mixture, of all that `fit_joint_restarts` computed.
+
+        Args:
+            arrays: of all restarts.
+            frame: that they were computed in.
+
+        Raises:
+            ComputationError: no restart gave a mixture.
+        """
+        finite = np.asarray(status_of(arrays["result"]) != FitStatus.not_finite)
+        if not finite.any():
+            raise ComputationError(f"none of {len(finite)} restarts gave a joint mixture; raise noise_floor")
+        kept = {name: values[finite] for name, values in arrays.items()}
+        joint = JointMixture(mixture_of(kept), kept["share_after"], kept["noise_weight"], kept["log_noise"])
+        scores = kept["message_length"], kept["density_ratio"], kept["steps"], status_of(kept["result"])
+        return cls(joint, *scores, frame)
+
 
 def fit_joint_restarts(
-    points: SourcedPoints,
+    framed: FramedPoints,
     *,
     key: PRNGKeyArray,
     max_components: int,
     slots: int,
     prior: Prior,
-    restarts: int,
+    restarts: range,
     max_points: int,
     settings: FitSettings,
     progress: Callable[[], None] | None = None,
-) -> JointFits:
+) -> dict[str, np.ndarray]:
     """Fits the joint mixture from several random starts, each on its own random subsample.
 
+    A restart is the same whichever others are computed with it.
+
     Args:
-        points: both clouds, NumPy arrays in any unit.
+        framed: both clouds.
         key: random key of the subsamples and the starts.
         max_components: components that annihilation starts from.
         slots: of the mixtures, at least as many: clouds with few points, which start from fewer components, share a
             program with larger ones.
         prior: tolerance and noise in the unit of the points.
-        restarts: how many.
+        restarts: the numbers of those that are computed.
         max_points: of each subsample; where there are no more points, all are used.
         settings: how EM runs.
         progress: called after each restart, from any thread.
 
-    Raises:
-        ComputationError: no restart gave a mixture.
+    Returns:
+        The arrays of `RestartFits`, also of restarts that gave no mixture; see `JointFits.of_arrays`.
     """
-    # The same samples whichever cloud is the earlier one, spread evenly over space.
-    order = canonical_order(np.asarray(points.points.points))
-    order = order[morton_order(np.asarray(points.points.points)[order])]
-    points = jax.tree.map(lambda leaf: leaf[order], points)
-    frame = Standardisation.of(points.points)
-    framed = SourcedPoints(frame.enter(points.points), points.after)
-    prior = frame.enter_prior(prior)
-    generator = np.random.default_rng(np.asarray(jax.random.key_data(key)).tolist())
-    samples = [_subsample(framed, max_points, generator).padded() for _ in range(restarts)]
-    keys = jax.random.split(key, restarts)
+    prior = framed.frame.enter_prior(prior)
+    seed = np.asarray(jax.random.key_data(key)).tolist()
 
-    def fit_one(key: PRNGKeyArray, points: SourcedPoints) -> tuple[Annihilated[JointMixture], Array]:
+    def fit_one(restart: int, key: PRNGKeyArray) -> tuple[Annihilated[JointMixture], Array]:
+        points = _subsample(framed.points, max_points, seed, restart).padded()
         return _compiled_fit(points, key, prior, np.int32(max_components), slots=slots, settings=settings)
 
-    fits, ratios = map_on_cores(fit_one, list(zip(keys, samples, strict=True)), "float64", progress)
-    finite = np.asarray(fits.result != FitStatus.not_finite)
-    if not finite.any():
-        raise ComputationError(f"none of {restarts} restarts gave a joint mixture; raise noise_floor")
-    fits, ratios = jax.tree.map(lambda leaf: leaf[finite], (fits, ratios))
-    return JointFits(fits.mixture, fits.message_length, ratios, fits.steps, fits.result, frame)
+    # Of the restart's number alone. With JAX's default generator these are the keys of a `split` into any number.
+    keys = [jax.random.fold_in(key, restart) for restart in restarts]
+    fits, ratios = map_on_cores(fit_one, list(zip(restarts, keys, strict=True)), "float64", progress)
+    joint: JointMixture = fits.mixture
+    return {
+        **mixture_arrays(joint.mixture),
+        "share_after": joint.share_after,
+        "noise_weight": joint.noise_weight,
+        "log_noise": joint.log_noise,
+        "message_length": fits.message_length,
+        "density_ratio": ratios,
+        "steps": fits.steps,
+        "result": status_array(fits.result),
+    }
 
 
 @kept_jit
@@ -108,22 +157,25 @@ def _compiled_fit(
     return fit, density_ratio(fit.mixture)
 
 
-def point_excess(fits: JointFits, points: Float[np.ndarray, "n 3"], after: bool) -> Float[np.ndarray, "r n"]:
-    """`point_posterior` for each restart.
+def point_excess(
+    fits: JointFits, points: Float[np.ndarray, "n 3"], after: bool, restart: int
+) -> Float[np.ndarray, " n"]:
+    """`point_posterior` of one restart.
 
     Args:
         fits: the joint mixtures.
         points: points of one cloud, in its unit.
         after: whether that is the after cloud.
+        restart: which one.
     """
-    (excess,) = _in_chunks(functools.partial(_chunk_points, after=after), fits, points)
+    (excess,) = _in_chunks(functools.partial(_chunk_points, after=after), fits, points, restart)
     return excess
 
 
 def component_excess(
-    fits: JointFits, points: Float[np.ndarray, "n 3"], after: bool
-) -> tuple[Float[np.ndarray, "r n"], Int[np.ndarray, "r n"]]:
-    """For each restart the posterior that a point is of a component that changed, and that component's slot.
+    fits: JointFits, points: Float[np.ndarray, "n 3"], after: bool, restart: int
+) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """By one restart the posterior that a point is of a component that changed, and that component's slot.
 
     See `component_posterior`; the slot is that of the component which explains most of the change.
 
@@ -131,8 +183,9 @@ def component_excess(
         fits: the joint mixtures.
         points: points of one cloud, in its unit.
         after: whether that is the after cloud.
+        restart: which one.
     """
-    return _in_chunks(functools.partial(_chunk_components, after=after), fits, points)
+    return _in_chunks(functools.partial(_chunk_components, after=after), fits, points, restart)
 
 
 def mixtures_distance(fits: JointFits) -> float:
@@ -160,42 +213,37 @@ def _reweighted(mixture: GaussianMixture, share: Float[Array, " k"]) -> Gaussian
     return GaussianMixture(weights / jnp.sum(weights), mixture.means, mixture.covariances, mixture.live)
 
 
-def _in_chunks(function: Callable[..., tuple[Array, ...]], fits: JointFits, points: np.ndarray) -> Any:
+def _in_chunks(function: Callable[..., tuple[Array, ...]], fits: JointFits, points: np.ndarray, restart: int) -> Any:
     framed = (points - fits.frame.origin) / fits.frame.spread
-    padded = np.pad(framed, ((0, -len(points) % CHUNK), (0, 0)))
+    joint, ratio = jax.tree.map(lambda leaf: leaf[restart], (fits.joint, fits.density_ratio))
     with jax.enable_x64(True):
-        joint, ratio = jax.tree.map(jnp.asarray, (fits.joint, fits.density_ratio))
-        parts = [to_numpy(function(joint, ratio, chunk)) for chunk in np.split(padded, len(padded) // CHUNK)]
-    return tuple(np.concatenate(part, axis=1)[:, : len(points)] for part in zip(*parts, strict=True))
+        joint = jax.tree.map(jnp.asarray, joint)
+        parts = [to_numpy(function(joint, ratio, chunk)) for chunk in padded_chunks(framed, CHUNK)]
+    return tuple(np.concatenate(part)[: len(points)] for part in zip(*parts, strict=True))
 
 
 @kept_jit
 def _chunk_points(
-    joint: JointMixture, ratio: Float[Array, " r"], chunk: Float[Array, "c 3"], *, after: bool
-) -> tuple[Float[Array, "r c"]]:
-    def one_restart(restart: tuple[JointMixture, Array]) -> Array:
-        one, ratio = restart
-        return point_posterior(one, ratio, chunk, after)
-
-    return (jax.lax.map(one_restart, (joint, ratio)),)
+    joint: JointMixture, ratio: Float[Array, ""], chunk: Float[Array, "c 3"], *, after: bool
+) -> tuple[Float[Array, " c"]]:
+    return (point_posterior(joint, ratio, chunk, after),)
 
 
 @kept_jit
 def _chunk_components(
-    joint: JointMixture, ratio: Float[Array, " r"], chunk: Float[Array, "c 3"], *, after: bool
-) -> tuple[Float[Array, "r c"], Int[Array, "r c"]]:
-    def one_restart(restart: tuple[JointMixture, Array]) -> tuple[Array, Array]:
-        one, ratio = restart
-        changed = component_posterior(one, ratio, chunk, after)
-        return jnp.sum(changed, axis=0), jnp.argmax(changed, axis=0).astype(jnp.int32)
-
-    return jax.lax.map(one_restart, (joint, ratio))
+    joint: JointMixture, ratio: Float[Array, ""], chunk: Float[Array, "c 3"], *, after: bool
+) -> tuple[Float[Array, " c"], Int[Array, " c"]]:
+    changed = component_posterior(joint, ratio, chunk, after)
+    return jnp.sum(changed, axis=0), jnp.argmax(changed, axis=0).astype(jnp.int32)
 
 
-def _subsample(points: SourcedPoints, size: int, generator: np.random.Generator) -> SourcedPoints:
-    """A random subsample, evenly over both clouds: one of each stretch along the order of the points."""
+def _subsample(points: SourcedPoints, size: int, seed: list[int], restart: int) -> SourcedPoints:
+    """The random subsample of a restart, evenly over both clouds: one of each stretch along the order of the points."""
     if len(points.after) <= size:
         return points
+    generator = np.random.default_rng(seed)
+    # One sequence for all restarts, one number of it a point: to where this restart's begin.
+    generator.bit_generator.advance(restart * len(points.after))  # type: ignore[attr-defined]
     priority = generator.random(len(points.after))
     chosen = []
     for source in (0, 1):

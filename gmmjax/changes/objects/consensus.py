@@ -7,9 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from gmmjax._host import padded_chunks
 from gmmjax._programs import kept_jit
 from gmmjax._typing import Array
 from gmmjax.changes.change import Kind
+from gmmjax.changes.fit.restart_values import ALL, RestartValues, Rows
 from gmmjax.changes.objects.cloud_changes import SMALLEST_CHANGE, CloudChanges, change_of
 from gmmjax.mixtures import GaussianMixture
 
@@ -55,8 +57,8 @@ def cloud_consensus(
         The changes; the probability of a point is the mean vote for its Gaussian over all pairs of restarts.
     """
     components = component_labels(points, mixtures, settings)
-    probability = np.mean([vote[component] for vote, component in zip(votes, components, strict=True)], axis=0)
-    own = components[reference]
+    probability = sum(vote[own] for vote, own in zip(votes, components.each(), strict=True)) / components.restarts
+    own = components.of(reference, ALL)
     counts = np.bincount(own, minlength=votes.shape[1])
     mean_probability = np.bincount(own, probability, votes.shape[1]) / np.maximum(counts, 1)
     consensus = CloudChanges(probability, np.full(len(points), -1), [])
@@ -74,23 +76,31 @@ def cloud_consensus(
 
 def component_labels(
     points: Float[np.ndarray, "n 3"], mixtures: GaussianMixture, settings: ConsensusSettings = ConsensusSettings()
-) -> Int[np.ndarray, "r n"]:
-    """The slot of the most probable Gaussian of each point, for each restart; in float64, chunk by chunk."""
+) -> RestartValues:
+    """The slot of the most probable Gaussian of each point, for each restart; in float64, chunk by chunk.
+
+    Args:
+        points: of one cloud.
+        mixtures: of the cloud, with a leading axis of restarts.
+        settings: how many points are labelled in one pass.
+    """
     # Relative to one point of the cloud, which it also is padded with.
     origin = points[0]
-    shifted = jax.vmap(lambda mixture: mixture.rescaled(1.0, -origin))
-    padded = np.pad(points - origin, ((0, -len(points) % settings.chunk), (0, 0)))
-    with jax.enable_x64(True):
-        local = shifted(jax.tree.map(jnp.asarray, mixtures))
-        chunks = np.split(padded, len(padded) // settings.chunk)
-        labels = [np.asarray(_chunk_labels(local, chunk)) for chunk in chunks]
-    return np.concatenate(labels, axis=1)[:, : len(points)]
+
+    def of(restart: int, rows: Rows) -> np.ndarray:
+        chosen = points[rows] - origin
+        with jax.enable_x64(True):
+            mixture = jax.tree.map(lambda leaf: jnp.asarray(leaf[restart]), mixtures).rescaled(1.0, -origin)
+            chunks = padded_chunks(chosen, settings.chunk)
+            labels = [np.asarray(_chunk_labels(mixture, chunk)) for chunk in chunks]
+        return np.concatenate(labels)[: len(chosen)]
+
+    return RestartValues(len(mixtures.weights), of)
 
 
 @kept_jit
-def _chunk_labels(mixtures: GaussianMixture, chunk: Float[Array, "c 3"]) -> Int[Array, "r c"]:
-    # One restart after the other: all at once would leave the caches.
-    return jax.lax.map(lambda mixture: mixture.labels(chunk).astype(jnp.int32), mixtures)
+def _chunk_labels(mixture: GaussianMixture, chunk: Float[Array, "c 3"]) -> Int[Array, " c"]:
+    return mixture.labels(chunk).astype(jnp.int32)
 
 
 def votes_of_pairs(

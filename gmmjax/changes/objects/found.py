@@ -170,9 +170,19 @@ def volumes_found(
         threshold: probability from which on a point is changed.
         settings: which components are significant.
     """
-    weights = restart_weights(fits.message_length, comparable=len(problem.points.after) <= problem.max_points)
+    weights = volume_weights(problem, fits)
 
     def of_cloud(points: np.ndarray, kind: Kind) -> CloudChanges:
         return volumetric_changes(points, fits, weights, kind, threshold, settings)
 
     return Found(each(of_cloud, points, KINDS), points.map(lambda own: np.zeros(len(own), bool)))
+
+
+def volume_weights(problem: JointProblem, fits: JointFits) -> Float64[np.ndarray, " r"]:
+    """The weights of the restarts of clouds that fill volumes; see `restart_weights`.
+
+    Args:
+        problem: that was fitted.
+        fits: the joint mixtures.
+    """
+    return restart_weights(fits.message_length, comparable=len(problem.points.after) <= problem.max_points)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.changes.change import Kind
-from gmmjax.changes.fit.joint_fit import JointFits, component_excess
+from gmmjax.changes.fit.joint_fit import CHUNK, JointFits, component_excess
 from gmmjax.changes.objects.cloud_changes import SMALLEST_CHANGE, CloudChanges, change_of
 
 
@@ -62,19 +62,34 @@ def volumetric_changes(
         threshold: probability from which a point is changed.
         settings: which components are changes.
     """
-    posterior, slots = component_excess(fits, points, kind == "appeared")
-    probability = weights @ posterior
-    best = int(np.argmin(fits.message_length))
+    after, best = kind == "appeared", int(np.argmin(fits.message_length))
+    probability = _mean_posterior(points, fits, weights, after)
+    posterior, slots = component_excess(fits, points, after, best)
     changed = probability >= threshold
     found = CloudChanges(probability, np.full(len(points), -1), [])
-    for slot in np.unique(slots[best][changed]):
-        members = changed & (slots[best] == slot)
-        significance = _significance(int(members.sum()), float(posterior[best][members].mean()))
+    for slot in np.unique(slots[changed]):
+        members = changed & (slots == slot)
+        significance = _significance(int(members.sum()), float(posterior[members].mean()))
         if members.sum() < SMALLEST_CHANGE or significance < settings.least_significance:
             continue
         found.labels[members] = len(found.items)
         found.items.append(change_of(points[members], kind, float(probability[members].mean()), significance))
     return found
+
+
+def _mean_posterior(
+    points: Float[np.ndarray, "n 3"], fits: JointFits, weights: Float[np.ndarray, " r"], after: bool
+) -> Float[np.ndarray, " n"]:
+    """The posterior that each point is of a component which changed, averaged over the restarts.
+
+    Some points at a time: all points by all restarts are more than memory holds.
+    """
+    means = [np.zeros(0)]
+    for first in range(0, len(points), CHUNK):
+        chunk = points[first : first + CHUNK]
+        restarts = range(len(weights))
+        means.append(weights @ np.stack([component_excess(fits, chunk, after, restart)[0] for restart in restarts]))
+    return np.concatenate(means)
 
 
 def _significance(count: int, share: float) -> float:

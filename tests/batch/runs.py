@@ -1,0 +1,97 @@
+"""Small runs for the tests: a manifest of Gaussian scenes on disk, and what a run left."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from gmmjax.clouds import write_ply
+
+ROOT = Path(__file__).parents[2]
+MEANS = np.array([[0, 0, 0], [5, 0, 0], [0, 5, 1], [5, 5, 1], [2, 10, 3]], float)
+# One padded size, and few components: one small program for all.
+SETTINGS = {"restarts": 2, "max_components": 8, "registration": "never"}
+FLAGS = ["--restarts", "2", "--max-components", "8", "--registration", "never"]
+
+
+def cloud(seed, gaussians=5, points=60):
+    random = np.random.default_rng(seed)
+    return random.normal(size=(gaussians * points, 3)) * 0.3 + np.repeat(MEANS[:gaussians], points, axis=0)
+
+
+def write_manifest(folder, count=5, name="manifest.csv"):
+    """Pairs in which a Gaussian appeared, or disappeared."""
+    rows = []
+    for number in range(count):
+        sides = [cloud(10 * number, 4 + number % 2), cloud(10 * number + 1, 5 - number % 2)]
+        files = [f"{side}{number}.ply" for side in ("before", "after")]
+        for file, points in zip(files, sides, strict=True):
+            write_ply(folder / file, points)
+        rows.append([f"pair {number}", *files])
+    path = folder / name
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows([["name", "before", "after"], *rows])
+    return path
+
+
+def command(*words):
+    return [sys.executable, "-m", "gmmjax", "batch", *map(str, words)]
+
+
+def environment():
+    paths = [str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)}
+
+
+def run(*words, **options):
+    return subprocess.run(command(*words), env=environment(), capture_output=True, text=True, timeout=300, **options)
+
+
+def start(*words, **options):
+    return subprocess.Popen(
+        command(*words), env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
+    )
+
+
+def workers_of(process):
+    """The processes that compute for a run: they are started by `spawn`."""
+    children = []
+    for task in Path(f"/proc/{process}/task").iterdir():
+        children += map(int, (task / "children").read_text().split())
+    return [child for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+
+
+def wait_for(condition, seconds=120.0):
+    """Until it is true."""
+    end = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < end, "it did not become true"
+        time.sleep(0.01)
+    return found
+
+
+def is_alive(process):
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return "Z" not in Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0]
+
+
+def kill(process):
+    os.kill(process, signal.SIGKILL)
+
+
+def done_pairs(folder):
+    return sorted(path.parent.name for path in folder.glob("pairs/*/pair.json"))
+
+
+def contents(folder):
+    """All that a run found, byte by byte; when and how fast it did is in `pair.json`."""
+    files = [path for path in sorted((folder / "pairs").rglob("*")) if path.is_file() and path.name != "pair.json"]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}

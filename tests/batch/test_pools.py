@@ -1,0 +1,67 @@
+"""Local processes and foreign executors."""
+
+import os
+import time
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+
+import pytest
+
+from gmmjax.batch.pools import ExecutorPool, LocalPool, died, local_pool
+from gmmjax.errors import InputError
+from tests.batch.runs import is_alive, kill, wait_for
+
+
+@pytest.fixture
+def pool():
+    made = LocalPool(2, 1)
+    yield made
+    made.stop(at_once=True)
+
+
+def test_calls_run_in_other_processes(pool):
+    first, second = pool.submit(os.getpid), pool.submit(os.getpid)
+    assert len({os.getpid(), first.result(), second.result()}) == 3
+
+
+def test_a_killed_process_takes_only_its_own_call_along(pool):
+    victim, other = pool.submit(time.sleep, 60), pool.submit(os.getpid)
+    other.result()
+    process = pool._lanes[0]._process.result()
+    kill(process)
+    with pytest.raises(BrokenExecutor) as caught:
+        victim.result()
+    assert died(caught.value)
+    # The lane is replaced, the other process is still there.
+    pool.submit(time.sleep, 60)
+    assert pool.submit(os.getpid).result() == other.result()
+    assert pool._lanes[0]._process.result() != process
+
+
+def test_stopping_at_once_does_not_wait(pool):
+    pool.submit(time.sleep, 60)
+    process = pool._lanes[0]._process.result()
+    pool.stop(at_once=True)
+    wait_for(lambda: not is_alive(process), 30)
+
+
+def test_workers_use_their_share_of_the_cores():
+    made = LocalPool(1, 3)
+    try:
+        assert made.submit(os.getenv, "NPROC").result() == "3"
+    finally:
+        made.stop(at_once=False)
+
+
+def test_there_are_no_more_workers_than_pairs():
+    assert local_pool(None, 1).capacity == 1
+    assert local_pool(3, 100).capacity == 3
+    with pytest.raises(InputError, match="workers=0 must be at least 1"):
+        local_pool(0)
+
+
+def test_a_foreign_executor_computes_and_is_not_ended():
+    with ThreadPoolExecutor(1) as executor:
+        pool = ExecutorPool(executor, 4)
+        assert pool.submit(divmod, 7, 2).result() == (3, 1)
+        pool.stop(at_once=True)
+        assert executor.submit(divmod, 7, 2).result() == (3, 1)
