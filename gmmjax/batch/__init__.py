@@ -27,6 +27,11 @@ from gmmjax.batch.run_folder import Shard as Shard
 from gmmjax.batch.run_folder import run_folder as run_folder
 from gmmjax.batch.scan_pair import BatchPair as BatchPair
 from gmmjax.batch.scan_pair import LoadedPair as LoadedPair
+from gmmjax.batch.series import Against as Against
+from gmmjax.batch.series import Epoch as Epoch
+from gmmjax.batch.series import compared_epochs as compared_epochs
+from gmmjax.batch.series import detect_series as detect_series
+from gmmjax.batch.series import read_epochs as read_epochs
 from gmmjax.batch.tables import write_table as write_table
 from gmmjax.batch.tables import write_tables as write_tables
 from gmmjax.batch.tracks import EpochTree as EpochTree

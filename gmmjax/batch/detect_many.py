@@ -69,6 +69,7 @@ def detect_many(
     executor: Executor | None = None,
     capacity: int | None = None,
     shard: Shard | None = None,
+    record: RunRecord | None = None,
     send: bool = False,
     save: Save = save_changes,
     overwrite: bool = False,
@@ -95,6 +96,7 @@ def detect_many(
         executor: any other `concurrent.futures.Executor` in their place.
         capacity: chunks of pairs that an `executor` is given before the first one is done: more than it has workers.
         shard: the part of the run that is computed; the others are computed elsewhere. None: all.
+        record: what the folder is told to be of, where these pairs are a part of it; None: of these pairs.
         send: whether the clouds are read here and sent to the workers, and the results are written here: for workers
             that do not see the files.
         save: writes the result of a pair into its folder.
@@ -123,7 +125,8 @@ def detect_many(
         tasks = (settings.task(pair, None) for pair in pairs)
         return _computed(tasks, pool, settings, None, send=False)
     assert isinstance(pairs, list)
-    return _in_folder(pairs, Path(os.path.abspath(out)), shard, pool, settings, send=send)
+    record = record or RunRecord.of([pair.name for pair in pairs], settings.config)
+    return _in_folder(pairs, Path(os.path.abspath(out)), record, shard, pool, settings, send=send)
 
 
 def _check_until_stable(until_stable: float | None, config: DetectionConfig) -> None:
@@ -167,6 +170,7 @@ def _pool(
 def _in_folder(
     pairs: list[BatchPair],
     out: Path,
+    record: RunRecord,
     shard: Shard | None,
     pool: AbstractPool,
     settings: _BatchSettings,
@@ -176,16 +180,16 @@ def _in_folder(
     """What is there already, and then what is computed, largest first: like sizes meet the same compiled programs."""
     folder = run_folder(out)
     with folder.locked(shard):
-        folder.prepare(RunRecord.of([pair.name for pair in pairs], settings.config), overwrite=settings.overwrite)
+        folder.prepare(record, overwrite=settings.overwrite)
         waiting = []
         for pair in pairs if shard is None else shard.of(pairs):
             task = settings.task(pair, folder)
-            record = recorded(task)
-            if record is None:
+            known = recorded(task)
+            if known is None:
                 waiting.append(task)
             else:
                 folder.clear_error(pair.name)
-                yield BatchResult(pair.name, record.pair, record.changes, task.folder, reused=True)
+                yield BatchResult(pair.name, known.pair, known.changes, task.folder, reused=True)
         waiting.sort(key=_size, reverse=True)
         yield from _computed(map(with_kept_fits, waiting), pool, settings, folder, send=send)
 

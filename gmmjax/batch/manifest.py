@@ -1,6 +1,7 @@
 """The pairs of a run, from a table or from folders."""
 
 import csv
+import dataclasses
 import glob
 import io
 import typing
@@ -19,6 +20,8 @@ FILES = ("before", "after", "views_before", "views_after")
 CONFIG = "config"
 DELIMITERS: Mapping[str, str] = {".csv": ",", ".tsv": "\t", ".tab": "\t"}
 JSON_LINES = (".jsonl", ".ndjson")
+# Settings that a line may have.
+SETTING_NAMES = tuple(field.name for field in dataclasses.fields(DetectionConfig))
 # Names listed in a message.
 LISTED = 10
 # The views beside the clouds in a folder, as `extract` writes them and as the options are called.
@@ -51,8 +54,7 @@ def read_manifest(path: Path, config: DetectionConfig = DetectionConfig()) -> li
         InputError: a manifest that cannot be read, with a missing or an unknown column, a wrong setting, names that are
             there twice or cannot be those of folders, or with files that do not exist, all of which are listed.
     """
-    known = {*REQUIRED, *FILES, CONFIG, *_setting_types()}
-    entries = read_entries(path, REQUIRED, known)
+    entries = read_entries(path, REQUIRED, {*REQUIRED, *FILES, CONFIG, *SETTING_NAMES})
     pairs = [_pair(entry, path.parent, config) for entry in entries]
     check_distinct([pair.name for pair in pairs], str(path))
     check_files(path, {f"{pair.name}: {role}": file for pair in pairs for role, file in pair.files().items()})
@@ -156,11 +158,20 @@ def _file_settings(path: Path) -> dict[str, Any]:
 def _pair(entry: Entry, folder: Path, config: DetectionConfig) -> BatchPair:
     values = entry.values
     check_name(values["name"], f"{entry.place}: name")
-    files = {role: folder / _path(entry, role) for role in FILES if role in values}
+    files = {role: folder / path_of(entry, role) for role in FILES if role in values}
     return BatchPair(values["name"], **files, config=settings_of(entry, folder, config))
 
 
-def _path(entry: Entry, role: str) -> str:
+def path_of(entry: Entry, role: str) -> str:
+    """The path in a column of a line.
+
+    Args:
+        entry: the line.
+        role: the column, which it has.
+
+    Raises:
+        InputError: it is no text.
+    """
     value = entry.values[role]
     if not isinstance(value, str) or "\0" in value:
         raise InputError(f"{entry.place}: {role}={shown(value)} must be the path of a file")

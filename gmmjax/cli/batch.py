@@ -6,7 +6,7 @@ import functools
 import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional
@@ -19,8 +19,13 @@ if TYPE_CHECKING:
     from gmmjax.batch import BatchPair, RunFolder, Shard
     from gmmjax.reporting.batch_progress import BatchProgress
 
+Against = Literal["previous", "first"]
 # Probabilities that change by less are the same to a reader, who sees whole percents.
 SETTLED = 0.01
+SERIES_FILES = {
+    "timeline.html": "open it in a browser: when each object came, moved and went",
+    "objects.csv": "a row for each event of an object; objects.parquet is the same",
+}
 SUMMARY_FILES = {
     "index.html": "open it in a browser: all pairs, to sort and search",
     "pairs.csv": "a row for each pair; pairs.parquet is the same",
@@ -47,6 +52,7 @@ def batch(
     send: bool = False,
     shard: Annotated[str | None, tyro.conf.arg(metavar="K/N")] = None,
     merge: bool = False,
+    series: Annotated[Against | None, tyro.conf.arg(metavar="{previous,first}")] = None,
     until_stable: bool = False,
     fail_fast: bool = False,
     overwrite: bool = False,
@@ -71,6 +77,8 @@ def batch(
         send: read the scans here and send them to the workers, which do not see the files.
         shard: compute a part of the run, such as 3/100; the others are computed elsewhere, into the same folder.
         merge: compute nothing; write tables and page of what is in the folder, such as after all shards.
+        series: the manifest has the epochs of one place, in their order: name, cloud, and where known views. Each is
+            compared with its predecessor or with the first one, and the changes are linked into objects with a history.
         until_stable: of each pair, stop when doubling the restarts changes no probability by 1 % or more; --restarts is
             then the most.
         fail_fast: stop at the first pair that fails.
@@ -79,7 +87,7 @@ def batch(
         settings: lengths are in the unit of the scans; None means derived from the data.
     """
     del config  # Its settings are the defaults of the flags already: see `command`.
-    from gmmjax.batch import Shard, detect_many, run_folder
+    from gmmjax.batch import Shard, detect_many, detect_series, read_epochs, run_folder
     from gmmjax.reporting.batch_files import save_report
     from gmmjax.reporting.batch_progress import batch_progress
 
@@ -87,22 +95,27 @@ def batch(
     part = None if shard is None else Shard.parse(shard)
     if merge:
         return _merge(out, part, quiet=quiet)
-    given = _pairs(manifest, pairs, detection)
-    results = detect_many(
-        given,
-        out=out,
-        config=detection,
-        until_stable=SETTLED if until_stable else None,
-        workers=workers,
-        scheduler=scheduler,
-        send=send,
-        shard=part,
-        save=save_report,
-        overwrite=overwrite,
-        fail_fast=fail_fast,
-    )
+    options: dict[str, Any] = {
+        "out": out,
+        "config": detection,
+        "until_stable": SETTLED if until_stable else None,
+        "workers": workers,
+        "scheduler": scheduler,
+        "send": send,
+        "save": save_report,
+        "overwrite": overwrite,
+        "fail_fast": fail_fast,
+    }
+    if series is not None:
+        if part is not None or manifest is None:
+            raise InputError("--series needs a MANIFEST of epochs, and goes without --pairs and --shard")
+        epochs = read_epochs(manifest, detection)
+        results, count = detect_series(epochs, against=series, **options), len(epochs) - 1
+    else:
+        given = _pairs(manifest, pairs, detection)
+        results, count = detect_many(given, shard=part, **options), len(given if part is None else part.of(given))
     try:
-        with batch_progress(len(given if part is None else part.of(given)), quiet=quiet) as progress:
+        with batch_progress(count, quiet=quiet) as progress:
             for result in results:
                 progress.count(done=result.done, reused=result.reused)
     except (KeyboardInterrupt, ComputationError):
@@ -139,15 +152,20 @@ def _merge(out: Path, part: "Shard | None", *, quiet: bool) -> int:
 def _summarised(folder: "RunFolder", *, quiet: bool) -> int:
     """Writes the summary; 1 where pairs failed or are missing."""
     from gmmjax.reporting import console
-    from gmmjax.reporting.batch_files import write_summary
+    from gmmjax.reporting.batch_files import write_history, write_summary
+    from gmmjax.reporting.timeline_page import series_answer
 
     record = folder.run_record()
     if record is None:
         raise InputError(f"{folder.path}: holds no run yet; nothing was computed")
     summary = write_summary(folder, record.names)
+    files = SUMMARY_FILES
+    if record.series is not None:
+        answer = series_answer(record.epochs, write_history(folder))
+        files = {**SERIES_FILES, **SUMMARY_FILES}
     if not quiet:
-        console.print_batch(summary)
-        console.print_files(folder.path, SUMMARY_FILES)
+        console.print_batch(summary, heading=None if record.series is None else answer)
+        console.print_files(folder.path, files)
     return 1 if summary.failed or summary.missing else 0
 
 

@@ -4,14 +4,32 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-from gmmjax.batch import ChangeRow, FoundPair, PairRow, RunFolder, write_tables
-from gmmjax.clouds import atomic_write
+from gmmjax.batch import (
+    ChangeRow,
+    Comparison,
+    FoundPair,
+    ObjectHistory,
+    ObjectRow,
+    PairRow,
+    RunFolder,
+    compared_epochs,
+    object_histories,
+    object_rows,
+    write_table,
+    write_tables,
+)
+from gmmjax.changes import Changes
+from gmmjax.clouds import atomic_write, read_cloud
 from gmmjax.errors import InputError
+from gmmjax.pair import Pair
 from gmmjax.reporting.batch_index import batch_index_html
 from gmmjax.reporting.result_folder import write_result_files
 from gmmjax.reporting.thumbnails import write_thumbnails
+from gmmjax.reporting.timeline_page import timeline_html
 
 INDEX_FILE = "index.html"
+TIMELINE_FILE = "timeline.html"
+OBJECTS = "objects"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,10 +107,40 @@ def write_summary(folder: RunFolder, names: Sequence[str]) -> Summary:
     summary = summary_of(folder, names)
     write_tables(folder.path, summary.pairs, summary.changes)
     page = batch_index_html(folder.path.name, summary.pairs, summary.changes, missing=summary.missing)
-    path = folder.path / INDEX_FILE
+    _write_page(folder.path / INDEX_FILE, page)
+    return summary
+
+
+def write_history(folder: RunFolder) -> list[ObjectHistory]:
+    """Writes the table and the page of the objects of a series, as far as it has got.
+
+    Args:
+        folder: of the run.
+
+    Raises:
+        InputError: it is no series, a scan is not there any more, or a file cannot be written.
+    """
+    record = folder.run_record()
+    pairs = compared_epochs(folder)
+    assert record is not None and record.series is not None
+    comparisons = [_comparison(folder, epochs, name) for epochs, name in pairs.items()]
+    histories = object_histories(record.epochs, comparisons)
+    write_table(folder.path, OBJECTS, ObjectRow, object_rows(histories))
+    page = timeline_html(folder.path.name, record.epochs, histories, against=record.series, pair_names=pairs)
+    _write_page(folder.path / TIMELINE_FILE, page)
+    return histories
+
+
+def _comparison(folder: RunFolder, epochs: tuple[int, int], name: str) -> Comparison:
+    result = folder.result(name)
+    assert result is not None and result.pair.before is not None and result.pair.after is not None
+    clouds = Pair(read_cloud(result.pair.before), read_cloud(result.pair.after))
+    return Comparison.of(*epochs, Changes.load(folder.pair(name)), clouds)
+
+
+def _write_page(path: Path, page: str) -> None:
     try:
         with atomic_write(path) as file:
             file.write(page.encode())
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror or error}); free some space") from error
-    return summary

@@ -134,14 +134,17 @@ def print_files(folder: Path, description: dict[str, str]) -> None:
         console.print(f"  {name:<{width}}  [dim]{escape(text)}[/dim]", highlight=False, soft_wrap=True)
 
 
-def print_batch(summary: "Summary", most: int = 10) -> None:
+def print_batch(summary: "Summary", *, heading: str | None = None, most: int = 10) -> None:
     """How many pairs of a run are done and changed, those that changed most surely, and those that failed.
 
     Args:
         summary: of the run.
+        heading: a line above it.
         most: lines of each list; the others are counted.
     """
     console = Console()
+    if heading:
+        console.print(escape(heading), style="bold", highlight=False, soft_wrap=True)
     console.print(batch_answer(summary), style="bold", highlight=False, soft_wrap=True)
     changed = sorted((row for row in summary.done if row.changes), key=lambda row: -(row.highest_probability or 0))
     if changed:

@@ -1,0 +1,158 @@
+"""A series: many epochs of one place, each compared with its predecessor or with the first one."""
+
+import itertools
+from collections.abc import Generator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, get_args
+
+from gmmjax.batch.detect_many import BatchResult, detect_many
+from gmmjax.batch.manifest import CONFIG, SETTING_NAMES, Entry, check_files, path_of, read_entries, settings_of
+from gmmjax.batch.run_folder import RunFolder, RunRecord
+from gmmjax.batch.scan_pair import LONGEST_NAME, BatchPair, check_distinct, check_name
+from gmmjax.changes import DetectionConfig
+from gmmjax.errors import InputError, check_choice, shown
+
+Against = Literal["previous", "first"]
+REQUIRED = ("name", "cloud")
+
+
+class Epoch(NamedTuple):
+    """A survey of a series.
+
+    Attributes:
+        name: of the epoch, such as a date.
+        cloud: the file of its cloud.
+        views: where the sensor stood; None: what the cloud's file says, or not known.
+        config: settings of its comparison with an earlier epoch; None: those of the run.
+    """
+
+    name: str
+    cloud: Path
+    views: Path | None = None
+    config: DetectionConfig | None = None
+
+
+def read_epochs(path: Path, config: DetectionConfig = DetectionConfig()) -> list[Epoch]:
+    """The epochs of a series in the order of time: CSV, TSV or JSON lines.
+
+    Columns: "name" and "cloud"; where wanted "views", "config" (a TOML file), and any setting of `DetectionConfig` by
+    its name. Paths are relative to the file.
+
+    Args:
+        path: of the manifest.
+        config: what an epoch's own settings are in place of.
+
+    Raises:
+        InputError: as `read_manifest`; a single epoch.
+    """
+    entries = read_entries(path, REQUIRED, {*REQUIRED, "views", CONFIG, *SETTING_NAMES})
+    epochs = [_epoch(entry, path.parent, config) for entry in entries]
+    check_distinct([epoch.name for epoch in epochs], str(path))
+    files = {f"{epoch.name}: cloud": epoch.cloud for epoch in epochs}
+    check_files(path, {**files, **{f"{epoch.name}: views": epoch.views for epoch in epochs if epoch.views is not None}})
+    if len(epochs) < 2:
+        raise InputError(f"{path}: has a single epoch; a series needs two at least")
+    return epochs
+
+
+def detect_series(
+    epochs: Sequence[Epoch], *, out: Path, against: Against = "previous", **options: Any
+) -> Generator[BatchResult, None, None]:
+    """Compares each epoch of a series with an earlier one.
+
+    Where an epoch cannot be compared with its predecessor, because that one cannot be read, it is compared with the
+    latest one before that can be.
+
+    Args:
+        epochs: in the order of time.
+        out: folder of the run.
+        against: "previous" or "first".
+        options: of `detect_many`.
+
+    Yields:
+        A result for each pair, as it is done.
+
+    Raises:
+        InputError, ComputationError: as `detect_many`.
+    """
+    check_choice("against", against, get_args(Against))
+    names = tuple(epoch.name for epoch in epochs)
+    config = options.get("config") or DetectionConfig()
+    pairs = {(0 if against == "first" else later - 1, later): None for later in range(1, len(epochs))}
+
+    def results(asked: Sequence[tuple[int, int]]) -> Generator[BatchResult, None, None]:
+        all_names = [pair_name(names, pair) for pair in pairs]
+        record = RunRecord.of(all_names, config, series=against, epochs=names)
+        chosen = [_batch_pair(epochs, pair) for pair in asked]
+        yield from detect_many(chosen, out=out, record=record, **options)
+
+    done = set()
+    for result in results(list(pairs)):
+        if result.done:
+            done.add(result.name)
+        yield result
+    bridges = _bridges(names, [pair for pair in pairs if pair_name(names, pair) in done])
+    if against == "previous" and bridges:
+        pairs.update(dict.fromkeys(bridges))
+        yield from results(bridges)
+
+
+def compared_epochs(folder: RunFolder) -> Mapping[tuple[int, int], str]:
+    """The pairs of a series that are done: by the indices of their epochs, the earlier one first, the name.
+
+    Each epoch is the later one of one pair at most.
+
+    Args:
+        folder: of the run.
+
+    Raises:
+        InputError: a folder without a series.
+    """
+    record = folder.run_record()
+    if record is None or record.series is None:
+        raise InputError(f"{folder.path}: holds no series; give the folder of a run with --series")
+    known = set(record.names)
+    found: dict[int, tuple[tuple[int, int], str]] = {}
+    for pair in itertools.combinations(range(len(record.epochs)), 2):
+        name = pair_name(record.epochs, pair)
+        if name in known and folder.failed(name) is None and folder.result(name) is not None:
+            # The closest one counts: a bridge is not needed any more once its gap is closed.
+            found[pair[1]] = (pair, name)
+    return dict(found.values())
+
+
+def pair_name(names: Sequence[str], pair: tuple[int, int]) -> str:
+    """The name of the comparison of two epochs.
+
+    Args:
+        names: of all epochs.
+        pair: the indices of the two.
+    """
+    return f"{names[pair[0]]} to {names[pair[1]]}"
+
+
+def _bridges(names: Sequence[str], done: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Comparisons over epochs that cannot be read: of those whose predecessor, too, is not connected."""
+    connected = {0, *(epoch for pair in done for epoch in pair)}
+    later = {pair[1] for pair in done}
+    bridges = []
+    for epoch in range(2, len(names)):
+        earlier = max(other for other in connected if other < epoch)
+        if epoch not in later and earlier < epoch - 1:
+            bridges.append((earlier, epoch))
+    return bridges
+
+
+def _batch_pair(epochs: Sequence[Epoch], pair: tuple[int, int]) -> BatchPair:
+    before, after = (epochs[index] for index in pair)
+    name = pair_name([epoch.name for epoch in epochs], pair)
+    return BatchPair(name, before.cloud, after.cloud, before.views, after.views, after.config)
+
+
+def _epoch(entry: Entry, folder: Path, config: DetectionConfig) -> Epoch:
+    values = entry.values
+    check_name(values["name"], f"{entry.place}: name")
+    if len(values["name"].encode()) > LONGEST_NAME // 2 - len(" to "):
+        raise InputError(f"{entry.place}: name={shown(values['name'])} is too long; folders are named after two epochs")
+    views = folder / path_of(entry, "views") if "views" in values else None
+    return Epoch(values["name"], folder / path_of(entry, "cloud"), views, settings_of(entry, folder, config))
