@@ -67,7 +67,7 @@ class RestartFits:
             _check_finite({name: values for name, values in self.arrays.items() if name.endswith(time)}, time)
 
     def __len__(self) -> int:
-        return len(next(iter(self.arrays.values()), ()))
+        return next((values.shape[0] for values in self.arrays.values() if values.ndim), 0)
 
     @property
     def slots(self) -> int:
@@ -165,10 +165,9 @@ def _sizes(shape: str, slots: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _check_array(name: str, values: np.ndarray, kind: str, shape: tuple[int, ...]) -> None:
-    if values.dtype.kind != kind or values.shape != shape or not len(values):
-        raise ValueError(
-            f"{name} is {values.dtype} {list(values.shape)}, and not of this kind and shape: {list(shape)}"
-        )
+    if values.dtype.kind != kind or values.shape != shape or not shape[0]:
+        wanted = {"f": "numbers", "i": "whole numbers", "b": "bools"}[kind]
+        raise ValueError(f"{name} is {values.dtype} {list(values.shape)}, not {wanted} {list(shape)}")
 
 
 def _check_finite(arrays: Mapping[str, np.ndarray], time: str) -> None:
