@@ -48,17 +48,16 @@ class PlotCamera(NamedTuple):
         Returns:
             The centre of the view, and the distance of the eye from it, which is positive even for a single point.
         """
-        half_sizes = np.array([half_width, HALF_HEIGHT])
+        axes, half_sizes = self.axes, np.array([half_width, HALF_HEIGHT])
         centre, distance = np.zeros(3), 0.0
         for _ in range(3):
-            seen, kept = ((cloud - centre) @ self.axes.T for cloud in (points, shown))
+            seen, kept = ((cloud - centre) @ axes.T for cloud in (points, shown))
             outermost = np.quantile(_needed(seen, half_sizes), 0.99), *_needed(kept, half_sizes)
             distance = max(1.05 * float(max(outermost)), float(np.finfo(np.float32).tiny))
             for axis in (0, 1):
-                sides = [_slopes(cloud, axis, distance) for cloud in (seen, kept)]
-                bounds = np.quantile(sides[0], [0.01, 0.99])
-                middle = (min(bounds[0], *sides[1]) + max(bounds[1], *sides[1])) / 2 if len(kept) else bounds.mean()
-                centre = centre + self.axes[axis] * distance * middle
+                inner = np.quantile(_slopes(seen, axis, distance), [0.01, 0.99])
+                bounds = [*inner, *_slopes(kept, axis, distance)]
+                centre = centre + axes[axis] * distance * (min(bounds) + max(bounds)) / 2
         return centre, distance
 
     def to_plotly(self, points: Float[np.ndarray, "n 3"]) -> dict[str, dict[str, float]]:

@@ -177,7 +177,7 @@ def in_browser(page):
         pytest.skip("there is no Chromium")
     options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={page.parent / 'profile'}"]
     options += ["--window-size=1500,900", "--virtual-time-budget=4000", "--dump-dom"]
-    done = subprocess.run([CHROMIUM, *options, page.as_uri()], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([CHROMIUM, *options, page.as_uri()], capture_output=True, text=True, timeout=60)
     if done.returncode:
         pytest.skip("Chromium does not start here")
     return done.stdout
