@@ -196,7 +196,7 @@ def loopback_bytes() -> int:
 def table(log: Path) -> str:
     """A row for each pool, size and chunk: medians."""
     rows = [
-        "| pool | workers, threads, or messages out | message | pairs a second | driver's CPU a pair | network a pair | load |",
+        "| pool | workers (driver alone: messages out) | message | pairs a second | CPU a pair | network a pair | load |",
         "|---|---|---|---|---|---|---|",
     ]
     for line in read(log):
