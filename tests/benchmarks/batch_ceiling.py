@@ -195,10 +195,9 @@ def loopback_bytes() -> int:
 
 def table(log: Path) -> str:
     """A row for each pool, size and chunk: medians."""
-    rows = [
-        "| pool | workers (driver alone: messages out) | message | pairs a second | CPU a pair | network a pair | load |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    what = "workers (driver alone: messages out)"
+    columns = ("pool", what, "message", "pairs a second", "CPU of the driver a pair", "network a pair", "load")
+    rows = ["| " + " | ".join(columns) + " |", "|---" * len(columns) + "|"]
     for line in read(log):
         rate, cpu = statistics.median(line["rates"]), statistics.median(line["cpus"])
         network = f"{statistics.median(line['sent']):,.0f} bytes" if line["pool"] == "dask" else ""
