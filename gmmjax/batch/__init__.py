@@ -1,12 +1,23 @@
 """Many pairs of scans: runs that survive interruptions, over processes or a cluster."""
 
+from gmmjax.batch.comparison import Comparison as Comparison
+from gmmjax.batch.comparison import ComparisonSettings as ComparisonSettings
+from gmmjax.batch.comparison import Coverage as Coverage
 from gmmjax.batch.detect_many import BatchResult as BatchResult
 from gmmjax.batch.detect_many import detect_many as detect_many
+from gmmjax.batch.history import EventKind as EventKind
+from gmmjax.batch.history import ObjectEvent as ObjectEvent
+from gmmjax.batch.history import ObjectHistory as ObjectHistory
+from gmmjax.batch.history import epoch_trees as epoch_trees
+from gmmjax.batch.history import object_histories as object_histories
+from gmmjax.batch.history import object_rows as object_rows
+from gmmjax.batch.linking import HistorySettings as HistorySettings
 from gmmjax.batch.manifest import pairs_in_folders as pairs_in_folders
 from gmmjax.batch.manifest import read_manifest as read_manifest
 from gmmjax.batch.pair_record import PairRecord as PairRecord
 from gmmjax.batch.pools import AbstractPool as AbstractPool
 from gmmjax.batch.rows import ChangeRow as ChangeRow
+from gmmjax.batch.rows import ObjectRow as ObjectRow
 from gmmjax.batch.rows import PairRow as PairRow
 from gmmjax.batch.rows import PairStatus as PairStatus
 from gmmjax.batch.run_folder import RUN_FILE as RUN_FILE
@@ -18,6 +29,7 @@ from gmmjax.batch.scan_pair import BatchPair as BatchPair
 from gmmjax.batch.scan_pair import LoadedPair as LoadedPair
 from gmmjax.batch.tables import write_table as write_table
 from gmmjax.batch.tables import write_tables as write_tables
+from gmmjax.batch.tracks import EpochTree as EpochTree
 from gmmjax.batch.worker import FoundPair as FoundPair
 from gmmjax.batch.worker import Save as Save
 from gmmjax.batch.worker import save_changes as save_changes

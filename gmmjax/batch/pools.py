@@ -2,6 +2,7 @@
 
 import abc
 import contextlib
+import logging
 import os
 import signal
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
@@ -156,7 +157,11 @@ class ClusterPool(ExecutorPool):
             InputError: Dask is not installed, nobody answers at the address, or the cluster has no workers.
         """
         self._address = address
+        # Its log has pages of traceback where a scheduler goes, of which `lost` tells in a line.
+        self._log = logging.getLogger("distributed.client")
+        self._level = self._log.level
         self._client = _connected(address)
+        self._log.setLevel(logging.CRITICAL + 1)
         threads = sum(self._client.nthreads().values())
         if not threads:
             self._client.close()
@@ -178,6 +183,7 @@ class ClusterPool(ExecutorPool):
         super().stop(at_once=at_once)
         with contextlib.suppress(Exception):
             self._client.close(timeout=5)
+        self._log.setLevel(self._level)
 
 
 def died(error: BaseException) -> bool:

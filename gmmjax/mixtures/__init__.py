@@ -33,6 +33,7 @@ from gmmjax.mixtures.mixture_model import AbstractMixtureModel as AbstractMixtur
 from gmmjax.mixtures.noise import log_uniform_density as log_uniform_density
 from gmmjax.mixtures.noise import noise_coefficients as noise_coefficients
 from gmmjax.mixtures.parallel import map_on_cores as map_on_cores
+from gmmjax.mixtures.parallel import stacked as stacked
 from gmmjax.mixtures.prior import Prior as Prior
 from gmmjax.mixtures.quadratic import coefficients as coefficients
 from gmmjax.mixtures.quadratic import quadratic_features as quadratic_features

@@ -26,19 +26,39 @@ class PlotCamera(NamedTuple):
     towards_eye: Float[np.ndarray, "3"]
     up: Float[np.ndarray, "3"]
 
-    def framed(self, points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "3"], float]:
-        """What to look at, and from how far, so that all but the outermost hundredth of the points fill the view."""
+    @property
+    def axes(self) -> Float[np.ndarray, "3 3"]:
+        """Unit vectors, as rows: to the right on the screen, upwards on it, and towards the eye."""
         across = _unit(np.cross(self.up, self.towards_eye))
-        upwards = np.cross(self.towards_eye, across)
+        return np.stack([across, np.cross(self.towards_eye, across), self.towards_eye])
+
+    def framed(
+        self,
+        points: Float[np.ndarray, "n 3"],
+        shown: Float[np.ndarray, "m 3"] = np.empty((0, 3)),
+        half_width: float = HALF_WIDTH,
+    ) -> tuple[Float[np.ndarray, "3"], float]:
+        """What to look at, and from how far, so that all but the outermost hundredth of the points fill the view.
+
+        Args:
+            points: what is looked at, near the origin.
+            shown: points that must not be among that hundredth.
+            half_width: of the view, at the distance 1 from the eye.
+
+        Returns:
+            The centre of the view, and the distance of the eye from it, which is positive even for a single point.
+        """
+        half_sizes = np.array([half_width, HALF_HEIGHT])
         centre, distance = np.zeros(3), 0.0
         for _ in range(3):
-            seen = points - centre
-            towards_eye = seen @ self.towards_eye
-            beside = np.maximum(np.abs(seen @ across) / HALF_WIDTH, np.abs(seen @ upwards) / HALF_HEIGHT)
-            distance = 1.05 * float(np.quantile(beside + towards_eye, 0.99))
-            depth = np.maximum(distance - towards_eye, 0.1 * distance)
-            for axis in (across, upwards):
-                centre = centre + axis * distance * np.quantile(seen @ axis / depth, [0.01, 0.99]).mean()
+            seen, kept = ((cloud - centre) @ self.axes.T for cloud in (points, shown))
+            outermost = np.quantile(_needed(seen, half_sizes), 0.99), *_needed(kept, half_sizes)
+            distance = max(1.05 * float(max(outermost)), float(np.finfo(np.float32).tiny))
+            for axis in (0, 1):
+                sides = [_slopes(cloud, axis, distance) for cloud in (seen, kept)]
+                bounds = np.quantile(sides[0], [0.01, 0.99])
+                middle = (min(bounds[0], *sides[1]) + max(bounds[1], *sides[1])) / 2 if len(kept) else bounds.mean()
+                centre = centre + self.axes[axis] * distance * middle
         return centre, distance
 
     def to_plotly(self, points: Float[np.ndarray, "n 3"]) -> dict[str, dict[str, float]]:
@@ -81,3 +101,15 @@ def _is_depth_camera(points: Float[np.ndarray, "n 3"]) -> bool:
 def _unit(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
     unit: Float[np.ndarray, 3] = vector / np.linalg.norm(vector)
     return unit
+
+
+def _needed(seen: Float[np.ndarray, "n 3"], half_sizes: Float[np.ndarray, "2"]) -> Float[np.ndarray, " n"]:
+    """How far the eye must be from the centre of the view to have each point in it."""
+    needed: Float[np.ndarray, " n"] = np.max(np.abs(seen[:, :2]) / half_sizes, axis=1) + seen[:, 2]
+    return needed
+
+
+def _slopes(seen: Float[np.ndarray, "n 3"], axis: int, distance: float) -> Float[np.ndarray, " n"]:
+    """How far beside the line of sight points are seen, for each unit of depth."""
+    slopes: Float[np.ndarray, " n"] = seen[:, axis] / np.maximum(distance - seen[:, 2], 0.1 * distance)
+    return slopes

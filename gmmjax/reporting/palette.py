@@ -28,7 +28,7 @@ def point_colors(
         colors: the scan's own colours; None where it has none.
     """
     grey = np.array(UNCHANGED_COLOR, np.uint8)
-    result = np.tile(grey, (len(labels), 1)) if colors is None else _greyed(colors)
+    result = np.tile(grey, (len(labels), 1)) if colors is None else greyed(colors)
     for index, change in enumerate(changes.items):
         result[labels == index] = color_bytes(KIND_COLORS[change.kind])
     return result
@@ -41,6 +41,7 @@ def luminance(colors: UInt8[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
     return brightness
 
 
-def _greyed(colors: UInt8[np.ndarray, "n 3"]) -> UInt8[np.ndarray, "n 3"]:
+def greyed(colors: UInt8[np.ndarray, "n 3"]) -> UInt8[np.ndarray, "n 3"]:
+    """Colours of unchanged points, half way to grey, so that those of the kinds stand out."""
     mixed = 0.5 * colors + 0.5 * np.array(UNCHANGED_COLOR)
     return np.rint(mixed).astype(np.uint8)

@@ -56,7 +56,7 @@ def write_result(
     Raises:
         InputError: clouds that are not those of the changes, or a folder that cannot be written; it is then as it was.
     """
-    _check_lengths(before, after, changes)
+    check_lengths(before, after, changes)
     with output_folder(folder, RESULT, overwrite=overwrite) as staging:
         write_result_files(staging, before, after, changes)
     return Path(folder)
@@ -92,7 +92,12 @@ def _portable(config: DetectionConfig) -> dict[str, Any]:
     return settings if config.verdict is None else {**settings, "verdict": str(Path(config.verdict).resolve())}
 
 
-def _check_lengths(before: PointCloud, after: PointCloud, changes: Changes) -> None:
+def check_lengths(before: PointCloud, after: PointCloud, changes: Changes) -> None:
+    """Whether these can be the clouds that the changes were found in.
+
+    Raises:
+        InputError: clouds of other lengths than the labels.
+    """
     for name, cloud, labels in (("before", before, changes.labels_before), ("after", after, changes.labels_after)):
         if len(cloud) != len(labels):
             raise InputError(

@@ -112,7 +112,7 @@ def _side(
     brightness = np.zeros(int(grey.sum())) if cloud.colors is None else luminance(cloud.colors[kept][grey])
     # Without colours that tell anything, darker in front, so that the cloud has depth.
     tells = len(brightness) and np.ptp(brightness) > 0.05
-    shade = _stretched(brightness if tells else -points[grey] @ camera.towards_eye)
+    shade = stretched(brightness if tells else -points[grey] @ camera.towards_eye)
     return _Side(name, points, labels[kept], probability[kept], shade)
 
 
@@ -123,7 +123,7 @@ def _sample(indices: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " m"]:
     return np.sort(np.random.default_rng(0).choice(indices, most, replace=False))
 
 
-def _stretched(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def stretched(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Values from 0 to 1, the lowest and highest hundredths cut off."""
     lowest, highest = np.quantile(values, [0.01, 0.99]) if len(values) else (0.0, 0.0)
     if highest <= lowest:

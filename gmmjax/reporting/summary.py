@@ -4,6 +4,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from gmmjax.changes import Change, Changes, Kind, RejectedCandidate
 
@@ -108,10 +109,13 @@ def registration_text(changes: Changes) -> str | None:
 
 def place_cells(found: Change | RejectedCandidate) -> tuple[str, str, str]:
     """Number of points, centre and size, as the last three of `HEADINGS`."""
-    digits = _decimals(found.box.extent)
-    centre = ", ".join(f"{value:.{digits}f}" for value in found.mean)
-    size = " × ".join(f"{value:.{digits}f}" for value in found.box.extent)
-    return f"{found.point_count:,}", centre, size
+    return (f"{found.point_count:,}", *place_text(found.mean, found.box.extent))
+
+
+def place_text(centre: Float[np.ndarray, "3"], extent: Float[np.ndarray, "3"]) -> tuple[str, str]:
+    """A centre and a size with as many decimals as show the size."""
+    digits = _decimals(extent)
+    return ", ".join(f"{value:.{digits}f}" for value in centre), " × ".join(f"{value:.{digits}f}" for value in extent)
 
 
 def _cells(label: int, change: Change) -> tuple[str, ...]:

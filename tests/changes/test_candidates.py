@@ -1,8 +1,17 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 
-from gmmjax.changes.candidates import CandidateSettings, candidates_of, changed_probability, clusters_with_core
+from gmmjax.changes.candidates import (
+    CandidateSettings,
+    candidates_of,
+    clusters_with_core,
+    mean_probability,
+    probability_by_difference,
+)
 from gmmjax.changes.differences import DetectionLimits, Differences, DifferenceSettings, LocalDifference
+from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.pair import Pair
 
 SPACING = 0.01
@@ -19,31 +28,51 @@ def blob(centre, count, seed=0):
     return np.array(centre) + np.random.default_rng(seed).uniform(-2 * SPACING, 2 * SPACING, (count, 3))
 
 
+def by_restart(values):
+    """Values [r, n] of all restarts."""
+    return RestartValues(len(values), lambda restart, rows: values[restart][rows])
+
+
 def test_the_probability_rises_with_the_distance_from_a_fraction_of_its_limit():
-    probability = changed_probability(difference([0.0, 0.03, 0.065, 0.1, 0.5]), np.zeros((1, 5)), LIMITS)
-    np.testing.assert_allclose(probability, [[0, 0, 0.5, 1, 1]], atol=1e-12)
+    probability = probability_by_difference(difference([0.0, 0.03, 0.065, 0.1, 0.5]), LIMITS)
+    np.testing.assert_allclose(probability, [0, 0, 0.5, 1, 1], atol=1e-12)
 
 
 def test_the_probability_rises_with_the_offset_up_to_its_limit():
-    probability = changed_probability(difference(offset=[0.0, 0.005, 0.02, 0.1]), np.zeros((1, 4)), LIMITS)
-    np.testing.assert_allclose(probability, [[0, 0.25, 1, 1]])
+    probability = probability_by_difference(difference(offset=[0.0, 0.005, 0.02, 0.1]), LIMITS)
+    np.testing.assert_allclose(probability, [0, 0.25, 1, 1])
 
 
 def test_where_the_other_cloud_is_noisy_sparse_or_thick_limits_are_larger():
     usual = difference(distance=0.1, offset=0.02)
-    assert changed_probability(usual, np.zeros((1, 1)), LIMITS) == 1
+    assert probability_by_difference(usual, LIMITS) == 1
     for local in (
         difference(distance=0.1, offset=0.02, noise=0.01, spacing=0.1),
         difference(distance=0.1, offset=0.02, noise=0.01, thickness=0.1),
     ):
-        assert changed_probability(local, np.zeros((1, 1)), LIMITS) < 0.5
+        assert probability_by_difference(local, LIMITS) < 0.5
 
 
 def test_the_greatest_of_mixture_distance_and_offset_counts_in_each_restart():
-    local = difference(distance=[0.065, 0.0, 0.0], offset=[0.0, 0.005, 0.0])
+    by_difference = probability_by_difference(difference(distance=[0.065, 0, 0], offset=[0, 0.005, 0]), LIMITS)
     excess = np.array([[0.1, 0.1, 0.7], [0.9, 0.2, 0.0]])
-    expected = [[0.5, 0.25, 0.7], [0.9, 0.25, 0.0]]
-    np.testing.assert_allclose(changed_probability(local, excess, LIMITS), expected, atol=1e-12)
+    expected = np.mean([[0.5, 0.25, 0.7], [0.9, 0.25, 0.0]], axis=0)
+    np.testing.assert_allclose(mean_probability(by_restart(excess), by_difference), expected, atol=1e-12)
+
+
+def test_the_memory_of_the_mean_does_not_grow_with_the_restarts():
+    """Beyond the values of a few restarts, however many there are."""
+    points = 100_000
+
+    def peak(restarts):
+        values = RestartValues(restarts, lambda restart, rows: np.full(points, restart / restarts))
+        tracemalloc.start()
+        mean_probability(values, np.zeros(points))
+        memory = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return memory
+
+    assert peak(64) < 1.1 * peak(4) and peak(64) < 5 * 8 * points
 
 
 @pytest.fixture
@@ -86,7 +115,7 @@ def test_both_clouds_have_candidates_of_their_own_by_the_mean_of_the_restarts():
     local = points.map(lambda own: difference(np.zeros(len(own))))
     # In one of two restarts all points of the before cloud are changed: its mean is the threshold, not sure.
     excess = Pair(np.stack([np.ones(30), np.zeros(30)]), np.ones((2, 50)))
-    found = candidates_of(points, Differences(local, LIMITS), excess)
+    found = candidates_of(points, Differences(local, LIMITS), excess.map(by_restart))
     assert (found.before.labels == -1).all() and (found.after.labels == 0).all()
-    np.testing.assert_array_equal(found.before.probability, excess.before)
+    np.testing.assert_array_equal(found.before.looks_changed, 0.5)
     assert found.after.points is points.after and found.after.difference is local.after

@@ -2,7 +2,7 @@
 
 import abc
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -16,7 +16,14 @@ from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.detectors.count_significance import CountSettings, count_significance
 from gmmjax.changes.detectors.detector import Scan
 from gmmjax.changes.detectors.restart_detector import AbstractRestartDetector, Outcome
-from gmmjax.changes.fit.restart_fits import RestartFits, mixture_arrays, mixture_of, status_array, status_of
+from gmmjax.changes.fit.restart_fits import (
+    RestartFits,
+    mixture_arrays,
+    mixture_of,
+    of_restarts,
+    status_array,
+    status_of,
+)
 from gmmjax.changes.objects.cloud_changes import CloudChanges
 from gmmjax.changes.objects.consensus import ConsensusSettings, cloud_consensus, component_labels, votes_of_pairs
 from gmmjax.changes.objects.found import KINDS, Found
@@ -30,6 +37,9 @@ from gmmjax.pair import Pair, each
 
 Compared = tuple[Bool[Array, "r0 r1 k0"], Bool[Array, "r0 r1 k1"], Float[Array, "r0 r1"], Bool[Array, "r0 r1"]]
 """For each pair of restarts which Gaussians changed, the earth mover's distance, and whether it could be compared."""
+
+# The numbers of a fit that are kept as they are.
+SCORES = ("message_length", "log_likelihood", "steps", "bits", "noise_share")
 
 
 def over_pairs(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -261,7 +271,7 @@ def _finite(name: str, fits: Fit) -> Fit:
 
 def _arrays(fit: Fit) -> dict[str, np.ndarray]:
     """The arrays of the fits of one cloud, as in `RestartFits`."""
-    scores = {name: getattr(fit, name) for name in ("message_length", "log_likelihood", "steps", "bits", "noise_share")}
+    scores = {name: getattr(fit, name) for name in SCORES}
     return {**mixture_arrays(fit.mixture), **scores, "result": status_array(fit.result)}
 
 
@@ -270,10 +280,14 @@ def _fits_of_clouds(fits: RestartFits) -> Pair[Fit]:
 
     def of_cloud(time: str) -> Fit:
         own = {name.removesuffix(f"_{time}"): part for name, part in fits.arrays.items() if name.endswith(f"_{time}")}
-        scores = {name: own[name] for name in ("message_length", "log_likelihood", "steps", "bits", "noise_share")}
-        return Fit(mixture=mixture_of(own), result=status_of(own["result"]), **scores)
+        return of_restarts(_fit, own)
 
     return NAMES.map(of_cloud)
+
+
+def _fit(arrays: Mapping[str, np.ndarray]) -> Fit:
+    scores = {name: arrays[name] for name in SCORES}
+    return Fit(mixture=mixture_of(arrays), result=status_of(arrays["result"]), **scores)
 
 
 def _diagnostics(

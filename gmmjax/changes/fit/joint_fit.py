@@ -14,7 +14,7 @@ from gmmjax._programs import kept_jit
 from gmmjax._typing import Array
 from gmmjax.changes.fit.joint_mixture import JointMixture, component_posterior, density_ratio, point_posterior
 from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, fit_joint_mixture_from_seeds
-from gmmjax.changes.fit.restart_fits import mixture_arrays, mixture_of, status_array, status_of
+from gmmjax.changes.fit.restart_fits import mixture_arrays, mixture_of, of_restarts, status_array, status_of
 from gmmjax.clouds import canonical_order, morton_order
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import Annihilated, FitSettings, FitStatus, GaussianMixture, Prior, Standardisation, map_on_cores
@@ -84,9 +84,8 @@ class JointFits(NamedTuple):
         if not finite.any():
             raise ComputationError(f"none of {len(finite)} restarts gave a joint mixture; raise noise_floor")
         kept = {name: values[finite] for name, values in arrays.items()}
-        joint = JointMixture(mixture_of(kept), kept["share_after"], kept["noise_weight"], kept["log_noise"])
         scores = kept["message_length"], kept["density_ratio"], kept["steps"], status_of(kept["result"])
-        return cls(joint, *scores, frame)
+        return cls(of_restarts(_joint_mixture, kept), *scores, frame)
 
 
 def fit_joint_restarts(
@@ -141,6 +140,10 @@ def fit_joint_restarts(
         "steps": fits.steps,
         "result": status_array(fits.result),
     }
+
+
+def _joint_mixture(arrays: Mapping[str, np.ndarray]) -> JointMixture:
+    return JointMixture(mixture_of(arrays), arrays["share_after"], arrays["noise_weight"], arrays["log_noise"])
 
 
 @kept_jit

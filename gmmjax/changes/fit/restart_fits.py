@@ -2,15 +2,17 @@
 
 import dataclasses
 import os
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
 
 from gmmjax.clouds import atomic_write, load_archive, require_file
 from gmmjax.errors import InputError, one_line, shown
-from gmmjax.mixtures import FitStatus, GaussianMixture
+from gmmjax.mixtures import FitStatus, GaussianMixture, stacked
+
+Tree = TypeVar("Tree")
 
 # Kind of number and shape of one restart's part of each array; k is the number of slots of the mixtures.
 Layout = Mapping[str, tuple[str, str]]
@@ -128,20 +130,33 @@ def mixture_arrays(mixture: GaussianMixture) -> dict[str, np.ndarray]:
     return {name: np.asarray(getattr(mixture, name)) for name in MIXTURE}
 
 
-def mixture_of(arrays: Mapping[str, np.ndarray]) -> GaussianMixture:
-    """The mixtures with a leading axis of restarts."""
-    return GaussianMixture(**{name: arrays[name] for name in MIXTURE})
-
-
 def status_array(result: FitStatus) -> np.ndarray:
     """How fits ended, as whole numbers."""
     (numbers,) = jax.tree.leaves(result)
     return np.asarray(numbers)
 
 
-def status_of(numbers: np.ndarray) -> FitStatus:
-    """How fits ended, from the whole numbers."""
-    result: FitStatus = jax.tree.unflatten(jax.tree.structure(FitStatus.converged), [numbers])
+def of_restarts(make: Callable[[Mapping[str, np.ndarray]], Tree], arrays: Mapping[str, np.ndarray]) -> Tree:
+    """The records of all restarts as one, with a leading axis of restarts.
+
+    Args:
+        make: the record of a restart from its part of the arrays.
+        arrays: of at least one restart.
+    """
+    restarts = len(next(iter(arrays.values())))
+    parts = ({name: np.asarray(values[restart]) for name, values in arrays.items()} for restart in range(restarts))
+    records: Tree = stacked([make(part) for part in parts])
+    return records
+
+
+def mixture_of(arrays: Mapping[str, np.ndarray]) -> GaussianMixture:
+    """The mixture of a restart from its part of the arrays."""
+    return GaussianMixture(**{name: arrays[name] for name in MIXTURE})
+
+
+def status_of(number: np.ndarray) -> FitStatus:
+    """How a fit ended, or several, from the whole number."""
+    result: FitStatus = jax.tree.unflatten(jax.tree.structure(FitStatus.converged), [number])
     return result
 
 

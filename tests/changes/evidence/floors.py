@@ -5,6 +5,7 @@ import numpy as np
 from gmmjax.changes.candidates import Candidates
 from gmmjax.changes.differences import DetectionLimits, DifferenceSettings, LocalDifference
 from gmmjax.changes.evidence.free_space import Survey
+from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.clouds import SensorViews
 from gmmjax.pair import Pair
 
@@ -40,8 +41,9 @@ def in_square(points, centre, size):
 def candidates_of(points, labels, observed=None):
     near = np.full(len(points), 0.001)
     difference = LocalDifference(np.where(labels >= 0, 0.1, 0.001), near, near, near, near + SPACING)
-    looks_changed = np.where(labels >= 0, 1.0, 0.2)[None]
-    return Candidates(points, difference, looks_changed, looks_changed, labels, observed)
+    looks_changed = np.where(labels >= 0, 1.0, 0.2)
+    excess = RestartValues(1, lambda restart, rows: looks_changed[rows])
+    return Candidates(points, difference, excess, looks_changed, labels, observed)
 
 
 def surveys_of(pair, *views):

@@ -8,6 +8,7 @@ from gmmjax.changes.differences import Differences
 from gmmjax.changes.evidence.examination import measured_candidates, observed_places
 from gmmjax.changes.evidence.facts import FACTS, measured, names_of, sphere_directions
 from gmmjax.changes.evidence.free_space import Observed
+from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.clouds import SensorViews
 from gmmjax.pair import Pair
 from tests.changes.evidence.floors import (
@@ -139,3 +140,23 @@ def test_directions_are_evenly_spread():
 def test_a_fact_is_a_pure_function(of_cube):
     again = scene(CUBE, BARE, OTHER, FROM_ABOVE)
     assert again == of_cube
+
+
+@pytest.mark.parametrize(
+    ("posteriors", "excess", "agreement"),
+    [
+        ([0.7], 0.7, 1.0),
+        ([0.9, 0.6], 0.75, 0.7),
+        # The mean over all pairs: it does not grow with the number of restarts, as the range does.
+        ([0.9, 0.6, 0.9, 0.6], 0.75, 0.8),
+        ([0.2, 0.5, 0.5, 1.0], 0.55, 0.6),
+    ],
+)
+def test_restarts_agree_as_nearly_as_two_of_them_do(posteriors, excess, agreement):
+    points = np.concatenate([BARE, CUBE])
+    candidates = candidates_of(points, np.repeat([-1, 0], [len(BARE), len(CUBE)]))
+    by_restart = RestartValues(len(posteriors), lambda restart, rows: np.full(len(points), posteriors[restart])[rows])
+    pair = Pair(candidates._replace(excess=by_restart), nothing_of(OTHER))
+    (piece,) = measured_candidates(pair, surveys_of(pair), LIMITS).before
+    facts = measured(piece)
+    assert (facts["excess"], facts["agreement"]) == (pytest.approx(excess), pytest.approx(agreement))

@@ -2,7 +2,15 @@ import jax
 import numpy as np
 import pytest
 
-from gmmjax.changes.fit.joint_fit import CHUNK, component_excess, fit_joint_restarts, mixtures_distance, point_excess
+from gmmjax.changes.fit.joint_fit import (
+    CHUNK,
+    FramedPoints,
+    JointFits,
+    component_excess,
+    fit_joint_restarts,
+    mixtures_distance,
+    point_excess,
+)
 from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, joint_prior
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import FitSettings, WeightedPoints
@@ -23,11 +31,21 @@ def sourced(size, seed=0):
     return SourcedPoints(WeightedPoints(points, np.ones(size)), after)
 
 
-def fits(size, components, slots, *, points=None, prior=PRIOR, max_points=6000, progress=None):
+def arrays(size, components, slots, *, points=None, restarts=range(2), prior=PRIOR, max_points=6000, progress=None):
     return fit_joint_restarts(
-        sourced(size) if points is None else points, key=jax.random.key(0), max_components=components, slots=slots,
-        prior=prior, restarts=2, max_points=max_points, settings=SETTINGS, progress=progress,
+        FramedPoints.of(sourced(size) if points is None else points), key=jax.random.key(0), max_components=components,
+        slots=slots, prior=prior, restarts=restarts, max_points=max_points, settings=SETTINGS, progress=progress,
     )  # fmt: skip
+
+
+def fits(size, components, slots, *, points=None, **options):
+    frame = FramedPoints.of(sourced(size) if points is None else points).frame
+    return JointFits.of_arrays(arrays(size, components, slots, points=points, **options), frame)
+
+
+def both(function, fits, points, after):
+    """What both restarts say."""
+    return [function(fits, points, after, restart) for restart in range(2)]
 
 
 def test_more_slots_change_nothing():
@@ -65,14 +83,14 @@ def found():
 
 
 def test_points_of_the_new_gaussian_are_extra_in_the_after_cloud_alone(found):
-    after, before = (point_excess(found, CENTRES, own) for own in (True, False))
+    after, before = (np.stack(both(point_excess, found, CENTRES, own)) for own in (True, False))
     assert after.shape == before.shape == (2, 3)
     assert (after[:, 2] > 0.9).all() and (after[:, :2] < 0.3).all()
     assert (before[:, 2] == 0).all()
 
 
 def test_component_excess_names_the_component_that_changed(found):
-    excess, slots = component_excess(found, CENTRES, True)
+    excess, slots = (np.stack(parts) for parts in zip(*both(component_excess, found, CENTRES, True), strict=True))
     assert (excess[:, 2] > 0.9).all() and (excess[:, :2] < 0.3).all()
     means = found.joint.mixture.means[np.arange(2), slots[:, 2]] * found.frame.spread + found.frame.origin
     np.testing.assert_allclose(means, np.tile(CENTRES[2], (2, 1)), atol=0.2)
@@ -80,7 +98,8 @@ def test_component_excess_names_the_component_that_changed(found):
 
 def test_points_of_further_chunks_are_judged_like_those_of_the_first(found):
     many = np.resize(CENTRES, (CHUNK + 4, 3))
-    np.testing.assert_array_equal(point_excess(found, many, True)[:, -3:], point_excess(found, many[-3:], True))
+    np.testing.assert_array_equal(point_excess(found, many, True, 0)[-3:], point_excess(found, many[-3:], True, 0))
+    assert point_excess(found, many[:0], True, 0).shape == (0,)
 
 
 def test_the_order_of_the_points_changes_nothing(found):
@@ -96,7 +115,17 @@ def test_each_restart_sees_a_sample_of_its_own():
     sampled = fits(240, 6, 12, max_points=150, progress=lambda: seen.append(1))
     assert len(seen) == 2
     assert sampled.message_length[0] != sampled.message_length[1]
-    assert (point_excess(sampled, CENTRES, True)[:, 2] > 0.9).all()
+    assert all(excess[2] > 0.9 for excess in both(point_excess, sampled, CENTRES, True))
+
+
+@pytest.mark.parametrize("max_points", [6000, 150])
+def test_a_restart_is_the_same_whatever_others_are_computed(max_points):
+    """Starts and subsamples, to the last digit: a later run goes on from an earlier one."""
+    few, more = (arrays(240, 6, 12, restarts=own, max_points=max_points) for own in (range(2), range(2, 4)))
+    at_once = arrays(240, 6, 12, restarts=range(4), max_points=max_points)
+    assert len({*at_once["message_length"].tolist()}) > 1
+    for name, whole in at_once.items():
+        np.testing.assert_array_equal(np.concatenate([few[name], more[name]]), whole)
 
 
 def test_without_a_finite_fit_there_is_an_error():

@@ -1,0 +1,260 @@
+"""The history of the objects of a series of epochs of one place: when each came, moved and went."""
+
+import dataclasses
+import itertools
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from gmmjax.batch.comparison import Comparison
+from gmmjax.batch.linking import HistorySettings, Linker
+from gmmjax.batch.places import Place
+from gmmjax.batch.rows import ObjectRow
+from gmmjax.batch.tracks import EpochTree, Sighting, Track
+from gmmjax.changes import Box
+from gmmjax.errors import InputError
+from gmmjax.geometry import transformed
+from gmmjax.pair import Pair
+
+EventKind = Literal["came", "moved", "went"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ObjectEvent:
+    """What became of an object between two epochs. Lengths are in the unit of the clouds.
+
+    Attributes:
+        kind: "came", "moved" or "went".
+        epoch: index of the first epoch in which it shows.
+        previous: index of the latest epoch before that in which it was known to be otherwise: the one before, unless
+            epochs between are missing, or did not observe the place.
+        probability: of the change that shows it. Where no change shows it, that of the latest change before: an object
+            that appeared against the first epoch has gone when it no longer appears, and that is no change.
+        moved_probability: of an object that moved, that it is the same; None where it was not computed.
+        box: where the object is from then on, or was until then where it went; in the frame of the history.
+        origin: of an object that moved, where it was; else None.
+        distance: of an object that moved, how far its centre did; else None.
+        point_count: points of that change.
+        comparison: the epochs of the comparison that shows it.
+        change: index of the change in that comparison; None where the want of one shows it.
+        overlap: of the object's known points and those of the change, by which the two were linked: the share of the
+            smaller one; 1 where that was not needed. None without a change.
+        returned: whether it had gone, and something of its shape has come to the same place again.
+    """
+
+    kind: EventKind
+    epoch: int
+    previous: int
+    probability: float
+    moved_probability: float | None
+    box: Box
+    origin: Box | None
+    distance: float | None
+    point_count: int
+    comparison: Pair[int]
+    change: int | None
+    overlap: float | None
+    returned: bool = False
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ObjectHistory:
+    """An object that came, moved or went in a series.
+
+    Attributes:
+        number: of the object, from 1, by the time of its first event.
+        epochs: the names of the epochs of the series.
+        frame: index of the epoch in whose frame its coordinates are: the first one, or the first one after a gap that
+            no comparison bridges.
+        events: in the order of time, at least one.
+        presence: of each epoch whether it was there; None where that is not known.
+    """
+
+    number: int
+    epochs: tuple[str, ...]
+    frame: int
+    events: tuple[ObjectEvent, ...]
+    presence: tuple[bool | None, ...]
+
+
+def object_histories(
+    epochs: Sequence[str], comparisons: Iterable[Comparison], settings: HistorySettings = HistorySettings()
+) -> list[ObjectHistory]:
+    """The objects that came, moved or went in a series, each with its history.
+
+    Each epoch is compared with one earlier epoch, its predecessor or the first one; one whose comparison failed, with
+    any. Registrations are chained into the frame of the first epoch. Nothing is linked across a gap that no comparison
+    bridges: the epochs after it have a frame, and objects, of their own.
+
+    Args:
+        epochs: their names, in the order of time.
+        comparisons: those that are done, in any order.
+        settings: what is one object.
+
+    Raises:
+        InputError: epochs that are not in the series, or an epoch that is compared with two earlier ones.
+    """
+    by_epoch = _by_later_epoch(epochs, comparisons)
+    trees = epoch_trees(len(epochs), [comparison.epochs for comparison in by_epoch.values()])
+    histories = [
+        history for tree in trees if len(tree.epochs) > 1 for history in _histories(epochs, tree, by_epoch, settings)
+    ]
+    histories.sort(key=_order)
+    return [dataclasses.replace(history, number=number) for number, history in enumerate(histories, 1)]
+
+
+def epoch_trees(count: int, pairs: Iterable[Pair[int]]) -> list[EpochTree]:
+    """The epochs that are connected by comparisons, each group with its first epoch.
+
+    Args:
+        count: number of epochs.
+        pairs: epochs that were compared, the earlier one first; each is the later one of one pair at most.
+    """
+    parents = {pair.after: pair.before for pair in pairs}
+    roots: dict[int, int] = {}
+    for epoch in range(count):
+        roots[epoch] = roots[parents[epoch]] if epoch in parents else epoch
+    return [
+        EpochTree(
+            root,
+            tuple(epoch for epoch in range(count) if roots[epoch] == root),
+            {epoch: parent for epoch, parent in sorted(parents.items()) if roots[epoch] == root},
+        )
+        for root in sorted(set(roots.values()))
+    ]
+
+
+def object_rows(histories: Sequence[ObjectHistory]) -> list[ObjectRow]:
+    """The table of the objects: a row for each event, object after object."""
+    return [_row(history, number, event) for history in histories for number, event in enumerate(history.events)]
+
+
+def _by_later_epoch(epochs: Sequence[str], comparisons: Iterable[Comparison]) -> dict[int, Comparison]:
+    found: dict[int, Comparison] = {}
+    for comparison in sorted(comparisons, key=lambda one: (one.epochs.after, one.epochs.before)):
+        before, after = comparison.epochs
+        if not 0 <= before < after < len(epochs):
+            raise InputError(
+                f"comparisons: {before} and {after} are not the indices of an earlier and a later one of "
+                f"{len(epochs)} epochs"
+            )
+        if after in found:
+            raise InputError(
+                f"comparisons: epoch {epochs[after]!r} is compared with {epochs[found[after].epochs.before]!r} and "
+                f"with {epochs[before]!r}; give one comparison of each epoch with an earlier one"
+            )
+        found[after] = comparison
+    return found
+
+
+def _histories(
+    epochs: Sequence[str], tree: EpochTree, comparisons: Mapping[int, Comparison], settings: HistorySettings
+) -> Iterator[ObjectHistory]:
+    """Those of the epochs of a tree, not yet numbered."""
+    linker = Linker(tree, comparisons, settings)
+    for track, presence in zip(linker.tracks, linker.presence(), strict=True):
+        events = tuple(_events(track, presence, tree, settings))
+        if events:
+            everywhere = tuple(presence.get(epoch) for epoch in range(len(epochs)))
+            yield ObjectHistory(0, tuple(epochs), tree.root, events, everywhere)
+
+
+def _order(history: ObjectHistory) -> tuple[int | float | str, ...]:
+    """By time; of one time those that came, moved, went, the most probable and largest first."""
+    first = history.events[0]
+    return (first.epoch, first.kind, -first.probability, -first.point_count, *first.box.centre.tolist())
+
+
+def _events(
+    track: Track, presence: Mapping[int, bool | None], tree: EpochTree, settings: HistorySettings
+) -> Iterator[ObjectEvent]:
+    known = [epoch for epoch in tree.epochs if presence[epoch] is not None]
+    for previous, epoch in itertools.pairwise(known):
+        was, now = presence[previous], presence[epoch]
+        if was and now:
+            places = Pair(track.place(previous, tree), track.place(epoch, tree))
+            if _moved(track, places, epoch, tree, settings):
+                yield _moved_event(track, places, Pair(previous, epoch), tree)
+        elif now:
+            yield _event("came", track, track.arrivals.get(epoch), Pair(previous, epoch), tree)
+        elif was:
+            yield _event("went", track, track.departures.get(epoch), Pair(previous, epoch), tree)
+
+
+def _moved(track: Track, places: Pair[Place], epoch: int, tree: EpochTree, settings: HistorySettings) -> bool:
+    """Whether two places of an object differ: where a change says so, and else where they hardly overlap."""
+    if places.before is places.after:
+        return False
+    unmoved = track.inherited_place(tree.parents[epoch], tree)
+    if unmoved is places.before or unmoved is places.after:
+        return True
+    return places.before.shares(places.after, settings.spacings).of_smaller <= settings.same_object
+
+
+def _moved_event(track: Track, places: Pair[Place], epochs: Pair[int], tree: EpochTree) -> ObjectEvent:
+    event = _event("moved", track, track.arrivals.get(epochs.after), epochs, tree)
+    centre = places.before.box.centre
+    motion = _motion_between(track, places, epochs.after, tree)
+    destination = places.after.box.centre if motion is None else transformed(centre[None], motion)[0]
+    distance = float(np.linalg.norm(destination - centre))
+    return dataclasses.replace(event, box=places.after.box, origin=places.before.box, distance=distance)
+
+
+def _motion_between(track: Track, places: Pair[Place], epoch: int, tree: EpochTree) -> Float[np.ndarray, "4 4"] | None:
+    """The motion of the object between two places, by its motions from where it is unmoved; None where not known."""
+    unmoved = track.inherited_place(tree.parents[epoch], tree)
+    motions = {id(sighting.place): sighting.motion for sighting in track.arrivals.values()} | {id(unmoved): np.eye(4)}
+    first, second = places.map(lambda place: motions.get(id(place)))
+    return None if first is None or second is None else second @ np.linalg.inv(first)
+
+
+def _event(kind: EventKind, track: Track, sighting: Sighting | None, epochs: Pair[int], tree: EpochTree) -> ObjectEvent:
+    """The event that a change shows, or, where that is None, the want of one."""
+    shown = track.latest_sighting(epochs.after) if sighting is None else sighting
+    there = epochs.after if kind == "came" else epochs.before
+    return ObjectEvent(
+        kind=kind,
+        epoch=epochs.after,
+        previous=epochs.before,
+        probability=shown.change.probability,
+        moved_probability=None if sighting is None or kind != "moved" else sighting.change.moved_probability,
+        box=track.place(there, tree).box if sighting is None else sighting.place.box,
+        origin=None,
+        distance=None,
+        point_count=shown.change.point_count,
+        comparison=Pair(tree.parents[epochs.after], epochs.after),
+        change=None if sighting is None else sighting.number,
+        overlap=None if sighting is None else sighting.overlap,
+        returned=kind == "came" and (sighting is None or sighting.returned),
+    )
+
+
+def _row(history: ObjectHistory, number: int, event: ObjectEvent) -> ObjectRow:
+    names = history.epochs
+    centre, extent = event.box.centre.tolist(), event.box.extent.tolist()
+    return ObjectRow(
+        object=history.number,
+        event=number,
+        kind=event.kind,
+        epoch=names[event.epoch],
+        previous=names[event.previous],
+        epoch_index=event.epoch,
+        probability=event.probability,
+        moved_probability=event.moved_probability,
+        distance=event.distance,
+        returned=event.returned,
+        before=names[event.comparison.before],
+        after=names[event.comparison.after],
+        change=event.change,
+        overlap=event.overlap,
+        point_count=event.point_count,
+        frame=names[history.frame],
+        centre_x=centre[0],
+        centre_y=centre[1],
+        centre_z=centre[2],
+        extent_1=extent[0],
+        extent_2=extent[1],
+        extent_3=extent[2],
+    )

@@ -1,0 +1,251 @@
+"""Links the changes of the comparisons of a series into objects, in the order of the epochs."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from gmmjax.batch.comparison import Comparison
+from gmmjax.batch.places import Link, Place, linked
+from gmmjax.batch.tracks import EpochTree, Sighting, Track, not_observed
+from gmmjax.changes import Box
+from gmmjax.errors import InputError
+from gmmjax.geometry import transformed
+
+
+@dataclasses.dataclass(frozen=True)
+class HistorySettings:
+    """When changes of two comparisons are of one object.
+
+    Attributes:
+        same_object: share of the points of the smaller one of two places that lie at points of the other; they are one
+            place where more do. Half, as in the scores of detection, where a segment is right when more than half of
+            its points are. Lower: neighbours that touch become one object; higher: an object that was seen from other
+            sides when it went than when it came is two, one that never went and one that never came. 1: nothing is
+            linked, and each change is an object of its own.
+        spacings: distance up to which points lie at each other, in spacings of the points of the place that has the
+            larger one. 3, as of detection, which sees no change below it. Smaller: the noise and the drift of the
+            frames, which add up along the series, part what is one; larger: neighbours become one.
+        same_shape: share of the points of both places from which on something that comes where an object went is that
+            object again. Lower: another thing in its place becomes the same; 1 or more: what returns is always new.
+        unobserved: share of the points of a place; where more were not observed, it is not known whether the object was
+            there. Lower: what is partly hidden is not known; 1: what was out of sight counts as it was before.
+        probes: points of a place that are looked up to see whether it was observed. More cost time alone.
+    """
+
+    same_object: float = 0.5
+    spacings: float = 3.0
+    same_shape: float = 0.8
+    unobserved: float = 0.5
+    probes: int = 64
+
+    def __post_init__(self) -> None:
+        for name in ("same_object", "unobserved"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise InputError(f"{name} {getattr(self, name)} is a share: from 0 to 1")
+        for name in ("spacings", "same_shape"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"{name} {getattr(self, name)} must be positive")
+        if self.probes < 1:
+            raise InputError(f"probes {self.probes} must be at least 1")
+
+
+class Linker:
+    """The objects of the epochs that can be compared with each other.
+
+    Attributes:
+        tree: of these epochs.
+        tracks: of the objects.
+    """
+
+    def __init__(self, tree: EpochTree, comparisons: Mapping[int, Comparison], settings: HistorySettings) -> None:
+        """Links the changes of all comparisons.
+
+        Args:
+            tree: the epochs.
+            comparisons: by their later epoch.
+            settings: what is one object.
+        """
+        self.tree, self.tracks = tree, list[Track]()
+        self._comparisons, self._settings = comparisons, settings
+        self._frames = {tree.root: np.eye(4)}
+        # Of each epoch the objects that are there as the comparisons up to it say, and where.
+        self._states: dict[int, dict[Track, Place]] = {tree.root: {}}
+        # The same of the latest epoch so far, where an object whose place was not observed is where it was.
+        self._latest: dict[Track, Place] = {}
+        for epoch in tree.epochs[1:]:
+            self._add(comparisons[epoch])
+
+    def presence(self) -> list[dict[int, bool | None]]:
+        """Of each object in each epoch whether it was there; None where that is not known."""
+        hidden: list[list[int]] = [[] for _ in self.tracks]
+        for epoch in self.tree.epochs:
+            asked = [index for index, track in enumerate(self.tracks) if epoch not in track.there]
+            for index, found in zip(asked, self._hidden([self.tracks[index] for index in asked], epoch), strict=True):
+                if found:
+                    hidden[index].append(epoch)
+        return [track.presence(self.tree, own) for track, own in zip(self.tracks, hidden, strict=True)]
+
+    def _add(self, comparison: Comparison) -> None:
+        """Adds the comparison of the next epoch."""
+        before, after = comparison.epochs
+        self._frames[after] = self._frames[before] @ _applied(comparison)
+        found = self._sightings(comparison)
+        departed = self._departed(comparison, found)
+        gone = {track for tracks in departed.values() for track in tracks}
+        state = {track: place for track, place in self._states[before].items() if track not in gone}
+        state |= self._arrived(comparison, found, departed, state)
+        self._states[after] = state
+        elsewhere = [track for track in self._latest if track not in state and after not in track.there]
+        kept = {
+            track: self._latest[track]
+            for track, hidden in zip(elsewhere, self._hidden(elsewhere, after), strict=True)
+            if hidden
+        }
+        self._latest = state | kept
+
+    def _sightings(self, comparison: Comparison) -> list[Sighting]:
+        """The changes in the frame of the series."""
+        frame = self._frames[comparison.epochs.before]
+        return [
+            Sighting(comparison.epochs, index, change, Place(transformed(points, frame), _box_in(frame, change.box)))
+            for index, (change, points) in enumerate(zip(comparison.changes, comparison.points, strict=True))
+        ]
+
+    def _departed(self, comparison: Comparison, found: Sequence[Sighting]) -> dict[int, list[Track]]:
+        """By the index of each change of the before cloud the objects that are no longer there."""
+        state = self._states[comparison.epochs.before]
+        indices = [index for index, side in enumerate(comparison.sides) if side == 0]
+        departed: dict[int, list[Track]] = {index: [] for index in indices}
+        for track, link in self._links(state, [found[index].place for index in indices]):
+            index = indices[link.new]
+            departed[index].append(track)
+            if link.assigned or comparison.epochs.after not in track.departures:
+                track.departs(found[index]._replace(overlap=link.overlap))
+        for index in indices:
+            if not departed[index]:
+                departed[index].append(self._departed_unseen(found[index]))
+        return departed
+
+    def _departed_unseen(self, sighting: Sighting) -> Track:
+        """The object of a change of the before cloud that is of none known there.
+
+        It had been gone and had come back without a change that shows it, or had been there from the start.
+        """
+        before = sighting.epochs.before
+        gone = [
+            track
+            for track in self.tracks
+            if track not in self._states[before] and track.there.get(before) is not False and min(track.there) < before
+        ]
+        track, overlap = self._of_same_shape(sighting.place, gone, before)
+        if track is None:
+            track, overlap = Track(home=sighting.place), 1.0
+            self.tracks.append(track)
+            for state in self._states.values():
+                state[track] = sighting.place
+        track.departs(sighting._replace(overlap=overlap))
+        return track
+
+    def _arrived(
+        self,
+        comparison: Comparison,
+        found: Sequence[Sighting],
+        departed: Mapping[int, Sequence[Track]],
+        staying: Mapping[Track, Place],
+    ) -> dict[Track, Place]:
+        """The objects of the changes of the after cloud, and where they are."""
+        before_state = self._states[comparison.epochs.before]
+        indices = [index for index, side in enumerate(comparison.sides) if side == 1]
+        # What had changed since the before cloud already in the epochs between, such as where all are compared with
+        # the first one.
+        changed = {
+            track: place
+            for track, place in self._latest.items()
+            if track not in staying and place is not before_state.get(track)
+        }
+        arrived: dict[Track, Place] = {}
+        taken = set()
+        for track, link in self._links(changed, [found[index].place for index in indices]):
+            sighting = found[indices[link.new]]
+            taken.add(sighting.number)
+            if track not in arrived:
+                motion = self._motion(sighting) if track in departed.get(_partner(sighting), ()) else None
+                track.arrives(
+                    sighting._replace(overlap=link.overlap, motion=motion), from_elsewhere=track in before_state
+                )
+                arrived[track] = sighting.place
+        for sighting in (found[index] for index in indices if index not in taken):
+            partners = departed.get(_partner(sighting), ())
+            for track in (track for track in partners if track not in arrived):
+                track.arrives(sighting._replace(motion=self._motion(sighting)), from_elsewhere=True)
+                arrived[track] = sighting.place
+            if not partners:
+                arrived[self._came(sighting, arrived)] = sighting.place
+        return arrived
+
+    def _came(self, sighting: Sighting, arrived: Mapping[Track, Place]) -> Track:
+        """The object of a change of the after cloud that was nowhere else: one that returned, or a new one."""
+        before, after = sighting.epochs
+        earlier = [
+            track
+            for track in self.tracks
+            if track not in arrived and after not in track.departures and track.there.get(before) is not True
+        ]
+        track, overlap = self._of_same_shape(sighting.place, earlier, after)
+        returned = track is not None
+        if track is None:
+            track = Track()
+            self.tracks.append(track)
+        track.arrives(sighting._replace(overlap=overlap if returned else 1.0, returned=returned), from_elsewhere=False)
+        return track
+
+    def _links(self, known: Mapping[Track, Place], new: Sequence[Place]) -> list[tuple[Track, Link]]:
+        tracks = list(known)
+        links = linked([known[track] for track in tracks], new, self._settings.same_object, self._settings.spacings)
+        return [(tracks[link.known], link) for link in links]
+
+    def _of_same_shape(self, place: Place, tracks: Sequence[Track], epoch: int) -> tuple[Track | None, float]:
+        """The object that was last seen in a place in the same shape, the most alike one, and the overlap."""
+        shares = [track.latest_place(epoch).shares(place, self._settings.spacings) for track in tracks]
+        alike = [share.of_larger for share in shares]
+        if not alike or max(alike) < self._settings.same_shape:
+            return None, 0.0
+        best = int(np.argmax(alike))
+        return tracks[best], shares[best].of_smaller
+
+    def _motion(self, sighting: Sighting) -> Float[np.ndarray, "4 4"] | None:
+        """Of an object that moved, in the frame of the series."""
+        frame, motion = self._frames[sighting.epochs.before], sighting.change.transform
+        return None if motion is None else frame @ motion @ np.linalg.inv(frame)
+
+    def _hidden(self, tracks: Sequence[Track], epoch: int) -> list[bool]:
+        """Of objects whether the survey of an epoch did not observe where they were last, or would be unchanged."""
+        if epoch in self.tree.parents:
+            comparison = self._comparisons[epoch]
+            coverage, frame = comparison.coverage.before, self._frames[comparison.epochs.before]
+        else:
+            comparison = self._comparisons[next(other for other, own in self.tree.parents.items() if own == epoch)]
+            coverage, frame = comparison.coverage.after, self._frames[epoch]
+        places = [(track.latest_place(epoch), track.place(epoch, self.tree)) for track in tracks]
+        settings = self._settings
+        hidden = [
+            not_observed(own, coverage, frame, settings.unobserved, settings.probes)
+            for own in zip(*places, strict=True)
+        ]
+        return [bool(latest or unchanged) for latest, unchanged in zip(*hidden, strict=True)]
+
+
+def _partner(sighting: Sighting) -> int:
+    """The index of the change that a moved object was; -1 of any other."""
+    partner = sighting.change.partner
+    return -1 if partner is None else partner
+
+
+def _applied(comparison: Comparison) -> Float[np.ndarray, "4 4"]:
+    return comparison.registration.transform if comparison.registration.applied else np.eye(4)
+
+
+def _box_in(frame: Float[np.ndarray, "4 4"], box: Box) -> Box:
+    return Box(transformed(box.centre[None], frame)[0], box.extent, frame[:3, :3] @ box.rotation)

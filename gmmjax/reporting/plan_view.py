@@ -1,0 +1,132 @@
+"""The objects of a series from above: their boxes and the paths of those that moved, as SVG."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from gmmjax.batch import ObjectEvent, ObjectHistory
+from gmmjax.changes import Box
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanSettings:
+    """How large the plan is.
+
+    Attributes:
+        width: of the drawing, pixels; smaller ones lose small objects, larger ones do not fit beside the time line.
+        highest: its greatest height, pixels; without it, a corridor along y would be a page of its own.
+        margin: about the objects, pixels; without it, labels at the edge are cut off.
+        most_labelled: objects up to which all have their number; more would cover each other, and show it when chosen.
+    """
+
+    width: int = 440
+    highest: int = 560
+    margin: int = 26
+    most_labelled: int = 60
+
+
+@dataclasses.dataclass(frozen=True)
+class _Scale:
+    """From coordinates to pixels, y upwards."""
+
+    lower: Float[np.ndarray, "2"]
+    pixels: float
+    margin: float
+    height: float
+
+    def places(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        inside = (points - self.lower) * self.pixels + self.margin
+        return np.stack([inside[:, 0], self.height - inside[:, 1]], axis=1)
+
+
+def plan_svg(histories: Sequence[ObjectHistory], settings: PlanSettings = PlanSettings()) -> str:
+    """The plan of objects of one frame, along z with x to the right.
+
+    Args:
+        histories: at least one.
+        settings: of the drawing.
+    """
+    boxes = [box for history in histories for event in history.events for box in (event.box, event.origin) if box]
+    corners = np.concatenate([box.corners()[:, :2] for box in boxes])
+    lower, upper = corners.min(axis=0), corners.max(axis=0)
+    free = np.array([settings.width, settings.highest]) - 2 * settings.margin
+    extent = np.maximum(upper - lower, 1e-9 * max(1.0, float(np.abs(corners).max())))
+    pixels = float((free / extent).min())
+    # Short of the width where the height is the limit: the objects stay in the middle.
+    height = float(extent[1] * pixels + 2 * settings.margin)
+    lower = lower - [(free[0] / pixels - extent[0]) / 2, 0.0]
+    scale = _Scale(lower, pixels, settings.margin, height)
+    bar, bar_height = _scale_bar(scale, settings)
+    objects = "".join(_object(history, scale) for history in histories)
+    dense = " dense" if len(histories) > settings.most_labelled else ""
+    return f"""<svg class="plan{dense}" viewBox="0 0 {settings.width} {height + bar_height:.0f}" role="img"
+aria-label="Plan of the objects">
+<defs><marker id="arrow" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto"><path
+d="M0 0 8 4 0 8z"/></marker></defs>
+{objects}{bar}</svg>"""
+
+
+def _object(history: ObjectHistory, scale: _Scale) -> str:
+    shapes = "".join(_event_shapes(event, scale) for event in history.events)
+    moves = [event for event in history.events if event.origin is not None]
+    path = "".join(_path(event.origin, event.box, scale) for event in moves if event.origin is not None)
+    x, y = scale.places(history.events[-1].box.centre[None, :2])[0]
+    # Above the head of the arrow.
+    y -= 13 * bool(moves)
+    return (
+        f'<g data-object="{history.number}"><title>Object {history.number}</title>{shapes}{path}'
+        f'<text x="{x:.1f}" y="{y:.1f}">{history.number}</text></g>\n'
+    )
+
+
+def _event_shapes(event: ObjectEvent, scale: _Scale) -> str:
+    shapes = f'<polygon class="{event.kind}" points="{_outline(event.box, scale)}"/>'
+    if event.origin is None:
+        return shapes
+    return f'<polygon class="origin" points="{_outline(event.origin, scale)}"/>{shapes}'
+
+
+def _path(origin: Box, box: Box, scale: _Scale) -> str:
+    (x0, y0), (x1, y1) = scale.places(np.stack([origin.centre[:2], box.centre[:2]]))
+    return f'<path class="track" d="M{x0:.1f} {y0:.1f} {x1:.1f} {y1:.1f}" marker-end="url(#arrow)"/>'
+
+
+def _outline(box: Box, scale: _Scale) -> str:
+    return " ".join(f"{x:.1f},{y:.1f}" for x, y in scale.places(_hull(box.corners()[:, :2])))
+
+
+def _hull(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
+    """The corners of the convex hull (Andrew 1979), also of points on a line."""
+    ordered = np.unique(points, axis=0)
+    return np.array([*_half_hull(ordered), *_half_hull(ordered[::-1])])
+
+
+def _half_hull(points: Float[np.ndarray, "n 2"]) -> list[np.ndarray]:
+    """The points of one side, without the last one."""
+    side: list[np.ndarray] = []
+    for point in points:
+        while len(side) > 1 and _turn(side[-2], side[-1], point) <= 0:
+            side.pop()
+        side.append(point)
+    return side[:-1] if len(side) > 1 else side
+
+
+def _turn(first: np.ndarray, second: np.ndarray, third: np.ndarray) -> float:
+    along, on = second - first, third - first
+    return float(along[0] * on[1] - along[1] * on[0])
+
+
+def _scale_bar(scale: _Scale, settings: PlanSettings) -> tuple[str, int]:
+    """A bar of a round length, about a fifth of the width, beneath the plan; and its height."""
+    wanted = settings.width / 5 / scale.pixels
+    decade = 10.0 ** np.floor(np.log10(wanted))
+    length = decade * max(step for step in (1, 2, 5) if step * decade <= wanted)
+    x, y = settings.margin, scale.height + 4
+    end = x + length * scale.pixels
+    return (
+        f'<path class="scale" d="M{x} {y - 4:.1f}v8M{x} {y:.1f}H{end:.1f}M{end:.1f} {y - 4:.1f}v8"/>'
+        f'<text class="scale" x="{end + 8:.1f}" y="{y + 4:.1f}">{length:g}</text>',
+        20,
+    )

@@ -1,0 +1,90 @@
+"""Points drawn as squares: the nearest point of each pixel, and how far pixels lie behind their neighbours."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, Int32
+
+
+class Projected(NamedTuple):
+    """Points as a camera sees them.
+
+    Attributes:
+        column: pixels from the left edge of the picture.
+        row: pixels from its upper edge.
+        depth: distance along the line of sight; positive in front of the eye.
+    """
+
+    column: Float[np.ndarray, " n"]
+    row: Float[np.ndarray, " n"]
+    depth: Float[np.ndarray, " n"]
+
+    def chosen(self, chosen: Bool[np.ndarray, " n"]) -> "Projected":
+        """Some of the points."""
+        return Projected(*(values[chosen] for values in self))
+
+
+def nearest_points(points: Projected, square: int, height: int, width: int) -> Int32[np.ndarray, "h w"]:
+    """The index of the nearest point whose square covers a pixel, -1 where there is none.
+
+    Depths are told apart to a 65,536th of their range; of equal ones the last point is taken.
+
+    Args:
+        points: what is drawn.
+        square: pixels, edge of the square around each point.
+        height: of the picture, pixels.
+        width: likewise.
+    """
+    # With a margin, every square lies in the picture as a whole.
+    wide = width + 2 * square
+    left, top = (np.floor(position + (1 - square) / 2) for position in (points.column, points.row))
+    inside = (points.depth > 0) & (left > -square) & (left < width) & (top > -square) & (top < height)
+    drawn = np.flatnonzero(inside)
+    drawn = drawn[_farthest_first(points.depth[drawn])].astype(np.int32)
+    corner = ((top[drawn] + square) * wide + left[drawn] + square).astype(np.int32)
+    offsets = (np.arange(square)[:, None] * wide + np.arange(square)).ravel().astype(np.int32)
+    nearest = np.full((height + 2 * square) * wide, -1, np.int32)
+    # Of equal indices NumPy keeps the last value, which is that of the nearest point.
+    nearest[(corner[:, None] + offsets).ravel()] = np.repeat(drawn, len(offsets))
+    return nearest.reshape(-1, wide)[square : square + height, square : square + width]
+
+
+def enclosed(covered: Bool[np.ndarray, "h w"], gap: int) -> Bool[np.ndarray, "h w"]:
+    """The pixels that are not covered, and have covered ones on both sides, or above and below, at most `gap` away."""
+    height, width = covered.shape
+    padded = np.pad(covered, gap)
+
+    def beside(down: int, right: int) -> Bool[np.ndarray, "h w"]:
+        shifted = np.zeros_like(covered)
+        for step in range(1, gap + 1):
+            row, column = gap + step * down, gap + step * right
+            shifted |= padded[row : row + height, column : column + width]
+        return shifted
+
+    return ~covered & (beside(0, -1) & beside(0, 1) | beside(-1, 0) & beside(1, 0))
+
+
+def depth_steps(depth: Float32[np.ndarray, "h w"], largest: float) -> Float32[np.ndarray, "h w"]:
+    """By how many octaves of depth a pixel lies behind its four neighbours, on average; eye-dome lighting.
+
+    Boucheny, Ribes: Eye-dome lighting: a non-photorealistic shading technique (2011).
+
+    Args:
+        depth: of each pixel; inf where there is nothing, behind which nothing lies.
+        largest: octaves that a neighbour counts at most.
+    """
+    octaves = np.log2(np.pad(depth, 1, constant_values=np.inf), dtype=np.float32)
+    # Larger than any depth and, unlike inf, with differences.
+    octaves[np.isinf(octaves)] = np.finfo(np.float32).max / 4
+    own = octaves[1:-1, 1:-1]
+    neighbours = octaves[:-2, 1:-1], octaves[2:, 1:-1], octaves[1:-1, :-2], octaves[1:-1, 2:]
+    steps: Float32[np.ndarray, "h w"] = sum(np.clip(own - neighbour, 0, largest) for neighbour in neighbours) / 4
+    return steps
+
+
+def _farthest_first(depth: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """The order of the points, by 16 bits of their depth: NumPy sorts these by radix, in a tenth of the time."""
+    if not len(depth) or np.ptp(depth) == 0:
+        return np.arange(len(depth))
+    nearness = depth.max() - depth
+    return np.argsort((nearness / nearness.max() * 65_535).astype(np.uint16), kind="stable")
