@@ -19,7 +19,7 @@ from concurrent.futures import Future
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 
@@ -126,19 +126,23 @@ def _known_record() -> PairRecord:
 
 def record(task: PairTask) -> PairRecord:
     """As a pair with five changes has it."""
-    name, files = task.pair.name, task.pair.files()
     fingerprint = Fingerprint(1_234_567, 1_790_000_000_123_456_789, "0123456789abcdef" * 4)
+    files = task.pair.files()
+    changes = tuple(_filled(ChangeRow, name=task.pair.name, kind="appeared", change=own) for own in range(CHANGES))
     clouds = {role: str(file) for role, file in files.items()}
-    numbers = {field.name: 0.123456789 for field in dataclasses.fields(PairRow) if field.name not in (*clouds, "name")}
-    # A pair of no time at all, so that chunks get as large as they may.
-    pair = PairRow(
-        **{**numbers, **clouds, "name": name, "status": "done", "error": "", "warnings": "", "seconds": 1e-6}
-    )
-    of_change = {field.name: 0.123456789 for field in dataclasses.fields(ChangeRow)}
-    changes = [ChangeRow(**{**of_change, "name": name, "change": change}) for change in range(CHANGES)]
-    seconds = dict.fromkeys(STAGES, 0.1234)
+    # A pair of hardly any time, so that chunks get as large as they may.
+    texts = {"name": task.pair.name, "status": "done", "error": "", "warnings": ""}
+    pair = _filled(PairRow, **clouds, **texts, seconds=1e-6)
     made_of, written = dict.fromkeys(files, fingerprint), dict.fromkeys(FILES, fingerprint)
-    return PairRecord(task.request, made_of, written, pair, tuple(changes), seconds, 1_790_000_000.123)
+    return PairRecord(task.request, made_of, written, pair, changes, dict.fromkeys(STAGES, 0.1234), 1_790_000_000.123)
+
+
+def _filled(record: Any, **known: Any) -> Any:
+    """A row with some value of the right type in every field."""
+    values = {int: 12_345, float: 0.123456789, bool: True, str: "text"}
+    hints = {name: hint for name, hint in get_type_hints(record).items() if name not in known}
+    kinds = {name: next(kind for kind in values if kind in (hint, *get_args(hint))) for name, hint in hints.items()}
+    return record(**known, **{name: values[kind] for name, kind in kinds.items()})
 
 
 def measure(log: Path, sizes: dict[str, Sequence[int]], pairs: int, repeats: int) -> None:
@@ -195,10 +199,9 @@ def loopback_bytes() -> int:
 
 def table(log: Path) -> str:
     """A row for each pool, size and chunk: medians."""
-    rows = [
-        "| pool | workers, threads, or messages out | message | pairs a second | driver's CPU a pair | network a pair | load |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    what = "workers (driver alone: messages out)"
+    columns = ("pool", what, "message", "pairs a second", "CPU of the driver a pair", "network a pair", "load")
+    rows = ["| " + " | ".join(columns) + " |", "|---" * len(columns) + "|"]
     for line in read(log):
         rate, cpu = statistics.median(line["rates"]), statistics.median(line["cpus"])
         network = f"{statistics.median(line['sent']):,.0f} bytes" if line["pool"] == "dask" else ""

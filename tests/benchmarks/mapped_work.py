@@ -121,14 +121,17 @@ def loaded(path: Path) -> tuple[Problems, Fitted | None]:
 
 
 def _empty_problems() -> Problems:
-    zero = np.zeros(())
-    points = SourcedPoints(WeightedPoints(zero, zero), zero)
-    return Problems((zero, zero), points, (zero, zero), Prior(zero, zero, noise_share=zero), zero, zero)
+    """Of the same structure."""
+    number, row, cloud = np.zeros(()), np.zeros(1), np.zeros((1, 3))
+    points = SourcedPoints(WeightedPoints(cloud, row), row)
+    return Problems((cloud, cloud), points, (cloud, cloud), Prior(number, number, noise_share=number), number, row)
 
 
 def _empty_fits() -> Fitted:
-    zero = np.zeros(())
-    return Fitted(JointMixture(GaussianMixture(zero, zero, zero, zero), zero, zero, zero), zero, zero, zero)
+    """Of the same structure."""
+    number, row = np.zeros(()), np.zeros(1)
+    mixture = GaussianMixture(row, np.zeros((1, 3)), np.zeros((1, 3, 3)), np.zeros(1, bool))
+    return Fitted(JointMixture(mixture, row, number, number), row, row, row)
 
 
 # ---------------------------------------------------------------- what is computed for one restart of one pair
