@@ -33,6 +33,7 @@ __version__ = "0.1.0"
 # The packages of the public names. They are imported when a name is first asked for, so that the command line is up,
 # and can be interrupted cleanly, before JAX is imported.
 _NAMES = {
+    "batch": (),
     "changes": (
         *("Change", "Changes", "Contribution", "DetectionConfig", "Explanation", "RejectedCandidate", "detect_changes"),
     ),

@@ -17,6 +17,7 @@ from gmmjax.batch.manifest import read_manifest as read_manifest
 from gmmjax.batch.pair_record import PairRecord as PairRecord
 from gmmjax.batch.pools import AbstractPool as AbstractPool
 from gmmjax.batch.rows import ChangeRow as ChangeRow
+from gmmjax.batch.rows import ConvergenceRow as ConvergenceRow
 from gmmjax.batch.rows import ObjectRow as ObjectRow
 from gmmjax.batch.rows import PairRow as PairRow
 from gmmjax.batch.rows import PairStatus as PairStatus

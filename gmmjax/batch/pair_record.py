@@ -8,7 +8,7 @@ from typing import Any
 
 from gmmjax import __version__
 from gmmjax.batch.fingerprint import Fingerprint
-from gmmjax.batch.rows import ChangeRow, PairRow
+from gmmjax.batch.rows import ChangeRow, ConvergenceRow, PairRow
 from gmmjax.changes import DetectionConfig
 from gmmjax.clouds import atomic_write, read_json_record
 from gmmjax.errors import InputError, one_line
@@ -77,6 +77,7 @@ class PairRecord:
         files: what was written, by name.
         pair: its row of the summary.
         changes: the rows of its changes.
+        convergence: the rows of its doublings of the restarts; () where nobody asked.
         seconds: of reading, detecting and writing, and of the stages of the detection.
         finished: when it was done, seconds since 1970.
         version: of gmmjax.
@@ -87,6 +88,7 @@ class PairRecord:
     files: Mapping[str, Fingerprint]
     pair: PairRow
     changes: tuple[ChangeRow, ...]
+    convergence: tuple[ConvergenceRow, ...]
     seconds: Mapping[str, float]
     finished: float
     version: str = __version__
@@ -129,6 +131,7 @@ class PairRecord:
             "files": {name: own.to_dict() for name, own in self.files.items()},
             "pair": dataclasses.asdict(self.pair),
             "changes": [dataclasses.asdict(row) for row in self.changes],
+            "convergence": [dataclasses.asdict(row) for row in self.convergence],
             "seconds": dict(self.seconds),
             "finished": self.finished,
         }
@@ -150,6 +153,7 @@ class PairRecord:
                 {name: Fingerprint.from_dict(own) for name, own in content["files"].items()},
                 PairRow(**content["pair"]),
                 tuple(ChangeRow(**row) for row in content["changes"]),
+                tuple(ConvergenceRow(**row) for row in content["convergence"]),
                 {stage: float(seconds) for stage, seconds in content["seconds"].items()},
                 float(content["finished"]),
                 str(content["version"]),

@@ -29,6 +29,7 @@ class PairRow:
         standard_error: of the probabilities over the restarts, the largest of its changes; None where there is no
             change, only one restart, or a method that does not have it.
         settled: whether the probabilities had settled when `until_stable` ended it; None: that was not asked for.
+        difference: by which the last doubling of the restarts changed a probability, the largest; None likewise.
         registration_applied: whether the after cloud was moved.
         registration_residual: median distance of unchanged surfaces, in the unit of the clouds.
         registration_overlap: share of the points of one cloud with a counterpart in the other, 0 to 1.
@@ -54,6 +55,7 @@ class PairRow:
     restarts: int | None = None
     standard_error: float | None = None
     settled: bool | None = None
+    difference: float | None = None
     registration_applied: bool | None = None
     registration_residual: float | None = None
     registration_overlap: float | None = None
@@ -62,6 +64,22 @@ class PairRow:
     unobserved_after: float | None = None
     warnings: str = ""
     seconds: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class ConvergenceRow:
+    """How the probabilities of a pair converged: a row for each doubling of its restarts.
+
+    Attributes:
+        name: of the pair.
+        restarts: number of them after the doubling.
+        difference: the largest, over the changes before and after it, of the mean absolute difference of the
+            probabilities of a change's points.
+    """
+
+    name: str
+    restarts: int
+    difference: float
 
 
 @dataclasses.dataclass(frozen=True)

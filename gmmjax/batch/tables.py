@@ -9,24 +9,32 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from gmmjax.batch.rows import ChangeRow, PairRow
+from gmmjax.batch.rows import ChangeRow, ConvergenceRow, PairRow
 from gmmjax.clouds import atomic_write
 from gmmjax.errors import InputError
 
 
-def write_tables(folder: Path, pairs: Sequence[PairRow], changes: Sequence[ChangeRow]) -> None:
-    """Writes `pairs.csv`, `pairs.parquet`, `changes.csv` and `changes.parquet`.
+def write_tables(
+    folder: Path,
+    pairs: Sequence[PairRow],
+    changes: Sequence[ChangeRow],
+    convergence: Sequence[ConvergenceRow] = (),
+) -> None:
+    """Writes the tables `pairs` and `changes`, and `convergence` where there is any, each as CSV and Parquet.
 
     Args:
         folder: that is there.
         pairs: the rows of all pairs.
         changes: the rows of all changes.
+        convergence: the rows of all doublings of restarts.
 
     Raises:
         InputError: a file cannot be written.
     """
     write_table(folder, "pairs", PairRow, pairs)
     write_table(folder, "changes", ChangeRow, changes)
+    if convergence:
+        write_table(folder, "convergence", ConvergenceRow, convergence)
 
 
 def write_table(folder: Path, name: str, kind: type, rows: Sequence[Any]) -> None:

@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeAlias
 from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.batch.fingerprint import Fingerprint, fingerprint_of_memory
 from gmmjax.batch.pair_record import PAIR_FILE, PairRecord, Request
-from gmmjax.batch.rows import ChangeRow, PairRow
+from gmmjax.batch.rows import ChangeRow, ConvergenceRow, PairRow
 from gmmjax.batch.scan_pair import BatchPair, LoadedPair
 from gmmjax.changes import Change, Consensus, DetectionConfig, RestartFits, detect_consensus
 from gmmjax.clouds import FolderKind, output_folder
@@ -255,7 +255,9 @@ def record_of(
     """
     rounded = {stage: round(own, 4) for stage, own in seconds.items()}
     pair = _pair_row(task, found, sum(rounded.get(part, 0.0) for part in ("reading", "detection", "writing")))
-    return PairRecord(task.request, inputs, files, pair, _change_rows(found), rounded, round(time.time(), 3))
+    convergence = tuple(ConvergenceRow(found.name, *doubling) for doubling in found.consensus.convergence)
+    changes, finished = _change_rows(found), round(time.time(), 3)
+    return PairRecord(task.request, inputs, files, pair, changes, convergence, rounded, finished)
 
 
 def _pair_row(task: PairTask, found: FoundPair, seconds: float) -> PairRow:
@@ -274,9 +276,10 @@ def _pair_row(task: PairTask, found: FoundPair, seconds: float) -> PairRow:
         disappeared=counts["disappeared"],
         moved=counts["moved"],
         highest_probability=max((change.probability for change in changes), default=None),
-        restarts=len(found.consensus.fits),
+        restarts=found.consensus.restarts,
         standard_error=max(errors, default=None),
         settled=found.consensus.settled,
+        difference=found.consensus.convergence[-1].difference if found.consensus.convergence else None,
         registration_applied=registration["applied"],
         registration_residual=registration["residual"],
         registration_overlap=registration["overlap"],

@@ -29,6 +29,7 @@ class Consensus:
 
     Attributes:
         changes: the record, as a detection with as many restarts gives it.
+        restarts: that it is the average of.
         fits: of all restarts that were computed so far, which may be more than the record is the average of.
         standard_errors: of each change: of the mean over its points of the probability that they look changed, the
             standard error over the restarts. None with a single restart.
@@ -37,6 +38,7 @@ class Consensus:
     """
 
     changes: Changes
+    restarts: int
     fits: RestartFits
     standard_errors: tuple[float | None, ...]
     settled: bool | None = None

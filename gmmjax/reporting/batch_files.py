@@ -7,6 +7,7 @@ from pathlib import Path
 from gmmjax.batch import (
     ChangeRow,
     Comparison,
+    ConvergenceRow,
     FoundPair,
     ObjectHistory,
     ObjectRow,
@@ -39,11 +40,13 @@ class Summary:
     Attributes:
         pairs: the rows of the pairs that are done or failed, in their order in the manifest.
         changes: the rows of all changes.
+        convergence: the rows of all doublings of restarts.
         missing: names of the pairs that are neither done nor failed.
     """
 
     pairs: tuple[PairRow, ...]
     changes: tuple[ChangeRow, ...]
+    convergence: tuple[ConvergenceRow, ...]
     missing: tuple[str, ...]
 
     @property
@@ -81,6 +84,7 @@ def summary_of(folder: RunFolder, names: Sequence[str]) -> Summary:
     """
     pairs: list[PairRow] = []
     changes: list[ChangeRow] = []
+    convergence: list[ConvergenceRow] = []
     missing = []
     for name in names:
         failed, record = folder.failed(name), folder.result(name)
@@ -89,9 +93,10 @@ def summary_of(folder: RunFolder, names: Sequence[str]) -> Summary:
         elif record is not None:
             pairs.append(record.pair)
             changes.extend(record.changes)
+            convergence.extend(record.convergence)
         else:
             missing.append(name)
-    return Summary(tuple(pairs), tuple(changes), tuple(missing))
+    return Summary(tuple(pairs), tuple(changes), tuple(convergence), tuple(missing))
 
 
 def write_summary(folder: RunFolder, names: Sequence[str]) -> Summary:
@@ -105,7 +110,7 @@ def write_summary(folder: RunFolder, names: Sequence[str]) -> Summary:
         InputError: a file cannot be written.
     """
     summary = summary_of(folder, names)
-    write_tables(folder.path, summary.pairs, summary.changes)
+    write_tables(folder.path, summary.pairs, summary.changes, summary.convergence)
     page = batch_index_html(folder.path.name, summary.pairs, summary.changes, missing=summary.missing)
     _write_page(folder.path / INDEX_FILE, page)
     return summary

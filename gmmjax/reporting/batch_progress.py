@@ -39,7 +39,8 @@ class BatchProgress:
         if reused:
             # What was there costs nothing: the rate is that of what is computed.
             self._began = time.monotonic()
-        self.show()
+        else:
+            self.show()
 
     def show(self) -> None:
         """Nowhere."""

@@ -20,6 +20,7 @@ from gmmjax.clouds import PointCloud
 from gmmjax.errors import InputWarning
 from gmmjax.evaluation import Evaluation, Failure
 from gmmjax.mixtures import Fit
+from gmmjax.reporting.batch_index import batch_answer
 from gmmjax.reporting.evaluation_table import evaluation_lines
 from gmmjax.reporting.explanation_lines import explanation_lines
 from gmmjax.reporting.explanations import rejected_text
@@ -27,7 +28,6 @@ from gmmjax.reporting.palette import KIND_COLORS
 from gmmjax.reporting.summary import (
     HEADINGS,
     answer,
-    batch_answer,
     change_rows,
     dropped_rows,
     dropped_text,
@@ -145,7 +145,7 @@ def print_batch(summary: "Summary", *, heading: str | None = None, most: int = 1
     console = Console()
     if heading:
         console.print(escape(heading), style="bold", highlight=False, soft_wrap=True)
-    console.print(batch_answer(summary), style="bold", highlight=False, soft_wrap=True)
+    console.print(batch_answer(summary.pairs, summary.missing), style="bold", highlight=False, soft_wrap=True)
     changed = sorted((row for row in summary.done if row.changes), key=lambda row: -(row.highest_probability or 0))
     if changed:
         table = plain_table()

@@ -1,15 +1,12 @@
 """The answer in words and in rows, the same on the terminal and in the report."""
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from gmmjax.changes import Change, Changes, Kind, RejectedCandidate
-
-if TYPE_CHECKING:
-    from gmmjax.reporting.batch_files import Summary
 
 HEADINGS = ("Label", "Kind", "Probability", "Points", "Centre", "Size")
 
@@ -36,16 +33,6 @@ def answer(changes: Changes) -> str:
         return "No change found"
     parts = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
     return f"{total} change{'s' * (total != 1)}: {parts}"
-
-
-def batch_answer(summary: "Summary") -> str:
-    """The answer of a run in a sentence: "198 of 200 pairs done, 2 failed; 61 with changes"."""
-    done, failed, missing = len(summary.done), len(summary.failed), len(summary.missing)
-    parts = [f"{done} of {done + failed + missing} pairs done"]
-    parts += [f"{failed} failed"] if failed else []
-    parts += [f"{missing} missing"] if missing else []
-    changed = sum(bool(row.changes) for row in summary.done)
-    return f"{', '.join(parts)}; {changed or 'none'} with changes"
 
 
 def change_rows(changes: Changes) -> list[ChangeRow]:

@@ -43,7 +43,7 @@ def tasks(count):
 
 def result(task, seconds=1.0):
     record = PairRecord(
-        Request({}, None, None, "save"), {}, {}, PairRow(task.pair.name, "done", seconds=seconds), (), {}, 0.0
+        Request({}, None, None, "save"), {}, {}, PairRow(task.pair.name, "done", seconds=seconds), (), (), {}, 0.0
     )
     return PairResult(task.pair.name, record)
 

@@ -136,7 +136,7 @@ class AbstractRestartDetector(AbstractChangeDetector, Generic[Prepared]):
         changes, standard_errors = averaged.outcome
         errors = standard_errors()
         clock.finish()
-        return Consensus(changes, averaged.computed, errors, averaged.settled, averaged.convergence)
+        return Consensus(changes, averaged.restarts, averaged.computed, errors, averaged.settled, averaged.convergence)
 
     def _averaged(self, prepared: Prepared, computed: RestartFits, clock: Clock) -> _Averaged:
         """The record of all restarts."""
