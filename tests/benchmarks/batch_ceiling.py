@@ -134,7 +134,9 @@ def record(task: PairTask) -> PairRecord:
     texts = {"name": task.pair.name, "status": "done", "error": "", "warnings": ""}
     pair = _filled(PairRow, **clouds, **texts, seconds=1e-6)
     made_of, written = dict.fromkeys(files, fingerprint), dict.fromkeys(FILES, fingerprint)
-    return PairRecord(task.request, made_of, written, pair, changes, dict.fromkeys(STAGES, 0.1234), 1_790_000_000.123)
+    return PairRecord(
+        task.request, made_of, written, pair, changes, (), dict.fromkeys(STAGES, 0.1234), 1_790_000_000.123
+    )
 
 
 def _filled(record: Any, **known: Any) -> Any:
