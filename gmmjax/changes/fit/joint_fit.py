@@ -197,18 +197,15 @@ def mixtures_distance(fits: JointFits) -> float:
     The components are shared; each cloud has its own weights, normalised.
     """
     with jax.enable_x64(True):
-        distances = np.asarray(_distances(jax.tree.map(jnp.asarray, fits.joint)))
-    return float(distances.mean()) * float(fits.frame.spread)
+        distances = [float(_distance(_restart(fits.joint, own))) for own in range(len(fits.steps))]
+    return float(np.mean(distances)) * float(fits.frame.spread)
 
 
 @kept_jit
-def _distances(joint: JointMixture) -> Float[Array, " r"]:
-    def one_restart(joint: JointMixture) -> Array:
-        # All slots, dead ones too: one program for fits of any size.
-        before, after = (_reweighted(joint.mixture, share) for share in (1 - joint.share_after, joint.share_after))
-        return earth_movers_distance(before, after).cost
-
-    return jax.lax.map(one_restart, joint)
+def _distance(joint: JointMixture) -> Float[Array, ""]:
+    # All slots, dead ones too: one program for fits of any size.
+    before, after = (_reweighted(joint.mixture, share) for share in (1 - joint.share_after, joint.share_after))
+    return earth_movers_distance(before, after).cost
 
 
 def _reweighted(mixture: GaussianMixture, share: Float[Array, " k"]) -> GaussianMixture:
@@ -216,11 +213,16 @@ def _reweighted(mixture: GaussianMixture, share: Float[Array, " k"]) -> Gaussian
     return GaussianMixture(weights / jnp.sum(weights), mixture.means, mixture.covariances, mixture.live)
 
 
+def _restart(joint: JointMixture, restart: int) -> JointMixture:
+    """The joint mixture of one restart; inside `enable_x64`."""
+    own: JointMixture = jax.tree.map(lambda leaf: jnp.asarray(leaf[restart]), joint)
+    return own
+
+
 def _in_chunks(function: Callable[..., tuple[Array, ...]], fits: JointFits, points: np.ndarray, restart: int) -> Any:
     framed = (points - fits.frame.origin) / fits.frame.spread
-    joint, ratio = jax.tree.map(lambda leaf: leaf[restart], (fits.joint, fits.density_ratio))
     with jax.enable_x64(True):
-        joint = jax.tree.map(jnp.asarray, joint)
+        joint, ratio = _restart(fits.joint, restart), fits.density_ratio[restart]
         parts = [to_numpy(function(joint, ratio, chunk)) for chunk in padded_chunks(framed, CHUNK)]
     return tuple(np.concatenate(part)[: len(points)] for part in zip(*parts, strict=True))
 
