@@ -79,8 +79,9 @@
 
   const go = (values) => {
     state = { ...state, page: "1", ...values };
-    writeFragment();
     show();
+    // Last, because browsers refuse it to pages that do it too often.
+    writeFragment();
   };
 
   const sorting = () => columns.find(({ key }) => key === state.sort);
