@@ -26,7 +26,7 @@ def test_it_says_what_changed_and_where_the_files_are(done):
     result, folder = done
     assert result.returncode == 0, result.stderr
     lines = result.stdout.splitlines()
-    assert lines[0] == "3 of 3 pairs done; 3 with changes"
+    assert lines[0] == "3 pairs done; 3 with changes"
     assert lines[1].split() == ["Pair", "Changes", "Appeared", "Disappeared", "Moved", "Most", "probable"]
     assert "index.html" in result.stdout
     assert "3 of 3 done" in result.stderr
@@ -76,7 +76,7 @@ def test_shards_are_merged(scans, tmp_path):
     run(scans, "--out", folder, "--shard", "2/2", *FLAGS)
     merged = run("--merge", "--out", folder)
     assert merged.returncode == 0
-    assert merged.stdout.splitlines()[0] == "3 of 3 pairs done; 3 with changes"
+    assert merged.stdout.splitlines()[0] == "3 pairs done; 3 with changes"
 
 
 def test_a_series_has_a_time_line(scans, tmp_path):
@@ -84,7 +84,7 @@ def test_a_series_has_a_time_line(scans, tmp_path):
     manifest.write_text("name,cloud\nMonday,before0.ply\nTuesday,after0.ply\n")
     result = run(manifest, "--out", tmp_path / "run", "--series", "previous", *FLAGS)
     assert result.returncode == 0, result.stderr
-    assert result.stdout.splitlines()[0] == "2 epochs, 1 object: 1 went"
+    assert result.stdout.splitlines()[0] == "2 epochs, 1 object: 1 came"
     assert {"timeline.html", "objects.csv", "objects.parquet"} <= set(os.listdir(tmp_path / "run"))
 
 

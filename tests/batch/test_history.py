@@ -310,7 +310,7 @@ def test_bad_input():
         object_histories(["Mon"], [comparison])
     with pytest.raises(InputError, match="'Wed' is compared with 'Mon' and with 'Tue'; give one"):
         object_histories(EPOCHS, [dataclasses.replace(comparison, epochs=Pair(before, 2)) for before in (0, 1)])
-    with pytest.raises(InputError, match="same_object 2.0 is a share"):
+    with pytest.raises(InputError, match=r"same_object 2\.0 is a share"):
         HistorySettings(same_object=2.0)
     with pytest.raises(InputError, match="spacings nan must be positive"):
         HistorySettings(spacings=float("nan"))

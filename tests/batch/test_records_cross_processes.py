@@ -28,6 +28,8 @@ def content_of(record):
         return {name: content_of(value) for name, value in record.items() if name != "seconds"}
     if isinstance(record, list | tuple):
         return [content_of(value) for value in record]
+    if callable(record):
+        return f"{record.__module__}.{record.__name__}"
     if hasattr(record, "__dict__"):
         return {"type": type(record).__name__, **content_of(vars(record))}
     return repr(record)

@@ -27,7 +27,7 @@ from gmmjax.batch.driver import DriverSettings, results_of
 from gmmjax.batch.fingerprint import Fingerprint
 from gmmjax.batch.pair_record import PairRecord
 from gmmjax.batch.pools import AbstractPool, ClusterPool, LocalPool
-from gmmjax.batch.rows import ChangeRow, PairRow
+from gmmjax.batch.rows import ChangeRow, ConvergenceRow, PairRow
 from gmmjax.batch.scan_pair import BatchPair
 from gmmjax.batch.worker import PairResult, PairTask
 from gmmjax.changes import DetectionConfig
@@ -133,9 +133,15 @@ def record(task: PairTask) -> PairRecord:
     # A pair of hardly any time, so that chunks get as large as they may.
     texts = {"name": task.pair.name, "status": "done", "error": "", "warnings": ""}
     pair = _filled(PairRow, **clouds, **texts, seconds=1e-6)
-    made_of, written = dict.fromkeys(files, fingerprint), dict.fromkeys(FILES, fingerprint)
     return PairRecord(
-        task.request, made_of, written, pair, changes, (), dict.fromkeys(STAGES, 0.1234), 1_790_000_000.123
+        request=task.request,
+        inputs=dict.fromkeys(files, fingerprint),
+        files=dict.fromkeys(FILES, fingerprint),
+        pair=pair,
+        changes=changes,
+        convergence=tuple(_filled(ConvergenceRow, name=task.pair.name, restarts=2**own) for own in range(1, 5)),
+        seconds=dict.fromkeys(STAGES, 0.1234),
+        finished=1_790_000_000.123,
     )
 
 

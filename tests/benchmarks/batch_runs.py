@@ -5,7 +5,8 @@
 `... memory DIR/changing/manifest.csv --log memory.csv` draws the memory of the workers;
 `... ceiling --log ceiling.jsonl` measures the driver with empty work.
 
-Each prints Markdown. A command that was stopped goes on where it was: what is in its log is not measured again.
+Each prints Markdown, or writes it to its place in a page, `--page docs/benchmarks.md`. A command that was stopped goes
+on where it was: what is in its log is not measured again.
 """
 
 import argparse
@@ -13,6 +14,7 @@ import os
 from pathlib import Path
 
 from tests.benchmarks import batch_ceiling, batch_compare, batch_memory, batch_pairs
+from tests.benchmarks.page import put
 
 
 def main() -> None:
@@ -58,6 +60,8 @@ def main() -> None:
     ceiling.add_argument("--pools", nargs="+", choices=batch_ceiling.POOLS, default=[*batch_ceiling.POOLS])
     ceiling.set_defaults(run=run_ceiling)
 
+    for command in (compare, memory, ceiling):
+        command.add_argument("--page", type=Path, help="Markdown file with a place for the tables")
     arguments = parser.parse_args()
     arguments.run(arguments)
 
@@ -79,14 +83,14 @@ def run_comparison(arguments: argparse.Namespace) -> None:
             contenders=arguments.contenders,
         )
     lines = batch_compare.read(arguments.log)
-    print(batch_compare.table(lines), batch_compare.verdicts(lines), sep="\n\n")
+    put(arguments.page, "batch comparison", f"{batch_compare.verdicts(lines)}\n\n{batch_compare.table(lines)}")
 
 
 def run_memory(arguments: argparse.Namespace) -> None:
     if not arguments.draw_only:
         words = ["--workers", str(arguments.workers), "--restarts", str(arguments.restarts)]
         batch_memory.run(arguments.manifest, arguments.out, arguments.log, words, arguments.every)
-    print(batch_memory.summary(arguments.log))
+    put(arguments.page, "batch memory", batch_memory.summary(arguments.log))
     if arguments.figure:
         batch_memory.draw(arguments.log, arguments.figure)
 
@@ -95,7 +99,7 @@ def run_ceiling(arguments: argparse.Namespace) -> None:
     sizes = {"driver alone": arguments.out, "processes": arguments.workers, "dask": arguments.threads}
     sizes = {pool: sizes[pool] for pool in arguments.pools}
     batch_ceiling.measure(arguments.log, sizes, arguments.pairs, arguments.repeats)
-    print(batch_ceiling.table(arguments.log), batch_ceiling.table_of_bytes(), sep="\n\n")
+    put(arguments.page, "batch ceiling", f"{batch_ceiling.table(arguments.log)}\n\n{batch_ceiling.table_of_bytes()}")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import pytest
 
 from gmmjax.batch.driver import DriverSettings, results_of
 from gmmjax.clouds import read_cloud
-from tests.benchmarks import batch_ceiling, batch_compare, batch_mapping, batch_memory, batch_pairs, mapped_work
+from tests.benchmarks import batch_ceiling, batch_compare, batch_mapping, batch_memory, batch_pairs, mapped_work, page
 from tests.benchmarks.batch_compare import ALL_CORES, LOOP, ONE_CORE, WARM_UP, WHOLE
 
 
@@ -75,6 +75,23 @@ def test_a_comparison_goes_on_where_it_was(tmp_path, monkeypatch):
     lines = batch_compare.measure(manifest, log, tmp_path / "scratch", **settings)
     assert [turn for turn, *_ in called] == [1, 1, WHOLE]
     assert len(lines) == 6
+
+
+def test_a_table_takes_its_place_in_the_page(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(page, "conditions", lambda: "A machine.")
+    file = tmp_path / "page.md"
+    file.write_text("Above.\n\n<!-- one: begin -->\nold\n<!-- one: end -->\n<!-- two: begin --><!-- two: end -->\n")
+    for text in ("| first |", "| second |"):
+        page.put(file, "one", text)
+    page.put(file, "two", "other")
+    assert file.read_text() == (
+        "Above.\n\n<!-- one: begin -->\n\nA machine.\n\n| second |\n\n<!-- one: end -->\n"
+        "<!-- two: begin -->\n\nA machine.\n\nother\n\n<!-- two: end -->\n"
+    )
+    with pytest.raises(SystemExit, match="three: begin"):
+        page.put(file, "three", "")
+    page.put(None, "one", "printed")
+    assert capsys.readouterr().out == "A machine.\n\nprinted\n"
 
 
 def test_pairs_are_written_once(tmp_path):
