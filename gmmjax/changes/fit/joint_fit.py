@@ -123,7 +123,7 @@ def fit_joint_restarts(
     seed = np.asarray(jax.random.key_data(key)).tolist()
 
     def fit_one(restart: int, key: PRNGKeyArray) -> tuple[Annihilated[JointMixture], Array]:
-        points = _subsample(framed.points, max_points, seed, restart).padded()
+        points = subsample(framed.points, max_points, seed, restart).padded()
         return _compiled_fit(points, key, prior, np.int32(max_components), slots=slots, settings=settings)
 
     # Of the restart's number alone. With JAX's default generator these are the keys of a `split` into any number.
@@ -242,8 +242,15 @@ def _chunk_components(
     return jnp.sum(changed, axis=0), jnp.argmax(changed, axis=0).astype(jnp.int32)
 
 
-def _subsample(points: SourcedPoints, size: int, seed: list[int], restart: int) -> SourcedPoints:
-    """The random subsample of a restart, evenly over both clouds: one of each stretch along the order of the points."""
+def subsample(points: SourcedPoints, size: int, seed: list[int], restart: int) -> SourcedPoints:
+    """The random subsample of a restart, evenly over both clouds: one of each stretch along the order of the points.
+
+    Args:
+        points: of both clouds, along a space-filling curve.
+        size: of the subsample, about; all of no more points.
+        seed: of all restarts.
+        restart: its number.
+    """
     if len(points.after) <= size:
         return points
     generator = np.random.default_rng(seed)
