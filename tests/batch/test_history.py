@@ -173,6 +173,18 @@ def test_what_was_not_observed_is_not_gone():
     assert story([history]) == [(("came", 1), ("went", 5))]
 
 
+def test_an_object_that_was_out_of_sight_is_itself_seen_from_another_side():
+    """Its shape alone would not tell: what returns has most of the points of both."""
+    frame, places = frames(4), (None, HERE, HERE, HERE)
+    comparisons = [
+        compared([BoxAt(places)], 0, epoch, frame, hidden=(0.0, 1.0) if epoch == 2 else ()) for epoch in (1, 2, 3)
+    ]
+    (points,) = comparisons[2].points
+    comparisons[2] = dataclasses.replace(comparisons[2], points=(points[: len(points) // 3],))
+    (history,) = object_histories(EPOCHS[:4], comparisons)
+    assert history.presence == (False, True, None, True)
+
+
 def test_after_it_was_out_of_sight_an_object_is_known_again_where_a_change_shows_it():
     frame = frames(6)
     for last, presence in (
