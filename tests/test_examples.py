@@ -14,6 +14,7 @@ EXPECTED = {
     "registration_error.py": ["panorama normal", "panorama hard", "frame normal"],
     "fit_a_mixture.py": ["3 Gaussians", "from six starts: [3, 3, 3, 3, 3, 3]"],
     "align_by_gradient.py": ["before: 49.62 mm and 3.000 degrees off", "and 0.0"],
+    "many_pairs.py": ["scene 1 1 changes", "2 restarts: 3 pairs, 0 of them", "4 restarts: 3 pairs"],
     "maps_from_bags.py": ["run5.bag: 10 frames", "refined: True"],
     "tune_the_concentration.py": ["lenient", "tuned", "Figueiredo and Jain"],
     "tune_the_verdict.py": ["1 unseen pairs, poses unknown", "shipped", "tuned on 2 labelled"],

@@ -17,15 +17,15 @@ class ComparisonSettings:
     """How much of a pair is kept.
 
     Attributes:
-        change_points: most points that are kept of each change, evenly chosen of its points in their order. 2,000 are a
-            few centimetres apart on furniture, and a series of 200 epochs stays below some 100 MB. Fewer: the points of
-            large objects are so far apart that neighbours count as one place; far more: memory, and the same links.
+        change_points: most points that are kept of each change, evenly chosen of its points in their order. 1,000 are
+            some 3 cm apart on a surface of a square metre, and take 24 kB. Fewer: points are so far apart that
+            neighbouring objects count as one place; far more: memory, and the same links.
         coverage_points: most points of each cloud that tell which places the other survey observed; none are kept of a
             cloud that was observed completely. Fewer: the edge of what was observed is blurred by their spacing. 0: all
             places count as observed, and an object that was out of sight as gone.
     """
 
-    change_points: int = 2000
+    change_points: int = 1000
     coverage_points: int = 4000
 
     def __post_init__(self) -> None:

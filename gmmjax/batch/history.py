@@ -32,7 +32,8 @@ class ObjectEvent:
             epochs between are missing, or did not observe the place.
         probability: of the change that shows it. Where no change shows it, that of the latest change before: an object
             that appeared against the first epoch has gone when it no longer appears, and that is no change.
-        moved_probability: of an object that moved, that it is the same; None where it was not computed.
+        moved_probability: of an object that moved, or is back elsewhere, that it is the same; None where it was not
+            computed.
         box: where the object is from then on, or was until then where it went; in the frame of the history.
         origin: of an object that moved, where it was; else None.
         distance: of an object that moved, how far its centre did; else None.
@@ -41,7 +42,8 @@ class ObjectEvent:
         change: index of the change in that comparison; None where the want of one shows it.
         overlap: of the object's known points and those of the change, by which the two were linked: the share of the
             smaller one; 1 where that was not needed. None without a change.
-        returned: whether it had gone, and something of its shape has come to the same place again.
+        returned: of an object that came, whether it had been there before, and gone: something of its shape is in the
+            same place again, or it is recognised in another one as moved since the epoch compared with.
     """
 
     kind: EventKind
@@ -213,13 +215,14 @@ def _motion_between(track: Track, places: Pair[Place], epoch: int, tree: EpochTr
 def _event(kind: EventKind, track: Track, sighting: Sighting | None, epochs: Pair[int], tree: EpochTree) -> ObjectEvent:
     """The event that a change shows, or, where that is None, the want of one."""
     shown = track.latest_sighting(epochs.after) if sighting is None else sighting
+    recognised = sighting is not None and sighting.motion is not None
     there = epochs.after if kind == "came" else epochs.before
     return ObjectEvent(
         kind=kind,
         epoch=epochs.after,
         previous=epochs.before,
         probability=shown.change.probability,
-        moved_probability=None if sighting is None or kind != "moved" else sighting.change.moved_probability,
+        moved_probability=sighting.change.moved_probability if sighting and kind != "went" else None,
         box=track.place(there, tree).box if sighting is None else sighting.place.box,
         origin=None,
         distance=None,
@@ -227,7 +230,7 @@ def _event(kind: EventKind, track: Track, sighting: Sighting | None, epochs: Pai
         comparison=Pair(tree.parents[epochs.after], epochs.after),
         change=None if sighting is None else sighting.number,
         overlap=None if sighting is None else sighting.overlap,
-        returned=kind == "came" and (sighting is None or sighting.returned),
+        returned=kind == "came" and (sighting is None or sighting.returned or recognised),
     )
 
 

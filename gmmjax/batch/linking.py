@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.batch.comparison import Comparison
-from gmmjax.batch.places import Link, Place, linked
+from gmmjax.batch.places import Link, Place, linked, near
 from gmmjax.batch.tracks import EpochTree, Sighting, Track, not_observed
 from gmmjax.changes import Box
 from gmmjax.errors import InputError
@@ -31,7 +31,8 @@ class HistorySettings:
             object again. Lower: another thing in its place becomes the same; 1 or more: what returns is always new.
         unobserved: share of the points of a place; where more were not observed, it is not known whether the object was
             there. Lower: what is partly hidden is not known; 1: what was out of sight counts as it was before.
-        probes: points of a place that are looked up to see whether it was observed. More cost time alone.
+        probes: points of a place of which the spacing is measured, and whether it was observed. Fewer: both are less
+            certain; more cost time alone.
     """
 
     same_object: float = 0.5
@@ -109,7 +110,12 @@ class Linker:
         """The changes in the frame of the series."""
         frame = self._frames[comparison.epochs.before]
         return [
-            Sighting(comparison.epochs, index, change, Place(transformed(points, frame), _box_in(frame, change.box)))
+            Sighting(
+                comparison.epochs,
+                index,
+                change,
+                Place(transformed(points, frame), _box_in(frame, change.box), self._settings.probes),
+            )
             for index, (change, points) in enumerate(zip(comparison.changes, comparison.points, strict=True))
         ]
 
@@ -208,11 +214,11 @@ class Linker:
 
     def _of_same_shape(self, place: Place, tracks: Sequence[Track], epoch: int) -> tuple[Track | None, float]:
         """The object that was last seen in a place in the same shape, the most alike one, and the overlap."""
-        shares = [track.latest_place(epoch).shares(place, self._settings.spacings) for track in tracks]
-        alike = [share.of_larger for share in shares]
-        if not alike or max(alike) < self._settings.same_shape:
+        places, spacings = [track.latest_place(epoch) for track in tracks], self._settings.spacings
+        shares = {row: places[row].shares(place, spacings) for row, _ in near(places, [place], spacings)}
+        best = max(shares, key=lambda row: shares[row].of_larger, default=-1)
+        if best < 0 or shares[best].of_larger < self._settings.same_shape:
             return None, 0.0
-        best = int(np.argmax(alike))
         return tracks[best], shares[best].of_smaller
 
     def _motion(self, sighting: Sighting) -> Float[np.ndarray, "4 4"] | None:
@@ -229,11 +235,7 @@ class Linker:
             comparison = self._comparisons[next(other for other, own in self.tree.parents.items() if own == epoch)]
             coverage, frame = comparison.coverage.after, self._frames[epoch]
         places = [(track.latest_place(epoch), track.place(epoch, self.tree)) for track in tracks]
-        settings = self._settings
-        hidden = [
-            not_observed(own, coverage, frame, settings.unobserved, settings.probes)
-            for own in zip(*places, strict=True)
-        ]
+        hidden = [not_observed(own, coverage, frame, self._settings.unobserved) for own in zip(*places, strict=True)]
         return [bool(latest or unchanged) for latest, unchanged in zip(*hidden, strict=True)]
 
 

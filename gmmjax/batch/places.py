@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
 from gmmjax.changes import Box
-from gmmjax.geometry import LocalSurface
+from gmmjax.geometry import MEAN_NEIGHBOURS, evenly_chosen, nearest_neighbours
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -21,10 +21,12 @@ class Place:
     Attributes:
         points: coordinates, at least one point.
         box: around all points of the change, also those that were not kept.
+        probes: number of points that stand for all where a few will do.
     """
 
     points: Float[np.ndarray, "n 3"]
     box: Box
+    probes: int
 
     @functools.cached_property
     def tree(self) -> cKDTree:
@@ -32,12 +34,16 @@ class Place:
         return cKDTree(self.points)
 
     @functools.cached_property
+    def probed(self) -> Float[np.ndarray, "m 3"]:
+        """Some of the points, evenly chosen."""
+        return self.points[evenly_chosen(len(self.points), self.probes)]
+
+    @functools.cached_property
     def spacing(self) -> float:
-        """Median distance of neighbouring points; 0 of a single one."""
-        if len(self.points) == 1:
-            return 0.0
-        surface = LocalSurface.of(self.points, tree=self.tree)
-        return float(np.median(surface.spacing(np.arange(len(surface)))))
+        """Distance of neighbouring points: k points that fill a disc of radius r evenly are r sqrt(pi / k) apart."""
+        distances, _ = nearest_neighbours(self.tree, self.probed, MEAN_NEIGHBOURS)
+        radius = float(np.median(distances[:, -1]))
+        return radius * float(np.sqrt(np.pi / distances.shape[1]))
 
     def shares(self, other: "Place", spacings: float) -> "Shares":
         """Which shares of the points of two places lie within so many spacings of the other's points.
@@ -47,9 +53,6 @@ class Place:
             spacings: distance, in spacings of the place that has the larger one.
         """
         reach = spacings * max(self.spacing, other.spacing)
-        apart = np.maximum(self.tree.mins - other.tree.maxes, other.tree.mins - self.tree.maxes)
-        if (apart > reach).any():
-            return Shares(0.0, 0.0)
         return Shares(_share_within(self, other, reach), _share_within(other, self, reach))
 
 
@@ -106,9 +109,10 @@ def linked(known: Sequence[Place], new: Sequence[Place], least: float, spacings:
     Returns:
         The links, those assigned first; each place is in one at most as the piece of another.
     """
-    shares = [[own.shares(other, spacings) for other in new] for own in known]
-    of_smaller = np.array([[share.of_smaller for share in row] for row in shares]).reshape(len(known), len(new))
-    preferred = np.array([[share.mean for share in row] for row in shares]).reshape(len(known), len(new))
+    of_smaller, preferred = np.zeros((2, len(known), len(new)))
+    for row, column in near(known, new, spacings):
+        shares = known[row].shares(new[column], spacings)
+        of_smaller[row, column], preferred[row, column] = shares.of_smaller, shares.mean
     same = of_smaller > least
     preferred = np.where(same, preferred, 0.0)
     rows, columns = linear_sum_assignment(preferred, maximize=True)
@@ -119,6 +123,29 @@ def linked(known: Sequence[Place], new: Sequence[Place], least: float, spacings:
         for these, assigned in ((pairs, True), (pieces, False))
         for row, column in these
     ]
+
+
+def near(known: Sequence[Place], new: Sequence[Place], spacings: float) -> list[tuple[int, int]]:
+    """The known and the new places whose points may lie at each other, by their boxes along the axes.
+
+    Args:
+        known: places.
+        new: other places.
+        spacings: distance, in spacings of the place that has the larger one.
+    """
+    if not known or not new:
+        return []
+    (lower, upper, spacing), (other_lower, other_upper, other_spacing) = _bounds(known), _bounds(new)
+    gaps = np.maximum(lower[:, None] - other_upper, other_lower - upper[:, None]).max(axis=2)
+    reach = spacings * np.maximum(spacing[:, None], other_spacing)
+    return [(int(row), int(column)) for row, column in np.argwhere(gaps <= reach)]
+
+
+def _bounds(places: Sequence[Place]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Least and greatest coordinates, and spacing, of each place."""
+    trees = [place.tree for place in places]
+    spacings = np.array([place.spacing for place in places])
+    return np.stack([tree.mins for tree in trees]), np.stack([tree.maxes for tree in trees]), spacings
 
 
 def _pieces(

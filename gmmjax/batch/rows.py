@@ -135,7 +135,7 @@ class ObjectRow:
         probability: of the change that shows it; where the want of one shows it, of the latest change before.
         moved_probability: of an object that moved, that it is the same; None where it was not computed.
         distance: of an object that moved, how far its centre did.
-        returned: whether it had gone, and something of its shape has come to the same place again.
+        returned: of an object that came, whether it had been there before, and gone.
         before: name of the earlier epoch of the comparison that shows it.
         after: name of the later one.
         change: index of the change in that comparison; None where the want of one shows it.

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from gmmjax.batch.comparison import Coverage
 from gmmjax.batch.places import Place
 from gmmjax.changes import Change
-from gmmjax.geometry import evenly_chosen, transformed
+from gmmjax.geometry import transformed
 from gmmjax.pair import Pair
 
 
@@ -136,7 +136,7 @@ class Track:
 
 
 def not_observed(
-    places: Sequence[Place], coverage: Coverage, frame: Float[np.ndarray, "4 4"], most: float, probes: int
+    places: Sequence[Place], coverage: Coverage, frame: Float[np.ndarray, "4 4"], most: float
 ) -> Bool[np.ndarray, " p"]:
     """Which places a survey did not observe: the nearest points of the other cloud were not observed, for most of it.
 
@@ -145,11 +145,10 @@ def not_observed(
         coverage: of the other cloud by the survey.
         frame: rigid transform of the coverage into the frame of the series.
         most: share of a place's points; it was not observed where more were not.
-        probes: points of a place that are looked up, at most.
     """
     if not places or not len(coverage.points):
         return np.zeros(len(places), bool)
-    chosen = [place.points[evenly_chosen(len(place.points), probes)] for place in places]
+    chosen = [place.probed for place in places]
     nearest = cKDTree(transformed(coverage.points, frame)).query(np.concatenate(chosen))[1]
     hidden = np.split(coverage.unobserved[nearest], np.cumsum([len(points) for points in chosen])[:-1])
     return np.array([bool(own.mean() > most) for own in hidden])

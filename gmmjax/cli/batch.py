@@ -171,5 +171,5 @@ def _summarised(folder: "RunFolder", *, quiet: bool) -> int:
 
 def _shard_done(out: Path, progress: "BatchProgress", *, quiet: bool) -> int:
     if not quiet:
-        print(f"{progress.text}; when all shards are: gmmjax batch --merge --out {shlex.quote(str(out))}")
+        print(f"{progress.counts}; when all shards are: gmmjax batch --merge --out {shlex.quote(str(out))}")
     return 1 if progress.failed else 0

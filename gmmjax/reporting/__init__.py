@@ -1,5 +1,8 @@
 """What was found, for people and programs: result folders, HTML report, terminal, mixtures and scenes on disk."""
 
+from gmmjax.reporting.batch_files import save_report as save_report
+from gmmjax.reporting.batch_files import write_history as write_history
+from gmmjax.reporting.batch_files import write_summary as write_summary
 from gmmjax.reporting.batch_index import batch_index_html as batch_index_html
 from gmmjax.reporting.html_report import CONTENT_POLICY as CONTENT_POLICY
 from gmmjax.reporting.html_report import report_html as report_html

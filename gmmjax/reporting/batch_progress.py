@@ -46,13 +46,17 @@ class BatchProgress:
         """Nowhere."""
 
     @property
+    def counts(self) -> str:
+        """How many pairs are done, in words: "37 of 200 done, 12 from before, 1 failed"."""
+        parts = [f"{self.done} of {self.total} done"]
+        parts += [f"{self.reused} from before"] if self.reused else []
+        parts += [f"{self.failed} failed"] if self.failed else []
+        return ", ".join(parts)
+
+    @property
     def text(self) -> str:
         """How far it has got, in words: "37 of 200 done, 1 failed, 1.3 a second, 2 min left"."""
-        parts = [f"{self.done} of {self.total} done"]
-        if self.reused:
-            parts.append(f"{self.reused} from before")
-        if self.failed:
-            parts.append(f"{self.failed} failed")
+        parts = [self.counts]
         computed, seconds = self.done + self.failed - self.reused, time.monotonic() - self._began
         if computed and seconds > 0:
             rate = computed / seconds

@@ -18,12 +18,14 @@ class PlanSettings:
         width: of the drawing, pixels; smaller ones lose small objects, larger ones do not fit beside the time line.
         highest: its greatest height, pixels; without it, a corridor along y would be a page of its own.
         margin: about the objects, pixels; without it, labels at the edge are cut off.
+        scale_height: of the scale below the objects, pixels; less, and it is cut off.
         most_labelled: objects up to which all have their number; more would cover each other, and show it when chosen.
     """
 
     width: int = 440
     highest: int = 560
-    margin: int = 26
+    margin: float = 26.0
+    scale_height: int = 20
     most_labelled: int = 60
 
 
@@ -58,14 +60,14 @@ def plan_svg(histories: Sequence[ObjectHistory], settings: PlanSettings = PlanSe
     height = float(extent[1] * pixels + 2 * settings.margin)
     lower = lower - [(free[0] / pixels - extent[0]) / 2, 0.0]
     scale = _Scale(lower, pixels, settings.margin, height)
-    bar, bar_height = _scale_bar(scale, settings)
+    total = height + settings.scale_height
     objects = "".join(_object(history, scale) for history in histories)
     dense = " dense" if len(histories) > settings.most_labelled else ""
-    return f"""<svg class="plan{dense}" viewBox="0 0 {settings.width} {height + bar_height:.0f}" role="img"
+    return f"""<svg class="plan{dense}" viewBox="0 0 {settings.width} {total:.0f}" role="img"
 aria-label="Plan of the objects">
 <defs><marker id="arrow" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto"><path
 d="M0 0 8 4 0 8z"/></marker></defs>
-{objects}{bar}</svg>"""
+{objects}{_scale_bar(scale, settings)}</svg>"""
 
 
 def _object(history: ObjectHistory, scale: _Scale) -> str:
@@ -118,15 +120,14 @@ def _turn(first: np.ndarray, second: np.ndarray, third: np.ndarray) -> float:
     return float(along[0] * on[1] - along[1] * on[0])
 
 
-def _scale_bar(scale: _Scale, settings: PlanSettings) -> tuple[str, int]:
-    """A bar of a round length, about a fifth of the width, beneath the plan; and its height."""
-    wanted = settings.width / 5 / scale.pixels
-    decade = 10.0 ** np.floor(np.log10(wanted))
-    length = decade * max(step for step in (1, 2, 5) if step * decade <= wanted)
+def _scale_bar(scale: _Scale, settings: PlanSettings) -> str:
+    """A bar of a round length beneath the plan, at most a fifth of the width."""
+    longest = settings.width / 5 / scale.pixels
+    decade = 10.0 ** np.floor(np.log10(longest))
+    length = decade * max(step for step in (1, 2, 5) if step * decade <= longest)
     x, y = settings.margin, scale.height + 4
     end = x + length * scale.pixels
     return (
         f'<path class="scale" d="M{x} {y - 4:.1f}v8M{x} {y:.1f}H{end:.1f}M{end:.1f} {y - 4:.1f}v8"/>'
-        f'<text class="scale" x="{end + 8:.1f}" y="{y + 4:.1f}">{length:g}</text>',
-        20,
+        f'<text class="scale" x="{end + 8:.1f}" y="{y + 4:.1f}">{length:g}</text>'
     )

@@ -11,7 +11,7 @@ from gmmjax.pair import Pair
 from tests.changes.scanned_objects import box, motion, placed
 
 EXTENT = (0.4, 0.28, 0.22)
-SPACING = 0.02
+SPACING = 0.03
 
 
 @dataclasses.dataclass(frozen=True)

@@ -90,7 +90,7 @@ def _stays(events):
     return stays
 
 
-def series(seed, epochs=6, things=6, misregistration=(0.015, 0.4)):
+def series(seed, epochs=6, things=6, misregistration=(0.015, 0.4), voxel=0.015, lost=0):
     """A random series.
 
     Args:
@@ -98,6 +98,8 @@ def series(seed, epochs=6, things=6, misregistration=(0.015, 0.4)):
         epochs: number of surveys.
         things: that come, move, go or stay, up to twelve.
         misregistration: largest translation, metres, and rotation, degrees, of each survey but the first.
+        voxel: edge length of the voxels in which a survey is fused, metres.
+        lost: most frames of the 16 of a survey that are lost, one after the other.
     """
     random = np.random.default_rng(seed)
     spots = _spots(random)
@@ -105,7 +107,7 @@ def series(seed, epochs=6, things=6, misregistration=(0.015, 0.4)):
     drawn = [Thing(_parts(random), _places(random, epochs, home, spots)) for home in homes]
     wrong = [np.eye(4)]
     wrong += [small_motion(random, *random.uniform(0, misregistration)) for _ in range(epochs - 1)]
-    clouds = [_survey(random, drawn, epoch, motion) for epoch, motion in enumerate(wrong)]
+    clouds = [_survey(random, drawn, epoch, motion, voxel, lost) for epoch, motion in enumerate(wrong)]
     return Series(tuple(clouds), tuple(drawn), tuple(wrong))
 
 
@@ -145,10 +147,11 @@ def _standing(random, spot):
     return (float(spot[0]), float(spot[1]), float(random.uniform(0, np.pi)))
 
 
-def _survey(random, things, epoch, wrong):
+def _survey(random, things, epoch, wrong, voxel, lost):
     solids = [*_room(), *(part for thing in things for part in thing.at(epoch))]
     camera = DepthCamera(columns=72, rows=56, noise=0.006, flying=0.03)
-    recording = recorded_frames(camera, solids, _poses(random), random, PoseErrors(0.003, 0.1)).fused(0.015)
+    poses = _poses(random)[int(random.integers(lost + 1)) :]
+    recording = recorded_frames(camera, solids, poses, random, PoseErrors(0.003, 0.1)).fused(voxel)
     views = recording.views
     return PointCloud.from_rows(
         transformed(recording.points, wrong),

@@ -140,8 +140,13 @@ def test_fits_without_a_mixture_are_waited_out():
 def test_fits_of_something_else_are_refused(case):
     clouds, config, four = case
     other = "transport" if config.method == "joint" else "joint"
-    with pytest.raises(InputError, match=f"earlier: the fits are of method {config.method}, not {other}"):
+    with pytest.raises(
+        InputError, match=rf"earlier: these are no fits of method {other} \(they are marked as of {config.method}\)"
+    ):
         detect_consensus(*clouds, config=dataclasses.replace(config, method=other), earlier=four.fits)
+    mislabelled = RestartFits(other, four.fits.arrays)
+    with pytest.raises(InputError, match=f"earlier: these are no fits of method {other}"):
+        detect_consensus(*clouds, config=dataclasses.replace(config, method=other), earlier=mislabelled)
     with pytest.raises(InputError, match=r"mixtures of \d+ slots, not 60, so they are of other clouds or settings"):
         detect_consensus(*clouds, config=dataclasses.replace(config, max_components=60), earlier=four.fits)
 

@@ -33,7 +33,7 @@ from gmmjax.changes.fit.joint_fit import (
     point_excess,
 )
 from gmmjax.changes.fit.joint_problem import JointFitSettings, joint_problem
-from gmmjax.changes.fit.restart_fits import RestartFits
+from gmmjax.changes.fit.restart_fits import JOINT, RestartFits
 from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.changes.objects.found import Found, ObjectSettings, surfaces_found, volume_weights, volumes_found
 from gmmjax.changes.objects.moved import with_moved
@@ -75,7 +75,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
     evidence: EvidenceSettings = EvidenceSettings()
     objects: ObjectSettings = ObjectSettings()
 
-    fits_begin, fits_end = 0.25, 0.75
+    layout, fits_begin, fits_end = JOINT, 0.25, 0.75
 
     def restarts_of(self, prepared: AlignedScans) -> int:
         """Fewer on surfaces, where distances see what one mixture misses."""

@@ -10,7 +10,7 @@ import numpy as np
 from gmmjax.changes.change import Changes
 from gmmjax.changes.consensus import Consensus, Doubling, doublings, largest_difference
 from gmmjax.changes.detectors.detector import AbstractChangeDetector, Scan
-from gmmjax.changes.fit.restart_fits import RestartFits
+from gmmjax.changes.fit.restart_fits import Layout, RestartFits
 from gmmjax.changes.progress import Clock, Progress, silent
 from gmmjax.errors import ComputationError, InputError
 from gmmjax.pair import Pair
@@ -55,8 +55,10 @@ class AbstractRestartDetector(AbstractChangeDetector, Generic[Prepared]):
     Attributes:
         fits_begin: share of the work that is done before the fits.
         fits_end: share of the work that is done after them.
+        layout: of the arrays of its fits.
     """
 
+    layout: ClassVar[Layout]
     fits_begin: ClassVar[float]
     fits_end: ClassVar[float]
 
@@ -197,11 +199,12 @@ class AbstractRestartDetector(AbstractChangeDetector, Generic[Prepared]):
             InputError: they are not.
         """
         slots = self.slots_of(prepared)
-        if earlier.method != self.config.method:
+        if len(earlier) and (earlier.method != self.config.method or set(earlier.arrays) != set(self.layout)):
             raise InputError(
-                f"earlier: the fits are of method {earlier.method}, not {self.config.method}; detect without them"
+                f"earlier: these are no fits of method {self.config.method} (they are marked as of {earlier.method}); "
+                "detect without them"
             )
-        if earlier.slots != slots:
+        if len(earlier) and earlier.slots != slots:
             raise InputError(
                 f"earlier: the fits have mixtures of {earlier.slots} slots, not {slots}, so they are of other clouds "
                 "or settings; detect without them"

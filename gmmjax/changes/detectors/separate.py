@@ -17,6 +17,7 @@ from gmmjax.changes.detectors.count_significance import CountSettings, count_sig
 from gmmjax.changes.detectors.detector import Scan
 from gmmjax.changes.detectors.restart_detector import AbstractRestartDetector, Outcome
 from gmmjax.changes.fit.restart_fits import (
+    SEPARATE,
     RestartFits,
     mixture_arrays,
     mixture_of,
@@ -114,7 +115,7 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
     block: int = 8
     labelling: ConsensusSettings = ConsensusSettings()
 
-    fits_begin, fits_end = 0.15, 0.8
+    layout, fits_begin, fits_end = SEPARATE, 0.15, 0.8
 
     @abc.abstractmethod
     def compare(self, mixtures: Pair[GaussianMixture], points: Pair[float]) -> Compared:

@@ -123,7 +123,7 @@ def fit_joint_restarts(
     seed = np.asarray(jax.random.key_data(key)).tolist()
 
     def fit_one(restart: int, key: PRNGKeyArray) -> tuple[Annihilated[JointMixture], Array]:
-        points = _subsample(framed.points, max_points, seed, restart).padded()
+        points = subsample(framed.points, max_points, seed, restart).padded()
         return _compiled_fit(points, key, prior, np.int32(max_components), slots=slots, settings=settings)
 
     # Of the restart's number alone. With JAX's default generator these are the keys of a `split` into any number.
@@ -197,18 +197,15 @@ def mixtures_distance(fits: JointFits) -> float:
     The components are shared; each cloud has its own weights, normalised.
     """
     with jax.enable_x64(True):
-        distances = np.asarray(_distances(jax.tree.map(jnp.asarray, fits.joint)))
-    return float(distances.mean()) * float(fits.frame.spread)
+        distances = [float(_distance(_restart(fits.joint, own))) for own in range(len(fits.steps))]
+    return float(np.mean(distances)) * float(fits.frame.spread)
 
 
 @kept_jit
-def _distances(joint: JointMixture) -> Float[Array, " r"]:
-    def one_restart(joint: JointMixture) -> Array:
-        # All slots, dead ones too: one program for fits of any size.
-        before, after = (_reweighted(joint.mixture, share) for share in (1 - joint.share_after, joint.share_after))
-        return earth_movers_distance(before, after).cost
-
-    return jax.lax.map(one_restart, joint)
+def _distance(joint: JointMixture) -> Float[Array, ""]:
+    # All slots, dead ones too: one program for fits of any size.
+    before, after = (_reweighted(joint.mixture, share) for share in (1 - joint.share_after, joint.share_after))
+    return earth_movers_distance(before, after).cost
 
 
 def _reweighted(mixture: GaussianMixture, share: Float[Array, " k"]) -> GaussianMixture:
@@ -216,11 +213,16 @@ def _reweighted(mixture: GaussianMixture, share: Float[Array, " k"]) -> Gaussian
     return GaussianMixture(weights / jnp.sum(weights), mixture.means, mixture.covariances, mixture.live)
 
 
+def _restart(joint: JointMixture, restart: int) -> JointMixture:
+    """The joint mixture of one restart; inside `enable_x64`."""
+    own: JointMixture = jax.tree.map(lambda leaf: jnp.asarray(leaf[restart]), joint)
+    return own
+
+
 def _in_chunks(function: Callable[..., tuple[Array, ...]], fits: JointFits, points: np.ndarray, restart: int) -> Any:
     framed = (points - fits.frame.origin) / fits.frame.spread
-    joint, ratio = jax.tree.map(lambda leaf: leaf[restart], (fits.joint, fits.density_ratio))
     with jax.enable_x64(True):
-        joint = jax.tree.map(jnp.asarray, joint)
+        joint, ratio = _restart(fits.joint, restart), fits.density_ratio[restart]
         parts = [to_numpy(function(joint, ratio, chunk)) for chunk in padded_chunks(framed, CHUNK)]
     return tuple(np.concatenate(part)[: len(points)] for part in zip(*parts, strict=True))
 
@@ -240,8 +242,15 @@ def _chunk_components(
     return jnp.sum(changed, axis=0), jnp.argmax(changed, axis=0).astype(jnp.int32)
 
 
-def _subsample(points: SourcedPoints, size: int, seed: list[int], restart: int) -> SourcedPoints:
-    """The random subsample of a restart, evenly over both clouds: one of each stretch along the order of the points."""
+def subsample(points: SourcedPoints, size: int, seed: list[int], restart: int) -> SourcedPoints:
+    """The random subsample of a restart, evenly over both clouds: one of each stretch along the order of the points.
+
+    Args:
+        points: of both clouds, along a space-filling curve.
+        size: of the subsample, about; all of no more points.
+        seed: of all restarts.
+        restart: its number.
+    """
     if len(points.after) <= size:
         return points
     generator = np.random.default_rng(seed)

@@ -57,9 +57,8 @@ class RestartFits:
         if not self.arrays:
             return
         layout = JOINT if "share_after" in self.arrays else SEPARATE
-        missing = sorted(set(layout) - set(self.arrays))
-        if missing:
-            raise ValueError(f"has no array {missing[0]}")
+        for name in sorted(set(layout) ^ set(self.arrays)):
+            raise ValueError(f"has {'no' if name in layout else 'an unknown'} array {name}")
         slots = self.arrays[next(iter(layout))].shape[1:2]
         for name, (kind, shape) in layout.items():
             _check_array(name, self.arrays[name], kind, (len(self), *_sizes(shape, slots)))
@@ -72,7 +71,7 @@ class RestartFits:
     @property
     def slots(self) -> int:
         """Of the mixtures, live or not."""
-        return int(next(values for name, values in self.arrays.items() if name.startswith("weights")).shape[1])
+        return next((values.shape[1] for name, values in self.arrays.items() if name.startswith("weights")), 0)
 
     def first(self, restarts: int) -> "RestartFits":
         """The fits of the first restarts, or of all where there are no more.

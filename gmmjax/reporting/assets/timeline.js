@@ -16,7 +16,9 @@
     shown = number;
     for (const part of parts.get(shown) ?? []) part.classList.add("selected");
     // The chosen one lies on top of its neighbours.
-    for (const part of parts.get(shown) ?? []) if (part.tagName === "g") part.parentNode.insertBefore(part, part.parentNode.querySelector("path.scale"));
+    for (const part of parts.get(shown) ?? []) {
+      if (part.tagName === "g") part.parentNode.querySelector("path.scale").before(part);
+    }
   };
 
   const press = (number, pressed) => {
@@ -39,7 +41,8 @@
     if (number === null || event.target.closest("a")) return;
     pin(number);
     if (event.target.closest("g")) {
-      parts.get(number).find((part) => part.tagName === "LI").scrollIntoView({ block: "nearest", behavior: "smooth" });
+      const row = parts.get(number).find((part) => part.tagName === "LI");
+      row.querySelector(".mark").scrollIntoView({ block: "nearest", inline: "nearest" });
     }
   });
   document.addEventListener("keydown", (event) => { if (event.key === "Escape" && pinned !== null) pin(pinned); });

@@ -10,6 +10,7 @@ from gmmjax.changes.fit.joint_fit import (
     fit_joint_restarts,
     mixtures_distance,
     point_excess,
+    subsample,
 )
 from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, joint_prior
 from gmmjax.errors import ComputationError
@@ -116,6 +117,20 @@ def test_each_restart_sees_a_sample_of_its_own():
     assert len(seen) == 2
     assert sampled.message_length[0] != sampled.message_length[1]
     assert all(excess[2] > 0.9 for excess in both(point_excess, sampled, CENTRES, True))
+
+
+def test_the_subsamples_of_the_restarts_follow_each_other_in_one_sequence():
+    """Each can be drawn alone, and they differ."""
+    points, random = sourced(240), np.random.default_rng([0, 7])
+    drawn = []
+    for restart in range(3):
+        priority = random.random(240)
+        chosen = subsample(points, 60, [0, 7], restart).points.points
+        rows = np.flatnonzero((points.points.points[:, None] == chosen[None]).all(axis=2).any(axis=1))
+        drawn.append(rows)
+        # Where a stretch is of the points of one cloud, the point of the least priority is chosen.
+        assert 50 <= len(rows) <= 60 and priority[rows].mean() < 0.3
+    assert not np.array_equal(drawn[0], drawn[1]) and not np.array_equal(drawn[1], drawn[2])
 
 
 @pytest.mark.parametrize("max_points", [6000, 150])

@@ -58,6 +58,7 @@ def without_array(name):
         (with_array("weights", np.zeros((0, 4))), "weights is float64"),
         (with_array("result", np.array([0, 1, 7], np.int32)), "result is no status of a fit"),
         (with_array("message_length", np.array([0.0, np.nan, 1.0])), "message_length has numbers that are not finite"),
+        (with_array("extra", np.zeros(3)), "has an unknown array extra"),
         ({}, "has no arrays"),
     ],
 )
