@@ -153,11 +153,11 @@ def test_a_row_of_the_mappings_says_whether_the_bits_are_the_same(tmp_path):
     ones = (np.ones(3), np.zeros(2))
     assert batch_mapping.difference(ones, ones) is None
     assert batch_mapping.difference(ones, (np.ones(3) + 1e-3, np.zeros(2))) == pytest.approx(1e-3)
-    times = {"wall_s": 0.5, "cpu_s": 0.5, "compilation_s": 1.0, "difference": None}
+    times = {"wall_s": 0.5, "cpu_s": 0.5, "compilation_s": 1.0, "difference": None, "walls_s": [0.5] * 5}
     mappings = {batch_mapping.REFERENCE: times, "one vmap": {**times, "wall_s": 1.0, "difference": 2e-11}}
     line = {"case": ["fits", 500, 16, 8, 2], "load": [0.1, 0.2], "mappings": mappings}
     rows = batch_mapping.table([json.loads(json.dumps(line))]).splitlines()
-    assert rows[-1] == "| fits | 500 | 16 x 8 | 2 | one vmap | 1 s | 500 ms | 1 s | 2.00 | 2e-11 | 0.2 |"
+    assert rows[-1] == "| fits | 500 | 16 x 8 | 2 | one vmap | 1 s | 500 ms | 1 s | 2.00 | 2e-11 | 5 | 0.2 |"
 
 
 def test_problems_come_back_as_they_were_saved(tmp_path):
