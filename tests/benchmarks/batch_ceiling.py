@@ -11,6 +11,7 @@ import dataclasses
 import functools
 import itertools
 import json
+import logging
 import pickle
 import statistics
 import time
@@ -79,16 +80,20 @@ def dask(threads: int) -> Iterator[AbstractPool]:
     ours, theirs = get_context("spawn").Pipe()
     process = get_context("spawn").Process(target=_cluster, args=(threads, theirs))
     process.start()
+    # When the driver has what it wants, what the cluster is still computing is of no interest.
+    logging.disable()
     try:
         yield ClusterPool(ours.recv())
     finally:
         ours.send("end")
         process.join()
+        logging.disable(logging.NOTSET)
 
 
 def _cluster(threads: int, driver: Connection) -> None:
     from distributed import LocalCluster
 
+    logging.disable()
     with LocalCluster(n_workers=2, threads_per_worker=threads // 2, dashboard_address=None) as cluster:
         driver.send(cluster.scheduler_address)
         driver.recv()
@@ -147,10 +152,14 @@ def record(task: PairTask) -> PairRecord:
 
 def _filled(record: Any, **known: Any) -> Any:
     """A row with some value of the right type in every field."""
+    return record(**{**_values(record), **known})
+
+
+@functools.cache
+def _values(record: Any) -> dict[str, Any]:
     values = {int: 12_345, float: 0.123456789, bool: True, str: "text"}
-    hints = {name: hint for name, hint in get_type_hints(record).items() if name not in known}
-    kinds = {name: next(kind for kind in values if kind in (hint, *get_args(hint))) for name, hint in hints.items()}
-    return record(**known, **{name: values[kind] for name, kind in kinds.items()})
+    kinds = {name: (hint, *get_args(hint)) for name, hint in get_type_hints(record).items()}
+    return {name: next((values[kind] for kind in values if kind in of), None) for name, of in kinds.items()}
 
 
 def measure(log: Path, sizes: dict[str, Sequence[int]], pairs: int, repeats: int) -> None:

@@ -273,7 +273,11 @@ def _posteriors_in_chunks(job: Job) -> tuple[np.ndarray, ...]:
     problem, fitted = job
     of_restarts = fitted.message_length, fitted.ratio, fitted.steps, np.zeros(len(fitted.steps))
     fits = JointFits(fitted.joint, *of_restarts, Standardisation(np.zeros(3), 1.0))
-    return tuple(point_excess(fits, cloud, bool(after)) for after, cloud in enumerate(problem.clouds))
+    restarts = range(len(fitted.steps))
+    return tuple(
+        np.stack([point_excess(fits, cloud, bool(after), restart) for restart in restarts])
+        for after, cloud in enumerate(problem.clouds)
+    )
 
 
 def one_pair(operation: str, path: Path, slots: int, number: int) -> tuple[Any, float]:

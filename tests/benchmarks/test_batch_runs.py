@@ -8,6 +8,7 @@ import pickle
 import subprocess
 import sys
 
+import jax
 import numpy as np
 import pytest
 
@@ -160,10 +161,29 @@ def test_a_row_of_the_mappings_says_whether_the_bits_are_the_same(tmp_path):
     assert rows[-1] == "| fits | 500 | 16 x 8 | 2 | one vmap | 1 s | 500 ms | 1 s | 2.00 | 2e-11 | 5 | 0.2 |"
 
 
+def test_all_mappings_compute_the_same(tmp_path):
+    """Also the library itself; of fits, which take long to compile, one restart after the other is enough."""
+    path, problems = tmp_path / "pairs.npz", mapped_work.problems_of_scenes(50, 2, 3)
+    mapped_work.save(path, problems, None)
+    mapped_work.save(path, problems, mapped_work.queue_of_restarts("fits", path, 8))
+    mapped_work.loaded.cache_clear()
+    for operation, calls in {
+        "posteriors": (mapped_work.queue_of_pairs, mapped_work.one_vmap, mapped_work.pair_after_pair_in_chunks),
+        "transport": (mapped_work.queue_of_pairs, mapped_work.one_vmap),
+    }.items():
+        answer = mapped_work.pair_after_pair(operation, path, 8)
+        for call in calls:
+            difference = batch_mapping.difference(answer, call(operation, path, 8))
+            assert difference is None or difference < 1e-10
+        one, _ = mapped_work.one_pair(operation, path, 8, 1)
+        for leaf, whole in zip(jax.tree.leaves(one), jax.tree.leaves(answer), strict=True):
+            np.testing.assert_array_equal(leaf, whole[1])
+
+
 def test_problems_come_back_as_they_were_saved(tmp_path):
     problems = mapped_work.problems_of_scenes(50, 2, 3)
-    mapped_work.save(tmp_path / "pairs.npz", problems, None)
-    back, fitted = mapped_work.loaded(tmp_path / "pairs.npz")
+    mapped_work.save(tmp_path / "problems.npz", problems, None)
+    back, fitted = mapped_work.loaded(tmp_path / "problems.npz")
     assert fitted is None
     np.testing.assert_array_equal(back.points.points.points, problems.points.points.points)
     np.testing.assert_array_equal(back.prior.noise_share, problems.prior.noise_share)
