@@ -94,7 +94,7 @@ def _cluster(threads: int, driver: Connection) -> None:
     from distributed import LocalCluster
 
     logging.disable()
-    with LocalCluster(n_workers=2, threads_per_worker=threads // 2, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=2, threads_per_worker=threads // 2, dashboard_address=None, silence_logs=50) as cluster:
         driver.send(cluster.scheduler_address)
         driver.recv()
 
