@@ -66,7 +66,7 @@ class _Bar(BatchProgress):
     def __init__(self, total: int, progress: Progress) -> None:
         super().__init__(total)
         self._progress = progress
-        self._task = progress.add_task(f"{total} pairs", total=total)
+        self._task = progress.add_task(self.text, total=total)
 
     def show(self) -> None:
         self._progress.update(self._task, description=self.text, completed=self.done + self.failed)
