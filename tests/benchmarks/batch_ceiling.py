@@ -197,7 +197,7 @@ def timed(pool: str, size: int, chunk: str, pairs: int, repeats: int) -> dict[st
             # Without end, so that the pool is full all the time.
             results = results_of(map(task, itertools.count()), opened, work, settings)
             # Until every worker has answered, and what is out has grown from one pair to whole chunks.
-            skipped = 4 * opened.capacity + 10 * CHUNKS[chunk]
+            skipped = opened.capacity + 10 * CHUNKS[chunk]
             collections.deque(itertools.islice(results, skipped), maxlen=0)
             wall, cpu, network = time.perf_counter(), time.process_time(), loopback_bytes()
             collections.deque(itertools.islice(results, pairs), maxlen=0)
