@@ -90,9 +90,12 @@ def run_memory(arguments: argparse.Namespace) -> None:
     if not arguments.draw_only:
         words = ["--workers", str(arguments.workers), "--restarts", str(arguments.restarts)]
         batch_memory.run(arguments.manifest, arguments.out, arguments.log, words, arguments.every)
-    put(arguments.page, "batch memory", batch_memory.summary(arguments.log))
+    text = batch_memory.summary(arguments.log)
     if arguments.figure:
         batch_memory.draw(arguments.log, arguments.figure)
+        beside = os.path.relpath(arguments.figure, arguments.page.parent) if arguments.page else arguments.figure
+        text += f"\n\n![Resident memory of the driver and the workers of a batch run]({beside})"
+    put(arguments.page, "batch memory", text)
 
 
 def run_ceiling(arguments: argparse.Namespace) -> None:
