@@ -120,7 +120,7 @@ def draw(log: Path, figure: Path) -> None:
     axes.axhline(ASKED, color="grey", linestyle="--", label="asked of a worker")
     axes.set(xlabel=f"pairs done, {SMALLEST:,} to {LARGEST:,} points a cloud", ylabel="GB", ylim=(0, ASKED * 1.1))
     axes.grid(alpha=0.3)
-    axes.legend(loc="lower right")
+    canvas.legend(loc="outside upper center", ncols=4)
     canvas.savefig(figure, metadata={"Date": None})
     plt.close(canvas)
 
