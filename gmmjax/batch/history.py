@@ -98,8 +98,9 @@ def object_histories(
     Raises:
         InputError: epochs that are not in the series, or an epoch that is compared with two earlier ones.
     """
-    by_epoch = _by_later_epoch(epochs, comparisons)
-    trees = epoch_trees(len(epochs), [comparison.epochs for comparison in by_epoch.values()])
+    ordered = sorted(comparisons, key=lambda one: (one.epochs.after, one.epochs.before))
+    trees = epoch_trees(epochs, [comparison.epochs for comparison in ordered])
+    by_epoch = {comparison.epochs.after: comparison for comparison in ordered}
     histories = [
         history for tree in trees if len(tree.epochs) > 1 for history in _histories(epochs, tree, by_epoch, settings)
     ]
@@ -107,21 +108,24 @@ def object_histories(
     return [dataclasses.replace(history, number=number) for number, history in enumerate(histories, 1)]
 
 
-def epoch_trees(count: int, pairs: Iterable[Pair[int]]) -> list[EpochTree]:
+def epoch_trees(epochs: Sequence[str], pairs: Iterable[Pair[int]]) -> list[EpochTree]:
     """The epochs that are connected by comparisons, each group with its first epoch.
 
     Args:
-        count: number of epochs.
-        pairs: epochs that were compared, the earlier one first; each is the later one of one pair at most.
+        epochs: their names, in the order of time.
+        pairs: indices of the epochs that were compared, the earlier one first.
+
+    Raises:
+        InputError: epochs that are not in the series, or an epoch that is compared with two earlier ones.
     """
-    parents = {pair.after: pair.before for pair in pairs}
+    parents = _parents(epochs, pairs)
     roots: dict[int, int] = {}
-    for epoch in range(count):
+    for epoch in range(len(epochs)):
         roots[epoch] = roots[parents[epoch]] if epoch in parents else epoch
     return [
         EpochTree(
             root,
-            tuple(epoch for epoch in range(count) if roots[epoch] == root),
+            tuple(epoch for epoch, own in roots.items() if own == root),
             {epoch: parent for epoch, parent in sorted(parents.items()) if roots[epoch] == root},
         )
         for root in sorted(set(roots.values()))
@@ -133,22 +137,22 @@ def object_rows(histories: Sequence[ObjectHistory]) -> list[ObjectRow]:
     return [_row(history, number, event) for history in histories for number, event in enumerate(history.events)]
 
 
-def _by_later_epoch(epochs: Sequence[str], comparisons: Iterable[Comparison]) -> dict[int, Comparison]:
-    found: dict[int, Comparison] = {}
-    for comparison in sorted(comparisons, key=lambda one: (one.epochs.after, one.epochs.before)):
-        before, after = comparison.epochs
+def _parents(epochs: Sequence[str], pairs: Iterable[Pair[int]]) -> dict[int, int]:
+    """The earlier epoch that each one was compared with."""
+    parents: dict[int, int] = {}
+    for before, after in pairs:
         if not 0 <= before < after < len(epochs):
             raise InputError(
                 f"comparisons: {before} and {after} are not the indices of an earlier and a later one of "
                 f"{len(epochs)} epochs"
             )
-        if after in found:
+        if after in parents:
             raise InputError(
-                f"comparisons: epoch {epochs[after]!r} is compared with {epochs[found[after].epochs.before]!r} and "
-                f"with {epochs[before]!r}; give one comparison of each epoch with an earlier one"
+                f"comparisons: epoch {epochs[after]!r} is compared with {epochs[parents[after]]!r} and with "
+                f"{epochs[before]!r}; give one comparison of each epoch with an earlier one"
             )
-        found[after] = comparison
-    return found
+        parents[after] = before
+    return parents
 
 
 def _histories(

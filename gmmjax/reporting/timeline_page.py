@@ -10,6 +10,7 @@ from urllib.parse import quote
 
 from gmmjax.batch import EpochTree, EventKind, ObjectEvent, ObjectHistory, epoch_trees
 from gmmjax.changes import Kind
+from gmmjax.errors import check_choice
 from gmmjax.pair import Pair
 from gmmjax.reporting.html_report import CONTENT_POLICY
 from gmmjax.reporting.page_parts import asset
@@ -84,10 +85,14 @@ def timeline_html(
 
     Returns:
         HTML. Names are text in it, whatever they hold.
+
+    Raises:
+        InputError: an unknown `against`, or pairs that are not of these epochs.
     """
     from gmmjax import __version__
 
-    trees = epoch_trees(len(epochs), [Pair(*pair) for pair in pair_names])
+    check_choice("against", against, ("previous", "first"))
+    trees = epoch_trees(epochs, [Pair(*pair) for pair in pair_names])
     body = _no_objects(epochs, trees)
     if histories:
         body = _objects(epochs, histories, trees, pair_names, settings)

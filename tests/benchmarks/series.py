@@ -3,7 +3,7 @@
 Each series is a room that a depth camera surveys again and again, in which things come, move and go. Every survey has
 noise of its own and is misregistered by up to 15 mm and 0.4 degrees. Each epoch is compared with the one before, and
 with the first one. A history is exactly right when the same events happen to the same thing in the same epochs.
-`--lost 5` takes up to 5 of its 16 frames from each survey, one after the other, so that parts are not observed.
+`--lost 12` takes up to 12 of its 16 frames from each survey, one after the other, so that parts are not observed.
 
 `--page timeline.html` writes the time line of a series of eight epochs instead, the fifth of which is missing.
 """

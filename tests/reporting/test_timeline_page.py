@@ -8,6 +8,7 @@ import pytest
 
 from gmmjax.batch import ObjectEvent, ObjectHistory
 from gmmjax.changes import Box
+from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 from gmmjax.reporting import timeline_html
 from gmmjax.reporting.plan_view import plan_svg
@@ -207,6 +208,13 @@ def test_hostile_names_are_text_and_links_are_encoded():
     (link,) = links
     assert re.fullmatch(r"pairs/[\w.%~-]+/report\.html", link)
     assert unquote(link) == f"pairs/{HOSTILE}/report.html"
+
+
+def test_bad_input():
+    with pytest.raises(InputError, match="against='last' is unknown; choose from previous, first"):
+        page_of(against="last")
+    with pytest.raises(InputError, match="4 and 5 are not the indices"):
+        page_of(names={(4, 5): "x"})
 
 
 def test_many_epochs_and_objects_stay_small():
