@@ -9,7 +9,7 @@ from typing import Any
 
 from gmmjax._cores import available_cores
 from gmmjax.batch.driver import results_of
-from gmmjax.batch.pools import AbstractPool, ClusterPool, ExecutorPool, local_pool
+from gmmjax.batch.pools import AbstractPool, ClusterPool, ExecutorPool, check_workers, local_pool
 from gmmjax.batch.rows import ChangeRow, PairRow
 from gmmjax.batch.run_folder import RunFolder, RunRecord, Shard, recorded, run_folder, with_kept_fits
 from gmmjax.batch.scan_pair import BatchPair, check_distinct
@@ -119,14 +119,13 @@ def detect_many(
     if out is not None or isinstance(pairs, Sequence):
         pairs = list(pairs)
         check_distinct([pair.name for pair in pairs], "pairs")
-    count = len(pairs) if isinstance(pairs, list) else None
-    pool = _pool(workers, scheduler, executor, capacity, count)
+    place = _Place(check_workers(workers), scheduler, executor, capacity, send)
     if out is None:
-        tasks = (settings.task(pair, None) for pair in pairs)
-        return _computed(tasks, pool, settings, None, send=False)
+        count = len(pairs) if isinstance(pairs, list) else None
+        return _computed((settings.task(pair, None) for pair in pairs), place, settings, None, count)
     assert isinstance(pairs, list)
     record = record or RunRecord.of([pair.name for pair in pairs], settings.config)
-    return _in_folder(pairs, Path(os.path.abspath(out)), record, shard, pool, settings, send=send)
+    return _in_folder(pairs, Path(os.path.abspath(out)), record, shard, place, settings)
 
 
 def _check_until_stable(until_stable: float | None, config: DetectionConfig) -> None:
@@ -157,14 +156,23 @@ class _BatchSettings:
         return PairTask(placed, config, self.until_stable, place, self.save)
 
 
-def _pool(
-    workers: int | None, scheduler: str | None, executor: Executor | None, capacity: int | None, pairs: int | None
-) -> AbstractPool:
-    if scheduler is not None:
-        return ClusterPool(scheduler)
-    if executor is not None:
-        return ExecutorPool(executor, capacity or 2 * (workers or available_cores()))
-    return local_pool(workers, pairs)
+@dataclasses.dataclass(frozen=True)
+class _Place:
+    """Where pairs are computed. Its pool is made when there is something to compute."""
+
+    workers: int | None
+    scheduler: str | None
+    executor: Executor | None
+    capacity: int | None
+    send: bool
+
+    def pool(self, pairs: int | None) -> AbstractPool:
+        """The pool for so many pairs; None: it is not known how many."""
+        if self.scheduler is not None:
+            return ClusterPool(self.scheduler)
+        if self.executor is not None:
+            return ExecutorPool(self.executor, self.capacity or 2 * (self.workers or available_cores()))
+        return local_pool(self.workers, pairs)
 
 
 def _in_folder(
@@ -172,10 +180,8 @@ def _in_folder(
     out: Path,
     record: RunRecord,
     shard: Shard | None,
-    pool: AbstractPool,
+    place: _Place,
     settings: _BatchSettings,
-    *,
-    send: bool,
 ) -> Generator[BatchResult, None, None]:
     """What is there already, and then what is computed, largest first: like sizes meet the same compiled programs."""
     folder = run_folder(out)
@@ -191,16 +197,16 @@ def _in_folder(
                 folder.clear_error(pair.name)
                 yield BatchResult(pair.name, known.pair, known.changes, task.folder, reused=True)
         waiting.sort(key=_size, reverse=True)
-        yield from _computed(map(with_kept_fits, waiting), pool, settings, folder, send=send)
+        if waiting:
+            yield from _computed(map(with_kept_fits, waiting), place, settings, folder, len(waiting))
 
 
 def _computed(
     tasks: Iterator[PairTask],
-    pool: AbstractPool,
+    place: _Place,
     settings: _BatchSettings,
     folder: RunFolder | None,
-    *,
-    send: bool,
+    count: int | None,
 ) -> Generator[BatchResult, None, None]:
     known: dict[str, PairTask] = {}
 
@@ -211,8 +217,8 @@ def _computed(
             known[task.pair.name] = task
             yield task
 
-    results = sent_results(remembered(tasks), pool) if send else results_of(remembered(tasks), pool)
-    for result in results:
+    results = sent_results if place.send else results_of
+    for result in results(remembered(tasks), place.pool(count)):
         task = known[result.name]
         # Without the clouds, which may be in memory: only the name must not come again.
         known[result.name] = dataclasses.replace(task, pair=BatchPair(result.name, "", ""))

@@ -22,8 +22,6 @@ DELIMITERS: Mapping[str, str] = {".csv": ",", ".tsv": "\t", ".tab": "\t"}
 JSON_LINES = (".jsonl", ".ndjson")
 # Settings that a line may have.
 SETTING_NAMES = tuple(field.name for field in dataclasses.fields(DetectionConfig))
-# Names listed in a message.
-LISTED = 10
 # The views beside the clouds in a folder, as `extract` writes them and as the options are called.
 VIEWS = ("{side}_views", "views_{side}")
 
@@ -107,19 +105,20 @@ def read_entries(path: Path, required: Sequence[str], known: Iterable[str]) -> l
     return entries
 
 
-def check_files(path: Path, files: Mapping[str, Path]) -> None:
+def check_files(path: Path, files: Mapping[str, Path], most: int = 10) -> None:
     """Checks that all files of a manifest are there.
 
     Args:
         path: of the manifest.
         files: by what each is.
+        most: of them that a message lists; the others are counted.
 
     Raises:
         InputError: some are not; it lists them.
     """
     absent = [f"{what} {file}" for what, file in files.items() if not file.is_file()]
     if absent:
-        listed = "; ".join(absent[:LISTED]) + (f"; and {len(absent) - LISTED} more" if len(absent) > LISTED else "")
+        listed = "; ".join(absent[:most]) + (f"; and {len(absent) - most} more" if len(absent) > most else "")
         raise InputError(f"{path}: {len(absent)} of its {len(files)} files do not exist: {listed}")
 
 

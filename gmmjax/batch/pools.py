@@ -131,8 +131,18 @@ class ExecutorPool(AbstractPool):
         self._running: set[Future[Any]] = set()
 
     def submit(self, function: Any, *arguments: Any) -> "Future[Any]":
-        """Hands a call over; see `AbstractPool`."""
-        future = self._executor.submit(_call, function, arguments)
+        """Hands a call over; see `AbstractPool`.
+
+        Raises:
+            ComputationError: the executor takes no calls any more.
+        """
+        try:
+            future = self._executor.submit(_call, function, arguments)
+        except RuntimeError as error:
+            reason = one_line(error)
+            raise ComputationError(
+                f"the executor takes no more work ({reason}); what is done is kept: start again with a new one"
+            ) from error
         self._running.add(future)
         future.add_done_callback(self._running.discard)
         return future
@@ -202,14 +212,24 @@ def local_pool(workers: int | None, pairs: int | None = None) -> LocalPool:
         workers: number of processes; None: one a core.
         pairs: number of pairs, where it is known: there are no more processes than pairs, each with more cores.
 
+    """
+    cores = available_cores()
+    count = workers or max(1, cores if pairs is None else min(cores, pairs))
+    return LocalPool(count, max(1, cores // count))
+
+
+def check_workers(workers: int | None) -> int | None:
+    """The number of processes that was asked for.
+
+    Args:
+        workers: None: one a core.
+
     Raises:
         InputError: no process at all.
     """
     if workers is not None and workers < 1:
         raise InputError(f"workers={workers} must be at least 1")
-    cores = available_cores()
-    count = max(1, min(workers or cores, cores if pairs is None else pairs) if workers is None else workers)
-    return LocalPool(count, max(1, cores // count))
+    return workers
 
 
 def _connected(address: str) -> "Client":
@@ -218,7 +238,7 @@ def _connected(address: str) -> "Client":
     except ImportError as error:
         raise InputError("a scheduler needs Dask; install it with: pip install 'gmmjax[cluster]'") from error
     try:
-        return Client(address, timeout=10, set_as_default=False)
+        return Client(address, timeout=5, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(
             f"scheduler {address}: cannot be reached ({one_line(error)}); check address and network"

@@ -11,6 +11,7 @@ from gmmjax import __version__
 from gmmjax.batch.fingerprint import fingerprint_of_memory
 from gmmjax.batch.pair_record import PAIR_FILE, PairRecord
 from gmmjax.batch.rows import PairRow
+from gmmjax.batch.scan_pair import check_name
 from gmmjax.batch.worker import FITS_FILE, PairTask
 from gmmjax.changes import DetectionConfig
 from gmmjax.clouds import FolderKind, atomic_write, check_output_folder, locked_file, read_json_record
@@ -222,6 +223,8 @@ class RunRecord:
         content = read_json_record(path, RUN_SCHEMA, remedy)
         try:
             names, epochs = tuple(map(str, content["pairs"])), tuple(map(str, content["epochs"]))
+            for name in names:
+                check_name(name)
             return cls(names, dict(content["settings"]), content["series"], epochs, str(content["version"]))
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"{path}: is not the record of a run ({one_line(error)}); {remedy}") from error

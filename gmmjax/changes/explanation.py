@@ -34,7 +34,7 @@ class Contribution:
 
     def to_dict(self) -> dict[str, Any]:
         """The contribution as plain values."""
-        return dataclasses.asdict(self)
+        return dict(vars(self))
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "Contribution":

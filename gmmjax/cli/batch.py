@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from gmmjax.reporting.batch_progress import BatchProgress
 
 Against = Literal["previous", "first"]
-# Probabilities that change by less are the same to a reader, who sees whole percents.
-SETTLED = 0.01
 SERIES_FILES = {
     "timeline.html": "open it in a browser: when each object came, moved and went",
     "objects.csv": "a row for each event of an object; objects.parquet is the same",
@@ -54,6 +52,7 @@ def batch(
     merge: bool = False,
     series: Annotated[Against | None, tyro.conf.arg(metavar="{previous,first}")] = None,
     until_stable: bool = False,
+    stable_within: Annotated[float, tyro.conf.arg(metavar="P")] = 0.01,
     fail_fast: bool = False,
     overwrite: bool = False,
     quiet: bool = False,
@@ -79,8 +78,9 @@ def batch(
         merge: compute nothing; write tables and page of what is in the folder, such as after all shards.
         series: the manifest has the epochs of one place, in their order: name, cloud, and where known views. Each is
             compared with its predecessor or with the first one, and the changes are linked into objects with a history.
-        until_stable: of each pair, stop when doubling the restarts changes no probability by 1 % or more; --restarts is
-            then the most.
+        until_stable: of each pair, stop when doubling the restarts changes no probability by --stable-within or more;
+            --restarts is then the most.
+        stable_within: difference of probabilities that no reader would see, who reads whole percents.
         fail_fast: stop at the first pair that fails.
         overwrite: replace the results of a run with other settings in the folder.
         quiet: print nothing but errors.
@@ -98,7 +98,7 @@ def batch(
     options: dict[str, Any] = {
         "out": out,
         "config": detection,
-        "until_stable": SETTLED if until_stable else None,
+        "until_stable": stable_within if until_stable else None,
         "workers": workers,
         "scheduler": scheduler,
         "send": send,

@@ -1,5 +1,6 @@
 """How far a batch run has got, on standard error: a bar on a terminal, a line now and then in a log."""
 
+import math
 import sys
 import time
 from collections.abc import Iterator
@@ -7,9 +8,6 @@ from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
-
-# Between two lines in a log.
-SECONDS_BETWEEN_LINES = 30.0
 
 
 class BatchProgress:
@@ -68,28 +66,31 @@ class _Bar(BatchProgress):
     def __init__(self, total: int, progress: Progress) -> None:
         super().__init__(total)
         self._progress = progress
-        self._task = progress.add_task(f"{total} pairs", total=total)
+        self._task = progress.add_task(self.text, total=total)
 
     def show(self) -> None:
         self._progress.update(self._task, description=self.text, completed=self.done + self.failed)
 
 
 class _Lines(BatchProgress):
-    _latest = 0.0
+    def __init__(self, total: int, every: float) -> None:
+        super().__init__(total)
+        self._every, self._latest = every, -math.inf
 
     def show(self) -> None:
-        if time.monotonic() - self._latest > SECONDS_BETWEEN_LINES or self.done + self.failed == self.total:
+        if time.monotonic() - self._latest > self._every or self.done + self.failed == self.total:
             self._latest = time.monotonic()
             print(f"gmmjax: {self.text}", file=sys.stderr, flush=True)
 
 
 @contextmanager
-def batch_progress(total: int, *, quiet: bool = False) -> Iterator[BatchProgress]:
+def batch_progress(total: int, *, quiet: bool = False, every: float = 30.0) -> Iterator[BatchProgress]:
     """Shows how far a run has got while the block runs.
 
     Args:
         total: pairs of the run.
         quiet: show nothing.
+        every: seconds between two lines in a log.
 
     Yields:
         What counts the pairs.
@@ -98,7 +99,7 @@ def batch_progress(total: int, *, quiet: bool = False) -> Iterator[BatchProgress
     if quiet:
         yield BatchProgress(total)
     elif not console.is_terminal:
-        yield _Lines(total)
+        yield _Lines(total, every)
     else:
         columns = SpinnerColumn(), BarColumn(20), TextColumn("{task.description}")
         with Progress(*columns, console=console, transient=True) as progress:

@@ -121,7 +121,7 @@ def test_a_scheduler_that_goes_is_said_and_the_run_goes_on_later(pairs, local, t
     assert contents(folder) == local
 
 
-def test_nobody_at_the_address():
+def test_nobody_at_the_address(pairs):
     pytest.importorskip("distributed")
     with pytest.raises(InputError, match=r"scheduler tcp://127.0.0.1:9: cannot be reached .* check address"):
-        detect_many([], scheduler="tcp://127.0.0.1:9")
+        list(detect_many(pairs, scheduler="tcp://127.0.0.1:9"))

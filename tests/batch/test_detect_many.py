@@ -217,6 +217,10 @@ def test_a_damaged_record_of_the_run(scans, copy):
     (copy / "run.json").write_text("{")
     with pytest.raises(InputError, match=r"run\.json: is not JSON"):
         detect(scans, copy)
+    climbing = {"schema_version": 1, "pairs": ["../x"], "settings": {}, "series": None, "epochs": [], "version": "1"}
+    (copy / "run.json").write_text(json.dumps(climbing))
+    with pytest.raises(InputError, match=r"run\.json: is not the record of a run \(name='../x' must not have slashes"):
+        detect(scans, copy)
     assert computed(detect(scans, copy, overwrite=True)) == []
 
 

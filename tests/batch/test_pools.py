@@ -2,12 +2,13 @@
 
 import os
 import time
-from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
 
 import pytest
 
-from gmmjax.batch.pools import ExecutorPool, LocalPool, died, local_pool
-from gmmjax.errors import InputError
+from gmmjax.batch.pools import ExecutorPool, LocalPool, check_workers, died, local_pool
+from gmmjax.errors import ComputationError, InputError
 from tests.batch.runs import is_alive, kill, wait_for
 
 
@@ -56,7 +57,7 @@ def test_there_are_no_more_workers_than_pairs():
     assert local_pool(None, 1).capacity == 1
     assert local_pool(3, 100).capacity == 3
     with pytest.raises(InputError, match="workers=0 must be at least 1"):
-        local_pool(0)
+        check_workers(0)
 
 
 def test_a_foreign_executor_computes_and_is_not_ended():
@@ -65,3 +66,12 @@ def test_a_foreign_executor_computes_and_is_not_ended():
         assert pool.submit(divmod, 7, 2).result() == (3, 1)
         pool.stop(at_once=True)
         assert executor.submit(divmod, 7, 2).result() == (3, 1)
+
+
+def test_a_foreign_executor_that_is_broken_is_said():
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
+        pool = ExecutorPool(executor, 4)
+        with pytest.raises(BrokenExecutor):
+            pool.submit(os._exit, 1).result()
+        with pytest.raises(ComputationError, match="the executor takes no more work"):
+            pool.submit(divmod, 7, 2)
