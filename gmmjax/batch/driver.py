@@ -3,7 +3,8 @@
 import dataclasses
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import Future
+from queue import SimpleQueue
 from typing import Any, TypeAlias
 
 from gmmjax.batch.pools import AbstractPool, died
@@ -67,14 +68,13 @@ class _Driver:
         self._again: deque[PairTask] = deque()
         self._suspects: deque[PairTask] = deque()
         self._running: dict[Future[Any], Chunk] = {}
+        self._done: SimpleQueue[Future[Any]] = SimpleQueue()
         self._alone: PairTask | None = None
         self._seconds_of_pair = settings.chunk_seconds
 
     def results(self) -> Iterator[PairResult]:
         while self._fill():
-            done, _ = wait(self._running, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield from self._finished(future)
+            yield from self._finished(self._done.get())
 
     def _fill(self) -> bool:
         """Hands out chunks while there is room; whether anything is being computed."""
@@ -96,7 +96,10 @@ class _Driver:
         return tuple(chunk)
 
     def _submit(self, chunk: Chunk) -> None:
-        self._running[self._pool.submit(self._work, chunk)] = chunk
+        future = self._pool.submit(self._work, chunk)
+        self._running[future] = chunk
+        # Each tells that it is done: to look through all of them would take longer the more workers there are.
+        future.add_done_callback(self._done.put)
 
     def _finished(self, future: "Future[Any]") -> Iterator[PairResult]:
         chunk = self._running.pop(future)

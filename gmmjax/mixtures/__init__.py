@@ -15,6 +15,7 @@ from gmmjax.mixtures.criteria import akaike_information_criterion as akaike_info
 from gmmjax.mixtures.criteria import bayesian_information_criterion as bayesian_information_criterion
 from gmmjax.mixtures.criteria import message_length as message_length
 from gmmjax.mixtures.criteria import minimum_description_length as minimum_description_length
+from gmmjax.mixtures.expectation_maximisation import POINTS_OF_PRODUCT as POINTS_OF_PRODUCT
 from gmmjax.mixtures.expectation_maximisation import FeatureChunks as FeatureChunks
 from gmmjax.mixtures.expectation_maximisation import Moments as Moments
 from gmmjax.mixtures.expectation_maximisation import annihilating_maximisation as annihilating_maximisation

@@ -18,8 +18,8 @@ from gmmjax.mixtures.quadratic import coefficients, quadratic_features, split_fe
 from gmmjax.mixtures.weighted_points import WeightedPoints
 from gmmjax.native import native_or
 
-# Points a pass: products so small are computed by one thread, without waiting for others.
-CHUNK = 512
+# Points of a matrix product: XLA computes products so small by one thread, without waiting for others.
+POINTS_OF_PRODUCT = 512
 # The weight, in observations, of a component that is too weak but may not die yet.
 WAITING_WEIGHT = 0.5
 
@@ -45,10 +45,10 @@ class FeatureChunks(eqx.Module):
 
     @classmethod
     def of(cls, points: WeightedPoints) -> "FeatureChunks":
-        """Chunks of at most `CHUNK` points; the last is filled up with mass 0."""
+        """Chunks of at most `POINTS_OF_PRODUCT` points; the last is filled up with mass 0."""
         size, dimension = points.points.shape
-        chunks = -(-size // CHUNK)
-        padding = chunks * min(size, CHUNK) - size
+        chunks = -(-size // POINTS_OF_PRODUCT)
+        padding = chunks * min(size, POINTS_OF_PRODUCT) - size
         coordinates = jnp.pad(jnp.asarray(points.points), ((0, padding), (0, 0)))
         mass = jnp.pad(jnp.asarray(points.mass), (0, padding)).reshape(chunks, -1)
         features = jax.vmap(quadratic_features)(coordinates.reshape(chunks, -1, dimension))

@@ -1,6 +1,7 @@
 """The report: one HTML file that needs nothing else, not even a network."""
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import PurePath
@@ -41,8 +42,6 @@ def report_html(before: PointCloud, after: PointCloud, changes: Changes, title: 
     Returns:
         HTML, with plotly.js inside.
     """
-    from plotly.offline import get_plotlyjs
-
     names = _name(before, "before"), _name(after, "after")
     after = dataclasses.replace(after, points=changes.registration.apply(after.points))
     return f"""<!doctype html>
@@ -62,11 +61,19 @@ def report_html(before: PointCloud, after: PointCloud, changes: Changes, title: 
 {rejected_section(changes, strongest_log_odds(changes))}{_details(changes)}
 </main>
 <script type="application/json" id="scene">{script_json(scene_views(before, after, changes))}</script>
-<script>{get_plotlyjs()}</script>
+<script>{_plotly()}</script>
 <script>{asset("report.js")}</script>
 </body>
 </html>
 """
+
+
+@functools.cache
+def _plotly() -> str:
+    """plotly.js, 5 MB: read once by a process that writes many reports."""
+    from plotly.offline import get_plotlyjs
+
+    return str(get_plotlyjs())
 
 
 def _header(names: tuple[str, str], changes: Changes, title: str | None) -> str:

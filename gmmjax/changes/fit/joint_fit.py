@@ -17,11 +17,20 @@ from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, fit_joint_mixt
 from gmmjax.changes.fit.restart_fits import mixture_arrays, mixture_of, of_restarts, status_array, status_of
 from gmmjax.clouds import canonical_order, morton_order
 from gmmjax.errors import ComputationError
-from gmmjax.mixtures import Annihilated, FitSettings, FitStatus, GaussianMixture, Prior, Standardisation, map_on_cores
+from gmmjax.mixtures import (
+    POINTS_OF_PRODUCT,
+    Annihilated,
+    FitSettings,
+    FitStatus,
+    GaussianMixture,
+    Prior,
+    Standardisation,
+    map_on_cores,
+)
 from gmmjax.transport import earth_movers_distance
 
-# Points whose posterior is computed in one pass: one compiled shape for clouds of every size.
-CHUNK = 8192
+# Points whose posterior is computed in one pass: one compiled shape for clouds of every size, which the caches hold.
+CHUNK = 2048
 
 
 class FramedPoints(NamedTuple):
@@ -231,15 +240,28 @@ def _in_chunks(function: Callable[..., tuple[Array, ...]], fits: JointFits, poin
 def _chunk_points(
     joint: JointMixture, ratio: Float[Array, ""], chunk: Float[Array, "c 3"], *, after: bool
 ) -> tuple[Float[Array, " c"]]:
-    return (point_posterior(joint, ratio, chunk, after),)
+    return (_in_products(lambda points: point_posterior(joint, ratio, points, after), chunk),)
 
 
 @kept_jit
 def _chunk_components(
     joint: JointMixture, ratio: Float[Array, ""], chunk: Float[Array, "c 3"], *, after: bool
 ) -> tuple[Float[Array, " c"], Int[Array, " c"]]:
-    changed = component_posterior(joint, ratio, chunk, after)
-    return jnp.sum(changed, axis=0), jnp.argmax(changed, axis=0).astype(jnp.int32)
+    def of_points(points: Array) -> tuple[Array, Array]:
+        changed = component_posterior(joint, ratio, points, after)
+        return jnp.sum(changed, axis=0), jnp.argmax(changed, axis=0).astype(jnp.int32)
+
+    changed: tuple[Array, Array] = _in_products(of_points, chunk)
+    return changed
+
+
+def _in_products(function: Callable[[Array], Any], chunk: Float[Array, "c 3"]) -> Any:
+    """The function's values for all points, for so many at a time that XLA has one thread for their matrix products.
+
+    Shared out over threads, the last bits of a product would depend on the number of cores.
+    """
+    values = jax.lax.map(function, chunk.reshape(-1, POINTS_OF_PRODUCT, chunk.shape[1]))
+    return jax.tree.map(jnp.ravel, values)
 
 
 def subsample(points: SourcedPoints, size: int, seed: list[int], restart: int) -> SourcedPoints:

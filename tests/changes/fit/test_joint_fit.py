@@ -1,3 +1,7 @@
+import os
+import subprocess
+import sys
+
 import jax
 import numpy as np
 import pytest
@@ -21,6 +25,22 @@ SETTINGS = FitSettings(patience=0.05)
 PRIOR = joint_prior(1e-3, 0.0)
 # Of the Gaussians of `sourced`; the last one is new.
 CENTRES = np.array([[0.0, 0, 0], [3, 0, 0], [0, 3, 0]])
+
+# A posterior in a process of its own, because XLA starts its threads once. Prints its hash.
+OF_THREADS = """
+import hashlib
+import numpy as np
+from gmmjax.changes.fit.joint_fit import JointFits, component_excess
+from gmmjax.changes.fit.joint_mixture import JointMixture
+from gmmjax.mixtures import GaussianMixture, Standardisation
+random = np.random.default_rng(0)
+mixture = GaussianMixture(np.full((1, 25), 0.04), random.normal(size=(1, 25, 3)), np.tile(np.eye(3), (1, 25, 1, 1)),
+    np.ones((1, 25), bool))
+joint = JointMixture(mixture, random.uniform(0.1, 0.9, (1, 25)), np.full(1, 0.02), np.full(1, -3.0))
+fits = JointFits(joint, np.zeros(1), np.ones(1), np.zeros(1, int), np.zeros(1), Standardisation(np.zeros(3), 1.0))
+posterior, slots = component_excess(fits, random.normal(size=(9000, 3)), True, 0)
+print(hashlib.sha256(posterior.tobytes() + slots.tobytes()).hexdigest())
+"""
 
 
 def sourced(size, seed=0):
@@ -101,6 +121,18 @@ def test_points_of_further_chunks_are_judged_like_those_of_the_first(found):
     many = np.resize(CENTRES, (CHUNK + 4, 3))
     np.testing.assert_array_equal(point_excess(found, many, True, 0)[-3:], point_excess(found, many[-3:], True, 0))
     assert point_excess(found, many[:0], True, 0).shape == (0,)
+
+
+def test_the_number_of_threads_changes_no_bit():
+    """A pair has the same result by a worker of one core as by one of several."""
+    hashes = set()
+    for threads in ("1", "4"):
+        environment = {**os.environ, "NPROC": threads}
+        done = subprocess.run(
+            [sys.executable, "-c", OF_THREADS], env=environment, capture_output=True, text=True, check=True
+        )
+        hashes.add(done.stdout)
+    assert len(hashes) == 1
 
 
 def test_the_order_of_the_points_changes_nothing(found):
