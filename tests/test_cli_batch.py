@@ -19,7 +19,7 @@ def scans(tmp_path_factory):
 @pytest.fixture(scope="module")
 def done(scans, tmp_path_factory):
     folder = tmp_path_factory.mktemp("run") / "run"
-    return run(scans, "--out", folder, *FLAGS), folder
+    return run(scans, "--out", folder, "--workers", "1", *FLAGS), folder
 
 
 def test_it_says_what_changed_and_where_the_files_are(done):
@@ -59,21 +59,21 @@ def test_it_writes_what_it_says(done):
 
 def test_a_second_time_there_is_nothing_to_do(scans, done):
     _, folder = done
-    again = run(scans, "--out", folder, *FLAGS)
+    again = run(scans, "--out", folder, "--workers", "1", *FLAGS)
     assert again.returncode == 0
     assert again.stdout == done[0].stdout
 
 
 def test_shards_are_merged(scans, tmp_path):
     folder = tmp_path / "my run"
-    first = run(scans, "--out", folder, "--shard", "1/2", *FLAGS)
+    first = run(scans, "--out", folder, "--shard", "1/2", "--workers", "1", *FLAGS)
     assert first.returncode == 0
     assert "2 of 2 done; when all shards are: gmmjax batch --merge --out '" in first.stdout
     assert not (folder / "pairs.csv").exists()
     merged = run("--merge", "--out", folder)
     assert merged.returncode == 1
     assert merged.stdout.splitlines()[0] == "2 of 3 pairs done, 1 missing; 2 with changes"
-    run(scans, "--out", folder, "--shard", "2/2", *FLAGS)
+    run(scans, "--out", folder, "--shard", "2/2", "--workers", "1", *FLAGS)
     merged = run("--merge", "--out", folder)
     assert merged.returncode == 0
     assert merged.stdout.splitlines()[0] == "3 pairs done; 3 with changes"
@@ -82,7 +82,7 @@ def test_shards_are_merged(scans, tmp_path):
 def test_a_series_has_a_time_line(scans, tmp_path):
     manifest = scans.with_name("epochs.csv")
     manifest.write_text("name,cloud\nMonday,before0.ply\nTuesday,after0.ply\n")
-    result = run(manifest, "--out", tmp_path / "run", "--series", "previous", *FLAGS)
+    result = run(manifest, "--out", tmp_path / "run", "--series", "previous", "--workers", "1", *FLAGS)
     assert result.returncode == 0, result.stderr
     assert result.stdout.splitlines()[0] == "2 epochs, 1 object: 1 came"
     assert {"timeline.html", "objects.csv", "objects.parquet"} <= set(os.listdir(tmp_path / "run"))
@@ -94,7 +94,7 @@ def test_a_pair_that_fails_is_listed(scans, tmp_path):
     manifest = scans.with_name("bad.csv")
     manifest.write_text("name,before,after\n[red]bad[/red],bad.ply,after1.ply\ngood,before0.ply,after0.ply\n")
     manifest.write_text(manifest.read_text().replace("[/red]", "[red]"))
-    result = run(manifest, "--out", tmp_path / "run", *FLAGS)
+    result = run(manifest, "--out", tmp_path / "run", "--workers", "1", *FLAGS)
     assert result.returncode == 1
     assert result.stdout.startswith("1 of 2 pairs done, 1 failed; 1 with changes")
     assert re.search(r"  \[red\]bad\[red\]: .*bad\.ply: is no PLY file", result.stdout)

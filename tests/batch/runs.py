@@ -1,11 +1,15 @@
 """Small runs for the tests: a manifest of Gaussian scenes on disk, and what a run left."""
 
+import atexit
 import csv
+import functools
 import os
 import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -48,14 +52,23 @@ def environment():
     return {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)}
 
 
-def run(*words, **options):
-    return subprocess.run(command(*words), env=environment(), capture_output=True, text=True, timeout=300, **options)
+def run(*words, before=()):
+    words = [*before, *command(*words)]
+    return subprocess.run(words, env=environment(), capture_output=True, text=True, timeout=300)
 
 
-def start(*words, **options):
+def start(*words):
     return subprocess.Popen(
-        command(*words), env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
+        command(*words), env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
+
+
+@functools.cache
+def worker():
+    """One process for many runs: starting one takes longer than what it has to do."""
+    executor = ProcessPoolExecutor(1, mp_context=get_context("spawn"))
+    atexit.register(executor.shutdown)
+    return executor
 
 
 def workers_of(process):

@@ -12,7 +12,7 @@ from gmmjax.batch import BatchPair, Shard, detect_many, read_manifest, run_folde
 from gmmjax.changes import DetectionConfig, RestartFits
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.errors import ComputationError, InputError
-from tests.batch.runs import SETTINGS, cloud, contents, write_manifest
+from tests.batch.runs import SETTINGS, cloud, contents, worker, write_manifest
 
 CONFIG = DetectionConfig(**SETTINGS)
 
@@ -36,7 +36,7 @@ def copy(finished, tmp_path):
 
 
 def detect(scans, folder, config=CONFIG, **options):
-    return list(detect_many(read_manifest(scans, config), out=folder, config=config, workers=1, **options))
+    return list(detect_many(read_manifest(scans, config), out=folder, config=config, executor=worker(), **options))
 
 
 def computed(results):
@@ -49,7 +49,7 @@ def record(folder, name="pair 0"):
 
 def test_results_are_those_of_single_detections():
     pairs = [BatchPair("x", cloud(0, 4), cloud(1)), BatchPair("y", cloud(2), cloud(3, 4))]
-    results = {result.name: result for result in detect_many(iter(pairs), config=CONFIG, workers=1)}
+    results = {result.name: result for result in detect_many(iter(pairs), config=CONFIG, executor=worker())}
     for pair in pairs:
         expected = detect_changes(pair.before, pair.after, config=CONFIG).to_dict()
         found = results[pair.name].changes().to_dict()
@@ -97,7 +97,7 @@ def test_other_settings_need_overwrite(scans, copy):
 def test_settings_of_one_pair(scans, copy):
     pairs = read_manifest(scans, CONFIG)
     pairs[1] = dataclasses.replace(pairs[1], config=dataclasses.replace(CONFIG, seed=7))
-    assert computed(detect_many(pairs, out=copy, config=CONFIG, workers=1)) == ["pair 1"]
+    assert computed(detect_many(pairs, out=copy, config=CONFIG, executor=worker())) == ["pair 1"]
 
 
 def test_another_version_is_computed_again(scans, copy):
@@ -178,14 +178,16 @@ def test_what_is_wrong_with_a_shard():
 
 def test_a_bad_pair_stops_no_other(scans, tmp_path):
     pairs = [*read_manifest(scans, CONFIG)[:1], BatchPair("flat", np.zeros((20, 3)), cloud(1))]
-    results = {result.name: result for result in detect_many(pairs, out=tmp_path / "run", config=CONFIG, workers=1)}
+    results = {
+        result.name: result for result in detect_many(pairs, out=tmp_path / "run", config=CONFIG, executor=worker())
+    }
     assert results["pair 0"].done and not results["flat"].done
     assert "before" in results["flat"].pair.error
     with pytest.raises(ComputationError, match="pair flat: failed"):
         results["flat"].changes()
     assert run_folder(tmp_path / "run").failed("flat").error == results["flat"].pair.error
     with pytest.raises(ComputationError, match="pair flat: before"):
-        list(detect_many(pairs, config=CONFIG, workers=1, fail_fast=True))
+        list(detect_many(pairs, config=CONFIG, executor=worker(), fail_fast=True))
 
 
 def test_clouds_in_memory_with_views_are_kept_and_known_again(tmp_path):
@@ -193,9 +195,9 @@ def test_clouds_in_memory_with_views_are_kept_and_known_again(tmp_path):
     before = PointCloud.from_rows(cloud(0, 4), source="left")
     pair = BatchPair("x", before, cloud(1), views_before=views)
     for expected in (["x"], []):
-        assert computed(detect_many([pair], out=tmp_path / "run", config=CONFIG, workers=1)) == expected
+        assert computed(detect_many([pair], out=tmp_path / "run", config=CONFIG, executor=worker())) == expected
     other = dataclasses.replace(pair, views_before=SensorViews(np.eye(4)[None], (170.0, 170.0), 40.0))
-    assert computed(detect_many([other], out=tmp_path / "run", config=CONFIG, workers=1)) == ["x"]
+    assert computed(detect_many([other], out=tmp_path / "run", config=CONFIG, executor=worker())) == ["x"]
 
 
 def test_names_that_are_there_twice():
@@ -203,7 +205,7 @@ def test_names_that_are_there_twice():
     with pytest.raises(InputError, match=r"pairs: 1 names are there more than once"):
         detect_many(pairs)
     with pytest.raises(InputError, match=r"the name 'x' is there more than once"):
-        list(detect_many(iter([pairs[0], pairs[0]]), config=CONFIG, workers=1))
+        list(detect_many(iter([pairs[0], pairs[0]]), config=CONFIG, executor=worker()))
 
 
 def test_a_folder_of_something_else(tmp_path, scans):
@@ -226,5 +228,5 @@ def test_a_damaged_record_of_the_run(scans, copy):
 
 def test_warnings_are_in_the_row(tmp_path):
     far = cloud(1) + np.array([1000.0, 0, 0])
-    (result,) = detect_many([BatchPair("x", cloud(0), far)], config=CONFIG, workers=1)
+    (result,) = detect_many([BatchPair("x", cloud(0), far)], config=CONFIG, executor=worker())
     assert "overlap" in result.pair.warnings

@@ -10,7 +10,7 @@ from gmmjax.changes import DetectionConfig
 from gmmjax.clouds import write_ply
 from gmmjax.errors import InputError
 from gmmjax.reporting.batch_files import write_history
-from tests.batch.runs import SETTINGS, cloud
+from tests.batch.runs import SETTINGS, cloud, worker
 
 CONFIG = dataclasses.replace(DetectionConfig(**SETTINGS), restarts=1)
 
@@ -27,7 +27,9 @@ def epochs(tmp_path):
 
 
 def detect(epochs, out, **options):
-    return {result.name: result for result in detect_series(epochs, out=out, config=CONFIG, workers=1, **options)}
+    return {
+        result.name: result for result in detect_series(epochs, out=out, config=CONFIG, executor=worker(), **options)
+    }
 
 
 def test_each_with_its_predecessor_or_the_first(epochs, tmp_path):
@@ -68,7 +70,11 @@ def test_a_gap_is_bridged_until_it_is_closed(epochs, tmp_path):
 def test_a_run_of_pairs_is_no_series(tmp_path, epochs):
     from gmmjax.batch import BatchPair, detect_many
 
-    list(detect_many([BatchPair("x", epochs[0].cloud, epochs[2].cloud)], out=tmp_path / "run", config=CONFIG))
+    list(
+        detect_many(
+            [BatchPair("x", epochs[0].cloud, epochs[2].cloud)], out=tmp_path / "run", config=CONFIG, executor=worker()
+        )
+    )
     with pytest.raises(InputError, match="holds no series"):
         compared_epochs(run_folder(tmp_path / "run"))
     with pytest.raises(InputError, match=r"holds a run with other settings \(series None\)"):
