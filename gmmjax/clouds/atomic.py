@@ -3,11 +3,27 @@
 import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO
 
 from gmmjax.clouds.temporaries import temporary_file
 from gmmjax.errors import InputError
+
+_together: ContextVar[bool] = ContextVar("files reach the disk together", default=False)
+
+
+@contextmanager
+def synced_together() -> Iterator[None]:
+    """While the block runs `atomic_write` leaves it to whoever runs it that files reach the disk.
+
+    To wait for each of a dozen files takes longer than to compute what is in them, where a disk is slow.
+    """
+    token = _together.set(True)
+    try:
+        yield
+    finally:
+        _together.reset(token)
 
 
 @contextmanager
@@ -40,6 +56,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
             ) from error
         yield file
         file.flush()
-        os.fsync(file.fileno())
+        if not _together.get():
+            os.fsync(file.fileno())
         file.close()
         os.replace(temporary, target)

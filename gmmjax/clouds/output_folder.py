@@ -4,9 +4,11 @@ import dataclasses
 import json
 import os
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from gmmjax.clouds.atomic import synced_together
 from gmmjax.clouds.files import read_json
 from gmmjax.clouds.temporaries import JOURNAL, PREFIX, clear_folders, temporary_folder
 from gmmjax.errors import InputError
@@ -95,8 +97,9 @@ def output_folder(folder: str | os.PathLike[str], kind: FolderKind, *, overwrite
     try:
         home.mkdir(parents=True, exist_ok=True)
         with temporary_folder(home) as staging:
-            yield staging
-            _sync(staging)
+            with synced_together():
+                yield staging
+            _sync_all(staging)
             _publish(staging, target, kind)
     except BaseException as error:
         for parent in new_parents:
@@ -218,12 +221,25 @@ def _is_content(path: Path) -> bool:
     return path.exists() and not path.name.startswith(PREFIX)
 
 
-def _sync(folder: Path) -> None:
-    """Makes the folder's entries reach the disk, where the system lets a folder be opened."""
-    if os.name == "nt":
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
+def _sync_all(folder: Path) -> None:
+    """Makes all files reach the disk, and the entries of all folders: together, since each waits for the disk."""
+    paths = [path for path in folder.rglob("*") if path.is_file() or (path.is_dir() and os.name != "nt")]
+    with ThreadPoolExecutor(max(1, min(8, len(paths)))) as pool:
+        list(pool.map(_sync_path, paths))
+    _sync(folder)
+
+
+def _sync_path(path: Path) -> None:
+    # Windows syncs only what is open for writing.
+    descriptor = os.open(path, os.O_RDONLY if os.name != "nt" else os.O_RDWR)
     try:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def _sync(folder: Path) -> None:
+    """Makes the folder's entries reach the disk, where the system lets a folder be opened."""
+    if os.name == "nt":
+        return
+    _sync_path(folder)

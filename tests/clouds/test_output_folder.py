@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from gmmjax.clouds.atomic import atomic_write
 from gmmjax.clouds.output_folder import FolderKind, check_output_folder, output_folder
 from gmmjax.clouds.temporaries import PREFIX
 from gmmjax.errors import InputError
@@ -198,3 +199,22 @@ def test_an_error_of_the_writer_is_passed_on(tmp_path):
     with pytest.raises(ZeroDivisionError), output_folder(tmp_path / "a" / "b", KIND):
         1 / 0  # noqa: B018
     assert not list(tmp_path.iterdir())
+
+
+def test_all_files_reach_the_disk_before_they_take_their_place(tmp_path, monkeypatch):
+    synced, sync = [], os.fsync
+
+    def noted(descriptor):
+        synced.append(os.fstat(descriptor).st_ino)
+        sync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    with output_folder(tmp_path / "out", KIND) as staging:
+        (staging / "marker.json").write_text("{}")
+        (staging / "inner").mkdir()
+        with atomic_write(staging / "inner" / "file") as file:
+            file.write(b"content")
+        # One after the other each would wait for the disk.
+        assert not synced
+    paths = [tmp_path / "out", *(tmp_path / "out").rglob("*")]
+    assert {path.stat().st_ino for path in paths} <= set(synced)
