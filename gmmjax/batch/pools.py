@@ -82,6 +82,15 @@ class LocalPool(AbstractPool):
         self._lanes[number] = lane = _Lane(self._cores)
         return lane.submit(function, *arguments)
 
+    def lost(self, error: BaseException) -> ComputationError | None:
+        """Whether processes cannot even be started; see `AbstractPool`."""
+        if all(lane is None or lane.began for lane in self._lanes):
+            return None
+        return ComputationError(
+            "worker processes end before they begin; a script that starts them needs "
+            'if __name__ == "__main__": around what it does, and gmmjax must be importable from where it runs'
+        )
+
     def stop(self, *, at_once: bool) -> None:
         """Ends all processes; see `AbstractPool`."""
         for lane in self._lanes:
@@ -102,7 +111,13 @@ class _Lane:
         self._latest: Future[Any] | None = None
 
     @property
+    def began(self) -> bool:
+        """Whether the process was there, or is still being started."""
+        return not self._process.done() or self._process.exception() is None
+
+    @property
     def free(self) -> bool:
+        """Whether it has nothing to do."""
         return self._latest is None or self._latest.done()
 
     def submit(self, function: Any, *arguments: Any) -> "Future[Any]":

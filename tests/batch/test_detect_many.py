@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from gmmjax.batch import BatchPair, Shard, detect_many, read_manifest, run_folde
 from gmmjax.changes import DetectionConfig, RestartFits
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.errors import ComputationError, InputError
-from tests.batch.runs import SETTINGS, cloud, contents, worker, write_manifest
+from tests.batch.runs import SETTINGS, cloud, contents, environment, worker, write_manifest
 
 CONFIG = DetectionConfig(**SETTINGS)
 
@@ -224,6 +226,18 @@ def test_a_damaged_record_of_the_run(scans, copy):
     with pytest.raises(InputError, match=r"run\.json: is not the record of a run \(name='../x' must not have slashes"):
         detect(scans, copy)
     assert computed(detect(scans, copy, overwrite=True)) == []
+
+
+def test_a_script_without_a_guard_is_told(tmp_path, scans):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from gmmjax.batch import detect_many, read_manifest\n"
+        "from pathlib import Path\n"
+        f"list(detect_many(read_manifest(Path({str(scans)!r}))[:1]))\n"
+    )
+    done = subprocess.run([sys.executable, script], env=environment(), capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1
+    assert 'a script that starts them needs if __name__ == "__main__":' in done.stderr.splitlines()[-1]
 
 
 def test_warnings_are_in_the_row(tmp_path):
