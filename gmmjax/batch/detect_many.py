@@ -152,6 +152,8 @@ class _BatchSettings:
         files: dict[str, Any] = {role: Path(os.path.abspath(file)) for role, file in pair.files().items()}
         placed = dataclasses.replace(pair, **files)
         config = self.config if pair.config is None else pair.config
+        if config.verdict is not None:
+            config = dataclasses.replace(config, verdict=os.path.abspath(config.verdict))
         place = None if folder is None else folder.pair(pair.name)
         return PairTask(placed, config, self.until_stable, place, self.save)
 

@@ -16,7 +16,8 @@ from gmmjax.cli.detect import Flags, config_file, read_settings
 from gmmjax.errors import ComputationError, InputError
 
 if TYPE_CHECKING:
-    from gmmjax.batch import BatchPair, RunFolder, Shard
+    from gmmjax.batch import BatchPair, RunFolder, RunRecord, Shard
+    from gmmjax.reporting.batch_files import Summary
     from gmmjax.reporting.batch_progress import BatchProgress
 
 Against = Literal["previous", "first"]
@@ -123,7 +124,7 @@ def batch(
         if part is None:
             # What is done so far can be looked at; why the run ended is what the user must read.
             with contextlib.suppress(InputError):
-                _summarised(run_folder(out), quiet=True)
+                _summary(run_folder(out))
         raise
     if part is not None:
         return _shard_done(out, progress, quiet=quiet)
@@ -150,15 +151,12 @@ def _merge(out: Path, part: "Shard | None", *, quiet: bool) -> int:
 
 
 def _summarised(folder: "RunFolder", *, quiet: bool) -> int:
-    """Writes the summary; 1 where pairs failed or are missing."""
+    """Writes the summary, and the history of a series; 1 where pairs failed or are missing."""
     from gmmjax.reporting import console
-    from gmmjax.reporting.batch_files import write_history, write_summary
+    from gmmjax.reporting.batch_files import write_history
     from gmmjax.reporting.timeline_page import series_answer
 
-    record = folder.run_record()
-    if record is None:
-        raise InputError(f"{folder.path}: holds no run yet; nothing was computed")
-    summary = write_summary(folder, record.names)
+    record, summary = _summary(folder)
     files = SUMMARY_FILES
     if record.series is not None:
         answer = series_answer(record.epochs, write_history(folder))
@@ -167,6 +165,15 @@ def _summarised(folder: "RunFolder", *, quiet: bool) -> int:
         console.print_batch(summary, heading=None if record.series is None else answer)
         console.print_files(folder.path, files)
     return 1 if summary.failed or summary.missing else 0
+
+
+def _summary(folder: "RunFolder") -> "tuple[RunRecord, Summary]":
+    from gmmjax.reporting.batch_files import write_summary
+
+    record = folder.run_record()
+    if record is None:
+        raise InputError(f"{folder.path}: holds no run yet; nothing was computed")
+    return record, write_summary(folder, record.names)
 
 
 def _shard_done(out: Path, progress: "BatchProgress", *, quiet: bool) -> int:
