@@ -1,6 +1,7 @@
 """Small runs for the tests: a manifest of Gaussian scenes on disk, and what a run left."""
 
 import atexit
+import contextlib
 import csv
 import functools
 import os
@@ -74,9 +75,11 @@ def worker():
 def workers_of(process):
     """The processes that compute for a run: they are started by `spawn`."""
     children = []
-    for task in Path(f"/proc/{process}/task").iterdir():
-        children += map(int, (task / "children").read_text().split())
-    return [child for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+    # A thread or a process may end while it is looked at.
+    for task in Path("/proc").glob(f"{process}/task/*"):
+        with contextlib.suppress(OSError):
+            children += map(int, (task / "children").read_text().split())
+    return [child for child in children if b"spawn_main" in _read(f"/proc/{child}/cmdline")]
 
 
 def wait_for(condition, seconds=120.0):
@@ -89,11 +92,17 @@ def wait_for(condition, seconds=120.0):
 
 
 def is_alive(process):
+    # After the name, which may hold anything, comes the state.
+    state = _read(f"/proc/{process}/stat").rpartition(b")")[2].split()[:1]
+    return state not in ([], [b"Z"])
+
+
+def _read(path):
+    """What a file of a process holds; nothing where the process is gone."""
     try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    return "Z" not in Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0]
+        return Path(path).read_bytes()
+    except OSError:
+        return b""
 
 
 def kill(process):
@@ -101,10 +110,10 @@ def kill(process):
 
 
 def done_pairs(folder):
-    return sorted(path.parent.name for path in folder.glob("pairs/*/pair.json"))
+    return sorted(path.parent.name for path in folder.glob("pairs/[!.]*/pair.json"))
 
 
 def contents(folder):
     """All that a run found, byte by byte; when and how fast it did is in `pair.json`."""
-    files = [path for path in sorted((folder / "pairs").rglob("*")) if path.is_file() and path.name != "pair.json"]
+    files = [path for path in sorted(folder.glob("pairs/[!.]*/*")) if path.is_file() and path.name != "pair.json"]
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
