@@ -43,7 +43,7 @@ def batch_index_html(
 <meta http-equiv="Content-Security-Policy" content="{CONTENT_POLICY}">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{escape(title)} · gmmjax</title>
-<style>{asset("report.css")}{asset("batch_index.css")}</style>
+<style>{asset("report.css")}{asset("run_pages.css")}{asset("batch_index.css")}</style>
 </head>
 <body>
 <main>

@@ -103,7 +103,7 @@ def timeline_html(
 <meta http-equiv="Content-Security-Policy" content="{CONTENT_POLICY}">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{escape(title)} · gmmjax</title>
-<style>{asset("report.css")}{_colors()}{asset("timeline.css")}</style>
+<style>{asset("report.css")}{asset("run_pages.css")}{_colors()}{asset("timeline.css")}</style>
 </head>
 <body>
 <main>
