@@ -129,8 +129,8 @@ def check_distinct(names: Iterable[str], owner: str) -> None:
     counts = Counter(name.casefold() for name in names)
     twice = [name for name, count in counts.items() if count > 1]
     if twice:
-        listed = ", ".join(shown(name) for name in twice[:3])
-        raise InputError(f"{owner}: {len(twice)} names are there more than once ({listed}); give each pair its own")
+        listed = ", ".join(shown(name) for name in twice[:3]) + (", ..." if len(twice) > 3 else "")
+        raise InputError(f"{owner}: names that are there more than once: {listed}; give each pair its own")
 
 
 def _by_side(prefix: str, pair: Pair[Any]) -> dict[str, Any]:

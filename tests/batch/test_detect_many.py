@@ -204,7 +204,7 @@ def test_clouds_in_memory_with_views_are_kept_and_known_again(tmp_path):
 
 def test_names_that_are_there_twice():
     pairs = [BatchPair("x", cloud(0), cloud(1)), BatchPair("X", cloud(0), cloud(1))]
-    with pytest.raises(InputError, match=r"pairs: 1 names are there more than once"):
+    with pytest.raises(InputError, match=r"pairs: names that are there more than once: 'x'; give"):
         detect_many(pairs)
     with pytest.raises(InputError, match=r"the name 'x' is there more than once"):
         list(detect_many(iter([pairs[0], pairs[0]]), config=CONFIG, executor=worker()))

@@ -71,7 +71,7 @@ def test_paths_are_relative_to_the_manifest(folder, monkeypatch, tmp_path_factor
         ("name,before,after,colour\nx,a.ply,b.ply,red\n", r"line 2: unknown column 'colour'; known are after, before"),
         ("name,before,after\nx,a.ply,b.ply,c.ply\n", r"line 2: has more values than there are columns"),
         ("name,name,after\nx,a.ply,b.ply\n", "two columns have one name"),
-        ("name,before,after\nx,a.ply,b.ply\nX,a.ply,b.ply\n", r"1 names are there more than once \('x'\)"),
+        ("name,before,after\nx,a.ply,b.ply\nX,a.ply,b.ply\n", r"names that are there more than once: 'x'; give"),
         ("name,before,after\n../x,a.ply,b.ply\n", r"name='../x' must not have slashes"),
         ("name,before,after\n..,a.ply,b.ply\n", r"name='..' must not start or end with a dot"),
         ("name,before,after\n.hidden,a.ply,b.ply\n", r"must not start or end with a dot"),
