@@ -15,6 +15,7 @@ from gmmjax.changes.plain_values import finite, probability, whole
 from gmmjax.changes.registration import Registration
 from gmmjax.changes.storage import (
     LABELS_FILE,
+    OPTIONAL_ARRAYS,
     POINT_ARRAYS,
     REMEDY,
     SCHEMA_VERSION,
@@ -96,6 +97,8 @@ class Change:
             confidence in the registration is not in it.
         moved_probability: for a moved object, the probability that the partner is the same object; else None, and where
             it was not computed.
+        volume: of the convex hull of its points, down to the plane that it stands on, where there is one; in the cube
+            of the unit of the clouds. None where it was not measured.
     """
 
     kind: Kind
@@ -109,6 +112,7 @@ class Change:
     transform: Float[np.ndarray, "4 4"] | None = None
     explanation: Explanation | None = None
     moved_probability: float | None = None
+    volume: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The change as plain numbers, strings, lists and dictionaries."""
@@ -124,6 +128,7 @@ class Change:
             "transform": None if self.transform is None else self.transform.tolist(),
             "explanation": None if self.explanation is None else self.explanation.to_dict(),
             "moved_probability": self.moved_probability,
+            "volume": self.volume,
         }
 
     @classmethod
@@ -134,8 +139,8 @@ class Change:
             KeyError, TypeError, ValueError: it is no such dictionary.
         """
         partner, transform = content["partner"], content["transform"]
-        # Records of before there were explanations have none.
-        explanation = content.get("explanation")
+        # Earlier records have none of these.
+        explanation, volume = content.get("explanation"), content.get("volume")
         moved_probability = content.get("moved_probability")
         return cls(
             kind=_one_of(content["kind"], get_args(Kind), "kind"),
@@ -149,6 +154,7 @@ class Change:
             transform=None if transform is None else finite(transform, (4, 4)),
             explanation=None if explanation is None else Explanation.from_dict(explanation),
             moved_probability=None if moved_probability is None else probability(moved_probability),
+            volume=None if volume is None else float(finite(volume)),
         )
 
 
@@ -229,6 +235,12 @@ class Changes:
             status of every fit, seconds. Plain numbers, strings, lists and dictionaries.
         registration: of the after cloud to the before cloud, and how sure it is.
         rejected: what looked changed in one of the clouds and is no change, most probable first.
+        distance_before: per point the signed distance to the surface of the after cloud, along its normal, in the unit
+            of the clouds: positive where the after surface lies on the outer side. NaN where there is nothing to
+            compare with. None where it was not measured: in clouds that fill volumes.
+        distance_after: per point of the after cloud the signed distance from the surface of the before cloud to it.
+        warnings: what the user was warned of during the detection.
+        unit: of the coordinates, such as "m"; None where it is not known.
     """
 
     labels_before: Int[np.ndarray, " n0"]
@@ -243,6 +255,10 @@ class Changes:
     diagnostics: Mapping[str, Any]
     registration: Registration = dataclasses.field(default_factory=Registration.none)
     rejected: tuple[RejectedCandidate, ...] = ()
+    distance_before: Float[np.ndarray, " n0"] | None = None
+    distance_after: Float[np.ndarray, " n1"] | None = None
+    warnings: tuple[str, ...] = ()
+    unit: str | None = None
 
     def __len__(self) -> int:
         return len(self.items)
@@ -280,6 +296,8 @@ class Changes:
             "points_after": len(self.labels_after),
             "config": self.config.to_dict(),
             "diagnostics": finite_or_null(self.diagnostics),
+            "warnings": list(self.warnings),
+            "unit": self.unit,
             "labels_file": LABELS_FILE,
         }
 
@@ -289,7 +307,9 @@ class Changes:
         Raises:
             InputError: the folder cannot be made or written.
         """
-        return write_record(folder, self.to_dict(), {name: getattr(self, name) for name in POINT_ARRAYS})
+        arrays = {name: getattr(self, name) for name in (*POINT_ARRAYS, *OPTIONAL_ARRAYS)}
+        measured = {name: values for name, values in arrays.items() if values is not None}
+        return write_record(folder, self.to_dict(), measured)
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> "Changes":
@@ -311,6 +331,8 @@ class Changes:
                 diagnostics=dict(content["diagnostics"]),
                 registration=Registration.from_dict(content["registration"]),
                 rejected=tuple(RejectedCandidate.from_dict(candidate) for candidate in content.get("rejected", ())),
+                warnings=tuple(str(text) for text in content.get("warnings", ())),
+                unit=content.get("unit"),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(

@@ -18,6 +18,8 @@ LABELS_FILE = "labels.npz"
 
 POINT_KINDS = (("labels", "i", "a whole number"), ("probability", "f", "a number"), ("unobserved", "b", "a bool"))
 POINT_ARRAYS = tuple(f"{name}_{time}" for name, *_ in POINT_KINDS for time in ("before", "after"))
+# Arrays that a record may be without.
+OPTIONAL_ARRAYS = ("distance_before", "distance_after")
 REMEDY = "run the detection again"
 
 
@@ -40,7 +42,7 @@ def write_record(folder: str | os.PathLike[str], content: Mapping[str, Any], arr
     Args:
         folder: is made where needed.
         content: plain values, without NaN.
-        arrays: the `POINT_ARRAYS`.
+        arrays: the `POINT_ARRAYS`, and those of the `OPTIONAL_ARRAYS` that there are.
 
     Raises:
         InputError: the folder cannot be made or written.
@@ -72,7 +74,7 @@ def read_record(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str,
 
 
 def _read_labels(file: Path) -> dict[str, np.ndarray]:
-    arrays = load_archive(require_file(file), REMEDY, POINT_ARRAYS)
+    arrays = load_archive(require_file(file), REMEDY, (*POINT_ARRAYS, *OPTIONAL_ARRAYS))
     for time in ("before", "after"):
         count = arrays.get(f"labels_{time}", np.empty(0)).size
         for name, kinds, wanted in POINT_KINDS:
@@ -84,4 +86,8 @@ def _read_labels(file: Path) -> dict[str, np.ndarray]:
         probability = arrays[f"probability_{time}"]
         if not ((probability >= 0) & (probability <= 1 + 1e-6)).all():
             raise InputError(f"{file}: probability_{time} must lie between 0 and 1; {REMEDY}")
+        distance = arrays.get(f"distance_{time}")
+        if distance is not None and (distance.dtype.kind != "f" or distance.shape != (count,)):
+            found = f"{distance.dtype} {list(distance.shape)}"
+            raise InputError(f"{file}: distance_{time} must be a number for each point, not {found}; {REMEDY}")
     return arrays
