@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.geometry import MEDIAN_TO_DEVIATION, LocalSurface, evenly_chosen, nearest_neighbours
-from gmmjax.pair import Pair, each
+from gmmjax.pair import Pair, each, each_on_cores
 
 
 @dataclasses.dataclass(frozen=True)
@@ -140,9 +140,9 @@ def differences_between(
         spacing: of neighbouring points, in the sparser cloud.
         settings: of the limits.
     """
-    local = each(local_difference, surfaces, surfaces.swapped)
+    local = each_on_cores(local_difference, surfaces, surfaces.swapped)
     limits = detection_limits(local, spacing, settings)
-    return Differences(each(lambda own, side: _with_error(own, side, limits), surfaces, local), limits)
+    return Differences(each_on_cores(lambda own, side: _with_error(own, side, limits), surfaces, local), limits)
 
 
 def local_difference(
