@@ -57,7 +57,8 @@ def detect_changes(
     """
     config = _overridden(config or DetectionConfig(), method=method, restarts=restarts, seed=seed)
     scans = _scans(before, after, views_before, views_after)
-    return DETECTORS[config.method](config).changes(scans, progress or silent)
+    changes = DETECTORS[config.method](config).changes(scans, progress or silent)
+    return dataclasses.replace(changes, clouds=scans.map(lambda scan: scan.cloud))
 
 
 def detect_consensus(
