@@ -1,5 +1,6 @@
 """Reading a point cloud from a file of any known format."""
 
+import logging
 import os
 from collections.abc import Callable, Mapping
 
@@ -12,6 +13,8 @@ from gmmjax.clouds.ply import read_ply
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.clouds.text import read_text
 from gmmjax.errors import InputError
+
+logger = logging.getLogger(__name__)
 
 READERS: Mapping[str, Callable[[str | os.PathLike[str]], PointCloud]] = {
     ".ply": read_ply,
@@ -53,4 +56,5 @@ def read_cloud(path: str | os.PathLike[str]) -> PointCloud:
         raise InputError(
             f"{file}: every one of its {cloud.rows_dropped} points has NaN or inf coordinates; export the cloud again"
         )
+    logger.info("read %r", cloud)
     return cloud
