@@ -42,6 +42,7 @@ class InputWarning(UserWarning):
 
 
 _collected: ContextVar[list[str] | None] = ContextVar("collected warnings", default=None)
+_recorded: ContextVar[list[str] | None] = ContextVar("recorded warnings", default=None)
 
 
 @contextmanager
@@ -59,8 +60,26 @@ def collected_warnings() -> Iterator[list[str]]:
         _collected.reset(token)
 
 
+@contextmanager
+def recorded_warnings() -> Iterator[list[str]]:
+    """Records what `warn` is told in this block and this thread; the warnings are given as well.
+
+    Yields:
+        The messages, which grow while the block runs.
+    """
+    messages: list[str] = []
+    token = _recorded.set(messages)
+    try:
+        yield messages
+    finally:
+        _recorded.reset(token)
+
+
 def warn(message: str) -> None:
     """Gives an `InputWarning` that points to the user's line: the one that called gmmjax."""
+    recorded = _recorded.get()
+    if recorded is not None:
+        recorded.append(message)
     collected = _collected.get()
     if collected is not None:
         collected.append(message)
