@@ -118,7 +118,8 @@ def write_las(
         file.write(head)
 
 
-class _Layout(NamedTuple):
+@dataclass(frozen=True)
+class _Layout:
     """Where the parts of the new file are.
 
     Attributes:
@@ -136,8 +137,8 @@ class _Layout(NamedTuple):
     offset: int
 
     @property
-    def count(self) -> int:
-        """Of the variable-length records."""
+    def number_of_records(self) -> int:
+        """Of variable length."""
         return len(self.kept) + 1 + (self.laszip is not None)
 
 
@@ -355,7 +356,7 @@ def _patched_header(
     header = source.header
     original.seek(0)
     head = bytearray(original.read(header.size))
-    struct.pack_into("<II", head, 96, layout.offset, layout.count)
+    struct.pack_into("<II", head, 96, layout.offset, layout.number_of_records)
     struct.pack_into("<BH", head, 104, header.point_format | 0x80 * source.compressed, layout.record_length)
     if written.count < header.count:
         _patch_counts(head, header, written)

@@ -152,7 +152,7 @@ def test_points_that_were_left_out_are_counted_out(write_file, tmp_path):
         )
 
     data = las_bytes(4, 6)
-    out, cloud = rewritten(write_file("a.las", data), tmp_path, every_other)
+    out, _ = rewritten(write_file("a.las", data), tmp_path, every_other)
     new = parsed(out.read_bytes())
     np.testing.assert_array_equal(new["rows"][:, :30], parsed(data)["rows"][::2])
     assert struct.unpack_from("<2Q", new["head"], 247) == (15, 15)
