@@ -6,6 +6,7 @@ nearest point sees what is adjacent to a surface, beyond its edge, where the off
 """
 
 import dataclasses
+import logging
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,8 @@ from scipy.spatial import cKDTree
 
 from gmmjax.geometry import MEDIAN_TO_DEVIATION, LocalSurface, evenly_chosen, nearest_neighbours
 from gmmjax.pair import Pair, each
+
+logger = logging.getLogger(__name__)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,6 +145,8 @@ def differences_between(
     """
     local = each(local_difference, surfaces, surfaces.swapped)
     limits = detection_limits(local, spacing, settings)
+    about = limits.registration_error, limits.distance, limits.offset
+    logger.info("differences: registration error %.4g; certain from distance %.4g and offset %.4g on", *about)
     return Differences(each(lambda own, side: _with_error(own, side, limits), surfaces, local), limits)
 
 

@@ -58,6 +58,14 @@ class PointCloud:
         """The number of points."""
         return int(self.points.shape[0])
 
+    def __repr__(self) -> str:
+        parts = [f"{len(self):,} points"]
+        parts += ["colours"] if self.colors is not None else []
+        parts += [f"fields {', '.join(map(repr, self.fields))}"] if self.fields else []
+        parts += [f"{self.rows_dropped:,} rows dropped"] if self.rows_dropped else []
+        parts += [f"{len(self.views)} views"] if self.views is not None else []
+        return f"<PointCloud: {', '.join(parts)}{'' if self.source is None else f'; {self.source!r}'}>"
+
     @classmethod
     def from_rows(
         cls,

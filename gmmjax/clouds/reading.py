@@ -1,6 +1,7 @@
 """Reading a point cloud from a file of any known format."""
 
 import dataclasses
+import logging
 import os
 from collections.abc import Callable, Mapping
 
@@ -14,6 +15,8 @@ from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.clouds.source_file import SourceFile
 from gmmjax.clouds.text import read_text
 from gmmjax.errors import InputError
+
+logger = logging.getLogger(__name__)
 
 READERS: Mapping[str, Callable[[str | os.PathLike[str]], PointCloud]] = {
     ".ply": read_ply,
@@ -56,4 +59,5 @@ def read_cloud(path: str | os.PathLike[str]) -> PointCloud:
         raise InputError(
             f"{file}: every one of its {cloud.rows_dropped} points has NaN or inf coordinates; export the cloud again"
         )
+    logger.info("read %r", cloud)
     return cloud

@@ -28,10 +28,12 @@ from gmmjax.reporting.palette import KIND_COLORS
 from gmmjax.reporting.summary import (
     HEADINGS,
     answer,
-    change_rows,
     dropped_rows,
     dropped_text,
+    headings,
+    object_rows,
     percent,
+    poses_text,
     registration_text,
     unobserved_text,
 )
@@ -41,6 +43,9 @@ if TYPE_CHECKING:
     from gmmjax.reporting.batch_files import Summary
     from gmmjax.surveys import Bag
     from gmmjax.tuning import TuningResult, VerdictResult
+
+# Spaces between the columns of a table.
+GAP = 2
 
 
 @contextmanager
@@ -101,8 +106,8 @@ def print_changes(changes: Changes, *, heading: str | None = None, explain: bool
         console.print(escape(heading), style="dim", highlight=False, soft_wrap=True)
     console.print(answer(changes), style="bold", highlight=False)
     if changes.items:
-        print_whole(_table(changes))
-    for text in (registration_text(changes), unobserved_text(changes)):
+        print_whole(_table(changes, console.width))
+    for text in (registration_text(changes), unobserved_text(changes), poses_text(changes)):
         if text is not None:
             console.print(text, highlight=False)
     for side, count in dropped_rows(changes).items():
@@ -339,23 +344,33 @@ def print_report_hint(report: Path) -> None:
     Console().print(f"\nOpen [link={address}]{escape(address)}[/link] in a browser.", highlight=False, soft_wrap=True)
 
 
-def _table(changes: Changes) -> Table:
+def _table(changes: Changes, width: int) -> Table:
+    """The objects that changed, without the columns that the terminal is too narrow for; the files have them all."""
+    rows = object_rows(changes)
+    columns = {
+        name: [heading, *cells]
+        for name, heading, *cells in zip(HEADINGS, headings(changes), *(row.cells for row in rows), strict=True)
+    }
+    columns["Probability"][0] = "Prob."
+    columns["Kind"][1:] = [f"● {text}" for text in columns["Kind"][1:]]
+    columns["Size"] = [text.replace(" × ", "×") for text in columns["Size"]]
+    for name in ("Volume", "Points", "Size", "Centre"):
+        needed = sum(max(map(len, texts)) + GAP for texts in columns.values()) - GAP
+        if needed > width or not any(columns[name][1:]):
+            del columns[name]
     table = plain_table()
-    for index, heading in enumerate(HEADINGS):
-        # Ninety characters would not fit the usual terminal.
-        table.add_column(
-            "Prob." if heading == "Probability" else heading, justify="left" if index < 2 else "right", no_wrap=True
-        )
-    for row in change_rows(changes):
-        label, kind, *others = (cell.replace(" × ", "×") for cell in row.cells)
-        color = KIND_COLORS[row.kind]
-        table.add_row(f"[{color}]{label}[/]", f"[{color}]● {kind}[/]", *others)
+    for name, texts in columns.items():
+        table.add_column(escape(texts[0]), justify="left" if name in ("Label", "Kind") else "right", no_wrap=True)
+    for number, row in enumerate(rows, start=1):
+        style = KIND_COLORS[row.kind]
+        label, kind, *others = (escape(texts[number]) for texts in columns.values())
+        table.add_row(f"[{style}]{label}[/]", f"[{style}]{kind}[/]", *others)
     return table
 
 
 def plain_table() -> Table:
     """A table without lines."""
-    return Table(box=None, header_style="dim", padding=(0, 2, 0, 0), pad_edge=False)
+    return Table(box=None, header_style="dim", padding=(0, GAP, 0, 0), pad_edge=False)
 
 
 def print_whole(table: Table) -> None:

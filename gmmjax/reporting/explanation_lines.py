@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Iterator
 
-from gmmjax.changes import Changes, RejectedCandidate
+from gmmjax.changes import Change, Changes, RejectedCandidate
 from gmmjax.reporting.explanations import (
     ExplanationSettings,
     Facts,
@@ -13,7 +13,7 @@ from gmmjax.reporting.explanations import (
     verdict_text,
 )
 from gmmjax.reporting.palette import KIND_COLORS
-from gmmjax.reporting.summary import change_rows, percent, place_cells
+from gmmjax.reporting.summary import percent, place_cells
 
 GAP = "  "
 
@@ -47,14 +47,18 @@ def explanation_lines(
 
 
 def _of_changes(changes: Changes, width: int, settings: ExplanationSettings) -> Iterator[tuple[str, str]]:
-    rows = change_rows(changes)
-    kinds = max(len(row.cells[1]) for row in rows)
-    for row, change in zip(rows, changes.items, strict=True):
+    names = [f"{label}{GAP}● {_kind(change)}" for label, change in enumerate(changes.items)]
+    longest = max(map(len, names))
+    for name, change in zip(names, changes.items, strict=True):
         if change.explanation is None:
             continue
-        heading = f"{row.cells[0]}{GAP}● {row.cells[1]:<{kinds}}{GAP}"
-        yield from _wrapped(heading, verdict_text(change.explanation), width, KIND_COLORS[row.kind])
+        heading = f"{name:<{longest}}{GAP}"
+        yield from _wrapped(heading, verdict_text(change.explanation), width, KIND_COLORS[change.kind])
         yield from _facts(Facts.of(change.explanation, settings.least_log_odds, settings.facts_of_change), width)
+
+
+def _kind(change: Change) -> str:
+    return change.kind if change.partner is None else f"{change.kind} (with {change.partner})"
 
 
 def _of_rejected(changes: Changes, width: int, settings: ExplanationSettings) -> Iterator[tuple[str, str]]:

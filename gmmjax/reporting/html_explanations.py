@@ -15,7 +15,7 @@ from gmmjax.reporting.explanations import (
 from gmmjax.reporting.palette import KIND_COLORS
 from gmmjax.reporting.summary import HEADINGS, percent, place_cells
 
-REJECTED_HEADINGS = ("Kind", "Reason", *HEADINGS[2:])
+REJECTED_HEADINGS = ("Kind", "Reason", *HEADINGS[2:-1])
 
 
 def strongest_log_odds(changes: Changes) -> float:

@@ -14,13 +14,14 @@ from gmmjax.reporting.page_parts import asset, script_json
 from gmmjax.reporting.palette import KIND_COLORS
 from gmmjax.reporting.scene_plot import drawn_points, scene_views
 from gmmjax.reporting.summary import (
-    HEADINGS,
-    ChangeRow,
+    ObjectRow,
     answer,
-    change_rows,
     dropped_rows,
     dropped_text,
+    headings,
+    object_rows,
     percent,
+    poses_text,
     registration_text,
 )
 
@@ -82,6 +83,7 @@ def _header(names: tuple[str, str], changes: Changes, title: str | None) -> str:
     )
     text, style = registration_text(changes), "note" if changes.registration.in_doubt else "files"
     registration = "" if text is None else f'<p class="{style}">{escape(text)}</p>'
+    poses = "" if (text := poses_text(changes)) is None else f'<p class="files">{escape(text)}</p>'
     heading = f'<p class="title">{escape(title)}</p>' if title else ""
     kinds = {change.kind for change in changes.items}
     legend = "".join(
@@ -90,7 +92,7 @@ def _header(names: tuple[str, str], changes: Changes, title: str | None) -> str:
     return f"""<header>
 {heading}<h1>{escape(answer(changes))}</h1>
 <p class="files">from <b>{escape(names[0])}</b> to <b>{escape(names[1])}</b></p>
-{registration}{dropped}<ul class="legend">{legend}<li><i class="unchanged"></i>unchanged</li></ul>
+{registration}{poses}{dropped}<ul class="legend">{legend}<li><i class="unchanged"></i>unchanged</li></ul>
 </header>"""
 
 
@@ -119,24 +121,25 @@ def _points_shown(total: int, drawn: int) -> str:
 
 
 def _table(changes: Changes) -> str:
-    rows = change_rows(changes)
+    rows, columns = object_rows(changes), headings(changes)
     if not rows:
         threshold = percent(changes.config.threshold)
         return f'<p class="none">Nothing in either cloud reached a probability of {threshold} of being changed.</p>'
-    head = "".join(f'<th scope="col">{escape(heading)}</th>' for heading in HEADINGS)
+    head = "".join(f'<th scope="col">{escape(heading)}</th>' for heading in columns)
     longest = strongest_log_odds(changes)
-    body = "".join(_table_rows(row, changes[row.label], longest) for row in rows)
+    body = "".join(_table_rows(row, [changes[label] for label in row.labels], longest) for row in rows)
     hint = explanation_hint(changes) if any(change.explanation for change in changes) else ""
     return f"""<section class="scroll"><table class="changes"><thead><tr>{head}</tr></thead>
 <tbody>{body}</tbody></table></section>
 <p class="hint"><span>The label is also that of the points in before.ply, after.ply and labels.npz.</span>{hint}</p>"""
 
 
-def _table_rows(row: ChangeRow, change: Change, longest: float) -> str:
+def _table_rows(row: ObjectRow, own: Sequence[Change], longest: float) -> str:
     label, kind, *others = (escape(cell) for cell in row.cells)
     color = KIND_COLORS[row.kind]
     cells = "".join(f"<td>{cell}</td>" for cell in others)
-    why = "" if change.explanation is None else why_row(change.explanation, "for", len(HEADINGS), longest)
+    explanations = (change.explanation for change in own if change.explanation is not None)
+    why = "".join(why_row(explanation, "for", len(row.cells), longest) for explanation in explanations)
     return (
         f'<tr><td><b style="color:{color}">{label}</b></td>'
         f'<td class="kind"><i style="background:{color}"></i>{kind}</td>{cells}</tr>{why}'

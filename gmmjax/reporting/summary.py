@@ -5,24 +5,63 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from gmmjax.changes import Change, Changes, Kind, RejectedCandidate
+from gmmjax.geometry import transformed
+from gmmjax.reporting.quantities import degrees_text as degrees_text
+from gmmjax.reporting.quantities import length_text as length_text
+from gmmjax.reporting.quantities import metric_text as metric_text
+from gmmjax.reporting.quantities import number_text as number_text
+from gmmjax.reporting.quantities import percent as percent
+from gmmjax.reporting.quantities import share as share
+from gmmjax.reporting.quantities import volume_text as volume_text
 
-HEADINGS = ("Label", "Kind", "Probability", "Points", "Centre", "Size")
+HEADINGS = ("Label", "Kind", "Probability", "Points", "Centre", "Size", "Volume")
 
 
-class ChangeRow(NamedTuple):
-    """One change as text.
+class ObjectRow(NamedTuple):
+    """One object that changed, as text. Of a moved object all but the labels is about its place in the after scan.
 
     Attributes:
-        label: its index, which is also the label of its points in the files.
-        kind: of change, without the partner.
-        cells: one text for each of `HEADINGS`.
+        labels: index of its change, or of both changes of a moved object, that in the before scan first; they are also
+            the labels of its points in the files.
+        kind: of change.
+        label: the labels, "0" or "0, 3".
+        text: the kind, of a moved object with its motion: "moved 0.10 m, turned 6°".
+        probability: to whole percents.
+        points: how many of them the scan has.
+        centre: mean of its points, in the unit of the clouds.
+        size: edges of its box.
+        volume: empty where it was not measured.
     """
 
-    label: int
+    labels: tuple[int, ...]
     kind: Kind
-    cells: tuple[str, ...]
+    label: str
+    text: str
+    probability: str
+    points: str
+    centre: str
+    size: str
+    volume: str
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """One text for each of `HEADINGS`."""
+        return self[2:]
+
+
+class Motion(NamedTuple):
+    """How a moved object moved.
+
+    Attributes:
+        distance: that its centre moved by, in the unit of the clouds.
+        degrees: angle that it turned by; None where its motion is not known.
+    """
+
+    distance: float
+    degrees: float | None
 
 
 def answer(changes: Changes) -> str:
@@ -35,20 +74,49 @@ def answer(changes: Changes) -> str:
     return f"{total} change{'s' * (total != 1)}: {parts}"
 
 
-def change_rows(changes: Changes) -> list[ChangeRow]:
-    """The changes as text, in their order."""
-    return [ChangeRow(label, change.kind, _cells(label, change)) for label, change in enumerate(changes.items)]
+def headings(changes: Changes) -> tuple[str, ...]:
+    """`HEADINGS`, those of coordinates with the unit, where it is known."""
+    unit = f" ({changes.unit})" if changes.unit else ""
+    return tuple(heading + unit * (heading in ("Centre", "Size")) for heading in HEADINGS)
 
 
-def percent(probability: float) -> str:
-    """A probability to whole percents; only certainty is 100 %."""
-    shown = math.floor(probability * 100) if 0.99 < probability < 1 else round(probability * 100)
-    return f"{shown} %"
+def object_rows(changes: Changes) -> list[ObjectRow]:
+    """The objects that changed as text, in the order of their first change."""
+    return [_object_row(changes, labels) for labels in object_labels(changes)]
 
 
-def share(part: float) -> str:
-    """A share to whole percents; "under 1 %" where there is some."""
-    return "under 1 %" if 0 < part < 0.01 else percent(part)
+def object_labels(changes: Changes) -> list[tuple[int, ...]]:
+    """The labels of each object: one, or both of a moved object, that in the before scan first."""
+    found: list[tuple[int, ...]] = []
+    for label, change in enumerate(changes.items):
+        partner = change.partner
+        if partner is None or changes[partner].partner != label:
+            found.append((label,))
+        elif label < partner:
+            found.append((label, partner) if (changes.labels_before == label).any() else (partner, label))
+    return found
+
+
+def motion(changes: Changes, labels: tuple[int, int]) -> Motion:
+    """How far a moved object moved and turned.
+
+    Args:
+        changes: what was found.
+        labels: of the object in the before and in the after scan.
+    """
+    before, after = (changes[label] for label in labels)
+    if before.transform is None:
+        return Motion(float(np.linalg.norm(after.mean - before.mean)), None)
+    destination = transformed(before.mean[None], before.transform)[0]
+    angle = Rotation.from_matrix(before.transform[:3, :3]).magnitude()
+    return Motion(float(np.linalg.norm(destination - before.mean)), float(np.degrees(angle)))
+
+
+def motion_text(changes: Changes, labels: tuple[int, int]) -> str:
+    """`motion` in words: "moved 0.10 m, turned 6°"; that it turned is left out where it did not."""
+    distance, degrees = motion(changes, labels)
+    turned = "" if degrees is None or degrees < 0.5 else f", turned {degrees:.0f}°"
+    return f"moved {length_text(distance, changes.unit)}{turned}"
 
 
 def dropped_rows(changes: Changes) -> dict[str, int]:
@@ -72,30 +140,81 @@ def unobserved_text(changes: Changes) -> str | None:
 
 
 def registration_text(changes: Changes) -> str | None:
-    """How far the after cloud was moved and how well it fits, in a sentence; None where nothing is known."""
-    registration = changes.registration
+    """How far the after scan was moved and how well it fits, in a sentence; None where nothing is known."""
+    registration, unit = changes.registration, changes.unit
     if registration.overlap is None:
         return None
+    what = "cloud" if changes.diagnostics.get("volumetric") else "scan"
     if registration.applied:
-        moved = f"{registration.displacement:.3g} and rotated by {registration.rotation_degrees:.2g}°"
-        parts = [f"the after cloud was moved by {moved} onto the before cloud"]
+        moved = metric_text((registration.displacement,), unit)
+        parts = [f"The after {what} was moved by {moved} and {degrees_text(registration.rotation_degrees)}"]
     elif changes.config.registration == "never":
-        parts = ["the clouds were compared as they are"]
+        parts = [f"The {what}s were compared as they are, without registration"]
     else:
-        parts = ["none was needed"]
+        parts = [f"The {what}s needed no registration"]
     # The residual of volumetric clouds is a standard error, and that of clouds left alone is the one before.
     if registration.residual and not changes.diagnostics.get("volumetric"):
-        before = registration.residual_before
-        was = f"{before:.2g} → " if registration.applied and before is not None else ""
-        parts.append(f"residual {was}{registration.residual:.2g}")
+        before = registration.residual_before if registration.applied else None
+        residuals = (registration.residual,) if before is None else (before, registration.residual)
+        parts.append(f"residual {metric_text(residuals, unit)}")
     parts.append(f"overlap {percent(registration.overlap)}")
     if percent(registration.confidence) != "100 %" and registration.confidence < 0.99:
         parts.append(f"confidence {percent(registration.confidence)}")
-    return f"Registration: {'; '.join(parts)}."
+    return f"{'; '.join(parts)}."
+
+
+def poses_text(changes: Changes) -> str | None:
+    """Whether the poses of the sensor were known and what rests on that, in sentences; None where they play no part.
+
+    A change rests on its shape alone where the poses of the other survey are not known: that of an object that appeared
+    on those of the before scan.
+    """
+    used = _views_used(changes)
+    if used is None:
+        return None
+    known = [side for side, own in used.items() if own]
+    if len(known) == 2:
+        return "Sensor poses: known for both scans."
+    text = f"Sensor poses: known for the {known[0]} scan only" if known else "Sensor poses: not known"
+    missing = [side for side in used if side not in known]
+    resting = _resting(changes, missing)
+    if not resting:
+        return f"{text}."
+    options = " or ".join(option for side in missing for option in (f"--sensor-{side} X Y Z", f"--views-{side} FILE"))
+    if not known:
+        options = "--sensor-at-origin, --sensor-before X Y Z or --views-before FILE (likewise for after)"
+    return f"{text}; {resting}. Give the sensor's position with {options}."
+
+
+def _views_used(changes: Changes) -> dict[str, int] | None:
+    """Of each side the number of views that were used; None where no method asks for them."""
+    sides = {side: changes.diagnostics.get(side) for side in ("before", "after")}
+    if changes.diagnostics.get("volumetric"):
+        return None
+    counts = {side: found["views"] for side, found in sides.items() if isinstance(found, dict) and "views" in found}
+    return counts if len(counts) == 2 else None
+
+
+def _resting(changes: Changes, missing: list[str]) -> str:
+    """What was judged without the poses of these sides; empty where nothing was."""
+    # What appeared is in the after scan, and was judged by what the before survey saw in its place.
+    judge = {"appeared": "before", "disappeared": "after"}
+    shapes = 0
+    for labels in object_labels(changes):
+        own = [changes[label] for label in labels if changes[label].explanation is not None]
+        shapes += any(change.kind == "moved" or judge[change.kind] in missing for change in own)
+    rejected = [one for one in changes.rejected if one.reason == "not observed" and judge[one.kind] in missing]
+    parts = []
+    if shapes:
+        parts.append(f"{shapes} change{'s rest' if shapes != 1 else ' rests'} on shape alone")
+    if rejected:
+        were = "candidate was" if len(rejected) == 1 else "candidates were"
+        parts.append(f"{len(rejected):,} {were} rejected as not observed")
+    return " and ".join(parts)
 
 
 def place_cells(found: Change | RejectedCandidate) -> tuple[str, str, str]:
-    """Number of points, centre and size, as the last three of `HEADINGS`."""
+    """Number of points, centre and size, as in `HEADINGS`."""
     return (f"{found.point_count:,}", *place_text(found.mean, found.box.extent))
 
 
@@ -105,9 +224,13 @@ def place_text(centre: Float[np.ndarray, "3"], extent: Float[np.ndarray, "3"]) -
     return ", ".join(f"{value:.{digits}f}" for value in centre), " × ".join(f"{value:.{digits}f}" for value in extent)
 
 
-def _cells(label: int, change: Change) -> tuple[str, ...]:
-    kind = change.kind if change.partner is None else f"{change.kind} (with {change.partner})"
-    return str(label), kind, percent(change.probability), *place_cells(change)
+def _object_row(changes: Changes, labels: tuple[int, ...]) -> ObjectRow:
+    own = [changes[label] for label in labels]
+    text = motion_text(changes, (labels[0], labels[1])) if len(labels) == 2 else own[0].kind
+    volume = "" if own[-1].volume is None else volume_text(own[-1].volume, changes.unit)
+    probability = percent(max(change.probability for change in own))
+    label = ", ".join(map(str, labels))
+    return ObjectRow(labels, own[0].kind, label, text, probability, *place_cells(own[-1]), volume)
 
 
 def _decimals(extent: np.ndarray) -> int:

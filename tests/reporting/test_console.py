@@ -17,10 +17,23 @@ def test_the_table_fits_the_usual_terminal(pair, capsys):
     assert "1 row of the before cloud" in printed
 
 
-def test_no_figure_is_cut_off_in_a_narrow_terminal(pair, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "30")
-    console.print_changes(pair[2])
-    assert "…" not in capsys.readouterr().out
+@pytest.mark.parametrize(
+    ("width", "columns"),
+    [
+        ("80", ["Label", "Kind", "Prob.", "Points", "Centre", "Size", "Volume"]),
+        ("72", ["Label", "Kind", "Prob.", "Points", "Centre", "Size"]),
+        ("60", ["Label", "Kind", "Prob.", "Centre"]),
+        ("35", ["Label", "Kind", "Prob."]),
+    ],
+)
+def test_columns_that_do_not_fit_are_left_out(pair, capsys, monkeypatch, width, columns):
+    monkeypatch.setenv("COLUMNS", width)
+    items = tuple(dataclasses.replace(item, volume=123456.0) for item in pair[2].items)
+    console.print_changes(dataclasses.replace(pair[2], items=items))
+    lines = capsys.readouterr().out.splitlines()
+    heading = next(line for line in lines if "Label" in line)
+    assert heading.split() == columns
+    assert max(map(len, lines)) <= int(width) and not any("…" in line for line in lines)
 
 
 def test_explanations_fit_the_usual_terminal(explained, capsys):

@@ -92,5 +92,5 @@ def test_the_after_cloud_is_written_and_shown_in_the_frame_of_the_before_cloud(p
     np.testing.assert_allclose(read_cloud(folder / "after.ply").points, pair[1].points + np.array([0, 0, -2]))
     np.testing.assert_array_equal(read_cloud(folder / "before.ply").points, pair[0].points)
     page = (folder / "report.html").read_text(encoding="utf-8")
-    assert "the after cloud was moved by 2 and rotated by 0°" in page
+    assert "The after scan was moved by 2 and 0°" in page
     np.testing.assert_array_equal(Changes.load(folder).registration.transform, transform)

@@ -2,18 +2,36 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.registration import Registration
-from gmmjax.geometry.rigid import rigid_transform
+from gmmjax.geometry.rigid import rigid_transform, rotation_about
 from gmmjax.reporting.summary import (
     HEADINGS,
     answer,
-    change_rows,
     dropped_rows,
+    headings,
+    object_rows,
     percent,
+    poses_text,
     registration_text,
     unobserved_text,
 )
+from tests.changes.explained import explanation, rejected
+
+
+def moved(pair, transform, unit=None):
+    """The record with a single object, which was the first change and became the second one."""
+    items = pair[2].items
+    before = dataclasses.replace(items[0], kind="moved", partner=1, transform=transform, volume=0.3)
+    after = dataclasses.replace(items[1], kind="moved", partner=0, transform=transform, volume=0.0042)
+    return dataclasses.replace(pair[2], items=(before, after), unit=unit)
+
+
+def posed(changes, before, after, *items, candidates=()):
+    """The record with these changes and numbers of views."""
+    diagnostics = {"before": {"views": before}, "after": {"views": after}}
+    return dataclasses.replace(changes, diagnostics=diagnostics, items=items, rejected=candidates)
 
 
 def test_answer_counts_each_kind(pair):
@@ -23,7 +41,29 @@ def test_answer_counts_each_kind(pair):
 def test_a_moved_object_counts_once(pair):
     before, after = (dataclasses.replace(pair[2].items[1], partner=partner) for partner in (1, 0))
     assert answer(dataclasses.replace(pair[2], items=(before, after))) == "1 change: 1 moved"
-    assert change_rows(dataclasses.replace(pair[2], items=(before, after)))[0].cells[1] == "moved (with 1)"
+
+
+def test_a_moved_object_is_one_row_with_both_labels(pair):
+    turn = Rotation.from_euler("z", 6, degrees=True).as_matrix()
+    centre = pair[2][0].mean
+    rows = object_rows(moved(pair, rotation_about(turn, centre, centre + np.array([0.06, 0.08, 0])), "m"))
+    assert [(row.labels, row.label, row.text) for row in rows] == [((0, 1), "0, 1", "moved 0.10 m, turned 6°")]
+    assert rows[0].points == "60" and rows[0].volume == "4,200 cm³"
+    straight = rotation_about(np.eye(3), centre, centre + np.array([0.06, 0.08, 0]))
+    assert object_rows(moved(pair, straight))[0].text == "moved 0.10"
+
+
+def test_the_place_in_the_before_scan_comes_first(pair):
+    """Whichever of the two changes is the more probable one."""
+    labels_before, labels_after = np.full(400, -1), np.full(500, -1)
+    labels_before[:50], labels_after[:60] = 1, 0
+    record = dataclasses.replace(moved(pair, np.eye(4)), labels_before=labels_before, labels_after=labels_after)
+    assert [row.labels for row in object_rows(record)] == [(1, 0)]
+
+
+def test_coordinates_have_their_unit_in_the_heading(pair):
+    assert headings(pair[2]) == HEADINGS
+    assert headings(dataclasses.replace(pair[2], unit="mm"))[4:6] == ("Centre (mm)", "Size (mm)")
 
 
 def test_no_change(pair):
@@ -62,7 +102,7 @@ def test_headings_name_no_unit():
 def test_sizes_have_three_digits_in_any_unit(pair, unit, size):
     box = dataclasses.replace(pair[2].items[0].box, extent=np.array([2, 1, 0.5]) * unit)
     item = dataclasses.replace(pair[2].items[0], box=box)
-    assert change_rows(dataclasses.replace(pair[2], items=(item,)))[0].cells[-1] == size
+    assert object_rows(dataclasses.replace(pair[2], items=(item,)))[0].size == size
 
 
 def test_dropped_rows_are_those_of_the_diagnostics(pair):
@@ -70,15 +110,43 @@ def test_dropped_rows_are_those_of_the_diagnostics(pair):
     assert dropped_rows(dataclasses.replace(pair[2], diagnostics={})) == {}
 
 
-def test_the_registration_is_told_in_a_sentence(pair):
-    transform = rigid_transform(translation=np.array([0.3, 0, 0]))
-    record = Registration(transform, True, 0.3, 0.0013, 0.0033, 0.96)
+def test_the_registration_is_told_in_words(pair):
+    turn = Rotation.from_euler("z", 0.4, degrees=True).as_matrix()
+    record = Registration(rigid_transform(turn), True, 0.3, 0.0013, 0.0033, 0.96)
     assert registration_text(pair[2]) is None
-    assert registration_text(dataclasses.replace(pair[2], registration=record)) == (
-        "Registration: the after cloud was moved by 0.3 and rotated by 0° onto the before cloud; "
-        "residual 0.0033 → 0.0013; overlap 96 %."
+    registered = dataclasses.replace(pair[2], registration=record)
+    assert registration_text(dataclasses.replace(registered, unit="m")) == (
+        "The after scan was moved by 30 cm and 0.4°; residual 3.3 to 1.3 mm; overlap 96 %."
+    )
+    assert registration_text(registered) == (
+        "The after scan was moved by 0.3 and 0.4°; residual 0.0033 to 0.0013; overlap 96 %."
     )
     doubtful = dataclasses.replace(record, applied=False, transform=np.eye(4), confidence=0.4)
-    assert registration_text(dataclasses.replace(pair[2], registration=doubtful)) == (
-        "Registration: none was needed; residual 0.0013; overlap 96 %; confidence 40 %."
+    assert registration_text(dataclasses.replace(pair[2], registration=doubtful, unit="mm")) == (
+        "The scans needed no registration; residual 0.0013 mm; overlap 96 %; confidence 40 %."
     )
+    config = dataclasses.replace(pair[2].config, registration="never")
+    assert registration_text(dataclasses.replace(pair[2], registration=doubtful, config=config)) == (
+        "The scans were compared as they are, without registration; residual 0.0013; overlap 96 %; confidence 40 %."
+    )
+
+
+def test_what_rests_on_unknown_poses_names_the_option(pair):
+    gone, _, new = (dataclasses.replace(item, explanation=explanation()) for item in pair[2].items)
+    hidden = rejected("appeared", "not observed", 0.1, 0.2)
+    assert poses_text(pair[2]) is None
+    assert poses_text(posed(pair[2], 1, 4, gone, new)) == "Sensor poses: known for both scans."
+    assert poses_text(posed(pair[2], 0, 0, *pair[2].items)) == "Sensor poses: not known."
+    text = poses_text(posed(pair[2], 0, 0, gone, new, candidates=(hidden,)))
+    assert text is not None and text.startswith(
+        "Sensor poses: not known; 2 changes rest on shape alone and 1 candidate was rejected as not observed."
+    )
+    assert all(option in text for option in ("--sensor-at-origin", "--sensor-before X Y Z", "--views-before FILE"))
+
+
+def test_a_change_is_judged_by_the_poses_of_the_other_survey(pair):
+    gone, _, new = (dataclasses.replace(item, explanation=explanation()) for item in pair[2].items)
+    assert poses_text(posed(pair[2], 1, 0, new)) == "Sensor poses: known for the before scan only."
+    text = poses_text(posed(pair[2], 1, 0, gone))
+    assert text is not None and "1 change rests on shape alone" in text and "--sensor-after X Y Z" in text
+    assert "before X" not in text

@@ -1,0 +1,71 @@
+"""Numbers in words: probabilities, lengths and volumes with their unit, angles."""
+
+import math
+
+# What a length in metres is shown in, and from how many metres on; the last one below that.
+METRIC = ((1.0, "m", 1.0), (0.01, "cm", 0.01), (0.0, "mm", 0.001))
+
+
+def percent(probability: float) -> str:
+    """A probability to whole percents; only certainty is 100 %."""
+    shown = math.floor(probability * 100) if 0.99 < probability < 1 else round(probability * 100)
+    return f"{shown} %"
+
+
+def share(part: float) -> str:
+    """A share to whole percents; "under 1 %" where there is some."""
+    return "under 1 %" if 0 < part < 0.01 else percent(part)
+
+
+def number_text(value: float) -> str:
+    """A number with two significant digits below 1 and three from there on: "0.10", "1.23", "12,300"."""
+    magnitude = abs(value)
+    if magnitude == 0:
+        return "0"
+    if not 1e-6 <= magnitude < 1e12:
+        return f"{value:.2e}"
+    # Rounded first: 0.0996 is 0.10, not 0.100.
+    digits = 2 if magnitude < 1 else 3
+    rounded = float(f"{value:.{digits - 1}e}")
+    decimals = (2 if abs(rounded) < 1 else 3) - 1 - math.floor(math.log10(abs(rounded)))
+    return f"{rounded:,.{max(decimals, 0)}f}"
+
+
+def length_text(value: float, unit: str | None) -> str:
+    """A length in the unit of the clouds, such as "0.10 m"; the plain number where the unit is not known."""
+    return number_text(value) if unit is None else f"{number_text(value)} {unit}"
+
+
+def metric_text(values: tuple[float, ...], unit: str | None, joint: str = " to ") -> str:
+    """Lengths in one readable unit: metres as "30 cm", "3.3 to 1.3 mm"; others in the unit of the clouds.
+
+    Args:
+        values: the lengths; the greatest decides.
+        unit: of the clouds; None where it is not known.
+        joint: what is between two lengths.
+    """
+    if unit != "m":
+        return joint.join(map(_short, values)) + (f" {unit}" if unit else "")
+    _, name, metres = next(row for row in METRIC if max(map(abs, values)) >= row[0])
+    return joint.join(_short(value / metres) for value in values) + f" {name}"
+
+
+def volume_text(value: float, unit: str | None) -> str:
+    """A volume such as "0.35 m³", and below 0.01 m³ "350 cm³"; the plain number where the unit is not known."""
+    if unit == "m" and 0 < value < 0.01:
+        return f"{number_text(value * 1e6)} cm³"
+    return number_text(value) if unit is None else f"{number_text(value)} {unit}³"
+
+
+def degrees_text(angle: float) -> str:
+    """An angle in degrees, to a tenth below ten: "0.4°", "6°", "35°"."""
+    return f"{angle:.0f}°" if angle >= 10 else f"{angle:.1f}".removesuffix(".0") + "°"
+
+
+def _short(value: float) -> str:
+    """Two significant digits, or all that are before the point: a residual is not known to more."""
+    if value == 0:
+        return "0"
+    decimals = max(1 - math.floor(math.log10(abs(value))), 0)
+    text = f"{value:,.{min(decimals, 9)}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
