@@ -20,6 +20,7 @@ from gmmjax import _compilation_cache as compilation_cache
 from gmmjax.changes import Changes
 from gmmjax.cli import main
 from gmmjax.clouds import read_cloud, write_ply
+from gmmjax.evaluation import read_pair
 from gmmjax.reporting import read_mixture
 from tests.changes.explained import explanation, rejected
 
@@ -418,13 +419,17 @@ def test_simulate_gaussians_writes_clouds_that_detect_reads(tmp_path):
     assert len(read_cloud(tmp_path / "b" / "after.ply")) == 350
 
 
-def test_demo_shows_what_was_found_and_the_truth(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("gmmjax.cli.demo.SETTINGS", {"method": "transport", "restarts": 2, "max_components": 8})
+def test_the_demo_compares_what_was_found_with_the_truth_and_keeps_the_scans(tmp_path, capsys):
     assert main(["demo", "--out", str(tmp_path / "a")]) == 0
     printed = capsys.readouterr().out
-    assert printed.startswith("2 changes: 1 appeared, 1 disappeared\n")
-    assert "Truth" in printed
+    assert printed.startswith("6 changes: 2 appeared, 2 disappeared, 2 moved\n")
+    assert "not found" not in printed
+    assert "No false changes." in printed
     assert (tmp_path / "a" / "result" / "report.html").as_uri() in printed.replace("\n", "")
+    scene = tmp_path / "a" / "scene"
+    pair = read_pair(scene)
+    assert pair.after.views is not None and set(pair.after.truth) == {-1, 0, 1, 4, 5}
+    assert read_cloud(scene / "after.ply").colors is not None
 
 
 def evaluated(command, capsys, *arguments):
@@ -613,6 +618,7 @@ def jax_settings(monkeypatch):
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
     names = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
     before = {name: getattr(jax.config, name) for name in names}
+    jax.config.update("jax_compilation_cache_dir", None)
     yield
     for name, value in before.items():
         jax.config.update(name, value)

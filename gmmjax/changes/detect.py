@@ -59,7 +59,8 @@ def detect_changes(
     scans = _scans(before, after, views_before, views_after)
     with recorded_warnings() as warnings:
         changes = DETECTORS[config.method](config).changes(scans, progress or silent)
-    return dataclasses.replace(changes, warnings=tuple(warnings))
+    clouds = scans.map(lambda scan: scan.cloud)
+    return dataclasses.replace(changes, warnings=tuple(warnings), clouds=clouds)
 
 
 def detect_consensus(

@@ -33,7 +33,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "evaluate pairs": ("evaluate_pairs", "Score detectors on pairs of scans with truth."),
     "evaluate thesis": ("evaluate_thesis", "Run chapter 4 of the thesis again, beside its published numbers."),
     "tune": ("tune", "Tune settings by gradient on pairs of scans, with truth or without."),
-    "demo": ("demo", "Simulate a pair of scans, detect the changes, and say where the results lie."),
+    "demo": ("demo", "Simulate two scans of a storehouse, detect the changes, and compare them with the truth."),
 }
 
 

@@ -68,6 +68,11 @@ class SensorViews:
         """The number of views."""
         return len(self.poses)
 
+    def __repr__(self) -> str:
+        width, height = self.field_of_view
+        views = f"{len(self):,} view{'s' * (len(self) != 1)}"
+        return f"<SensorViews: {views} of {width:.4g}° × {height:.4g}°, range {self.max_range:.4g}>"
+
     @property
     def turning(self) -> bool:
         """Whether the sensor turns: its field of view is measured in azimuth and elevation."""

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from gmmjax.evaluation import Evaluation, Failure
     from gmmjax.mixtures import Fit
     from gmmjax.reporting.batch_files import Summary
-    from gmmjax.scenes import GaussianScene
+    from gmmjax.scenes import SurveyedScene
     from gmmjax.surveys import Bag
     from gmmjax.tuning import TuningResult, VerdictResult
 
@@ -206,20 +206,26 @@ def print_fit(fit: "Fit", cloud: "PointCloud") -> None:
         console.print(dropped_text("given", cloud.rows_dropped), highlight=False)
 
 
-def print_truth(scene: "GaussianScene") -> None:
-    """The true changes of a simulated scene in a table, on standard output."""
+def print_truth(scene: "SurveyedScene", changes: Changes) -> None:
+    """The true changes of a simulated scene in a table, each with the label it was found as, on standard output."""
+    from gmmjax.reporting.truth_rows import false_labels, truth_rows
+
     table = plain_table()
-    for heading, justify in (("Truth", "left"), ("Kind", "left"), ("Points", "right"), ("Centre", "right")):
+    columns = (("Truth", "left"), ("Points", "right"), ("Centre", "right"), ("Motion", "left"), ("Found as", "left"))
+    for heading, justify in columns:
         table.add_column(heading, justify=justify, no_wrap=True)  # type: ignore[arg-type]
-    sides = ((scene.before, scene.truth_before, "disappeared"), (scene.after, scene.truth_after, "appeared"))
-    for points, truth, kind in sides:
-        for number in np.unique(truth[truth >= 0]):
-            own = points[truth == number]
-            centre = ", ".join(f"{value:.2f}" for value in own.mean(axis=0))
-            table.add_row(str(number), f"● {kind}", f"{len(own):,}", centre)
+    for row in truth_rows(scene, changes):
+        centre = ", ".join(f"{value:.2f}" for value in row.centre)
+        motion = "" if row.motion is None else f"{row.motion[0]:.2f} m, {row.motion[1]:.0f}°"
+        found = ", ".join(map(str, row.labels)) or "not found"
+        color = KIND_COLORS[row.kind]
+        table.add_row(f"[{color}]● {row.kind}[/]", f"{row.points:,}", centre, motion, found)
     console = Console()
     console.print()
     print_whole(table)
+    false = false_labels(scene, changes)
+    text = f"False changes: {', '.join(map(str, false))}." if false else "No false changes."
+    console.print(text, highlight=False)
 
 
 def print_topics(bag: "Bag") -> None:

@@ -1,14 +1,15 @@
 """The stage that turns what was found in both clouds into changes: kinds, confidence, one list."""
 
 import dataclasses
+import logging
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int
 
 from gmmjax.changes.align.alignment import AlignedPair
-from gmmjax.changes.change import Change, Changes, Kind
+from gmmjax.changes.change import Change, Changes, Kind, Reason
 from gmmjax.changes.config import DetectionConfig, Kinds
 from gmmjax.changes.differences import Differences, LocalDifference
 from gmmjax.changes.evidence.examination import Examined
@@ -22,6 +23,8 @@ from gmmjax.changes.objects.volumetric_changes import VolumetricChangeSettings, 
 from gmmjax.changes.prepare.checking import CheckedCloud
 from gmmjax.changes.registration import Registration
 from gmmjax.pair import Pair, each
+
+logger = logging.getLogger(__name__)
 
 # The kind of a change in the before and in the after cloud.
 KINDS: Pair[Kind] = Pair("disappeared", "appeared")
@@ -123,7 +126,7 @@ class Found(NamedTuple):
             distance_of_rows: Pair[np.ndarray | None] = Pair(None, None)
         else:
             distance_of_rows = each(lambda cloud, own: cloud.to_rows(own, np.nan), clouds, distance)
-        return Changes(
+        changes = Changes(
             labels_before=of_rows.before,
             labels_after=of_rows.after,
             probability_before=probability.before,
@@ -139,6 +142,19 @@ class Found(NamedTuple):
             distance_before=distance_of_rows.before,
             distance_after=distance_of_rows.after,
         )
+        _log(changes)
+        return changes
+
+
+def _log(changes: Changes) -> None:
+    """What was found, and what became of the candidates that are no changes."""
+    reasons = {reason: sum(one.reason == reason for one in changes.rejected) for reason in get_args(Reason)}
+    rejected = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
+    logger.info("%d changes, %d rejected candidates (%s)", len(changes), len(changes.rejected), rejected)
+    for label, change in enumerate(changes):
+        logger.debug("change %d: %r", label, change)
+    for candidate in changes.rejected:
+        logger.debug("rejected: %r", candidate)
 
 
 def surfaces_found(
