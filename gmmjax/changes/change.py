@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from gmmjax.changes.change_table import data_frame
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.explanation import Explanation
-from gmmjax.changes.plain_values import finite, probability, whole
+from gmmjax.changes.plain_values import finite, probability, text, whole
 from gmmjax.changes.presentation import GivenCloud, notebook_html, plotted, write_report
 from gmmjax.changes.registration import Registration
 from gmmjax.changes.storage import (
@@ -26,6 +26,7 @@ from gmmjax.changes.storage import (
     write_record,
 )
 from gmmjax.errors import InputError, one_line, shown
+from gmmjax.geometry import OrientedBox
 from gmmjax.pair import Pair
 
 Kind = Literal["appeared", "disappeared", "moved"]
@@ -54,10 +55,15 @@ class Box:
         axes[:, 2] *= np.sign(np.linalg.det(axes))
         inside = (points - origin) @ axes
         lower, upper = inside.min(axis=0), inside.max(axis=0)
-        order = np.argsort(-(upper - lower), kind="stable")
-        rotation = axes[:, order]
+        return cls.longest_first(OrientedBox(origin + axes @ ((lower + upper) / 2), upper - lower, axes))
+
+    @classmethod
+    def longest_first(cls, box: OrientedBox) -> "Box":
+        """The same box with its edges in the order of their lengths."""
+        order = np.argsort(-box.extent, kind="stable")
+        rotation = box.rotation[:, order]
         rotation[:, 2] *= np.sign(np.linalg.det(rotation))
-        return cls(origin + axes @ ((lower + upper) / 2), (upper - lower)[order], rotation)
+        return cls(box.centre, box.extent[order], rotation)
 
     def to_dict(self) -> dict[str, Any]:
         """The box as plain lists."""
@@ -399,8 +405,8 @@ class Changes:
                 diagnostics=dict(content["diagnostics"]),
                 registration=Registration.from_dict(content["registration"]),
                 rejected=tuple(RejectedCandidate.from_dict(candidate) for candidate in content.get("rejected", ())),
-                warnings=tuple(str(text) for text in content.get("warnings", ())),
-                unit=content.get("unit"),
+                warnings=tuple(text(warning) for warning in content.get("warnings", ())),
+                unit=None if content.get("unit") is None else text(content["unit"]),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(

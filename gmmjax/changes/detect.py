@@ -12,7 +12,7 @@ from gmmjax.changes.detectors import DETECTORS, AbstractRestartDetector, Scan
 from gmmjax.changes.fit.restart_fits import RestartFits
 from gmmjax.changes.progress import Progress, silent
 from gmmjax.clouds import PointCloud, SensorViews
-from gmmjax.errors import InputError, shown
+from gmmjax.errors import InputError, recorded_warnings, shown
 from gmmjax.pair import Pair
 
 
@@ -57,8 +57,10 @@ def detect_changes(
     """
     config = _overridden(config or DetectionConfig(), method=method, restarts=restarts, seed=seed)
     scans = _scans(before, after, views_before, views_after)
-    changes = DETECTORS[config.method](config).changes(scans, progress or silent)
-    return dataclasses.replace(changes, clouds=scans.map(lambda scan: scan.cloud))
+    with recorded_warnings() as warnings:
+        changes = DETECTORS[config.method](config).changes(scans, progress or silent)
+    clouds = scans.map(lambda scan: scan.cloud)
+    return dataclasses.replace(changes, warnings=tuple(warnings), clouds=clouds)
 
 
 def detect_consensus(
@@ -105,7 +107,10 @@ def detect_consensus(
     if not isinstance(detector, AbstractRestartDetector):
         raise InputError(f"method={config.method} has no restarts to average over; choose another, or detect_changes")
     scans = _scans(before, after, views_before, views_after)
-    return detector.consensus(scans, earlier=earlier, until_stable=until_stable, report=progress or silent)
+    with recorded_warnings() as warnings:
+        consensus = detector.consensus(scans, earlier=earlier, until_stable=until_stable, report=progress or silent)
+    changes = dataclasses.replace(consensus.changes, warnings=tuple(warnings))
+    return dataclasses.replace(consensus, changes=changes)
 
 
 def _check_tolerance(until_stable: float | None) -> None:

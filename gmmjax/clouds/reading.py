@@ -1,5 +1,6 @@
 """Reading a point cloud from a file of any known format."""
 
+import dataclasses
 import logging
 import os
 from collections.abc import Callable, Mapping
@@ -11,6 +12,7 @@ from gmmjax.clouds.mesh import read_mesh
 from gmmjax.clouds.pcd import read_pcd
 from gmmjax.clouds.ply import read_ply
 from gmmjax.clouds.point_cloud import PointCloud
+from gmmjax.clouds.source_file import SourceFile
 from gmmjax.clouds.text import read_text
 from gmmjax.errors import InputError
 
@@ -49,7 +51,8 @@ def read_cloud(path: str | os.PathLike[str]) -> PointCloud:
         raise InputError(
             f"{file}: the ending {file.suffix!r} is of no known format; convert it to one of {' '.join(READERS)}"
         )
-    cloud = reader(file)
+    source = SourceFile.of(file)
+    cloud = dataclasses.replace(reader(file), file=source)
     if not len(cloud) and not cloud.rows_dropped:
         raise InputError(f"{file}: has 0 points; export the cloud again")
     if not len(cloud):

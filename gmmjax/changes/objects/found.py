@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int
+from jaxtyping import Bool, Float, Float64, Int
 
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.change import Change, Changes, Kind, Reason
@@ -16,6 +16,7 @@ from gmmjax.changes.evidence.examination import Examined
 from gmmjax.changes.fit.joint_fit import JointFits
 from gmmjax.changes.fit.joint_problem import JointProblem
 from gmmjax.changes.objects.cloud_changes import CloudChanges, merged, merged_rejected
+from gmmjax.changes.objects.measures import MeasureSettings
 from gmmjax.changes.objects.moved import MovedSettings
 from gmmjax.changes.objects.surface_changes import SurfaceChangeSettings, surface_changes
 from gmmjax.changes.objects.volumetric_changes import VolumetricChangeSettings, restart_weights, volumetric_changes
@@ -37,11 +38,13 @@ class ObjectSettings:
         surfaces: of scans.
         volumes: of clouds that fill volumes.
         moved: which disappeared and appeared changes of scans are one object.
+        measures: how large they are.
     """
 
     surfaces: SurfaceChangeSettings = SurfaceChangeSettings()
     volumes: VolumetricChangeSettings = VolumetricChangeSettings()
     moved: MovedSettings = MovedSettings()
+    measures: MeasureSettings = MeasureSettings()
 
 
 class Found(NamedTuple):
@@ -67,6 +70,10 @@ class Found(NamedTuple):
         if confidence == 1:
             return self
         return self._replace(changes=self.changes.map(lambda own: own.with_confidence(confidence)))
+
+    def observed(self, values: Pair[np.ndarray]) -> Pair[Float[np.ndarray, " _"]]:
+        """Values of all points, NaN where the other survey did not observe the place."""
+        return each(lambda own, hidden: np.where(hidden, np.float32(np.nan), own), values, self.unobserved)
 
     def merged(self) -> tuple[tuple[Change, ...], Pair[Int[np.ndarray, " _"]]]:
         """The changes of both clouds in one list, and the labels that refer to it."""
@@ -97,6 +104,7 @@ class Found(NamedTuple):
         config: DetectionConfig,
         diagnostics: Mapping[str, Any],
         registration: Registration | None = None,
+        distance: Pair[np.ndarray] | None = None,
     ) -> Changes:
         """The record, with a value for each row that the caller gave.
 
@@ -108,10 +116,16 @@ class Found(NamedTuple):
             config: the settings that were used.
             diagnostics: scales, timings and other plain values of this detection.
             registration: of the after cloud; None: none was made.
+            distance: of each point to the surface of the other cloud, NaN where it was not observed; None: it was not
+                measured.
         """
         of_rows = each(lambda cloud, own: cloud.to_rows(own, -1), clouds, labels)
         probability = each(lambda cloud, own: cloud.to_rows(own.probability, 0.0), clouds, self.changes)
         unobserved = each(lambda cloud, own: cloud.to_rows(own, False), clouds, self.unobserved)
+        if distance is None:
+            distance_of_rows: Pair[np.ndarray | None] = Pair(None, None)
+        else:
+            distance_of_rows = each(lambda cloud, own: cloud.to_rows(own, np.nan), clouds, distance)
         changes = Changes(
             labels_before=of_rows.before,
             labels_after=of_rows.after,
@@ -125,6 +139,8 @@ class Found(NamedTuple):
             diagnostics=diagnostics,
             registration=registration or Registration.none(),
             rejected=merged_rejected(self.changes),
+            distance_before=distance_of_rows.before,
+            distance_after=distance_of_rows.after,
         )
         _log(changes)
         return changes
