@@ -16,16 +16,6 @@ from gmmjax.cli.flags import flags_of
 from gmmjax.clouds import read_toml
 from gmmjax.errors import InputError
 
-RESULT_FILES = {
-    "report.html": "open it in a browser",
-    "changes.json": "the changes, settings and diagnostics",
-    "labels.npz": "label and probability of every point",
-    "before.ply": "coloured, with label and probability",
-    "after.ply": "coloured, with label and probability",
-    "config.toml": "the settings, for --config",
-}
-
-
 Flags = flags_of(DetectionConfig)
 
 
@@ -52,7 +42,7 @@ def detect(
 ) -> int:
     """What changed from one scan to another: a list, labels for all points, a report.
 
-    Reads PLY, PCD, XYZ, PTS, CSV, NPY, NPZ, LAS and LAZ. Both scans must be in about the same frame, and in
+    Reads PLY, PCD, XYZ, ASC, PTS, CSV, NPY, NPZ, LAS, LAZ and E57. Both scans must be in about the same frame, and in
     the same unit.
 
     Args:
@@ -75,7 +65,7 @@ def detect(
     from gmmjax.changes import detect_changes
     from gmmjax.clouds import read_cloud, read_views
     from gmmjax.reporting import console
-    from gmmjax.reporting.result_folder import check_result_folder, write_result
+    from gmmjax.reporting.result_folder import check_result_folder, result_files, write_result
 
     detection = DetectionConfig(**dataclasses.asdict(settings))
     check_result_folder(out, overwrite=overwrite)
@@ -93,7 +83,7 @@ def detect(
         console.print_json(changes)
     elif not quiet:
         console.print_changes(changes, explain=explain)
-        console.print_files(out, RESULT_FILES)
+        console.print_files(out, result_files(out))
     return 0
 
 
