@@ -57,7 +57,7 @@ def write_result(
 
     All are in the frame of the before cloud: the after scan is registered, where a registration was applied.
 
-    `changes.json` and `labels.npz` (read back by `Changes.load`), `changes.csv` and `changes.geojson`, `report.html` and
+    `changes.json` and `labels.npz` (read back by `Changes.load`), `changes.csv`, `changes.geojson`, `report.html` and
     `config.toml`; and both scans with what was found about their points, as `before.las`, `.laz` or `.pcd` where that
     is what they were read from, else as `before.ply`, with all that their files held. See `LabelledCloud`.
 
