@@ -13,9 +13,9 @@ from gmmjax.clouds import PointCloud, atomic_write
 from gmmjax.geometry import evenly_chosen
 from gmmjax.pair import Pair, each
 from gmmjax.reporting.camera import HALF_HEIGHT, PlotCamera, initial_camera
+from gmmjax.reporting.framing import stretched
 from gmmjax.reporting.palette import KIND_COLORS, color_bytes, greyed, luminance
 from gmmjax.reporting.result_folder import check_lengths
-from gmmjax.reporting.scene_plot import stretched
 from gmmjax.reporting.splats import Projected, depth_steps, enclosed, nearest_points
 
 BEFORE_THUMBNAIL = "before.png"
