@@ -24,8 +24,6 @@ from tests.pages import PAGES, REASONS, ROOT, anchors, blocks, gmmjax_words, ste
 NAMES = [page.name for page in PAGES]
 
 
-
-
 class Supplies:
     """The files that the pages speak of as the reader's own; each is made once."""
 
