@@ -8,10 +8,17 @@ import tempfile
 from pathlib import Path
 
 from drawing import IMAGES, in_few_colors
-from PIL import Image
+from PIL import Image, ImageOps
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "examples.md"
+
+
+def trimmed(picture: Image.Image, margin: int = 10) -> Image.Image:
+    """The picture without the white around it, but for a margin in pixels."""
+    left, upper, right, lower = ImageOps.invert(picture).getbbox() or (0, 0, *picture.size)
+    around = (left - margin, upper - margin, right + margin, lower + margin)
+    return ImageOps.expand(picture, margin, "white").crop(tuple(edge + margin for edge in around))
 
 
 def main(names: list[str]) -> None:
@@ -25,7 +32,7 @@ def main(names: list[str]) -> None:
             picture = Path(folder) / "picture.png"
             subprocess.run([sys.executable, ROOT / script, *options, picture], check=True)
             file = IMAGES / f"example-{name.replace('_', '-')}.png"
-            in_few_colors(Image.open(picture), file)
+            in_few_colors(trimmed(Image.open(picture).convert("RGB")), file)
         print(f"{file.relative_to(ROOT)}: {file.stat().st_size / 1000:.0f} kB")
 
 
