@@ -33,9 +33,7 @@ class Presented(NamedTuple):
     changes: "Changes"
 
 
-def presented(
-    changes: "Changes", before: GivenCloud | None = None, after: GivenCloud | None = None
-) -> Presented:
+def presented(changes: "Changes", before: GivenCloud | None = None, after: GivenCloud | None = None) -> Presented:
     """The changes with their clouds, in a form that reports and plots take.
 
     Args:
