@@ -17,16 +17,6 @@ from gmmjax.cli.log import shown_log
 from gmmjax.cli.sensor_options import SensorOption
 from gmmjax.errors import InputError
 
-RESULT_FILES = {
-    "report.html": "the changes in 3D, for a browser",
-    "changes.json": "the changes, settings and diagnostics",
-    "labels.npz": "label and probability of every point",
-    "before.ply": "coloured, with label and probability",
-    "after.ply": "coloured, with label and probability",
-    "config.toml": "the settings, for --config",
-}
-
-
 Flags = flags_of(DetectionConfig)
 
 
@@ -57,8 +47,8 @@ def detect(
 ) -> int:
     """Find what changed from one scan to another: a list, labels for all points, a report.
 
-    Reads PLY, PCD, XYZ, PTS, CSV, NPY, NPZ, LAS and LAZ. Both scans must be in the same unit and in about the same
-    frame.
+    Reads PLY, PCD, XYZ, ASC, PTS, CSV, NPY, NPZ, LAS, LAZ and E57. Both scans must be in the same unit and in about
+    the same frame.
 
     Args:
         before: the scan at the first time.
@@ -87,7 +77,7 @@ def detect(
     from gmmjax.changes import detect_changes
     from gmmjax.clouds import read_cloud
     from gmmjax.reporting import console
-    from gmmjax.reporting.result_folder import check_result_folder, write_result
+    from gmmjax.reporting.result_folder import check_result_folder, result_files, write_result
 
     detection = DetectionConfig(**dataclasses.asdict(settings))
     only = explained_label(explain)
@@ -115,7 +105,7 @@ def detect(
         console.print_json(changes)
     elif not quiet:
         console.print_changes(changes, explain=explain is not None and known, only=only)
-        console.print_files(out, RESULT_FILES)
+        console.print_files(out, result_files(out))
         console.print_report_hint(out / "report.html")
     if not known:
         labels = ", ".join(map(str, range(len(changes)))) or "none"
