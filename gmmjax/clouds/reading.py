@@ -21,7 +21,7 @@ logger = logging.getLogger(__name__)
 READERS: Mapping[str, Callable[[str | os.PathLike[str]], PointCloud]] = {
     ".ply": read_ply,
     ".pcd": read_pcd,
-    **dict.fromkeys((".xyz", ".txt", ".csv", ".pts"), read_text),
+    **dict.fromkeys((".xyz", ".asc", ".txt", ".csv", ".pts"), read_text),
     ".npy": read_npy,
     ".npz": read_npz,
     **dict.fromkeys((".las", ".laz"), read_las),
@@ -32,7 +32,7 @@ READERS: Mapping[str, Callable[[str | os.PathLike[str]], PointCloud]] = {
 def read_cloud(path: str | os.PathLike[str]) -> PointCloud:
     """The point cloud in a file; its ending, in upper or lower case, tells the format.
 
-    PLY, PCD, text (.xyz, .txt, .csv, .pts), NumPy (.npy, .npz), LAS and LAZ; the vertices of meshes (.obj, .off, .stl,
+    PLY, PCD, text (.xyz, .asc, .txt, .csv, .pts), NumPy (.npy, .npz), LAS and LAZ; the vertices of meshes (.obj, .off, .stl,
     .gltf, .glb) with the extra `open3d`. Rows with NaN or inf are left out and counted in `rows_dropped`.
 
     Args:
