@@ -21,6 +21,7 @@ from gmmjax.geometry import rigid_transform, transformed
 
 # Lengths in E57 are metres, by its standard.
 UNIT = "m"
+SIGNATURE = b"ASTM-E57"
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 COLORS = ("colorRed", "colorGreen", "colorBlue")
 NORMALS = ("nor:normalX", "nor:normalY", "nor:normalZ")
@@ -84,6 +85,9 @@ def read_e57(path: str | os.PathLike[str]) -> PointCloud:
         InputError: pye57 is not installed; the file is damaged, has no points, or a scan has no Cartesian coordinates.
     """
     file = require_file(path)
+    with file.open("rb") as stream:
+        if stream.read(len(SIGNATURE)) != SIGNATURE:
+            raise InputError(f"{file}: is no E57 file (it does not start with ASTM-E57); rename it to its real format")
     size = file.stat().st_size
     request = Request("e57", file, "pye57", WORKING_MEMORY + size, size / SLOWEST, {})
     try:
@@ -99,8 +103,8 @@ def read_e57(path: str | os.PathLike[str]) -> PointCloud:
             raise InputError(f"{file}: E57 files need pye57 ({error}): pip install 'gmmjax[e57]'") from error
         raise InputError(
             # What follows the asterisks is for the developers of the library.
-            f"{file}: pye57 cannot read it ({one_line(error).split(' ****')[0]}); the file is damaged or no E57, copy "
-            "or export it again"
+            f"{file}: pye57 cannot read it ({one_line(error).split(' ****')[0]}); the file is damaged, copy or "
+            "export it again"
         ) from error
     return _cloud([scan for scan in scans if len(scan.columns[CARTESIAN[0]])], details, file)
 

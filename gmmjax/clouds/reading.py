@@ -34,8 +34,9 @@ READERS: Mapping[str, Callable[[str | os.PathLike[str]], PointCloud]] = {
 def read_cloud(path: str | os.PathLike[str]) -> PointCloud:
     """The point cloud in a file; its ending, in upper or lower case, tells the format.
 
-    PLY, PCD, text (.xyz, .asc, .txt, .csv, .pts), NumPy (.npy, .npz), LAS and LAZ; E57 with the extra `e57`; the
-    vertices of meshes (.obj, .off, .stl, .gltf, .glb) with the extra `open3d`. Rows with NaN or inf are left out and counted in `rows_dropped`.
+    PLY, PCD, text (.xyz, .asc, .txt, .csv, .pts), NumPy (.npy, .npz), LAS and LAZ; E57 with the extra `e57`, and the
+    vertices of meshes (.obj, .off, .stl, .gltf, .glb) with the extra `open3d`. Rows with NaN or inf are left out and
+    counted in `rows_dropped`.
 
     Args:
         path: the file; its coordinates may be in any unit.
