@@ -44,8 +44,9 @@ def use_compilation_cache(folder: str | os.PathLike[str] | None = None) -> Path 
     """
     import jax
 
-    if folder is None and (jax.config.jax_compilation_cache_dir or "JAX_COMPILATION_CACHE_DIR" in os.environ):
-        return Path(jax.config.jax_compilation_cache_dir) if jax.config.jax_compilation_cache_dir else None
+    used = jax.config.values["jax_compilation_cache_dir"]
+    if folder is None and (used or "JAX_COMPILATION_CACHE_DIR" in os.environ):
+        return Path(used) if used else None
     try:
         # Of a user without a home folder, Python raises a RuntimeError.
         target = cache_folder() if folder is None else Path(folder).resolve()
@@ -65,7 +66,7 @@ def _keep_in(folder: Path) -> None:
     import jax
     from jax.experimental.compilation_cache import compilation_cache
 
-    if jax.config.jax_compilation_cache_dir != str(folder):
+    if jax.config.values["jax_compilation_cache_dir"] != str(folder):
         jax.config.update("jax_compilation_cache_dir", str(folder))
         # JAX decides at the first program that it compiles whether there is a cache, and never asks again.
         compilation_cache.reset_cache()

@@ -22,15 +22,21 @@ class InputError(ValueError):
     """
 
     def __init__(self, message: str) -> None:
-        super().__init__(_shortened("".join(map(_printable, _shortened(message)))))
+        super().__init__(_shortened(printable(_shortened(message))))
 
 
 def _shortened(message: str) -> str:
     return message if len(message) <= LONGEST else f"{message[: LONGEST - 300]} ... {message[-290:]}"
 
 
-def _printable(character: str) -> str:
-    return character if character.isprintable() else character.encode("unicode_escape").decode("ascii")
+def printable(text: str) -> str:
+    """A text that a terminal can show on one line: characters that control it are escaped."""
+    if text.isprintable():
+        return text
+    return "".join(
+        character if character.isprintable() else character.encode("unicode_escape").decode("ascii")
+        for character in text
+    )
 
 
 class ComputationError(RuntimeError):

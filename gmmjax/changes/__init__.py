@@ -87,6 +87,9 @@ from gmmjax.changes.prepare.resolution import WorkingPair as WorkingPair
 from gmmjax.changes.prepare.resolution import working_pair as working_pair
 from gmmjax.changes.prepare.separate_clouds import default_components as default_components
 from gmmjax.changes.prepare.separate_clouds import reduced as reduced
+from gmmjax.changes.presentation import GivenCloud as GivenCloud
+from gmmjax.changes.presentation import Presented as Presented
+from gmmjax.changes.presentation import presented as presented
 from gmmjax.changes.progress import Progress as Progress
 from gmmjax.changes.progress import silent as silent
 from gmmjax.changes.registration import Registration as Registration

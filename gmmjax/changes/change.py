@@ -398,7 +398,7 @@ class Changes:
             _check_indices(items, arrays)
             _check_counts(content, arrays)
             return cls(
-                **arrays,
+                **dict[str, Any](arrays),
                 items=items,
                 emd=float(finite(content["emd"])),
                 config=DetectionConfig.from_dict(dict(content["config"])),

@@ -65,18 +65,25 @@ def change_columns(changes: "Changes") -> tuple[ChangeColumns, ...]:
 
 
 def _row(changes: "Changes", label: int, change: "Change") -> ChangeColumns:
+    centre, extent = change.box.centre.tolist(), change.box.extent.tolist()
+    displacement, rotation_degrees = _motion(changes, label, change)
     return ChangeColumns(
-        label,
-        change.kind,
-        change.probability,
-        change.moved_probability,
-        change.significance,
-        change.point_count,
-        change.partner,
-        *change.box.centre.tolist(),
-        *change.box.extent.tolist(),
-        change.volume,
-        *_motion(changes, label, change),
+        change=label,
+        kind=change.kind,
+        probability=change.probability,
+        moved_probability=change.moved_probability,
+        significance=change.significance,
+        point_count=change.point_count,
+        partner=change.partner,
+        centre_x=centre[0],
+        centre_y=centre[1],
+        centre_z=centre[2],
+        extent_1=extent[0],
+        extent_2=extent[1],
+        extent_3=extent[2],
+        volume=change.volume,
+        displacement=displacement,
+        rotation_degrees=rotation_degrees,
     )
 
 

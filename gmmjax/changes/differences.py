@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.geometry import MEDIAN_TO_DEVIATION, LocalSurface, evenly_chosen, nearest_neighbours
-from gmmjax.pair import Pair, each
+from gmmjax.pair import Pair, each, each_on_cores
 
 logger = logging.getLogger(__name__)
 
@@ -143,11 +143,11 @@ def differences_between(
         spacing: of neighbouring points, in the sparser cloud.
         settings: of the limits.
     """
-    local = each(local_difference, surfaces, surfaces.swapped)
+    local = each_on_cores(local_difference, surfaces, surfaces.swapped)
     limits = detection_limits(local, spacing, settings)
     about = limits.registration_error, limits.distance, limits.offset
     logger.info("differences: registration error %.4g; certain from distance %.4g and offset %.4g on", *about)
-    return Differences(each(lambda own, side: _with_error(own, side, limits), surfaces, local), limits)
+    return Differences(each_on_cores(lambda own, side: _with_error(own, side, limits), surfaces, local), limits)
 
 
 def local_difference(

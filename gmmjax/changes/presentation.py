@@ -44,7 +44,7 @@ def presented(changes: "Changes", before: GivenCloud | None = None, after: Given
     Raises:
         InputError: clouds that are not known, or are not those of the changes.
     """
-    remembered = changes.clouds or Pair(None, None)
+    remembered = changes.clouds or Pair[Any](None, None)
     given = Pair(remembered.before if before is None else before, remembered.after if after is None else after)
     for name, cloud in zip(("before", "after"), given, strict=True):
         if cloud is None:
@@ -70,9 +70,8 @@ def _of_rows(changes: "Changes", time: str, rows: np.ndarray) -> "Changes":
     """The changes with the labels of some rows of one cloud: those that have a position."""
     names = [f"{name}_{time}" for name in ("labels", "probability", "unobserved", "distance")]
     arrays = {name: getattr(changes, name) for name in names}
-    return dataclasses.replace(
-        changes, **{name: None if values is None else values[rows] for name, values in arrays.items()}
-    )
+    kept: dict[str, Any] = {name: None if values is None else values[rows] for name, values in arrays.items()}
+    return dataclasses.replace(changes, **kept)
 
 
 def write_report(
@@ -99,8 +98,7 @@ def plotted(changes: "Changes", before: GivenCloud | None, after: GivenCloud | N
     """See `Changes.plot`."""
     from gmmjax.plotting import plot_overview
 
-    clouds, shown = presented(changes, before, after)
-    return plot_overview(shown, clouds, axes=axes)
+    return plot_overview(changes, before, after, axes=axes)
 
 
 def notebook_html(changes: "Changes") -> str:

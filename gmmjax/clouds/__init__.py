@@ -39,6 +39,7 @@ from gmmjax.clouds.temporaries import clear_folders as clear_folders
 from gmmjax.clouds.temporaries import locked_file as locked_file
 from gmmjax.clouds.temporaries import temporary_folder as temporary_folder
 from gmmjax.clouds.views import MARGIN as MARGIN
+from gmmjax.clouds.views import PositionSettings as PositionSettings
 from gmmjax.clouds.views import SensorViews as SensorViews
 from gmmjax.clouds.views import check_poses as check_poses
 from gmmjax.clouds.views_file import read_views as read_views

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from gmmjax.changes import Change, Changes
 from gmmjax.clouds import PointCloud
 from gmmjax.reporting.camera import PlotCamera, initial_camera
+from gmmjax.reporting.framing import shown_range, stretched
 from gmmjax.reporting.palette import KIND_COLORS, luminance
 
 MOST_UNCHANGED = 30_000
@@ -17,9 +18,6 @@ MOST_CHANGED = 15_000
 GREYS = [[0, "#7f868f"], [1, "#dfe2e6"]]
 # The edges of a box between its corners, whose numbers differ in one bit.
 EDGES = tuple((corner, corner | 1 << axis) for corner in range(8) for axis in range(3) if not corner >> axis & 1)
-# This share of a cloud's points on each side of each axis may lie outside of what is shown, when they lie far out.
-STRAY_SHARE = 0.001
-STRAY_MARGIN = 0.5
 
 Trace = dict[str, Any]
 
@@ -77,20 +75,6 @@ def _in_plotly_unit(points: Float[np.ndarray, "n 3"], extent: Float[np.ndarray, 
     return scaled
 
 
-def shown_range(
-    points: Float[np.ndarray, "n 3"], changes: Changes
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """The box that the views show: all points but a few that lie far out, and all changes."""
-    inner = np.quantile(points, [STRAY_SHARE, 1 - STRAY_SHARE], axis=0)
-    margin = STRAY_MARGIN * (inner[1] - inner[0]).max()
-    lower, upper = np.maximum(points.min(axis=0), inner[0] - margin), np.minimum(points.max(axis=0), inner[1] + margin)
-    corners = np.concatenate([[lower, upper], *(change.box.corners() for change in changes.items)])
-    lower, upper = corners.min(axis=0), corners.max(axis=0)
-    # A plane along an axis still needs some depth to be drawn in.
-    pad = 0.03 * max(float((upper - lower).max()), float(np.finfo(np.float32).tiny))
-    return lower - pad, upper + pad
-
-
 def drawn_points(labels: Int[np.ndarray, " n"]) -> int:
     """How many points of a cloud with these labels its view draws."""
     changed = int((labels >= 0).sum())
@@ -121,15 +105,6 @@ def _sample(indices: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " m"]:
     if len(indices) <= most:
         return indices
     return np.sort(np.random.default_rng(0).choice(indices, most, replace=False))
-
-
-def stretched(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Values from 0 to 1, the lowest and highest hundredths cut off."""
-    lowest, highest = np.quantile(values, [0.01, 0.99]) if len(values) else (0.0, 0.0)
-    if highest <= lowest:
-        return np.full(len(values), 0.5)
-    stretched: Float[np.ndarray, " n"] = np.clip((values - lowest) / (highest - lowest), 0, 1)
-    return stretched
 
 
 def _unchanged(side: _Side, every: int) -> Trace:

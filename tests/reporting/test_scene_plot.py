@@ -4,7 +4,8 @@ import dataclasses
 import numpy as np
 
 from gmmjax.clouds import PointCloud
-from gmmjax.reporting.scene_plot import scene_views, shown_range
+from gmmjax.reporting.framing import shown_range
+from gmmjax.reporting.scene_plot import scene_views
 from tests.reporting.conftest import labelled
 
 

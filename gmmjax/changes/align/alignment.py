@@ -18,7 +18,7 @@ from gmmjax.changes.config import RegistrationMode
 from gmmjax.changes.prepare.resolution import WorkingPair, working_pair
 from gmmjax.changes.registration import Registration
 from gmmjax.geometry import LocalSurface, transformed
-from gmmjax.pair import Pair
+from gmmjax.pair import Pair, each_on_cores
 
 logger = logging.getLogger(__name__)
 
@@ -79,7 +79,7 @@ def aligned(
     rough = RoughRegistration.none() if mode == "never" else rough_registration(points, settings.surfaces)
     roughly = Pair(points.before, transformed(points.after, rough.transform)) if rough.moves else points
     pair = working_pair(roughly, voxel_size)
-    surfaces = pair.clouds.map(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree))
+    surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), pair.clouds)
     if pair.volumetric:
         registration = registered_volumes(pair, surfaces, mode, seed, settings.volumes)
     else:

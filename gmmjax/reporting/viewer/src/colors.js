@@ -1,0 +1,46 @@
+// The colours of the points, and the legends that explain them. All can be told apart by colour-blind readers.
+
+/** Viridis (van der Walt and Smith), seven of its colours. */
+const PROBABILITY = ["#440154", "#443983", "#31688e", "#21918c", "#35b779", "#90d743", "#fde725"];
+/** ColorBrewer's RdBu, whose middle is grey here: white would vanish on a white page. */
+const DISTANCE = ["#2166ac", "#4393c3", "#92c5de", "#cfd1d4", "#f4a582", "#d6604d", "#b2182b"];
+export const UNOBSERVED = ["#8d7fa8", "#6f6289"];
+
+const THEMES = {
+  light: { dark: "#70767e", bright: "#d3d6da", faded: "#e4e6e9", line: "#3c444d", halo: "#ffffff" },
+  dark: { dark: "#4a5058", bright: "#a9aeb5", faded: "#2c3137", line: "#c3c9d0", halo: "#15181c" },
+};
+
+/** Red, green and blue from 0 to 1. */
+export function rgb(color) {
+  return [1, 3, 5].map((start) => parseInt(color.slice(start, start + 2), 16) / 255);
+}
+
+export function themeColors(name) {
+  const theme = THEMES[name];
+  if (!theme) throw new Error(`the theme is "light" or "dark", not ${JSON.stringify(name)}`);
+  return theme;
+}
+
+/** The colours of a scale from its lowest to its highest value, at equal distances; of other modes those of nothing. */
+export function scaleColors(mode) {
+  return mode === "distance" ? DISTANCE : PROBABILITY;
+}
+
+/**
+ * What the colours mean: `{ type: "scale", min, max, unit, colors }` from the lowest to the highest value,
+ * `{ type: "kinds", entries: [{ name, color }] }`, or `{ type: "scan" }` where they are the scan's own.
+ */
+export function legend(mode, scene, theme) {
+  if (mode === "probability") return { type: "scale", min: 0, max: 1, unit: null, colors: PROBABILITY };
+  if (mode === "distance") {
+    const limit = scene.distanceLimit;
+    return { type: "scale", min: -limit, max: limit, unit: scene.unit, colors: DISTANCE };
+  }
+  if (mode === "scan") return { type: "scan" };
+  const present = Object.entries(scene.kindColors).filter(([kind]) => scene.changes.some((one) => one.kind === kind));
+  const entries = present.map(([name, color]) => ({ name, color }));
+  entries.push({ name: "unchanged", color: themeColors(theme).bright });
+  if (scene.has.unobserved) entries.push({ name: "not observed", color: UNOBSERVED[0] });
+  return { type: "kinds", entries };
+}

@@ -1,0 +1,111 @@
+// The points of one cloud on the graphics card, in an order of which every beginning is a sample.
+
+import * as three from "three";
+
+import { drawingOrder, NO_LABEL } from "./decode.js";
+import { pointFragment, pointVertex } from "./shaders.js";
+
+const KINDS = ["appeared", "disappeared", "moved"];
+// So many points of a change are enough to frame it, and to find the side from which it is seen.
+const SAMPLES = 400;
+
+/** One cloud: what it draws with, and samples of the points of each change. */
+export class CloudPoints {
+  constructor(decoded, scene, unitScale) {
+    const { order, changed } = drawingOrder(decoded.labels);
+    this.count = decoded.count;
+    this.changed = changed;
+    this.step = scene.quantisation.step * unitScale;
+    this.lower = scene.quantisation.lower.map((value) => value * unitScale);
+    const places = new Uint16Array(4 * this.count);
+    const scan = new Uint8Array(4 * this.count);
+    const measured = new Uint8Array(4 * this.count);
+    const kinds = scene.changes.map(({ kind }) => 2 * (KINDS.indexOf(kind) + 1));
+    this.places = places;
+    this.samples = new Map();
+    order.forEach((from, to) => {
+      const label = decoded.labels[from];
+      places.set(decoded.steps.subarray(3 * from, 3 * from + 3), 4 * to);
+      places[4 * to + 3] = label;
+      if (decoded.colors) scan.set(decoded.colors.subarray(3 * from, 3 * from + 3), 4 * to);
+      else scan.fill(150, 4 * to, 4 * to + 3);
+      scan[4 * to + 3] = decoded.probability[from];
+      measured[4 * to] = decoded.distance ? decoded.distance[from] : 0;
+      measured[4 * to + 1] = (decoded.unobserved[from] ? 1 : 0) + (label === NO_LABEL ? 0 : (kinds[label] ?? 0));
+      if (label !== NO_LABEL) this.#keepSample(label, to);
+    });
+    this.geometry = new three.BufferGeometry();
+    this.geometry.setAttribute("position", new three.BufferAttribute(places, 4));
+    this.geometry.setAttribute("scan", new three.BufferAttribute(scan, 4, true));
+    this.geometry.setAttribute("measured", new three.BufferAttribute(measured, 4));
+  }
+
+  #keepSample(label, index) {
+    const kept = this.samples.get(label);
+    if (!kept) this.samples.set(label, [index]);
+    else if (kept.length < SAMPLES) kept.push(index);
+  }
+
+  /** Where a point is, in the unit of the drawing. */
+  point(index) {
+    return [0, 1, 2].map((axis) => this.lower[axis] + (this.places[4 * index + axis] + 0.5) * this.step);
+  }
+
+  /** A sample of the points of a change, an array of [x, y, z]. */
+  pointsOf(label) {
+    return (this.samples.get(label) ?? []).map((index) => this.point(index));
+  }
+
+  /** At most so many of the points that are not of these changes, in a box or everywhere (null); flat x, y, z. */
+  sampleOfOthers(labels, box, most) {
+    const found = [];
+    for (let index = 0; index < this.count && found.length < 3 * most; index++) {
+      if (labels.includes(this.places[4 * index + 3])) continue;
+      const point = this.point(index);
+      if (box && point.some((value, axis) => Math.abs(value - box.centre[axis]) > box.half[axis])) continue;
+      found.push(...point);
+    }
+    return found;
+  }
+
+  /** The parts of the buffers to draw when only a share of the points is: of the changes more than of the others. */
+  parts(most) {
+    if (this.count <= most) return [[0, this.count]];
+    const changed = Math.min(this.changed, Math.floor(0.7 * most));
+    return [[0, changed], [this.changed, Math.min(most - changed, this.count - this.changed)]];
+  }
+}
+
+/** What all clouds are drawn with; its uniforms change from view to view. */
+export function pointMaterial() {
+  const value = (initial) => ({ value: initial });
+  return new three.RawShaderMaterial({
+    glslVersion: three.GLSL3,
+    vertexShader: pointVertex,
+    fragmentShader: pointFragment,
+    blending: three.NoBlending,
+    uniforms: {
+      lower: value([0, 0, 0]),
+      latticeStep: value(1),
+      diameter: value(1),
+      pixels: value(1),
+      sizes: value([1, 30]),
+      mode: value(0),
+      kinds: value([]),
+      scale: value([]),
+      greys: value([]),
+      unobservedColor: value([0, 0, 0]),
+      faded: value([0, 0, 0]),
+      focus: value([-1, -1]),
+      isolating: value(false),
+      clipping: value(false),
+      clipCentre: value([0, 0, 0]),
+      clipHalf: value([0, 0, 0]),
+      showUnchanged: value(true),
+      showUnobserved: value(true),
+      fading: value(false),
+      plain: value(false),
+      hiddenOnly: value(false),
+    },
+  });
+}
