@@ -1,9 +1,11 @@
 """What changed between two 3D scans, and how sure are you?"""
 
+import logging
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from gmmjax._compilation_cache import use_compilation_cache as use_compilation_cache
     from gmmjax.changes import Change as Change
     from gmmjax.changes import Changes as Changes
     from gmmjax.changes import Contribution as Contribution
@@ -33,6 +35,7 @@ __version__ = "0.1.0"
 # The packages of the public names. They are imported when a name is first asked for, so that the command line is up,
 # and can be interrupted cleanly, before JAX is imported.
 _NAMES = {
+    "_compilation_cache": ("use_compilation_cache",),
     "batch": (),
     "changes": (
         *("Change", "Changes", "Contribution", "DetectionConfig", "Explanation", "RejectedCandidate", "detect_changes"),
@@ -43,6 +46,9 @@ _NAMES = {
     "transport": ("TransportResult", "TransportStatus", "earth_movers_distance"),
 }
 _HOMES = {name: package for package, names in _NAMES.items() for name in names}
+
+# Silent until the user configures logging.
+logging.getLogger("gmmjax").addHandler(logging.NullHandler())
 
 
 def __getattr__(name: str) -> Any:

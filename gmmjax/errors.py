@@ -22,15 +22,21 @@ class InputError(ValueError):
     """
 
     def __init__(self, message: str) -> None:
-        super().__init__(_shortened("".join(map(_printable, _shortened(message)))))
+        super().__init__(_shortened(printable(_shortened(message))))
 
 
 def _shortened(message: str) -> str:
     return message if len(message) <= LONGEST else f"{message[: LONGEST - 300]} ... {message[-290:]}"
 
 
-def _printable(character: str) -> str:
-    return character if character.isprintable() else character.encode("unicode_escape").decode("ascii")
+def printable(text: str) -> str:
+    """A text that a terminal can show on one line: characters that control it are escaped."""
+    if text.isprintable():
+        return text
+    return "".join(
+        character if character.isprintable() else character.encode("unicode_escape").decode("ascii")
+        for character in text
+    )
 
 
 class ComputationError(RuntimeError):
@@ -42,6 +48,7 @@ class InputWarning(UserWarning):
 
 
 _collected: ContextVar[list[str] | None] = ContextVar("collected warnings", default=None)
+_recorded: ContextVar[list[str] | None] = ContextVar("recorded warnings", default=None)
 
 
 @contextmanager
@@ -59,8 +66,26 @@ def collected_warnings() -> Iterator[list[str]]:
         _collected.reset(token)
 
 
+@contextmanager
+def recorded_warnings() -> Iterator[list[str]]:
+    """Records what `warn` is told in this block and this thread; the warnings are given as well.
+
+    Yields:
+        The messages, which grow while the block runs.
+    """
+    messages: list[str] = []
+    token = _recorded.set(messages)
+    try:
+        yield messages
+    finally:
+        _recorded.reset(token)
+
+
 def warn(message: str) -> None:
     """Gives an `InputWarning` that points to the user's line: the one that called gmmjax."""
+    recorded = _recorded.get()
+    if recorded is not None:
+        recorded.append(message)
     collected = _collected.get()
     if collected is not None:
         collected.append(message)

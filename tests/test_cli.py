@@ -3,7 +3,9 @@ import dataclasses
 import errno
 import io
 import json
+import logging
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -18,8 +20,9 @@ from gmmjax import _compilation_cache as compilation_cache
 from gmmjax.changes import Changes
 from gmmjax.cli import main
 from gmmjax.clouds import read_cloud, write_ply
+from gmmjax.evaluation import read_pair
 from gmmjax.reporting import read_mixture
-from tests.changes.explained import rejected
+from tests.changes.explained import explanation, rejected
 
 QUICK = ["--restarts", "2", "--max-components", "8"]
 MEANS = np.array([[0, 0, 0], [5, 0, 0], [0, 5, 1], [5, 5, 1], [2, 10, 3]])
@@ -133,6 +136,84 @@ def test_explain_reaches_the_terminal(scans, result, tmp_path, capsys, monkeypat
     assert main(["detect", *scans, "--out", str(tmp_path / "b")]) == 0
     assert "\n1 candidate was rejected; --explain says why.\n" in capsys.readouterr().out
     assert Changes.load(tmp_path / "b").rejected[0].explanation == changes.rejected[0].explanation
+
+
+def test_one_change_is_explained_by_its_label(scans, result, tmp_path, capsys, monkeypatch):
+    item = dataclasses.replace(Changes.load(result)[0], explanation=explanation())
+    changes = dataclasses.replace(Changes.load(result), items=(item,), rejected=(rejected(),))
+    monkeypatch.setattr("gmmjax.changes.detect_changes", lambda *clouds, **settings: changes)
+    assert main(["detect", "--explain", *scans, "--out", str(tmp_path / "all")]) == 0
+    assert "candidate was rejected:" in capsys.readouterr().out
+    assert main(["detect", *scans, "--out", str(tmp_path / "a"), "--explain", "0"]) == 0
+    printed = capsys.readouterr().out
+    assert "\n0  ● appeared  changed 90 %" in printed and "rejected:" not in printed
+    assert main(["detect", *scans, "--out", str(tmp_path / "b"), "--explain", "7"]) == 2
+    captured = capsys.readouterr()
+    assert "--explain 7" in captured.err and "the labels are: 0\n" in captured.err
+    assert captured.out.startswith("1 change") and (tmp_path / "b" / "changes.json").exists()
+
+
+def test_an_explanation_is_of_a_label(scans, tmp_path, capsys):
+    assert "--explain -1: must be" in failed(["detect", *scans, "--out", tmp_path / "a", "--explain=-1"], capsys)
+    assert not (tmp_path / "a").exists()
+
+
+def test_the_report_has_a_link_that_can_be_followed(scans, result, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("gmmjax.changes.detect_changes", lambda *clouds, **settings: Changes.load(result))
+    assert main(["detect", *scans, "--out", str(tmp_path / "ä b#[1]")]) == 0
+    assert f"\nOpen {tmp_path.as_uri()}/%C3%A4%20b%23%5B1%5D/report.html in a browser.\n" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("flags", "shown"), [([], ""), (["-v"], "stage\n"), (["-vv"], "stage\ngmmjax.x: detail\n")])
+def test_verbose_shows_the_log(scans, result, tmp_path, capsys, monkeypatch, flags, shown):
+    def detect_changes(*clouds, **settings):
+        logging.getLogger("gmmjax").info("st%s", "age")
+        logging.getLogger("gmmjax.x").debug("detail")
+        return Changes.load(result)
+
+    monkeypatch.setattr("gmmjax.changes.detect_changes", detect_changes)
+    assert main(["detect", *scans, "--out", str(tmp_path / "a"), *flags]) == 0
+    assert re.sub(r"^ *[0-9.]+ s  ", "", capsys.readouterr().err, flags=re.MULTILINE) == shown
+    assert logging.getLogger("gmmjax").handlers == []
+
+
+@pytest.mark.parametrize(
+    ("options", "positions"),
+    [
+        ("--sensor-before 2 -5.5 -1e-1 --sensor-after 0 1 2 3 4 5", ([[2, -5.5, -0.1]], [[0, 1, 2], [3, 4, 5]])),
+        ("--sensor-at-origin", ([[0, 0, 0]], [[0, 0, 0]])),
+        ("--sensor-after 1 2 3", (None, [[1, 2, 3]])),
+    ],
+)
+def test_positions_of_the_sensor_become_views(scans, result, tmp_path, monkeypatch, options, positions):
+    given = {}
+
+    def detect_changes(*clouds, **settings):
+        given.update(settings)
+        return Changes.load(result)
+
+    monkeypatch.setattr("gmmjax.changes.detect_changes", detect_changes)
+    assert main(["detect", *scans, "--out", str(tmp_path / "a"), "--quiet", *options.split()]) == 0
+    for side, own in zip(("before", "after"), positions, strict=True):
+        views = given[f"views_{side}"]
+        assert (own is None) == (views is None)
+        if views is not None:
+            np.testing.assert_allclose(views.poses[:, :3, 3], own)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--sensor-before", "0", "0", "0", "--views-before", "v.json"], "--views-before and --sensor-before"),
+        (["--sensor-at-origin", "--sensor-after", "0", "0", "0"], "--sensor-after and --sensor-at-origin"),
+        (["--sensor-before", "0", "0"], "2 numbers"),
+        (["--sensor-before", "0", "nan", "0"], "finite"),
+        (["--sensor-after", "1e5", "0", "0"], "away from a cloud"),
+    ],
+)
+def test_positions_that_no_sensor_had_are_refused(scans, tmp_path, capsys, options, message):
+    assert message in failed(["detect", *scans, "--out", tmp_path / "a", *options], capsys)
+    assert not (tmp_path / "a").exists()
 
 
 def test_quiet_prints_nothing(scans, tmp_path, capsys):
@@ -338,13 +419,17 @@ def test_simulate_gaussians_writes_clouds_that_detect_reads(tmp_path):
     assert len(read_cloud(tmp_path / "b" / "after.ply")) == 350
 
 
-def test_demo_shows_what_was_found_and_the_truth(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("gmmjax.cli.demo.SETTINGS", {"method": "transport", "restarts": 2, "max_components": 8})
+def test_the_demo_compares_what_was_found_with_the_truth_and_keeps_the_scans(tmp_path, capsys):
     assert main(["demo", "--out", str(tmp_path / "a")]) == 0
     printed = capsys.readouterr().out
-    assert printed.startswith("2 changes: 1 appeared, 1 disappeared\n")
-    assert "Truth" in printed
+    assert printed.startswith("6 changes: 2 appeared, 2 disappeared, 2 moved\n")
+    assert "not found" not in printed
+    assert "No false changes." in printed
     assert (tmp_path / "a" / "result" / "report.html").as_uri() in printed.replace("\n", "")
+    scene = tmp_path / "a" / "scene"
+    pair = read_pair(scene)
+    assert pair.after.views is not None and set(pair.after.truth) == {-1, 0, 1, 4, 5}
+    assert read_cloud(scene / "after.ply").colors is not None
 
 
 def evaluated(command, capsys, *arguments):
@@ -533,6 +618,7 @@ def jax_settings(monkeypatch):
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
     names = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
     before = {name: getattr(jax.config, name) for name in names}
+    jax.config.update("jax_compilation_cache_dir", None)
     yield
     for name, value in before.items():
         jax.config.update(name, value)

@@ -1,4 +1,7 @@
-from gmmjax.pair import Pair, each
+import numpy as np
+import pytest
+
+from gmmjax.pair import Pair, each, each_on_cores
 
 
 def test_a_pair_is_mapped_and_swapped_side_by_side():
@@ -21,3 +24,11 @@ def test_each_asks_for_the_before_side_first():
     asked = []
     each(asked.append, Pair("before", "after"))
     assert asked == ["before", "after"]
+
+
+def test_both_sides_at_once_are_what_they_are_one_after_the_other():
+    sides = Pair(np.arange(5.0), np.arange(3.0))
+    for pair in (sides, sides.swapped):
+        np.testing.assert_equal(list(each_on_cores(np.cumsum, pair)), list(each(np.cumsum, pair)))
+    with pytest.raises(ZeroDivisionError):
+        each_on_cores(lambda own: 1 // own, Pair(1, 0))

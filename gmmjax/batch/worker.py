@@ -12,7 +12,7 @@ from gmmjax.batch.fingerprint import Fingerprint, fingerprint_of_memory
 from gmmjax.batch.pair_record import PAIR_FILE, PairRecord, Request
 from gmmjax.batch.rows import ChangeRow, ConvergenceRow, PairRow
 from gmmjax.batch.scan_pair import BatchPair, LoadedPair
-from gmmjax.changes import Change, Consensus, DetectionConfig, RestartFits, detect_consensus
+from gmmjax.changes import ChangeColumns, Consensus, DetectionConfig, RestartFits, change_columns, detect_consensus
 from gmmjax.clouds import FolderKind, output_folder
 from gmmjax.errors import InputError, collected_warnings, one_line
 
@@ -292,23 +292,15 @@ def _pair_row(task: PairTask, found: FoundPair, seconds: float) -> PairRow:
 
 
 def _change_rows(found: FoundPair) -> tuple[ChangeRow, ...]:
-    def row(index: int, change: Change, standard_error: float | None) -> ChangeRow:
-        return ChangeRow(
-            found.name,
-            index,
-            change.kind,
-            change.probability,
-            standard_error,
-            change.moved_probability,
-            change.significance,
-            change.point_count,
-            change.partner,
-            *change.box.centre.tolist(),
-            *change.box.extent.tolist(),
-        )
+    own = {"name", "standard_error"}
+    shared = [field.name for field in dataclasses.fields(ChangeRow) if field.name not in own]
 
-    changes, errors = found.consensus.changes, found.consensus.standard_errors
-    return tuple(row(index, *of) for index, of in enumerate(zip(changes, errors, strict=True)))
+    def row(change: ChangeColumns, standard_error: float | None) -> ChangeRow:
+        values = {name: getattr(change, name) for name in shared}
+        return ChangeRow(name=found.name, standard_error=standard_error, **values)
+
+    changes, errors = change_columns(found.consensus.changes), found.consensus.standard_errors
+    return tuple(row(*of) for of in zip(changes, errors, strict=True))
 
 
 def failure(error: BaseException) -> str:

@@ -10,6 +10,8 @@ from gmmjax.changes.change import Changes as Changes
 from gmmjax.changes.change import Kind as Kind
 from gmmjax.changes.change import Reason as Reason
 from gmmjax.changes.change import RejectedCandidate as RejectedCandidate
+from gmmjax.changes.change_table import ChangeColumns as ChangeColumns
+from gmmjax.changes.change_table import change_columns as change_columns
 from gmmjax.changes.config import METHODS as METHODS
 from gmmjax.changes.config import PRIOR_LEAVES as PRIOR_LEAVES
 from gmmjax.changes.config import DetectionConfig as DetectionConfig
@@ -85,6 +87,9 @@ from gmmjax.changes.prepare.resolution import WorkingPair as WorkingPair
 from gmmjax.changes.prepare.resolution import working_pair as working_pair
 from gmmjax.changes.prepare.separate_clouds import default_components as default_components
 from gmmjax.changes.prepare.separate_clouds import reduced as reduced
+from gmmjax.changes.presentation import GivenCloud as GivenCloud
+from gmmjax.changes.presentation import Presented as Presented
+from gmmjax.changes.presentation import presented as presented
 from gmmjax.changes.progress import Progress as Progress
 from gmmjax.changes.progress import silent as silent
 from gmmjax.changes.registration import Registration as Registration

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from gmmjax.changes.differences import DetectionLimits, Differences, LocalDifference
 from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.geometry import density_clusters, workers_for
-from gmmjax.pair import Pair, each
+from gmmjax.pair import Pair, each_on_cores
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,7 +88,7 @@ def candidates_of(
         labels = clusters_by_observation(points, looks_changed, observed, limits.spacing, threshold, settings)
         return Candidates(points, difference, excess, looks_changed, labels, observed)
 
-    return each(of_cloud, points, differences.local, excess, observed)
+    return each_on_cores(of_cloud, points, differences.local, excess, observed)
 
 
 def probability_by_difference(

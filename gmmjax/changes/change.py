@@ -9,9 +9,11 @@ from typing import Any, Literal, get_args, overload
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from gmmjax.changes.change_table import data_frame
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.explanation import Explanation
-from gmmjax.changes.plain_values import finite, probability, whole
+from gmmjax.changes.plain_values import finite, probability, text, whole
+from gmmjax.changes.presentation import GivenCloud, notebook_html, plotted, write_report
 from gmmjax.changes.registration import Registration
 from gmmjax.changes.storage import (
     LABELS_FILE,
@@ -24,6 +26,8 @@ from gmmjax.changes.storage import (
     write_record,
 )
 from gmmjax.errors import InputError, one_line, shown
+from gmmjax.geometry import OrientedBox
+from gmmjax.pair import Pair
 
 Kind = Literal["appeared", "disappeared", "moved"]
 Reason = Literal["unchanged", "not observed"]
@@ -51,10 +55,15 @@ class Box:
         axes[:, 2] *= np.sign(np.linalg.det(axes))
         inside = (points - origin) @ axes
         lower, upper = inside.min(axis=0), inside.max(axis=0)
-        order = np.argsort(-(upper - lower), kind="stable")
-        rotation = axes[:, order]
+        return cls.longest_first(OrientedBox(origin + axes @ ((lower + upper) / 2), upper - lower, axes))
+
+    @classmethod
+    def longest_first(cls, box: OrientedBox) -> "Box":
+        """The same box with its edges in the order of their lengths."""
+        order = np.argsort(-box.extent, kind="stable")
+        rotation = box.rotation[:, order]
         rotation[:, 2] *= np.sign(np.linalg.det(rotation))
-        return cls(origin + axes @ ((lower + upper) / 2), (upper - lower)[order], rotation)
+        return cls(box.centre, box.extent[order], rotation)
 
     def to_dict(self) -> dict[str, Any]:
         """The box as plain lists."""
@@ -113,6 +122,9 @@ class Change:
     explanation: Explanation | None = None
     moved_probability: float | None = None
     volume: float | None = None
+
+    def __repr__(self) -> str:
+        return f"<Change: {self.kind}, {_in_short(self)}>"
 
     def to_dict(self) -> dict[str, Any]:
         """The change as plain numbers, strings, lists and dictionaries."""
@@ -181,6 +193,9 @@ class RejectedCandidate:
     box: Box
     explanation: Explanation
 
+    def __repr__(self) -> str:
+        return f"<RejectedCandidate: {self.kind}, {self.reason}, {_in_short(self)}>"
+
     def to_dict(self) -> dict[str, Any]:
         """The candidate as plain numbers, strings, lists and dictionaries."""
         return {
@@ -241,6 +256,8 @@ class Changes:
         distance_after: per point of the after cloud the signed distance from the surface of the before cloud to it.
         warnings: what the user was warned of during the detection.
         unit: of the coordinates, such as "m"; None where it is not known.
+        clouds: both clouds as they were given to `detect_changes`, by reference: what `report`, `plot` and notebooks
+            show. They are not saved; None after `load`.
     """
 
     labels_before: Int[np.ndarray, " n0"]
@@ -259,6 +276,15 @@ class Changes:
     distance_after: Float[np.ndarray, " n1"] | None = None
     warnings: tuple[str, ...] = ()
     unit: str | None = None
+    clouds: Pair[GivenCloud] | None = dataclasses.field(default=None, repr=False, compare=False)
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{count} {kind}" for kind, count in self.object_counts().items() if count)
+        points = f"{len(self.labels_before):,} and {len(self.labels_after):,} points"
+        return f"<Changes: {counts or 'no change'}; {points}>"
+
+    def _repr_html_(self) -> str:
+        return notebook_html(self)
 
     def __len__(self) -> int:
         return len(self.items)
@@ -280,6 +306,54 @@ class Changes:
         counts = {kind: sum(change.kind == kind for change in self.items) for kind in get_args(Kind)}
         paired = sum(change.kind == "moved" and change.partner is not None for change in self.items)
         return {**counts, "moved": counts["moved"] - paired // 2}
+
+    def to_dataframe(self) -> Any:
+        """The changes as a `pandas.DataFrame`, a row each, with their labels as the index.
+
+        The columns are the fields of `gmmjax.changes.ChangeColumns`, which has their units; `frame.attrs["unit"]` is
+        the unit of the clouds. A moved object has two rows, which name each other as `partner`.
+
+        Raises:
+            InputError: pandas is not installed (the extra `pandas`).
+        """
+        return data_frame(self)
+
+    def report(
+        self, path: str | os.PathLike[str], before: GivenCloud | None = None, after: GivenCloud | None = None
+    ) -> Path:
+        """Writes the report, one HTML file that needs nothing else, as `gmmjax detect` does.
+
+        Args:
+            path: of the file; one that is there is replaced, and its folder is made where needed.
+            before: the before cloud that the changes were found in; None: that of `clouds`.
+            after: the same for the after cloud, as it was given to the detection.
+
+        Returns:
+            The path.
+
+        Raises:
+            InputError: clouds that are not known, or are not those of the changes; a file that cannot be written.
+        """
+        return write_report(self, path, before, after)
+
+    def plot(self, before: GivenCloud | None = None, after: GivenCloud | None = None, *, axes: Any = None) -> Any:
+        """Draws both clouds, and the changes from above and from the side, with matplotlib.
+
+        `gmmjax.plotting` has each of these pictures by itself.
+
+        Args:
+            before: as of `report`.
+            after: as of `report`.
+            axes: four axes of matplotlib to draw into; None: those of a new figure.
+
+        Returns:
+            The axes [2, 2].
+
+        Raises:
+            InputError: matplotlib is not installed (the extra `plot`); clouds that are not known, or are not those of
+                the changes.
+        """
+        return plotted(self, before, after, axes)
 
     def to_dict(self) -> dict[str, Any]:
         """The changes without the per-point arrays, as plain numbers, strings, lists and dictionaries (for JSON).
@@ -324,20 +398,25 @@ class Changes:
             _check_indices(items, arrays)
             _check_counts(content, arrays)
             return cls(
-                **arrays,
+                **dict[str, Any](arrays),
                 items=items,
                 emd=float(finite(content["emd"])),
                 config=DetectionConfig.from_dict(dict(content["config"])),
                 diagnostics=dict(content["diagnostics"]),
                 registration=Registration.from_dict(content["registration"]),
                 rejected=tuple(RejectedCandidate.from_dict(candidate) for candidate in content.get("rejected", ())),
-                warnings=tuple(str(text) for text in content.get("warnings", ())),
-                unit=content.get("unit"),
+                warnings=tuple(text(warning) for warning in content.get("warnings", ())),
+                unit=None if content.get("unit") is None else text(content["unit"]),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
                 f"{folder}: is not a complete record of changes ({type(error).__name__}: {one_line(error)}); {REMEDY}"
             ) from error
+
+
+def _in_short(found: Change | RejectedCandidate) -> str:
+    centre = ", ".join(f"{value:.4g}" for value in found.mean)
+    return f"probability {found.probability:.2f}, {found.point_count:,} points at ({centre})"
 
 
 def _one_of(value: Any, choices: Sequence[str], name: str) -> Any:

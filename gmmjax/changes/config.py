@@ -42,6 +42,8 @@ PRIOR_LEAVES: Mapping[str, str] = {
     "covariance_scale": "scale",
     "degrees_of_freedom": "degrees_of_freedom",
 }
+# Characters of the name of a unit.
+LONGEST_UNIT = 12
 # Observations that a share of stray points is worth which is not to be found from the points.
 FIXED = 1e9
 
@@ -92,6 +94,8 @@ class DetectionConfig:
         threshold: probability from which a point or a Gaussian counts as changed.
         penalty: of partial transport, for each unit of mass left unmatched: mass is matched over at most twice this
             distance (Bures-Wasserstein). None: 0.4 of the median standard deviation of the Gaussians.
+        unit: what lengths are labelled with in tables, pages and files, such as m or mm; nothing is converted. None:
+            the unit that the files of both scans state, as LAS and E57 do, if it is the same.
     """
 
     method: Method = "joint"
@@ -115,6 +119,7 @@ class DetectionConfig:
     noise_share: float | None = None
     threshold: float = 0.5
     penalty: float | None = None
+    unit: str | None = None
 
     def __post_init__(self) -> None:
         """Checks every setting.
@@ -134,6 +139,8 @@ class DetectionConfig:
         for name in ("restarts", "max_components"):
             if getattr(self, name) is not None:
                 _check_least(name, getattr(self, name), 1)
+        if self.unit is not None:
+            _check_unit(self.unit)
         if self.crop is not None:
             object.__setattr__(self, "crop", _checked_crop(self.crop))
         for name in POSITIVE:
@@ -200,6 +207,14 @@ def with_settings(prior: Prior, settings: Mapping[str, Any]) -> Prior:
     if "noise_share" in settings:
         leaves["noise_strength"] = FIXED
     return dataclasses.replace(prior, **leaves)
+
+
+def _check_unit(unit: object) -> None:
+    if not (isinstance(unit, str) and unit[:1].isalpha() and unit.isprintable() and len(unit) <= LONGEST_UNIT):
+        raise InputError(
+            f"unit={shown(unit)} must be a name of at most {LONGEST_UNIT} characters that starts with a letter, such "
+            "as m, mm or ft"
+        )
 
 
 def _is_real(value: object) -> bool:

@@ -6,6 +6,7 @@ nearest point sees what is adjacent to a surface, beyond its edge, where the off
 """
 
 import dataclasses
+import logging
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.geometry import MEDIAN_TO_DEVIATION, LocalSurface, evenly_chosen, nearest_neighbours
-from gmmjax.pair import Pair, each
+from gmmjax.pair import Pair, each, each_on_cores
+
+logger = logging.getLogger(__name__)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,6 +74,8 @@ class LocalDifference(NamedTuple):
         thickness: standard deviation of the other cloud's points about their plane there.
         spacing: of the other cloud's points there.
         error: registration error there; None: that of the pair.
+        counterpart: the point of the other cloud whose surface is compared with.
+        signed_offset: of the local mean from that surface, positive on the side that its normal points to.
     """
 
     distance: Float[np.ndarray, " n"]
@@ -79,6 +84,8 @@ class LocalDifference(NamedTuple):
     thickness: Float[np.ndarray, " n"]
     spacing: Float[np.ndarray, " n"]
     error: Float[np.ndarray, " n"] | None = None
+    counterpart: Int[np.ndarray, " n"] | None = None
+    signed_offset: Float[np.ndarray, " n"] | None = None
 
 
 class DetectionLimits(NamedTuple):
@@ -136,9 +143,11 @@ def differences_between(
         spacing: of neighbouring points, in the sparser cloud.
         settings: of the limits.
     """
-    local = each(local_difference, surfaces, surfaces.swapped)
+    local = each_on_cores(local_difference, surfaces, surfaces.swapped)
     limits = detection_limits(local, spacing, settings)
-    return Differences(each(lambda own, side: _with_error(own, side, limits), surfaces, local), limits)
+    about = limits.registration_error, limits.distance, limits.offset
+    logger.info("differences: registration error %.4g; certain from distance %.4g and offset %.4g on", *about)
+    return Differences(each_on_cores(lambda own, side: _with_error(own, side, limits), surfaces, local), limits)
 
 
 def local_difference(
@@ -157,13 +166,16 @@ def local_difference(
     there = other.nearest(means)
     planes = other.normals, other.variances, other.centres
     normals, variances, centres = (values.take(there, axis=0) for values in planes)
+    signed_offset = ((means - centres) * normals).sum(axis=1)
     own_scatter = ((groups - means[:, None]) @ normals[:, :, None])[..., 0].var(axis=1)
     return LocalDifference(
         distance=nearest_neighbours(other.tree, own.points[chosen], 1)[0][:, 0],
-        offset=np.abs(((means - centres) * normals).sum(axis=1)),
+        offset=np.abs(signed_offset),
         noise=np.sqrt(own_scatter / groups.shape[1] + variances[:, 0] / other.neighbours.shape[1]),
         thickness=np.sqrt(variances[:, 0]),
         spacing=other.spacing(there),
+        counterpart=there,
+        signed_offset=signed_offset,
     )
 
 

@@ -1,7 +1,10 @@
 """How far a detection has got, and what each of its stages took."""
 
+import logging
 import time
 from collections.abc import Callable
+
+logger = logging.getLogger(__name__)
 
 Progress = Callable[[str, float], None]
 """Called with the name of a stage and the share of the work that is done, from any thread."""
@@ -36,6 +39,7 @@ class Clock:
         """
         self.stop()
         self._stage, self._began = stage, time.perf_counter()
+        logger.debug("%s", message)
         self.tell(message, share)
 
     def tell(self, message: str, share: float) -> None:
@@ -52,6 +56,7 @@ class Clock:
         if self._stage is not None:
             before, now = self.seconds.get(self._stage, 0.0), time.perf_counter()
             self.seconds[self._stage] = round(before + now - self._began, 3)
+            logger.info("%s: %.2f s", self._stage, now - self._began)
         self._stage = None
 
     def finish(self) -> None:

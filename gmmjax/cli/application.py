@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
 
+from gmmjax._messages import print_message
 from gmmjax.cli.interruption import INTERRUPTED, INTERRUPTION, interruptions
 from gmmjax.errors import ComputationError, InputError
 
@@ -32,7 +33,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "evaluate pairs": ("evaluate_pairs", "Score detectors on pairs of scans with truth."),
     "evaluate thesis": ("evaluate_thesis", "Run chapter 4 of the thesis again, beside its published numbers."),
     "tune": ("tune", "Tune settings by gradient on pairs of scans, with truth or without."),
-    "demo": ("demo", "Simulate a pair of scans, detect the changes, and say where the results lie."),
+    "demo": ("demo", "Simulate two scans of a storehouse, detect the changes, and compare them with the truth."),
 }
 
 
@@ -75,13 +76,13 @@ def _status(words: list[str], loaded: Callable[[], None]) -> int:
     try:
         return _run(words, loaded)
     except InputError as error:
-        print(f"gmmjax: error: {error}", file=sys.stderr)
+        print_message(f"error: {error}")
         return BAD_INPUT
     except ComputationError as error:
-        print(f"gmmjax: error: {error}", file=sys.stderr)
+        print_message(f"error: {error}")
         return FAILED
     except KeyboardInterrupt:
-        print(f"gmmjax: {INTERRUPTION}", file=sys.stderr)
+        print_message(INTERRUPTION)
         return INTERRUPTED
 
 
@@ -102,6 +103,8 @@ def _run(words: list[str], loaded: Callable[[], None]) -> int:
         # All commands need it, and most of what takes time to import comes with it.
         import_module("gmmjax.reporting.console")
         loaded()
+        if name == "detect":
+            words = [name, *module.completed(words[1:])]
         commands[name] = module.command(words[1:])
     result = tyro.extras.subcommand_cli_from_dict(
         commands, prog="gmmjax", description=DESCRIPTION, args=words, config=(tyro.conf.FlagCreatePairsOff,)

@@ -1,17 +1,15 @@
 """`gmmjax demo`."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
 from gmmjax._compilation_cache import use_compilation_cache
-from gmmjax.cli.detect import RESULT_FILES
 from gmmjax.errors import check_seed
 
 DEFAULT_FOLDER = Path("gmmjax-demo")
-SETTINGS: Mapping[str, Any] = {}
 
 
 def command(arguments: Sequence[str]) -> Callable[..., int]:
@@ -27,39 +25,40 @@ def demo(
     overwrite: bool = False,
     quiet: bool = False,
 ) -> int:
-    """Simulate a pair of scans, detect the changes, and say where the results lie.
+    """Simulate two scans of a storehouse, detect the changes, and compare them with the truth.
 
-    Five Gaussians, of which one disappears while another appears.
+    A terrestrial scanner surveys the storehouse twice, in colour; meanwhile two things appeared, two disappeared and
+    two moved. The scans and the poses of the scanner are kept, so that `gmmjax detect` can be tried on them.
 
     Args:
-        out: folder for the scene (in scene/) and what was found (in result/).
+        out: folder for the scans (in scene/) and the detected changes (in result/).
         seed: of the scene.
         overwrite: replace an earlier demo.
         quiet: print nothing but errors.
     """
-    import jax
-
-    from gmmjax.changes import DetectionConfig, detect_changes
-    from gmmjax.clouds import read_cloud
+    from gmmjax.changes import detect_changes
+    from gmmjax.clouds import read_cloud, read_views
     from gmmjax.reporting import console
-    from gmmjax.reporting.result_folder import check_result_folder, write_result
-    from gmmjax.reporting.scene_files import check_scene_folder, write_scene
-    from gmmjax.scenes import random_scene
+    from gmmjax.reporting.result_folder import check_result_folder, result_files, write_result
+    from gmmjax.reporting.scene_files import check_scene_folder, write_surveyed_scene
+    from gmmjax.scenes import storehouse
 
     scene_folder, result_folder = out / "scene", out / "result"
     check_seed("--seed", seed)
-    check_scene_folder(scene_folder, overwrite=overwrite)
+    check_scene_folder(scene_folder, overwrite=overwrite, surveyed=True)
     check_result_folder(result_folder, overwrite=overwrite)
     use_compilation_cache()
     with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
-        scene = random_scene(jax.random.key(seed), start=5, appeared=1, disappeared=1)
-        write_scene(scene_folder, scene, settings={"seed": seed}, overwrite=overwrite)
+        progress("Simulating", 0.0)
+        colored = storehouse(seed)
+        write_surveyed_scene(scene_folder, colored, settings={"seed": seed}, overwrite=overwrite)
         clouds = read_cloud(scene_folder / "before.ply"), read_cloud(scene_folder / "after.ply")
-        changes = detect_changes(*clouds, config=DetectionConfig(**SETTINGS), progress=progress)
+        views = [read_views(scene_folder / f"views_{side}.json") for side in ("before", "after")]
+        changes = detect_changes(*clouds, views_before=views[0], views_after=views[1], progress=progress)
         write_result(result_folder, *clouds, changes, overwrite=overwrite)
     if not quiet:
         console.print_changes(changes)
-        console.print_truth(scene)
-        console.print_files(result_folder, RESULT_FILES)
+        console.print_truth(colored.scene, changes)
+        console.print_files(result_folder, result_files(result_folder))
         console.print_report_hint(result_folder / "report.html")
     return 0

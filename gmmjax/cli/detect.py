@@ -13,18 +13,10 @@ from tyro.conf import OmitArgPrefixes, Positional
 from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.changes import DetectionConfig
 from gmmjax.cli.flags import flags_of
+from gmmjax.cli.log import shown_log
+from gmmjax.cli.sensor_options import SensorOption
 from gmmjax.clouds import read_toml
 from gmmjax.errors import InputError
-
-RESULT_FILES = {
-    "report.html": "open it in a browser",
-    "changes.json": "the changes, settings and diagnostics",
-    "labels.npz": "label and probability of every point",
-    "before.ply": "coloured, with label and probability",
-    "after.ply": "coloured, with label and probability",
-    "config.toml": "the settings, for --config",
-}
-
 
 Flags = flags_of(DetectionConfig)
 
@@ -44,57 +36,103 @@ def detect(
     config: Annotated[Path | None, tyro.conf.arg(metavar="FILE.toml")] = None,
     views_before: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     views_after: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    explain: bool = False,
+    sensor_at_origin: bool = False,
+    sensor_before: Annotated[tuple[float, ...], tyro.conf.arg(metavar="X Y Z")] = (),
+    sensor_after: Annotated[tuple[float, ...], tyro.conf.arg(metavar="X Y Z")] = (),
+    explain: Annotated[str | None, tyro.conf.arg(metavar="[LABEL]")] = None,
     overwrite: bool = False,
+    verbose: Annotated[tyro.conf.UseCounterAction[int], tyro.conf.arg(aliases=["-v"])] = 0,
     quiet: bool = False,
     print_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
     settings: OmitArgPrefixes[Flags],  # type: ignore[valid-type]
 ) -> int:
-    """What changed from one scan to another: a list, labels for all points, a report.
+    """Find what changed from one scan to another: a list, labels for all points, a report.
 
-    Reads PLY, PCD, XYZ, PTS, CSV, NPY, NPZ, LAS and LAZ. Both scans must be in about the same frame, and in
-    the same unit.
+    Reads PLY, PCD, XYZ, ASC, PTS, CSV, NPY, NPZ, LAS, LAZ and E57. Both scans must be in the same unit and in about
+    the same frame.
 
     Args:
         before: the scan at the first time.
         after: the scan at the second time.
-        out: folder for the results; is made where needed.
-        config: TOML file with settings, such as the config.toml of an earlier result; flags win over it.
-        views_before: where the sensor stood during the first scan, JSON or NPZ with poses, field_of_view and
-            max_range; then only what the other scan looked through is a change. The default is what a PCD file of an
-            ordered frame says.
+        out: folder for the results; created if missing.
+        config: TOML file with settings, such as the config.toml of an earlier result; options override it.
+        views_before: poses of the sensor during the first scan, JSON or NPZ with poses, field_of_view and max_range. A
+            change must then lie where the other scan saw free space. By default they are taken from the file, if it is
+            a PCD file of an ordered frame.
         views_after: the same for the second scan.
-        explain: print, too, why each change is one and why each rejected candidate is none: the facts that decided,
-            with their contributions in log odds. The report and changes.json always have them.
+        sensor_at_origin: both scans were taken from the origin of their coordinates. Field of view and range are read
+            from the points.
+        sensor_before: position of the scanner during the first scan, in place of --views-before; three more numbers
+            for each further position.
+        sensor_after: the same for the second scan, in its own coordinates.
+        explain: also print why each change is one and why each rejected candidate is not: the facts that decided, with
+            their contributions in log odds. With a LABEL, only for that change. The report and changes.json always
+            have them.
         overwrite: replace a previous result in the output folder.
+        verbose: show the log in place of the progress bar; -vv shows details, too.
         quiet: print nothing but errors.
         print_json: print the changes as JSON and nothing else.
         settings: lengths are in the unit of the scans; None means derived from the data.
     """
     del config  # Its settings are the defaults of the flags already: see `command`.
     from gmmjax.changes import detect_changes
-    from gmmjax.clouds import read_cloud, read_views
+    from gmmjax.clouds import read_cloud
     from gmmjax.reporting import console
-    from gmmjax.reporting.result_folder import check_result_folder, write_result
+    from gmmjax.reporting.result_folder import check_result_folder, result_files, write_result
 
     detection = DetectionConfig(**dataclasses.asdict(settings))
+    only = explained_label(explain)
+    sensors = (
+        SensorOption("before", views_before, sensor_before, sensor_at_origin),
+        SensorOption("after", views_after, sensor_after, sensor_at_origin),
+    )
     check_result_folder(out, overwrite=overwrite)
     use_compilation_cache()
-    with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
+    with (
+        console.shown_warnings(quiet=quiet),
+        shown_log(verbose),
+        console.progress_bar(quiet=quiet or verbose > 0) as progress,
+    ):
         progress("Reading the clouds", 0.0)
         clouds = read_cloud(before), read_cloud(after)
-        views = [None if file is None else read_views(file) for file in (views_before, views_after)]
+        views = [sensor.views(cloud) for sensor, cloud in zip(sensors, clouds, strict=True)]
         changes = detect_changes(
             *clouds, config=detection, views_before=views[0], views_after=views[1], progress=progress
         )
         progress("Writing the results", 1.0)
         write_result(out, *clouds, changes, overwrite=overwrite)
+    known = only is None or only < len(changes)
     if print_json:
         console.print_json(changes)
     elif not quiet:
-        console.print_changes(changes, explain=explain)
-        console.print_files(out, RESULT_FILES)
+        console.print_changes(changes, explain=explain is not None and known, only=only)
+        console.print_files(out, result_files(out))
+        console.print_report_hint(out / "report.html")
+    if not known:
+        labels = ", ".join(map(str, range(len(changes)))) or "none"
+        raise InputError(f"--explain {only}: no change has this label; the labels are: {labels}")
     return 0
+
+
+def completed(arguments: Sequence[str]) -> list[str]:
+    """The arguments with what `--explain` stands for where no label follows it: "all"."""
+    words = []
+    for word, following in itertools.pairwise([*arguments, ""]):
+        words += [word, "all"] if word == "--explain" and not following.isdecimal() else [word]
+    return words
+
+
+def explained_label(explain: str | None) -> int | None:
+    """The label of `--explain LABEL`; None for all.
+
+    Raises:
+        InputError: it is no label.
+    """
+    if explain is None or explain == "all":
+        return None
+    if not explain.isdecimal():
+        raise InputError(f"--explain {explain}: must be the label of a change, such as 0, or nothing for all of them")
+    return int(explain)
 
 
 def read_settings(file: Path) -> DetectionConfig:

@@ -1,6 +1,7 @@
 """Columns of numbers from a file, by name, as a point cloud."""
 
-from collections.abc import Iterable, Mapping
+import itertools
+from collections.abc import Collection, Iterable, Mapping
 
 import numpy as np
 from jaxtyping import Float64
@@ -107,3 +108,14 @@ def cast_column(values: Float64[np.ndarray, "..."], dtype: np.dtype, name: str, 
         )
     with np.errstate(invalid="ignore"):
         return values.astype(target)
+
+
+def free_name(name: str, taken: Collection[str]) -> str:
+    """Another name for a column of an input, whose own a result needs: `input_NAME`, with a number where that is taken.
+
+    Args:
+        name: of the column.
+        taken: the names that it must not have.
+    """
+    candidates = (f"input_{name}{suffix}" for suffix in itertools.chain([""], (f"_{n}" for n in itertools.count(2))))
+    return next(candidate for candidate in candidates if candidate not in taken)

@@ -17,7 +17,11 @@ RECORD_SIZES = (20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67)
 # Where red, green and blue stand in a record of each point format that has them.
 COLOR_OFFSETS = {2: 20, 3: 28, 5: 28, 7: 30, 8: 30, 10: 30}
 FIRST_EXTENDED_FORMAT = 6
-VLR_HEADER = 54
+VLR_HEADER, EVLR_HEADER = 54, 60
+# From these versions on there is one extended record, of waveforms, and any number of them.
+WAVEFORM_VERSION, EXTENDED_VERSION = 3, 4
+# Of the global encoding: the waveforms are in the file.
+INTERNAL_WAVEFORMS = 2
 LASZIP_USER, LASZIP_RECORD = b"laszip encoded", 22204
 LASZIP_SIZE, LASZIP_ITEM = 34, 6
 CHUNKED = (2, 3)
@@ -44,10 +48,45 @@ class LaszipLayout:
 
 
 @dataclass(frozen=True)
+class VariableRecord:
+    """A variable-length record, or an extended one, which lies behind the points.
+
+    Attributes:
+        user: who defined it.
+        number: what it is to the user.
+        start: where its header begins in the file.
+        head: bytes of its header.
+        length: bytes of its content.
+    """
+
+    user: bytes
+    number: int
+    start: int
+    head: int
+    length: int
+
+    @property
+    def end(self) -> int:
+        """The byte after it."""
+        return self.start + self.head + self.length
+
+    def content(self, stream: BinaryIO) -> bytes:
+        """What it holds.
+
+        Args:
+            stream: of the file.
+        """
+        stream.seek(self.start + self.head)
+        return stream.read(self.length)
+
+
+@dataclass(frozen=True)
 class LasHeader:
     """What a file declares; there is room for it.
 
     Attributes:
+        minor: of the version 1.0 to 1.4.
+        size: bytes of the header.
         point_format: 0 to 10.
         record_length: bytes of a point.
         count: how many points.
@@ -55,8 +94,11 @@ class LasHeader:
         scales: of x, y and z.
         offsets: added to x, y and z.
         laszip: None where the points are not compressed.
+        records: the variable-length records, between header and points.
     """
 
+    minor: int
+    size: int
     point_format: int
     record_length: int
     count: int
@@ -64,6 +106,7 @@ class LasHeader:
     scales: Float64[np.ndarray, "3"]
     offsets: Float64[np.ndarray, "3"]
     laszip: LaszipLayout | None
+    records: tuple[VariableRecord, ...]
 
     @property
     def row_type(self) -> np.dtype:
@@ -116,18 +159,58 @@ def read_header(stream: BinaryIO, size: int, file: Path) -> LasHeader:
     scales, offsets = (np.array(struct.unpack_from("<3d", header, place)) for place in (131, 155))
     if not (np.isfinite(scales).all() and np.isfinite(offsets).all() and (scales != 0).all()):
         raise InputError(f"{file}: has scales {scales.tolist()} and offsets {offsets.tolist()}; {DAMAGED}")
-    vlrs = list(_vlrs(stream, header_size, offset, records, file))
+    vlrs = tuple(_vlrs(stream, header_size, offset, records, file))
     laszip = None
     if compressed and count:
         laszip = _laszip(stream, size, vlrs, (known_format, record_length, count, offset), file)
     elif not compressed and (size - offset) // record_length < count:
         available = (size - offset) // record_length
         raise InputError(f"{file}: declares {count} points, {available} are there; {FEW_RECORDS}")
-    return LasHeader(known_format, record_length, count, offset, scales, offsets, laszip)
+    return LasHeader(
+        minor, header_size, known_format, record_length, count, offset, scales, offsets, laszip, records=vlrs
+    )
 
 
-def _vlrs(stream: BinaryIO, start: int, end: int, count: int, file: Path) -> Iterator[tuple[bytes, int, bytes]]:
-    """User, number and content of the variable-length records between header and points."""
+def extended_records(stream: BinaryIO, header: LasHeader, size: int, file: Path) -> tuple[VariableRecord, ...]:
+    """The extended variable-length records, which lie behind the points.
+
+    Args:
+        stream: of the file.
+        header: of the file.
+        size: bytes of the file.
+        file: its name, for messages.
+
+    Raises:
+        InputError: they run beyond the end of the file.
+    """
+    start, count = 0, 0
+    if header.minor >= EXTENDED_VERSION:
+        stream.seek(235)
+        start, count = struct.unpack("<QI", stream.read(12))
+    elif header.minor == WAVEFORM_VERSION:
+        stream.seek(6)
+        encoding = struct.unpack("<H", stream.read(2))[0]
+        stream.seek(227)
+        start = struct.unpack("<Q", stream.read(8))[0]
+        count = int(bool(encoding & INTERNAL_WAVEFORMS) and start > 0)
+    records: list[VariableRecord] = []
+    for number in range(count):
+        stream.seek(min(start, size))
+        head = stream.read(EVLR_HEADER)
+        if len(head) == EVLR_HEADER:
+            user, record, length = struct.unpack_from("<16sHQ", head, 2)
+            records.append(VariableRecord(user.rstrip(b"\0"), record, start, EVLR_HEADER, length))
+        if len(head) < EVLR_HEADER or records[-1].end > size or start < header.offset:
+            raise InputError(
+                f"{file}: its extended record {number} of {count} runs beyond the end of the file, which has {size} "
+                "bytes; the file is cut off or damaged, copy it again"
+            )
+        start = records[-1].end
+    return tuple(records)
+
+
+def _vlrs(stream: BinaryIO, start: int, end: int, count: int, file: Path) -> Iterator[VariableRecord]:
+    """The variable-length records between header and points."""
     if count * VLR_HEADER > end - start:
         raise InputError(f"{file}: declares {count} records in {end - start} bytes; {DAMAGED}")
     place = start
@@ -140,26 +223,28 @@ def _vlrs(stream: BinaryIO, start: int, end: int, count: int, file: Path) -> Ite
                 f"{file}: its record {number} of {count} ends after byte {end}, where the points begin; {DAMAGED}"
             )
         user, record, length = struct.unpack_from("<16sHH", head, 2)
+        start_of_record = place - VLR_HEADER
         place += length
         if place > end:
             raise InputError(
                 f"{file}: its record {number} of {count} ends after byte {end}, where the points begin; {DAMAGED}"
             )
-        yield user.rstrip(b"\0"), record, stream.read(length)
+        yield VariableRecord(user.rstrip(b"\0"), record, start_of_record, VLR_HEADER, length)
 
 
 def _laszip(
     stream: BinaryIO,
     size: int,
-    vlrs: list[tuple[bytes, int, bytes]],
+    vlrs: tuple[VariableRecord, ...],
     points: tuple[int, int, int, int],
     file: Path,
 ) -> LaszipLayout:
     """The compression of points of a format, a record length, a number and an offset."""
     point_format, record_length, count, offset = points
-    vlr = next((content for user, record, content in vlrs if (user, record) == (LASZIP_USER, LASZIP_RECORD)), None)
-    if vlr is None:
+    found = next((record for record in vlrs if (record.user, record.number) == (LASZIP_USER, LASZIP_RECORD)), None)
+    if found is None:
         raise InputError(f"{file}: is compressed and has no record of LASzip; {DAMAGED}")
+    vlr = found.content(stream)
     chunk_size = _check_vlr(vlr, point_format, record_length, file)
     stream.seek(offset)
     table = int.from_bytes(stream.read(8), "little", signed=True)

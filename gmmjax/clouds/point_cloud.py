@@ -8,6 +8,7 @@ import numpy.typing as npt
 from jaxtyping import Float64, Int64, UInt8
 
 from gmmjax.clouds.coordinates import as_points
+from gmmjax.clouds.source_file import SourceFile
 from gmmjax.clouds.views import SensorViews
 from gmmjax.errors import InputError
 
@@ -26,6 +27,9 @@ class PointCloud:
         rows_dropped: how many rows of the source had a NaN or infinite coordinate.
         source: the file, or None for arrays.
         views: where the sensor stood, in the frame of the points, where the file says so; else None.
+        unit: of the coordinates, such as "m", where the file says so; else None.
+        crs: coordinate reference system of the points, such as "EPSG:25832", where the file says so; else None.
+        file: what `read_cloud` read, so that a result can be written with all that it held; else None.
 
     Raises:
         InputError: arrays whose shapes or types disagree with the above.
@@ -38,6 +42,9 @@ class PointCloud:
     rows_dropped: int = 0
     source: str | None = None
     views: SensorViews | None = None
+    unit: str | None = None
+    crs: str | None = None
+    file: SourceFile | None = None
 
     def __post_init__(self) -> None:
         prefix = _prefix(self.source)
@@ -50,6 +57,14 @@ class PointCloud:
     def __len__(self) -> int:
         """The number of points."""
         return int(self.points.shape[0])
+
+    def __repr__(self) -> str:
+        parts = [f"{len(self):,} points"]
+        parts += ["colours"] if self.colors is not None else []
+        parts += [f"fields {', '.join(map(repr, self.fields))}"] if self.fields else []
+        parts += [f"{self.rows_dropped:,} rows dropped"] if self.rows_dropped else []
+        parts += [f"{len(self.views)} views"] if self.views is not None else []
+        return f"<PointCloud: {', '.join(parts)}{'' if self.source is None else f'; {self.source!r}'}>"
 
     @classmethod
     def from_rows(

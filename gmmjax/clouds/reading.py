@@ -1,5 +1,7 @@
 """Reading a point cloud from a file of any known format."""
 
+import dataclasses
+import logging
 import os
 from collections.abc import Callable, Mapping
 
@@ -10,8 +12,11 @@ from gmmjax.clouds.mesh import read_mesh
 from gmmjax.clouds.pcd import read_pcd
 from gmmjax.clouds.ply import read_ply
 from gmmjax.clouds.point_cloud import PointCloud
+from gmmjax.clouds.source_file import SourceFile
 from gmmjax.clouds.text import read_text
 from gmmjax.errors import InputError
+
+logger = logging.getLogger(__name__)
 
 READERS: Mapping[str, Callable[[str | os.PathLike[str]], PointCloud]] = {
     ".ply": read_ply,
@@ -46,11 +51,13 @@ def read_cloud(path: str | os.PathLike[str]) -> PointCloud:
         raise InputError(
             f"{file}: the ending {file.suffix!r} is of no known format; convert it to one of {' '.join(READERS)}"
         )
-    cloud = reader(file)
+    source = SourceFile.of(file)
+    cloud = dataclasses.replace(reader(file), file=source)
     if not len(cloud) and not cloud.rows_dropped:
         raise InputError(f"{file}: has 0 points; export the cloud again")
     if not len(cloud):
         raise InputError(
             f"{file}: every one of its {cloud.rows_dropped} points has NaN or inf coordinates; export the cloud again"
         )
+    logger.info("read %r", cloud)
     return cloud

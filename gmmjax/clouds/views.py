@@ -9,12 +9,33 @@ from jaxtyping import Bool, Float64
 
 from gmmjax.clouds.coordinates import as_finite_points
 from gmmjax.errors import InputError, one_line, shown
+from gmmjax.geometry import rigid_transform
 
 # Rounding in files with seven digits; a pose with a scale or a reflection is far beyond.
 RIGID_TOLERANCE = 1e-3
 WIDEST_PINHOLE = 180.0
 # What a derived field of view and range are widened by, so that the outermost points are inside.
 MARGIN = 1.02
+# Axes of a level scanner in a world whose z points up, as columns: x right, y down, z forward along the world's y.
+LEVEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+# Full vertical angle of a scanner that sees up to the zenith, degrees.
+WIDEST_ELEVATION = 179.8
+
+
+@dataclass(frozen=True)
+class PositionSettings:
+    """What a sensor is taken for of which only the position is known.
+
+    Attributes:
+        camera_angle: largest angle between the direction to a point and the mean direction to all, degrees, for the
+            sensor to be a camera that looks there; otherwise it turns by 360 degrees. 0: every sensor turns. Towards
+            90: cameras nearly as wide as half of space, whose images are stretched at the rim.
+        farthest: largest distance of a position from the nearest point, by the diagonal of the cloud: farther away it
+            is in another frame or unit. Infinite: such a position is used.
+    """
+
+    camera_angle: float = 75.0
+    farthest: float = 100.0
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -47,6 +68,11 @@ class SensorViews:
         """The number of views."""
         return len(self.poses)
 
+    def __repr__(self) -> str:
+        width, height = self.field_of_view
+        views = f"{len(self):,} view{'s' * (len(self) != 1)}"
+        return f"<SensorViews: {views} of {width:.4g}° × {height:.4g}°, range {self.max_range:.4g}>"
+
     @property
     def turning(self) -> bool:
         """Whether the sensor turns: its field of view is measured in azimuth and elevation."""
@@ -76,6 +102,49 @@ class SensorViews:
         farthest = float(np.linalg.norm(coordinates, axis=1).max())
         return cls(np.eye(4)[None], (float(angles[0]), float(angles[1])), farthest * MARGIN)
 
+    @classmethod
+    def from_positions(
+        cls, points: npt.ArrayLike, positions: npt.ArrayLike, settings: PositionSettings = PositionSettings()
+    ) -> "SensorViews":
+        """The views of a sensor of which only the positions are known: field of view and range are read from the cloud.
+
+        Where all points lie to one side of every position the sensor is a camera that looks at them, upright where z
+        points up. Otherwise it is a scanner that turns by 360 degrees about z. Its vertical angle just holds the
+        points, and its range reaches all of them from every position.
+
+        A direction without any point counts as not observed whatever the field of view. So what it is wider than the
+        true one makes no empty space of what was never looked at.
+
+        Args:
+            points: coordinates [N, 3] of the cloud, finite.
+            positions: of the sensor [V, 3], or [3] for a single one, in the frame and unit of the points.
+            settings: when a sensor is a camera, and when a position is too far away.
+
+        Raises:
+            InputError: positions that are not finite or too far from the points to be theirs; no points.
+        """
+        coordinates, places = as_finite_points(points), _checked_positions(positions)
+        if not len(coordinates):
+            raise InputError("sensor positions: the cloud has no points to read the field of view from")
+        _check_distances(coordinates, places, settings.farthest)
+        cameras, elevation, reach = [], 0.0, 0.0
+        for place in places:
+            offsets = coordinates - place
+            ranges = np.linalg.norm(offsets, axis=1)
+            reach = max(reach, float(ranges.max()) * MARGIN)
+            # What is at the sensor itself, such as missing returns at the origin, is in no direction.
+            directions = offsets[ranges > 0] / ranges[ranges > 0, None]
+            cameras.append(_camera(directions, settings.camera_angle))
+            elevation = max(elevation, float(np.abs(directions[:, 2]).max(initial=0.0)))
+        looking = [camera for camera in cameras if camera is not None]
+        if len(looking) == len(places):
+            rotations, tangents = (np.stack(part) for part in zip(*looking, strict=True))
+            angles = 2 * np.degrees(np.arctan(np.maximum(tangents.max(axis=0), 1e-3) * MARGIN))
+            return cls(rigid_transform(rotations, places), np.minimum(angles, WIDEST_PINHOLE - 1), reach)
+        level = np.tile(LEVEL, (len(places), 1, 1))
+        vertical = min(2 * np.degrees(np.arcsin(elevation)) * MARGIN + 1, WIDEST_ELEVATION)
+        return cls(rigid_transform(level, places), (360.0, float(vertical)), reach)
+
     def moved(self, transform: Float64[np.ndarray, "4 4"]) -> "SensorViews":
         """The views after a rigid motion of the world: x becomes `transform @ x`."""
         return SensorViews(transform[None] @ self.poses, self.field_of_view, self.max_range)
@@ -92,6 +161,66 @@ class SensorViews:
         depth = np.hypot(x, z) if self.turning else z
         inside = (np.abs(np.arctan2(x, z)) <= horizontal) & (np.abs(np.arctan2(y, depth)) <= vertical)
         return np.asarray(inside & (x * x + y * y + z * z <= self.max_range**2))
+
+
+def _checked_positions(positions: Any) -> Float64[np.ndarray, "v 3"]:
+    try:
+        array = np.array(positions, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"sensor positions must be numbers [V, 3] ({one_line(error)})") from error
+    array = array[None] if array.shape == (3,) else array
+    if array.ndim != 2 or array.shape[1] != 3 or not len(array):
+        raise InputError(f"sensor positions must have the shape [V, 3] with V at least 1, not {list(array.shape)}")
+    if not np.isfinite(array).all():
+        raise InputError("sensor positions must be finite numbers: x, y and z in the frame and unit of the cloud")
+    return array
+
+
+def _check_distances(points: Float64[np.ndarray, "n 3"], places: Float64[np.ndarray, "v 3"], farthest: float) -> None:
+    """Whether the positions can be those that a cloud was taken from.
+
+    Raises:
+        InputError: one of them is too far away.
+    """
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    # A position beyond the range of floats is infinitely far away.
+    with np.errstate(over="ignore"):
+        size = float(np.linalg.norm(upper - lower))
+        # To the box around the points, which is never farther than the nearest of them.
+        distances = np.linalg.norm(places - np.clip(places, lower, upper), axis=1)
+    worst = int(np.argmax(distances))
+    if distances[worst] > farthest * size:
+        place = ", ".join(f"{value:.6g}" for value in places[worst])
+        raise InputError(
+            f"the sensor position ({place}) is {distances[worst]:.3g} away from a cloud that is only {size:.3g} large; "
+            "give it in the frame and unit of the cloud"
+        )
+
+
+def _camera(
+    directions: Float64[np.ndarray, "n 3"], widest: float
+) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, " 2"]] | None:
+    """The axes of a camera that looks along the mean of some directions, and the tangents of its half angles.
+
+    Args:
+        directions: unit vectors to the points.
+        widest: largest angle from their mean, degrees.
+
+    Returns:
+        None where one of them is further off.
+    """
+    mean = directions.sum(axis=0)
+    length = float(np.linalg.norm(mean))
+    if length == 0 or (directions @ mean).min() < np.cos(np.radians(widest)) * length:
+        return None
+    forward = mean / length
+    # Upright where z points up; a camera that looks along z, as into its own frame, has x right and y down.
+    down = np.array([0.0, 0.0, -1.0]) if abs(forward[2]) < 0.7 else np.array([0.0, 1.0, 0.0])
+    right = np.cross(down, forward)
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward], axis=1)
+    inside = directions @ rotation
+    return rotation, np.abs(inside[:, :2] / inside[:, 2:]).max(axis=0)
 
 
 def _checked_poses(poses: Any) -> Float64[np.ndarray, "v 4 4"]:

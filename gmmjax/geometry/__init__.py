@@ -1,5 +1,10 @@
 """Geometry of points and scanned surfaces: rigid transforms, ICP, local planes, clusters, depth images."""
 
+from gmmjax.geometry.boxes import OrientedBox as OrientedBox
+from gmmjax.geometry.boxes import hull_corners as hull_corners
+from gmmjax.geometry.boxes import hull_volume as hull_volume
+from gmmjax.geometry.boxes import smallest_box as smallest_box
+from gmmjax.geometry.boxes import upright_box as upright_box
 from gmmjax.geometry.cells import occupied_cells as occupied_cells
 from gmmjax.geometry.density_clusters import density_clusters as density_clusters
 from gmmjax.geometry.depth_image import DepthImage as DepthImage

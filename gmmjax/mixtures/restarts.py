@@ -1,5 +1,6 @@
 """Fits of one cloud from many random starts, and the best of them."""
 
+import logging
 from collections.abc import Callable
 
 import jax
@@ -15,6 +16,8 @@ from gmmjax.mixtures.map_fits import check_components, check_restarts, fit_in_fr
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.parallel import Precision
 from gmmjax.mixtures.prior import Prior
+
+logger = logging.getLogger(__name__)
 
 
 def fit_restarts(
@@ -60,7 +63,12 @@ def fit_restarts(
     checked = checked_points(points, mass, settings.covariance_type, scatter)
     starts = None if start is None else [start]
     of_restarts = [list(jax.random.split(key, restarts))]
-    return fits_of([checked], of_restarts, max_components, prior, starts, settings, precision, None, progress)[0]
+    text = "fitting %d points from %d starts with at most %d components"
+    logger.info(text, len(checked.points), restarts, max_components)
+    fits = fits_of([checked], of_restarts, max_components, prior, starts, settings, precision, None, progress)[0]
+    counts = np.asarray(fits.mixture.live).sum(axis=1).tolist()
+    logger.info("components %s, message lengths %s", counts, np.round(np.asarray(fits.message_length), 1).tolist())
+    return fits
 
 
 def best_fit(fits: Fit, *, throw: bool = True) -> Fit:

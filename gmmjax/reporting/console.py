@@ -1,7 +1,7 @@
 """What the command line shows: progress and warnings on standard error, the answer on standard output."""
 
 import json
-import sys
+import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,13 +15,9 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from gmmjax._messages import print_message
 from gmmjax.changes import Changes
-from gmmjax.clouds import PointCloud
-from gmmjax.errors import InputWarning
-from gmmjax.evaluation import Evaluation, Failure
-from gmmjax.mixtures import Fit
-from gmmjax.reporting.batch_index import batch_answer
-from gmmjax.reporting.evaluation_table import evaluation_lines
+from gmmjax.errors import InputWarning, printable
 from gmmjax.reporting.explanation_lines import explanation_lines
 from gmmjax.reporting.explanations import rejected_text
 from gmmjax.reporting.palette import KIND_COLORS
@@ -37,10 +33,13 @@ from gmmjax.reporting.summary import (
     registration_text,
     unobserved_text,
 )
-from gmmjax.scenes import GaussianScene
 
 if TYPE_CHECKING:
+    from gmmjax.clouds import PointCloud
+    from gmmjax.evaluation import Evaluation, Failure
+    from gmmjax.mixtures import Fit
     from gmmjax.reporting.batch_files import Summary
+    from gmmjax.scenes import SurveyedScene
     from gmmjax.surveys import Bag
     from gmmjax.tuning import TuningResult, VerdictResult
 
@@ -85,7 +84,7 @@ def shown_warnings(*, quiet: bool = False) -> Iterator[None]:
 
         def show_line(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
             if issubclass(category, InputWarning):
-                print(f"gmmjax: warning: {message}", file=sys.stderr)
+                print_message(f"warning: {message}")
             else:
                 show(message, category, *place, **more)
 
@@ -93,31 +92,47 @@ def shown_warnings(*, quiet: bool = False) -> Iterator[None]:
         yield
 
 
-def print_changes(changes: Changes, *, heading: str | None = None, explain: bool = False) -> None:
+def print_changes(
+    changes: Changes, *, heading: str | None = None, explain: bool = False, only: int | None = None
+) -> None:
     """The answer, a table of the changes, and what was left out of the clouds, on standard output.
 
     Args:
         changes: what was found.
         heading: a line above the answer.
         explain: why they are changes, and why the rejected candidates are none; otherwise only how many these are.
+        only: label of the one change that is explained; None: everything.
     """
     console = Console()
     if heading:
-        console.print(escape(heading), style="dim", highlight=False, soft_wrap=True)
+        print_text(heading, style="dim")
     console.print(answer(changes), style="bold", highlight=False)
     if changes.items:
         print_whole(_table(changes, console.width))
     for text in (registration_text(changes), unobserved_text(changes), poses_text(changes)):
         if text is not None:
-            console.print(text, highlight=False)
+            print_sentence(text)
     for side, count in dropped_rows(changes).items():
-        console.print(dropped_text(side, count), highlight=False)
+        print_sentence(dropped_text(side, count))
     if explain:
         console.print()
-        for line, style in explanation_lines(changes, console.width):
+        for line, style in explanation_lines(changes, console.width, only=only):
             console.print(escape(line), style=style, highlight=False, soft_wrap=True)
     elif (text := rejected_text(changes)) is not None:
-        console.print(f"{text}; --explain says why.", highlight=False)
+        print_sentence(f"{text}; --explain says why.")
+
+
+def print_sentence(text: str) -> None:
+    """A sentence on standard output, which the terminal breaks between words and never within an option."""
+    console = Console()
+    width = max(console.width, 20)
+    for line in textwrap.wrap(printable(text), width, break_long_words=False, break_on_hyphens=False):
+        console.print(escape(line), highlight=False, soft_wrap=True)
+
+
+def print_text(text: str, style: str = "") -> None:
+    """A line on standard output, such as a name or a path, that the terminal takes as text whatever is in it."""
+    Console().print(escape(printable(text)), style=style, highlight=False, soft_wrap=True)
 
 
 def print_json(changes: Changes) -> None:
@@ -133,7 +148,7 @@ def print_files(folder: Path, description: dict[str, str]) -> None:
         description: of each file, by name.
     """
     console = Console()
-    console.print(f"\nResults in [bold]{escape(str(folder))}[/bold]", highlight=False, soft_wrap=True)
+    console.print(f"\nResults in [bold]{_shown(folder)}[/bold]", highlight=False, soft_wrap=True)
     width = max(len(name) for name in description)
     for name, text in description.items():
         console.print(f"  {name:<{width}}  [dim]{escape(text)}[/dim]", highlight=False, soft_wrap=True)
@@ -147,9 +162,11 @@ def print_batch(summary: "Summary", *, heading: str | None = None, most: int = 1
         heading: a line above it.
         most: lines of each list; the others are counted.
     """
+    from gmmjax.reporting.batch_index import batch_answer
+
     console = Console()
     if heading:
-        console.print(escape(heading), style="bold", highlight=False, soft_wrap=True)
+        print_text(heading, style="bold")
     console.print(batch_answer(summary.pairs, summary.missing), style="bold", highlight=False, soft_wrap=True)
     changed = sorted((row for row in summary.done if row.changes), key=lambda row: -(row.highest_probability or 0))
     if changed:
@@ -159,19 +176,19 @@ def print_batch(summary: "Summary", *, heading: str | None = None, most: int = 1
             table.add_column(heading, justify="right", no_wrap=True)
         for row in changed[:most]:
             counts = (row.changes, row.appeared, row.disappeared, row.moved)
-            table.add_row(escape(row.name), *map(str, counts), percent(row.highest_probability or 0))
+            table.add_row(_shown(row.name), *map(str, counts), percent(row.highest_probability or 0))
         console.print(table)
     if len(changed) > most:
         console.print(f"  and {len(changed) - most} more pairs with changes", style="dim", highlight=False)
     if summary.failed:
         console.print(f"\n{len(summary.failed)} failed", style="bold", highlight=False)
     for row in summary.failed[:most]:
-        console.print(f"  {escape(row.name)}: {escape(row.error)}", highlight=False, soft_wrap=True)
+        console.print(f"  {_shown(row.name)}: {_shown(row.error)}", highlight=False, soft_wrap=True)
     if len(summary.failed) > most:
         console.print(f"  and {len(summary.failed) - most} more, in pairs.csv", style="dim", highlight=False)
 
 
-def print_fit(fit: Fit, cloud: PointCloud) -> None:
+def print_fit(fit: "Fit", cloud: "PointCloud") -> None:
     """A mixture in a table, on standard output."""
     mixture = fit.mixture.live_part()
     count = len(mixture.weights)
@@ -189,20 +206,26 @@ def print_fit(fit: Fit, cloud: PointCloud) -> None:
         console.print(dropped_text("given", cloud.rows_dropped), highlight=False)
 
 
-def print_truth(scene: GaussianScene) -> None:
-    """The true changes of a simulated scene in a table, on standard output."""
+def print_truth(scene: "SurveyedScene", changes: Changes) -> None:
+    """The true changes of a simulated scene in a table, each with the label it was found as, on standard output."""
+    from gmmjax.reporting.truth_rows import false_labels, truth_rows
+
     table = plain_table()
-    for heading, justify in (("Truth", "left"), ("Kind", "left"), ("Points", "right"), ("Centre", "right")):
+    columns = (("Truth", "left"), ("Points", "right"), ("Centre", "right"), ("Motion", "left"), ("Found as", "left"))
+    for heading, justify in columns:
         table.add_column(heading, justify=justify, no_wrap=True)  # type: ignore[arg-type]
-    sides = ((scene.before, scene.truth_before, "disappeared"), (scene.after, scene.truth_after, "appeared"))
-    for points, truth, kind in sides:
-        for number in np.unique(truth[truth >= 0]):
-            own = points[truth == number]
-            centre = ", ".join(f"{value:.2f}" for value in own.mean(axis=0))
-            table.add_row(str(number), f"● {kind}", f"{len(own):,}", centre)
+    for row in truth_rows(scene, changes):
+        centre = ", ".join(f"{value:.2f}" for value in row.centre)
+        motion = "" if row.motion is None else f"{row.motion[0]:.2f} m, {row.motion[1]:.0f}°"
+        found = ", ".join(map(str, row.labels)) or "not found"
+        color = KIND_COLORS[row.kind]
+        table.add_row(f"[{color}]● {row.kind}[/]", f"{row.points:,}", centre, motion, found)
     console = Console()
     console.print()
     print_whole(table)
+    false = false_labels(scene, changes)
+    text = f"False changes: {', '.join(map(str, false))}." if false else "No false changes."
+    console.print(text, highlight=False)
 
 
 def print_topics(bag: "Bag") -> None:
@@ -211,23 +234,25 @@ def print_topics(bag: "Bag") -> None:
     console = Console()
     begun = f"{datetime.fromtimestamp(bag.start, UTC):%Y-%m-%d %H:%M:%S}" if topics else ""
     length = f"{bag.end - bag.start:.1f} s from {bag.start:.3f} ({begun} UTC)" if topics else "no messages"
-    console.print(f"[bold]{escape(str(bag.path))}[/bold]  {length}", highlight=False, soft_wrap=True)
+    console.print(f"[bold]{_shown(bag.path)}[/bold]  {length}", highlight=False, soft_wrap=True)
     table = plain_table()
     for heading in ("Topic", "Type", "Messages", "Hz", "From (s)", "To (s)"):
         table.add_column(heading, justify="left" if heading in ("Topic", "Type") else "right", no_wrap=True)
     for topic in topics:
         times = ["" if time is None else f"+{time - bag.start:.3f}" for time in (topic.start, topic.end)]
         rate = "" if topic.rate is None else f"{topic.rate:.4g}"
-        table.add_row(escape(topic.name), topic.type.replace("/msg/", "/"), f"{topic.count:,}", rate, *times)
+        table.add_row(_shown(topic.name), topic.type.replace("/msg/", "/"), f"{topic.count:,}", rate, *times)
     print_whole(table)
 
 
-def print_evaluation(evaluation: Evaluation) -> None:
+def print_evaluation(evaluation: "Evaluation") -> None:
     """The scores on standard output: under each condition a line for each detector, and at last the sums.
 
     Args:
         evaluation: at least one row.
     """
+    from gmmjax.reporting.evaluation_table import evaluation_lines
+
     console = Console()
     for text, style in evaluation_lines(evaluation, console.width):
         console.print(escape(text), style=style, highlight=False, soft_wrap=True)
@@ -235,7 +260,7 @@ def print_evaluation(evaluation: Evaluation) -> None:
 
 def print_note(text: str) -> None:
     """A line on standard error, about the work and not about its result."""
-    print(f"gmmjax: {text}", file=sys.stderr)
+    print_message(text)
 
 
 def print_tuning(result: "TuningResult | VerdictResult", settings: Path, page: Path) -> None:
@@ -253,7 +278,7 @@ def print_tuning(result: "TuningResult | VerdictResult", settings: Path, page: P
     else:
         _print_mixture(result)
     Console().print(
-        f"\nSettings in [bold]{escape(str(settings))}[/bold], the course in {escape(str(page))}", highlight=False
+        f"\nSettings in [bold]{_shown(settings)}[/bold], the course in {_shown(page)}", highlight=False, soft_wrap=True
     )
     print_next_command(f"gmmjax detect BEFORE AFTER --out DIR --config {settings}")
 
@@ -319,7 +344,7 @@ def _print_mixture(result: "TuningResult") -> None:
 
 def print_next_command(command: str) -> None:
     """What to type next."""
-    Console().print(f"  [dim]{escape(command)}[/dim]", highlight=False, soft_wrap=True)
+    print_text(f"  {command}", style="dim")
 
 
 def print_tuning_json(result: "TuningResult | VerdictResult") -> None:
@@ -327,7 +352,7 @@ def print_tuning_json(result: "TuningResult | VerdictResult") -> None:
     print(json.dumps(result.to_dict(), indent=2, allow_nan=False))
 
 
-def print_failures(failures: Sequence[Failure]) -> None:
+def print_failures(failures: "Sequence[Failure]") -> None:
     """What of an evaluation failed on standard error: a line for each reason and detector."""
     alike: dict[tuple[str | None, str], list[str]] = {}
     for failure in failures:
@@ -335,13 +360,18 @@ def print_failures(failures: Sequence[Failure]) -> None:
     for (detector, message), pairs in alike.items():
         more = f" and {len(pairs) - 1} more" if len(pairs) > 1 else ""
         who = f"{detector} on " if detector else ""
-        print(f"gmmjax: failed: {who}{pairs[0]}{more}: {message}", file=sys.stderr)
+        print_message(f"failed: {who}{pairs[0]}{more}: {message}")
 
 
 def print_report_hint(report: Path) -> None:
     """How to look at the report."""
     address = report.resolve().as_uri()
     Console().print(f"\nOpen [link={address}]{escape(address)}[/link] in a browser.", highlight=False, soft_wrap=True)
+
+
+def _shown(name: object) -> str:
+    """A name or a path as text for the terminal: no markup, and no character that controls it."""
+    return escape(printable(str(name)))
 
 
 def _table(changes: Changes, width: int) -> Table:

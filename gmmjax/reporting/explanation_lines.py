@@ -19,7 +19,7 @@ GAP = "  "
 
 
 def explanation_lines(
-    changes: Changes, width: int, settings: ExplanationSettings = ExplanationSettings()
+    changes: Changes, width: int, settings: ExplanationSettings = ExplanationSettings(), *, only: int | None = None
 ) -> Iterator[tuple[str, str]]:
     """The lines, each with its style: the changes with their facts, then the rejected candidates with fewer.
 
@@ -27,6 +27,8 @@ def explanation_lines(
         changes: what was found.
         width: of the terminal, characters.
         settings: how many facts and candidates are listed.
+        only: label of the one change that is explained, a moved object with its partner; None: all of them, and the
+            rejected candidates.
     """
     if not changes.items and not changes.rejected:
         yield "Nothing to explain: nothing looked changed.", "dim"
@@ -39,18 +41,20 @@ def explanation_lines(
         return
     yield from _wrapped("", "Contributions to the log odds of a change, the strongest first:", width, "dim")
     if explained:
-        yield from _of_changes(changes, width, settings)
+        yield from _of_changes(changes, width, settings, only)
     if (text := confidence_text(changes)) is not None:
         yield from _wrapped("", text, width, "dim")
-    if changes.rejected:
+    if changes.rejected and only is None:
         yield from _of_rejected(changes, width, settings)
 
 
-def _of_changes(changes: Changes, width: int, settings: ExplanationSettings) -> Iterator[tuple[str, str]]:
+def _of_changes(
+    changes: Changes, width: int, settings: ExplanationSettings, only: int | None
+) -> Iterator[tuple[str, str]]:
     names = [f"{label}{GAP}● {_kind(change)}" for label, change in enumerate(changes.items)]
     longest = max(map(len, names))
-    for name, change in zip(names, changes.items, strict=True):
-        if change.explanation is None:
+    for label, (name, change) in enumerate(zip(names, changes.items, strict=True)):
+        if change.explanation is None or (only is not None and only not in (label, change.partner)):
             continue
         heading = f"{name:<{longest}}{GAP}"
         yield from _wrapped(heading, verdict_text(change.explanation), width, KIND_COLORS[change.kind])

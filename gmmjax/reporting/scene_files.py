@@ -1,4 +1,4 @@
-"""Simulated scenes on disk: the two clouds, the truth of every point, and the Gaussians."""
+"""Simulated scenes on disk: the two clouds, the truth of every point, and what they were drawn from."""
 
 import json
 import os
@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from gmmjax.clouds import FolderKind, atomic_write, check_output_folder, output_folder, write_ply
+from gmmjax.clouds import FolderKind, atomic_write, check_output_folder, output_folder, write_ply, write_views
 from gmmjax.mixtures import GaussianMixture
-from gmmjax.scenes import GaussianScene
+from gmmjax.pair import Pair
+from gmmjax.scenes import ColoredScene, GaussianScene
 
 SCHEMA_VERSION = 1
 SCENE_FILE = "scene.json"
@@ -21,15 +22,19 @@ TRUTH_AFTER_FILE = "truth_after.npy"
 SCENE = FolderKind(
     "scene", SCENE_FILE, "mixture_before", (BEFORE_FILE, AFTER_FILE, TRUTH_BEFORE_FILE, TRUTH_AFTER_FILE)
 )
+# What there is of either side of a surveyed scene: cloud, truth, what was unseen, uncounted changes, sensor views.
+SIDE_FILES = ("{}.ply", "truth_{}.npy", "unseen_{}.npy", "not_counted_{}.npy", "views_{}.json")
+SIDES = Pair("before", "after")
+SURVEYED = FolderKind("scene", SCENE_FILE, "kinds", tuple(name.format(side) for side in SIDES for name in SIDE_FILES))
 
 
-def check_scene_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-    """Whether `write_scene` could write there.
+def check_scene_folder(folder: str | os.PathLike[str], *, overwrite: bool = False, surveyed: bool = False) -> None:
+    """Whether `write_scene`, or `write_surveyed_scene`, could write there.
 
     Raises:
         InputError: the folder is a file, holds something else, holds a scene and not `overwrite`, or cannot be written.
     """
-    check_output_folder(folder, SCENE, overwrite=overwrite)
+    check_output_folder(folder, SURVEYED if surveyed else SCENE, overwrite=overwrite)
 
 
 def write_scene(
@@ -68,6 +73,53 @@ def write_scene(
         for name, truth in ((TRUTH_BEFORE_FILE, scene.truth_before), (TRUTH_AFTER_FILE, scene.truth_after)):
             with atomic_write(staging / name) as file:
                 np.save(file, truth, allow_pickle=False)
+        with atomic_write(staging / SCENE_FILE) as file:
+            file.write(json.dumps(content, indent=2, allow_nan=False).encode())
+    return Path(folder)
+
+
+def write_surveyed_scene(
+    folder: str | os.PathLike[str],
+    colored: ColoredScene,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    overwrite: bool = False,
+) -> Path:
+    """Writes a surveyed scene, all files or none, as a pair that `gmmjax evaluate pairs` and `gmmjax tune` read.
+
+    `before.ply` and `after.ply` in colour; `views_*.json` with the poses of the sensor; `truth_*.npy`, `unseen_*.npy`
+    and `not_counted_*.npy`; `scene.json` with the kinds and motions of the changes, and the true registration.
+
+    Args:
+        folder: is made where needed; may be empty.
+        colored: what to write.
+        settings: how it was made, as plain values.
+        overwrite: replace a previous scene.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: a folder that cannot be written; it is then as it was.
+    """
+    scene = colored.scene
+    content = {
+        "schema_version": SCHEMA_VERSION,
+        "settings": dict(settings or {}),
+        "kinds": list(scene.kinds),
+        "motions": {str(number): motion.tolist() for number, motion in scene.motions.items()},
+        "registration": scene.registration.tolist(),
+    }
+    uncounted = scene.uncounted.map(lambda numbers: np.array(sorted(numbers), np.int64))
+    sides = zip(SIDES, scene.clouds, colored.colors, scene.truth, scene.unseen, uncounted, scene.views, strict=True)
+    with output_folder(folder, SURVEYED, overwrite=overwrite) as staging:
+        for side, points, colors, *arrays, views in sides:
+            cloud, *names, views_file = (staging / name.format(side) for name in SIDE_FILES)
+            write_ply(cloud, points, colors=colors)
+            for name, values in zip(names, arrays, strict=True):
+                with atomic_write(name) as file:
+                    np.save(file, values, allow_pickle=False)
+            write_views(views_file, views)
         with atomic_write(staging / SCENE_FILE) as file:
             file.write(json.dumps(content, indent=2, allow_nan=False).encode())
     return Path(folder)

@@ -81,8 +81,11 @@ def headings(changes: Changes) -> tuple[str, ...]:
 
 
 def object_rows(changes: Changes) -> list[ObjectRow]:
-    """The objects that changed as text, in the order of their first change."""
-    return [_object_row(changes, labels) for labels in object_labels(changes)]
+    """The objects that changed as text, in the order of their first change; coordinates all have as many decimals."""
+    decimals = [_decimals(change.box.extent) for change in changes.items]
+    # At least three digits of the largest object, and two of the smallest.
+    digits = max(min(decimals), max(decimals) - 1) if decimals else 0
+    return [_object_row(changes, labels, digits) for labels in object_labels(changes)]
 
 
 def object_labels(changes: Changes) -> list[tuple[int, ...]]:
@@ -213,24 +216,32 @@ def _resting(changes: Changes, missing: list[str]) -> str:
     return " and ".join(parts)
 
 
-def place_cells(found: Change | RejectedCandidate) -> tuple[str, str, str]:
-    """Number of points, centre and size, as in `HEADINGS`."""
-    return (f"{found.point_count:,}", *place_text(found.mean, found.box.extent))
+def place_cells(found: Change | RejectedCandidate, decimals: int | None = None) -> tuple[str, str, str]:
+    """Number of points, centre and size, as in `HEADINGS`; the decimals are those of `place_text`."""
+    return (f"{found.point_count:,}", *place_text(found.mean, found.box.extent, decimals))
 
 
-def place_text(centre: Float[np.ndarray, "3"], extent: Float[np.ndarray, "3"]) -> tuple[str, str]:
-    """A centre and a size with as many decimals as show the size."""
-    digits = _decimals(extent)
+def place_text(
+    centre: Float[np.ndarray, "3"], extent: Float[np.ndarray, "3"], decimals: int | None = None
+) -> tuple[str, str]:
+    """A centre and a size.
+
+    Args:
+        centre: coordinates.
+        extent: edges of the box.
+        decimals: of all numbers; None: as many as show the longest edge in three digits.
+    """
+    digits = _decimals(extent) if decimals is None else decimals
     return ", ".join(f"{value:.{digits}f}" for value in centre), " × ".join(f"{value:.{digits}f}" for value in extent)
 
 
-def _object_row(changes: Changes, labels: tuple[int, ...]) -> ObjectRow:
+def _object_row(changes: Changes, labels: tuple[int, ...], decimals: int) -> ObjectRow:
     own = [changes[label] for label in labels]
     text = motion_text(changes, (labels[0], labels[1])) if len(labels) == 2 else own[0].kind
     volume = "" if own[-1].volume is None else volume_text(own[-1].volume, changes.unit)
     probability = percent(max(change.probability for change in own))
     label = ", ".join(map(str, labels))
-    return ObjectRow(labels, own[0].kind, label, text, probability, *place_cells(own[-1]), volume)
+    return ObjectRow(labels, own[0].kind, label, text, probability, *place_cells(own[-1], decimals), volume)
 
 
 def _decimals(extent: np.ndarray) -> int:

@@ -134,19 +134,34 @@ def write_thumbnails(
     Raises:
         InputError: clouds that are not those of the changes, or a folder that cannot be written.
     """
+    for name, content in zip((BEFORE_THUMBNAIL, AFTER_THUMBNAIL), thumbnails(clouds, changes, settings), strict=True):
+        with atomic_write(folder / name) as file:
+            file.write(content)
+
+
+def thumbnails(
+    clouds: Pair[PointCloud], changes: Changes, settings: ThumbnailSettings = ThumbnailSettings()
+) -> Pair[bytes]:
+    """What `write_thumbnails` writes: a PNG file of each cloud.
+
+    Args:
+        clouds: as they were given to the detection; the after cloud is shown registered.
+        changes: what was found.
+        settings: how they are drawn.
+
+    Raises:
+        InputError: clouds that are not those of the changes.
+    """
     check_lengths(clouds.before, clouds.after, changes)
     sides = _sides(clouds, changes, settings)
     view = _view(sides, changes, settings)
-    for name, side in zip((BEFORE_THUMBNAIL, AFTER_THUMBNAIL), sides, strict=True):
-        content = _png(side, view, changes, settings)
-        with atomic_write(folder / name) as file:
-            file.write(content)
+    return sides.map(lambda side: _png(side, view, changes, settings))
 
 
 def _sides(clouds: Pair[PointCloud], changes: Changes, settings: ThumbnailSettings) -> Pair[_Side]:
     def side(cloud: PointCloud, labels: Int[np.ndarray, " n"]) -> _Side:
         unchanged, changed = np.flatnonzero(labels < 0), np.flatnonzero(labels >= 0)
-        drawn = np.concatenate([_thinned(unchanged, settings.most_unchanged), _thinned(changed, settings.most_changed)])
+        drawn = np.concatenate([thinned(unchanged, settings.most_unchanged), thinned(changed, settings.most_changed)])
         colors = None if cloud.colors is None else cloud.colors[drawn]
         tells = colors is not None and np.ptp(luminance(colors)) > settings.least_contrast
         return _Side(cloud.points[drawn], labels[drawn], colors if tells else None)
@@ -155,7 +170,7 @@ def _sides(clouds: Pair[PointCloud], changes: Changes, settings: ThumbnailSettin
     return Pair(sides.before, sides.after._replace(points=changes.registration.apply(sides.after.points)))
 
 
-def _thinned(rows: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " m"]:
+def thinned(rows: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " m"]:
     """At most this number of rows: one, at random, of each of as many equal parts; the same ones each time.
 
     Every n-th row would make a pattern of a scan whose points are in the order of a grid.

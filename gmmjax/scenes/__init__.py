@@ -41,6 +41,9 @@ from gmmjax.scenes.shapes import Cup as Cup
 from gmmjax.scenes.shapes import Ellipsoid as Ellipsoid
 from gmmjax.scenes.shapes import Ground as Ground
 from gmmjax.scenes.shapes import Vegetation as Vegetation
+from gmmjax.scenes.storehouse import ColoredScene as ColoredScene
+from gmmjax.scenes.storehouse import StorehouseSettings as StorehouseSettings
+from gmmjax.scenes.storehouse import storehouse as storehouse
 from gmmjax.scenes.surveyed_scene import Frame as Frame
 from gmmjax.scenes.surveyed_scene import SurveyedScene as SurveyedScene
 from gmmjax.scenes.surveyed_scene import surveyed_scene as surveyed_scene

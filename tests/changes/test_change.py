@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from gmmjax import Change, Changes, DetectionConfig, InputError
 from gmmjax.changes import Box
-from gmmjax.changes.storage import POINT_ARRAYS
+from gmmjax.changes.storage import OPTIONAL_ARRAYS, POINT_ARRAYS
 from tests.changes.explained import explanation, rejected
 from tests.mixtures.examples import random_rotation
 
@@ -19,7 +19,7 @@ def example():
     change = Change(
         "moved", 0.75, 6.5, 40, np.arange(3.0), np.eye(3), box, partner=0, transform=motion, moved_probability=0.9
     )
-    change = dataclasses.replace(change, explanation=explanation())
+    change = dataclasses.replace(change, explanation=explanation(), volume=0.25)
     return Changes(
         labels_before=np.full(30, -1),
         labels_after=np.r_[np.zeros(40, int), np.full(10, -1)],
@@ -32,6 +32,10 @@ def example():
         config=DetectionConfig(method="transport", seed=3),
         diagnostics={"voxel_size": None, "before": {"points": 30}},
         rejected=(rejected(), rejected("appeared", "not observed", 0.1, 0.2)),
+        distance_before=np.r_[np.nan, np.linspace(-0.1, 0.1, 29)],
+        distance_after=np.zeros(50),
+        warnings=("extents differ",),
+        unit="m",
     )
 
 
@@ -78,8 +82,9 @@ def test_what_is_saved_is_loaded(tmp_path):
         loaded = Changes.load(path)
         assert loaded.to_dict() == changes.to_dict()
         assert loaded.config == changes.config
-        for name in POINT_ARRAYS:
+        for name in (*POINT_ARRAYS, *OPTIONAL_ARRAYS):
             np.testing.assert_array_equal(getattr(loaded, name), getattr(changes, name))
+        assert (loaded.warnings, loaded.unit, loaded[0].volume) == (("extents differ",), "m", 0.25)
         np.testing.assert_array_equal(loaded.items[0].box.rotation, changes.items[0].box.rotation)
         np.testing.assert_array_equal(loaded.items[0].transform, np.eye(4))
         assert loaded.items[0].significance == 6.5
@@ -97,6 +102,16 @@ def test_records_of_before_there_were_explanations_are_loaded(tmp_path):
     assert loaded.items[0].explanation is None
     assert loaded.rejected == ()
     assert loaded.items[0].partner == 0
+
+
+def test_records_without_distances_volumes_and_warnings_are_loaded(tmp_path):
+    file = dataclasses.replace(example(), distance_before=None, distance_after=None).save(tmp_path) / "changes.json"
+    content = json.loads(file.read_text())
+    del content["warnings"], content["unit"], content["changes"][0]["volume"]
+    file.write_text(json.dumps(content))
+    loaded = Changes.load(tmp_path)
+    assert loaded.distance_before is None and loaded.distance_after is None
+    assert (loaded.warnings, loaded.unit, loaded[0].volume) == ((), None, None)
 
 
 def test_changes_are_a_sequence():
@@ -160,6 +175,8 @@ def test_damaged_records_are_named(tmp_path, file, content, message):
         ('"partner": 0', '"partner": 7', "a partner beyond the 1 changes"),
         ('"partner": 0', '"partner": 0.5', "0.5 must be a whole number"),
         ('"moved_probability": 0.9', '"moved_probability": 1.5', "1.5 must lie between 0 and 1"),
+        ('"volume": 0.25', '"volume": "much"', "'much' must be finite numbers"),
+        ('"unit": "m"', '"unit": 3', "3 must be a text"),
         ('"box": {', '"box": null, "other": {', "not a complete record"),
         ('"log_odds": 3.14', '"log_odds": NaN', "NaN is no number"),
         ('"log_odds": 3.14', '"log_odds": "NaN"', "'NaN' must be finite numbers"),
@@ -194,6 +211,7 @@ def test_records_with_wrong_values_are_refused(tmp_path, replaced, by, message):
         ("probability_before", np.zeros(7), r"a number for each point, not float64 \[7\]"),
         ("unobserved_before", np.zeros(30), r"a bool for each point, not float64 \[30\]"),
         ("unobserved_before", None, "not nothing"),
+        ("distance_before", np.zeros(29), r"a number for each point, not float64 \[29\]"),
     ],
 )
 def test_labels_that_do_not_fit_are_refused(tmp_path, name, values, message):

@@ -128,6 +128,23 @@ def test_without_views_shadows_are_no_change_either(laboratory):
     assert scores.f1 == 1 and scores.point_f1 > 0.95
 
 
+def test_distances_are_those_between_the_surfaces_where_both_were_observed(of_laboratory):
+    residual, names = of_laboratory.registration.residual, ("distance", "labels", "unobserved")
+    for side in ("before", "after"):
+        distance, labels, unobserved = (getattr(of_laboratory, f"{name}_{side}") for name in names)
+        assert np.isnan(distance[unobserved]).all()
+        unchanged = distance[(labels < 0) & ~unobserved]
+        assert np.isfinite(unchanged).mean() > 0.95
+        assert np.nanquantile(np.abs(unchanged), 0.9) < 4 * residual
+        assert abs(np.nanmedian(unchanged)) < residual
+        assert np.nanmedian(np.abs(distance[labels >= 0])) > 5 * residual
+
+
+def test_clouds_that_fill_volumes_have_no_distances_and_no_volumes(of_gaussians):
+    assert of_gaussians.distance_before is None and of_gaussians.distance_after is None
+    assert [change.volume for change in of_gaussians] == [None] * len(of_gaussians)
+
+
 def test_nothing_is_found_where_nothing_changed():
     scene = laboratory_scene(jax.random.key(902), appeared=0)
     changes = detect_changes(
@@ -276,6 +293,8 @@ def test_views_that_contradict_the_cloud_are_not_used(laboratory):
     with pytest.warns(InputWarning, match="views_before"):
         changes = detect_changes(laboratory.before, laboratory.after, config=CONFIG, views_before=wrong)
     assert changes.diagnostics["before"]["views"] == 0
+    # What the user was warned of is in the record.
+    assert len(changes.warnings) == 1 and changes.warnings[0].startswith("views_before")
 
 
 def test_views_that_see_nothing_are_an_error(laboratory):

@@ -123,3 +123,85 @@ def test_at_the_origin_just_holds_the_points():
 def test_at_the_origin_nothing_may_be_behind(points):
     with pytest.raises(InputError, match=r"give the camera's pose as SensorViews"):
         SensorViews.at_origin(points)
+
+
+def a_room(seed=0, count=4000):
+    """Points on the walls, the floor and the ceiling of a room of 6 x 4 x 3 m whose corner is the origin."""
+    random = np.random.default_rng(seed)
+    size = np.array([6.0, 4.0, 3.0])
+    points = random.uniform(0, 1, (count, 3)) * size
+    axis = random.integers(0, 3, count)
+    points[np.arange(count), axis] = random.integers(0, 2, count) * size[axis]
+    return points
+
+
+def test_a_sensor_with_points_all_around_turns():
+    points = a_room()
+    views = SensorViews.from_positions(points, [[2, 1, 1.5], [4, 3, 1.4]])
+    assert views.turning and len(views) == 2
+    np.testing.assert_array_equal(views.poses[:, :3, 3], [[2, 1, 1.5], [4, 3, 1.4]])
+    # All but what is straight above and below.
+    assert all(views.in_field_of_view(views.in_camera(points, view)).mean() > 0.99 for view in range(2))
+    farthest = np.linalg.norm(points[:, None] - views.poses[:, :3, 3], axis=2).max()
+    assert farthest < views.max_range < 1.05 * farthest
+
+
+def test_the_vertical_angle_of_a_turning_scanner_just_holds_the_points():
+    points = a_room()
+    points = points[(points[:, 2] > 1) & (points[:, 2] < 2)]
+    views = SensorViews.from_positions(points, [3, 2, 1.5])
+    assert views.in_field_of_view(views.in_camera(points, 0)).all()
+    steepest = 2 * np.degrees(np.arctan2(np.abs(points[:, 2] - 1.5), np.hypot(*(points[:, :2] - [3, 2]).T))).max()
+    assert steepest < views.field_of_view[1] < 1.05 * steepest + 2
+
+
+@pytest.mark.parametrize("place", [[-5.0, 2, 1.5], [3, -9, 3], [3.1, 2, 12], [3, 2.2, -9]])
+def test_a_sensor_with_the_points_on_one_side_is_a_camera_that_looks_at_them(place):
+    points = a_room()
+    views = SensorViews.from_positions(points, place)
+    assert not views.turning
+    assert views.in_field_of_view(views.in_camera(points, 0)).all()
+    smaller = SensorViews(views.poses, np.array(views.field_of_view) * 0.9, views.max_range)
+    assert not smaller.in_field_of_view(smaller.in_camera(points, 0)).all()
+
+
+def test_a_level_camera_is_upright():
+    views = SensorViews.from_positions(a_room(), [-5.0, 2, 1.5])
+    above, beside = (views.in_camera(np.array([[0.0, 2, 1.5]]) + offset, 0)[0] for offset in ([0, 0, 1], [0, -1, 0]))
+    assert above[1] < -0.99 and abs(above[0]) < 0.05
+    assert beside[0] > 0.99 and abs(beside[1]) < 0.05
+
+
+def test_a_frame_in_its_own_coordinates_has_its_camera():
+    """From its position alone about what `at_origin` says of it."""
+    points = np.random.default_rng(0).uniform([-1, -0.5, 1.0], [1, 0.5, 3], (500, 3))
+    views = SensorViews.from_positions(points, np.zeros(3))
+    np.testing.assert_allclose(views.poses[0], np.eye(4), atol=0.1)
+    np.testing.assert_allclose(views.field_of_view, SensorViews.at_origin(points).field_of_view, atol=8)
+
+
+def test_points_at_the_sensor_are_in_no_direction():
+    """As the missing returns that some scanners write."""
+    points = np.vstack([a_room() + np.array([5, 0, 0]), np.zeros((50, 3))])
+    assert not SensorViews.from_positions(points, np.zeros(3)).turning
+
+
+@pytest.mark.parametrize(
+    ("positions", "message"),
+    [
+        ([0, 0], r"\[V, 3\]"),
+        (np.zeros((0, 3)), "at least 1"),
+        ([0, np.nan, 0], "finite"),
+        ("here", "numbers"),
+        ([10_000.0, 0, 1.5], r"\(10000, 0, 1.5\) is 9.99e\+03 away from a cloud that is only 7.81 large"),
+        ([1e300, 0, 0], "away from a cloud"),
+    ],
+)
+def test_positions_that_are_none(positions, message):
+    with pytest.raises(InputError, match=message):
+        SensorViews.from_positions(a_room(), positions)
+
+
+def test_a_cloud_without_points_has_no_field_of_view():
+    with pytest.raises(InputError, match="no points"):
+        SensorViews.from_positions(np.zeros((0, 3)), np.zeros(3))

@@ -45,6 +45,13 @@ def test_explanations_fit_the_usual_terminal(explained, capsys):
     assert "--explain" not in printed
 
 
+def test_a_single_explanation_is_of_one_object(explained, capsys):
+    console.print_changes(explained, explain=True, only=1)
+    printed = capsys.readouterr().out
+    assert "1  ● moved" in printed.split("Contributions")[1]
+    assert "0  ● disappeared" not in printed.split("Contributions")[1] and "rejected" not in printed
+
+
 def test_rejected_candidates_are_one_line_unless_they_are_asked_for(pair, explained, capsys):
     console.print_changes(explained)
     printed = capsys.readouterr().out
@@ -73,6 +80,24 @@ def test_json_is_what_the_file_holds(pair, capsys):
 def test_names_are_no_markup(tmp_path, capsys):
     console.print_files(tmp_path / "[red]", {"a": "text"})
     assert "[red]" in capsys.readouterr().out
+
+
+def test_what_controls_the_terminal_is_shown_escaped(tmp_path, capsys):
+    console.print_files(tmp_path / "\x1b[31mred\x07", {"a": "text"})
+    with console.shown_warnings():
+        warnings.warn("scan \x1b]0;title\x07.ply: in feet?", InputWarning, stacklevel=1)
+    captured = capsys.readouterr()
+    assert r"\x1b[31mred\x07" in captured.out and "\x1b" not in captured.out
+    assert captured.err == "gmmjax: warning: scan \\x1b]0;title\\x07.ply: in feet?\n"
+
+
+def test_a_terminal_breaks_messages_between_words(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "40")
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    console.print_note("the scans are compared although --sensor-before says that nothing was seen")
+    lines = capsys.readouterr().err.splitlines()
+    assert max(map(len, lines)) <= 40 and any("--sensor-before" in line for line in lines)
+    assert lines[0].startswith("gmmjax: ") and all(line.startswith("  ") for line in lines[1:])
 
 
 @pytest.mark.parametrize(("quiet", "shown"), [(False, "gmmjax: warning: in feet?\n"), (True, "")])

@@ -1,6 +1,7 @@
 """The stage that brings both clouds into one frame, at one resolution."""
 
 import dataclasses
+import logging
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,9 @@ from gmmjax.changes.config import RegistrationMode
 from gmmjax.changes.prepare.resolution import WorkingPair, working_pair
 from gmmjax.changes.registration import Registration
 from gmmjax.geometry import LocalSurface, transformed
-from gmmjax.pair import Pair
+from gmmjax.pair import Pair, each_on_cores
+
+logger = logging.getLogger(__name__)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,14 +79,28 @@ def aligned(
     rough = RoughRegistration.none() if mode == "never" else rough_registration(points, settings.surfaces)
     roughly = Pair(points.before, transformed(points.after, rough.transform)) if rough.moves else points
     pair = working_pair(roughly, voxel_size)
-    surfaces = pair.clouds.map(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree))
+    surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), pair.clouds)
     if pair.volumetric:
         registration = registered_volumes(pair, surfaces, mode, seed, settings.volumes)
     else:
         registration = registered_surfaces(pair.spacing, surfaces, rough, mode, settings.surfaces)
+    _log(pair, registration)
     if not registration.applied:
         return AlignedPair(points, pair, surfaces, registration)
     return _with_transform(points, pair, surfaces, rough, registration)
+
+
+def _log(pair: WorkingPair, registration: Registration) -> None:
+    kind, compared = "volumes" if pair.volumetric else "surfaces", pair.clouds.map(lambda cloud: len(cloud.points))
+    size = "none" if pair.voxel_size is None else f"{pair.voxel_size:.4g}"
+    text = "compared as %s: %d and %d points, voxel size %s, spacing %.4g"
+    logger.info(text, kind, compared.before, compared.after, size, pair.spacing)
+    about = {name: value for name, value in registration.to_dict().items() if name != "transform"}
+    logger.info("registration: %s", ", ".join(f"{name} {_shown(value)}" for name, value in about.items()))
+
+
+def _shown(value: float | bool | None) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value).lower()
 
 
 def _with_transform(

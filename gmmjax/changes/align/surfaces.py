@@ -22,7 +22,7 @@ from gmmjax.geometry import (
     point_to_plane_icp,
     transformed,
 )
-from gmmjax.pair import Pair
+from gmmjax.pair import Pair, each_on_cores
 
 # A finer convergence than the default one, and steps that are lengthened: transforms slide along walls.
 ICP = IcpSettings(damping=1e-4, extrapolation=8.0)
@@ -124,7 +124,7 @@ def rough_registration(
     pair = working_pair(thinned, settings=ResolutionSettings(voxels=settings.voxels))
     if pair.volumetric:
         return RoughRegistration.none()
-    surfaces = pair.clouds.map(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree))
+    surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), pair.clouds)
     finalists = _finalists(pair.spacing, surfaces, _refined_starts(pair.spacing, surfaces, settings), settings)
     given = surface_fit(surfaces, np.eye(4), pair.spacing, settings.score)
     # With the given frame itself: ICP from there may slide along a floor and a wall of which half is in common.

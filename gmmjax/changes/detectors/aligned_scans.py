@@ -4,7 +4,7 @@ import dataclasses
 import functools
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.change import Changes
@@ -17,6 +17,7 @@ from gmmjax.changes.evidence.view_checks import ViewCheckSettings, usable_views
 from gmmjax.changes.fit.joint_fit import FramedPoints
 from gmmjax.changes.fit.joint_problem import JointProblem
 from gmmjax.changes.prepare.checking import NAMES, CheckedCloud
+from gmmjax.changes.signed_distance import signed_distances
 from gmmjax.clouds import SensorViews
 from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each
@@ -64,6 +65,13 @@ class AlignedScans:
         """What the other survey observed at the place of each working point; None: its views are not known."""
         points = self.pair.surfaces.map(lambda surface: surface.points)
         return observed_places(points, self.surveys, self.differences)
+
+    @functools.cached_property
+    def distance(self) -> Pair[Float[np.ndarray, " _"]]:
+        """The signed distance at each point of scans, that of its working point."""
+        views = self.surveys.map(lambda survey: survey.views)
+        working = signed_distances(self.pair.surfaces, self.differences, views)
+        return each(lambda own, cloud: own[cloud.member].astype(np.float32), working, self.pair.working.clouds)
 
     @functools.cached_property
     def members(self) -> Pair[Int[np.ndarray, " _"]]:

@@ -2,6 +2,7 @@
 
 import abc
 import dataclasses
+import logging
 from collections.abc import Callable
 from typing import ClassVar, Generic, NamedTuple, TypeVar
 
@@ -14,6 +15,8 @@ from gmmjax.changes.fit.restart_fits import Layout, RestartFits
 from gmmjax.changes.progress import Clock, Progress, silent
 from gmmjax.errors import ComputationError, InputError
 from gmmjax.pair import Pair
+
+logger = logging.getLogger(__name__)
 
 Prepared = TypeVar("Prepared")
 
@@ -183,6 +186,7 @@ class AbstractRestartDetector(AbstractChangeDetector, Generic[Prepared]):
             message, part = "Fitting the mixtures", shares[1] - shares[0]
             clock.start("fits", message, shares[0])
             more = range(done, restarts)
+            logger.info("fitting restarts %d to %d of %d", done + 1, restarts, most)
             arrays = self.fitted(prepared, more, lambda share: clock.tell(message, shares[0] + part * share))
             computed = computed.followed_by(RestartFits(self.config.method, arrays))
         clock.most = 1.0 if restarts == most else shares[1]

@@ -223,8 +223,8 @@ def _reweighted(mixture: GaussianMixture, share: Float[Array, " k"]) -> Gaussian
 
 
 def _restart(joint: JointMixture, restart: int) -> JointMixture:
-    """The joint mixture of one restart; inside `enable_x64`."""
-    own: JointMixture = jax.tree.map(lambda leaf: jnp.asarray(leaf[restart]), joint)
+    """The joint mixture of one restart, on the host: moved to the device each array would be a program of its own."""
+    own: JointMixture = jax.tree.map(lambda leaf: np.asarray(leaf[restart]), joint)
     return own
 
 

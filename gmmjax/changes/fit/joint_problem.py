@@ -1,6 +1,7 @@
 """What the joint mixture of two clouds is fitted to, with what prior: scales from the data and from the config."""
 
 import dataclasses
+import logging
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from gmmjax.changes.prepare.resolution import WorkingPair
 from gmmjax.changes.registration import Registration
 from gmmjax.errors import InputError
 from gmmjax.mixtures import FitSettings, Prior, WeightedPoints, default_noise_floor
+
+logger = logging.getLogger(__name__)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,9 +90,11 @@ def joint_problem(
     masses = [cloud.mass if pair.volumetric else np.ones(len(cloud.mass)) for cloud in clouds]
     components = _components(pair, config, settings)
     after = np.repeat([0.0, 1.0], [len(cloud.points) for cloud in clouds])
+    prior = config.over(joint_prior(_noise_floor(pair, points, settings), _tolerance(pair, registration, settings)))
+    logger.info("joint mixture: at most %d components, tolerance %.4g", components, float(prior.tolerance))
     return JointProblem(
         points=SourcedPoints(WeightedPoints(points, np.concatenate(masses)), after),
-        prior=config.over(joint_prior(_noise_floor(pair, points, settings), _tolerance(pair, registration, settings))),
+        prior=prior,
         max_components=components,
         slots=max(components, _default_components(pair, settings)),
         max_points=config.max_points if pair.volumetric else min(config.max_points, settings.surface_points),

@@ -1,26 +1,30 @@
 """The stage that turns what was found in both clouds into changes: kinds, confidence, one list."""
 
 import dataclasses
+import logging
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int
+from jaxtyping import Bool, Float, Float64, Int
 
 from gmmjax.changes.align.alignment import AlignedPair
-from gmmjax.changes.change import Change, Changes, Kind
+from gmmjax.changes.change import Change, Changes, Kind, Reason
 from gmmjax.changes.config import DetectionConfig, Kinds
 from gmmjax.changes.differences import Differences, LocalDifference
 from gmmjax.changes.evidence.examination import Examined
 from gmmjax.changes.fit.joint_fit import JointFits
 from gmmjax.changes.fit.joint_problem import JointProblem
 from gmmjax.changes.objects.cloud_changes import CloudChanges, merged, merged_rejected
+from gmmjax.changes.objects.measures import MeasureSettings
 from gmmjax.changes.objects.moved import MovedSettings
 from gmmjax.changes.objects.surface_changes import SurfaceChangeSettings, surface_changes
 from gmmjax.changes.objects.volumetric_changes import VolumetricChangeSettings, restart_weights, volumetric_changes
 from gmmjax.changes.prepare.checking import CheckedCloud
 from gmmjax.changes.registration import Registration
 from gmmjax.pair import Pair, each
+
+logger = logging.getLogger(__name__)
 
 # The kind of a change in the before and in the after cloud.
 KINDS: Pair[Kind] = Pair("disappeared", "appeared")
@@ -34,11 +38,13 @@ class ObjectSettings:
         surfaces: of scans.
         volumes: of clouds that fill volumes.
         moved: which disappeared and appeared changes of scans are one object.
+        measures: how large they are.
     """
 
     surfaces: SurfaceChangeSettings = SurfaceChangeSettings()
     volumes: VolumetricChangeSettings = VolumetricChangeSettings()
     moved: MovedSettings = MovedSettings()
+    measures: MeasureSettings = MeasureSettings()
 
 
 class Found(NamedTuple):
@@ -64,6 +70,10 @@ class Found(NamedTuple):
         if confidence == 1:
             return self
         return self._replace(changes=self.changes.map(lambda own: own.with_confidence(confidence)))
+
+    def observed(self, values: Pair[np.ndarray]) -> Pair[Float[np.ndarray, " _"]]:
+        """Values of all points, NaN where the other survey did not observe the place."""
+        return each(lambda own, hidden: np.where(hidden, np.float32(np.nan), own), values, self.unobserved)
 
     def merged(self) -> tuple[tuple[Change, ...], Pair[Int[np.ndarray, " _"]]]:
         """The changes of both clouds in one list, and the labels that refer to it."""
@@ -94,6 +104,7 @@ class Found(NamedTuple):
         config: DetectionConfig,
         diagnostics: Mapping[str, Any],
         registration: Registration | None = None,
+        distance: Pair[np.ndarray] | None = None,
     ) -> Changes:
         """The record, with a value for each row that the caller gave.
 
@@ -105,11 +116,17 @@ class Found(NamedTuple):
             config: the settings that were used.
             diagnostics: scales, timings and other plain values of this detection.
             registration: of the after cloud; None: none was made.
+            distance: of each point to the surface of the other cloud, NaN where it was not observed; None: it was not
+                measured.
         """
         of_rows = each(lambda cloud, own: cloud.to_rows(own, -1), clouds, labels)
         probability = each(lambda cloud, own: cloud.to_rows(own.probability, 0.0), clouds, self.changes)
         unobserved = each(lambda cloud, own: cloud.to_rows(own, False), clouds, self.unobserved)
-        return Changes(
+        if distance is None:
+            distance_of_rows: Pair[np.ndarray | None] = Pair(None, None)
+        else:
+            distance_of_rows = each(lambda cloud, own: cloud.to_rows(own, np.nan), clouds, distance)
+        changes = Changes(
             labels_before=of_rows.before,
             labels_after=of_rows.after,
             probability_before=probability.before,
@@ -122,7 +139,22 @@ class Found(NamedTuple):
             diagnostics=diagnostics,
             registration=registration or Registration.none(),
             rejected=merged_rejected(self.changes),
+            distance_before=distance_of_rows.before,
+            distance_after=distance_of_rows.after,
         )
+        _log(changes)
+        return changes
+
+
+def _log(changes: Changes) -> None:
+    """What was found, and what became of the candidates that are no changes."""
+    reasons = {reason: sum(one.reason == reason for one in changes.rejected) for reason in get_args(Reason)}
+    rejected = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
+    logger.info("%d changes, %d rejected candidates (%s)", len(changes), len(changes.rejected), rejected)
+    for label, change in enumerate(changes):
+        logger.debug("change %d: %r", label, change)
+    for candidate in changes.rejected:
+        logger.debug("rejected: %r", candidate)
 
 
 def surfaces_found(

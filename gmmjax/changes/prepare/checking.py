@@ -1,6 +1,7 @@
 """The two clouds as given, checked: finite, enough, inside the crop box, and in one unit."""
 
 import dataclasses
+import logging
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from gmmjax.clouds import PointCloud, as_points, canonical_order, crop_box, firs
 from gmmjax.errors import InputError, warn
 from gmmjax.mixtures import parameters_per_component
 from gmmjax.pair import Pair, each
+
+logger = logging.getLogger(__name__)
 
 # One more point than a Gaussian has parameters.
 SMALLEST_CLOUD = parameters_per_component(3) + 1
@@ -87,6 +90,10 @@ def check_pair(
         InputWarning: extents that differ so much that the units must differ.
     """
     checked = each(lambda name, cloud: _checked(name, cloud, crop, settings), NAMES, clouds)
+    for name, own, given in zip(NAMES, checked, clouds, strict=True):
+        about = own.diagnostics(given)
+        text = "%s: %d points of %r, %d rows without a position, %d points outside the crop box"
+        logger.info(text, name, *(about[key] for key in ("points", "source", "rows_dropped", "cropped")))
     _warn_about_extents(checked.before.points, checked.after.points, settings)
     return checked
 

@@ -1,6 +1,7 @@
 """From two clouds as given to two sets of weighted points that can be fitted: checked, filtered, reduced."""
 
 import dataclasses
+import logging
 
 import numpy as np
 from jaxtyping import ArrayLike, Float
@@ -19,6 +20,8 @@ from gmmjax.clouds import PointCloud, first_of_equals, statistical_outliers, vox
 from gmmjax.errors import InputError
 from gmmjax.mixtures import WeightedPoints
 from gmmjax.pair import Pair, each
+
+logger = logging.getLogger(__name__)
 
 DEFAULT_COMPONENTS = 25
 POINTS_PER_COMPONENT = 10
@@ -77,7 +80,11 @@ def prepare_pair(clouds: Pair[ArrayLike | PointCloud], config: DetectionConfig) 
     both = each(prepared, checked, inlying)
     fitted = both.map(lambda cloud: cloud.weighted.points)
     check_comparable(kept, fitted, max(size or 0.0, *fitted.map(usual_spacing)))
-    return PreparedPair(both, size, _max_components(both, config))
+    pair = PreparedPair(both, size, _max_components(both, config))
+    text = "fitted separately: %d and %d points after %d and %d outliers, voxel size %s, at most %d components"
+    counts = (*both.map(lambda cloud: len(cloud.weighted.points)), *both.map(lambda cloud: cloud.outliers))
+    logger.info(text, *counts, "none" if size is None else f"{size:.4g}", pair.max_components)
+    return pair
 
 
 def _inliers(points: np.ndarray, config: DetectionConfig) -> np.ndarray:

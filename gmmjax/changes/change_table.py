@@ -1,0 +1,128 @@
+"""The changes of a pair as the rows of a table, and as a data frame of pandas."""
+
+import dataclasses
+import typing
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gmmjax.errors import InputError
+from gmmjax.geometry import transformed
+
+if TYPE_CHECKING:
+    from gmmjax.changes.change import Change, Changes
+
+
+@dataclasses.dataclass(frozen=True)
+class ChangeColumns:
+    """A change as one row of a table. Lengths are in the unit of the clouds, in the frame of the before cloud.
+
+    Attributes:
+        change: its index, which is also the label of its points.
+        kind: "appeared", "disappeared" or "moved"; a moved object has two rows, one in each cloud.
+        probability: that it is a change.
+        moved_probability: of a moved object, that its partner is the same object; None where it was not computed.
+        significance: by how many standard deviations its points exceed what the other cloud has there.
+        point_count: points that belong to it.
+        partner: of a moved object the index of the change that it was or became; else None.
+        centre_x: centre of its box.
+        centre_y: likewise.
+        centre_z: likewise.
+        extent_1: longest edge of its box.
+        extent_2: the next one.
+        extent_3: the shortest one.
+        volume: in the cube of the unit; None where it was not measured.
+        displacement: of a moved object, how far it moved; None where its motion is not known.
+        rotation_degrees: of a moved object, the angle that it turned by; None likewise.
+    """
+
+    change: int
+    kind: str
+    probability: float
+    moved_probability: float | None
+    significance: float
+    point_count: int
+    partner: int | None
+    centre_x: float
+    centre_y: float
+    centre_z: float
+    extent_1: float
+    extent_2: float
+    extent_3: float
+    volume: float | None
+    displacement: float | None
+    rotation_degrees: float | None
+
+
+def change_columns(changes: "Changes") -> tuple[ChangeColumns, ...]:
+    """A row for each change, in their order.
+
+    Args:
+        changes: what was found.
+    """
+    return tuple(_row(changes, label, change) for label, change in enumerate(changes.items))
+
+
+def _row(changes: "Changes", label: int, change: "Change") -> ChangeColumns:
+    centre, extent = change.box.centre.tolist(), change.box.extent.tolist()
+    displacement, rotation_degrees = _motion(changes, label, change)
+    return ChangeColumns(
+        change=label,
+        kind=change.kind,
+        probability=change.probability,
+        moved_probability=change.moved_probability,
+        significance=change.significance,
+        point_count=change.point_count,
+        partner=change.partner,
+        centre_x=centre[0],
+        centre_y=centre[1],
+        centre_z=centre[2],
+        extent_1=extent[0],
+        extent_2=extent[1],
+        extent_3=extent[2],
+        volume=change.volume,
+        displacement=displacement,
+        rotation_degrees=rotation_degrees,
+    )
+
+
+def _motion(changes: "Changes", label: int, change: "Change") -> tuple[float | None, float | None]:
+    """How far the object moved and by what angle it turned; the same for both of its changes."""
+    if change.transform is None or change.partner is None:
+        return None, None
+    # The motion is from before to after: the mean of the change in the before cloud is where the object was.
+    was = change if (changes.labels_before == label).any() else changes.items[change.partner]
+    became = transformed(was.mean[None], change.transform)[0]
+    rotation = Rotation.from_matrix(change.transform[:3, :3])
+    return float(np.linalg.norm(became - was.mean)), float(np.degrees(rotation.magnitude()))
+
+
+def data_frame(changes: "Changes") -> Any:
+    """`change_columns` as a `pandas.DataFrame`; see `Changes.to_dataframe`.
+
+    Args:
+        changes: what was found.
+
+    Raises:
+        InputError: pandas is not installed.
+    """
+    try:
+        import pandas
+    except ImportError as error:
+        raise InputError("to_dataframe needs pandas, which is not installed: pip install 'gmmjax[pandas]'") from error
+    rows, hints = change_columns(changes), typing.get_type_hints(ChangeColumns)
+    columns = {
+        name: pandas.array([getattr(row, name) for row in rows], dtype=_pandas_type(hint))
+        for name, hint in hints.items()
+    }
+    frame = pandas.DataFrame(columns).set_index("change")
+    frame.attrs["unit"] = changes.unit
+    return frame
+
+
+def _pandas_type(hint: Any) -> str:
+    """Whole numbers that may be missing stay whole numbers; other numbers that are missing are NaN."""
+    if hint == int | None:
+        return "Int64"
+    return {int: "int64", str: "object"}.get(hint, "float64")

@@ -1,0 +1,70 @@
+"""Where the sensor stood, as it is said on the command line: files of views, or its positions."""
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gmmjax.errors import InputError
+
+if TYPE_CHECKING:
+    from gmmjax.clouds import PointCloud, SensorViews
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorOption:
+    """What the command line says about the sensor of one scan.
+
+    Attributes:
+        side: "before" or "after".
+        file: of `--views-*`.
+        positions: of `--sensor-*`: x, y and z of each.
+        at_origin: whether `--sensor-at-origin` is given.
+    """
+
+    side: str
+    file: Path | None
+    positions: tuple[float, ...]
+    at_origin: bool
+
+    def __post_init__(self) -> None:
+        """Checks that the sensor is given once, before anything is read.
+
+        Raises:
+            InputError: it is given twice, or a position is incomplete.
+        """
+        given = {
+            f"--views-{self.side}": self.file is not None,
+            f"--sensor-{self.side}": bool(self.positions),
+            "--sensor-at-origin": self.at_origin,
+        }
+        names = [name for name, is_given in given.items() if is_given]
+        if len(names) > 1:
+            raise InputError(f"{' and '.join(names)} both say where the sensor of the {self.side} scan was; give one")
+        if len(self.positions) % 3:
+            raise InputError(
+                f"--sensor-{self.side}: {len(self.positions)} numbers are no positions; give X Y Z, and three more "
+                "for each further position"
+            )
+
+    def views(self, cloud: "PointCloud") -> "SensorViews | None":
+        """The views of the scan; None where the option says nothing.
+
+        Args:
+            cloud: the scan, in whose frame and unit the positions are.
+
+        Raises:
+            InputError: a file or positions that cannot be used.
+        """
+        from gmmjax.clouds import SensorViews, read_views
+
+        if self.file is not None:
+            return read_views(self.file)
+        if not self.positions and not self.at_origin:
+            return None
+        numbers = (0.0, 0.0, 0.0) if self.at_origin else self.positions
+        positions = [numbers[start : start + 3] for start in range(0, len(numbers), 3)]
+        try:
+            return SensorViews.from_positions(cloud.points, positions)
+        except InputError as error:
+            name = "at-origin" if self.at_origin else self.side
+            raise InputError(f"--sensor-{name}: {cloud.source}: {error}") from error

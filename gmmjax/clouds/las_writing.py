@@ -1,0 +1,392 @@
+"""Writing a LAS or LAZ file again with further dimensions: all that it held stays, byte for byte."""
+
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+
+from gmmjax.clouds.atomic import atomic_write
+from gmmjax.clouds.las import record_blocks
+from gmmjax.clouds.las_extra_bytes import EXTRA_BYTES_RECORD, EXTRA_BYTES_USER, ExtraBytes
+from gmmjax.clouds.las_header import (
+    EXTENDED_VERSION,
+    FIRST_EXTENDED_FORMAT,
+    LASZIP_RECORD,
+    LASZIP_USER,
+    RECORD_SIZES,
+    VLR_HEADER,
+    WAVEFORM_VERSION,
+    LasHeader,
+    VariableRecord,
+    extended_records,
+    read_header,
+)
+from gmmjax.clouds.point_cloud import PointCloud
+from gmmjax.clouds.source_file import SourceFile
+from gmmjax.errors import InputError, warn
+
+# lazrs 0.8 writes waveform packets that LASzip does not read (formats 4 and 5) or other ones than it is given (9, 10).
+WAVEFORM_FORMATS = (4, 5, 9, 10)
+# What describes how the points lie in the file, and not the points: compression, and the octree of COPC.
+STORAGE_RECORDS = ((LASZIP_USER, LASZIP_RECORD), (b"copc", 1), (b"copc", 1000))
+# LAStools' index by x and y, which is wrong for points that were moved.
+INDEX_RECORD = (b"LAStools", 30)
+LARGEST = 2**31 - 1
+MOST_BYTES = 2**16 - 1
+PIECE = 1 << 24
+
+
+@dataclass(frozen=True)
+class LasSource:
+    """A file that is to be written again.
+
+    Attributes:
+        file: LAS or LAZ.
+        header: of it.
+        extended: its extended records.
+    """
+
+    file: Path
+    header: LasHeader
+    extended: tuple[VariableRecord, ...]
+
+    @classmethod
+    def of(cls, source: SourceFile) -> "LasSource":
+        """The file that a cloud was read from.
+
+        Raises:
+            InputError: it was changed since, or its extended records run beyond its end.
+        """
+        source.require_unchanged()
+        with source.path.open("rb") as stream:
+            header = read_header(stream, source.size, source.path)
+            return cls(source.path, header, extended_records(stream, header, source.size, source.path))
+
+    @property
+    def compressed(self) -> bool:
+        """Whether it is written as LAZ: where it is one, and lazrs writes its format without loss."""
+        return self.header.laszip is not None and self.header.point_format not in WAVEFORM_FORMATS
+
+    @property
+    def ending(self) -> str:
+        """Of the file that is written."""
+        return ".laz" if self.compressed else ".las"
+
+
+def write_las(
+    path: Path,
+    source: LasSource,
+    cloud: PointCloud,
+    dimensions: Mapping[str, np.ndarray],
+    descriptions: Mapping[str, str],
+) -> None:
+    """Writes the points of a LAS or LAZ file with further dimensions as extra bytes, whole or not at all.
+
+    Version, point format, all dimensions and all records stay as they are. A point whose coordinates are those of the
+    file keeps them bit for bit; others are rounded to the file's scale, and scale and offset change only where they
+    cannot represent them. Dimensions of the file with the name of a new one become `input_NAME`.
+
+    Args:
+        path: the file to write.
+        source: the file that the cloud was read from.
+        cloud: its points, or some of them in their order, where they are now.
+        dimensions: values of each point by name, of one of the types of `las_extra_bytes.TYPES`.
+        descriptions: of each, in ASCII, at most 32 letters.
+
+    Raises:
+        InputError: the file does not hold these points, was changed, or is damaged.
+        OSError: from writing, such as a full disk; `path` is then as it was.
+
+    Warns:
+        InputWarning: extra bytes that the file describes, but its points do not have.
+    """
+    if (np.diff(cloud.rows) <= 0).any() or cloud.rows[-1] >= source.header.count:
+        raise InputError(f"{source.file}: does not hold the points of the cloud in their order; read it again")
+    layout = _layout(source, dimensions, descriptions)
+    encoding = _encoding(source.header, cloud.points)
+    with source.file.open("rb") as original, atomic_write(path) as file:
+        _write_front(file, original, source, layout)
+        written = _write_points(file, source, layout, encoding, cloud, dimensions)
+        places = _write_extended(file, original, source, moved=not written.unmoved)
+        head = _patched_header(original, source, layout, encoding, written, places)
+        file.seek(0)
+        file.write(head)
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where the parts of the new file are.
+
+    Attributes:
+        extra: what the extra bytes are.
+        kept: the records that stay.
+        laszip: the record of the compression; None where there is none.
+        record_length: bytes of a point.
+        offset: where the points begin.
+    """
+
+    extra: ExtraBytes
+    kept: tuple[VariableRecord, ...]
+    laszip: bytes | None
+    record_length: int
+    offset: int
+
+    @property
+    def number_of_records(self) -> int:
+        """Of variable length."""
+        return len(self.kept) + 1 + (self.laszip is not None)
+
+
+class _Encoding(NamedTuple):
+    """How coordinates become integers.
+
+    Attributes:
+        scales: of x, y and z.
+        offsets: of x, y and z.
+        kept: whether these are the file's own.
+    """
+
+    scales: Float64[np.ndarray, "3"]
+    offsets: Float64[np.ndarray, "3"]
+    kept: bool
+
+
+@dataclass
+class _Written:
+    """What was written of the points.
+
+    Attributes:
+        count: how many.
+        unmoved: whether all have the coordinates of the file.
+        returns: how many of each return number, 0 to 15.
+        lowest: integers of x, y and z.
+        highest: integers of x, y and z.
+    """
+
+    count: int
+    unmoved: bool
+    returns: np.ndarray
+    lowest: np.ndarray
+    highest: np.ndarray
+
+
+def _is_extra(record: VariableRecord) -> bool:
+    return (record.user, record.number) == (EXTRA_BYTES_USER, EXTRA_BYTES_RECORD)
+
+
+def _layout(source: LasSource, dimensions: Mapping[str, np.ndarray], descriptions: Mapping[str, str]) -> _Layout:
+    header = source.header
+    available = header.record_length - RECORD_SIZES[header.point_format]
+    described = next((record for record in (*header.records, *source.extended) if _is_extra(record)), None)
+    content = b""
+    if described is not None:
+        with source.file.open("rb") as stream:
+            content = described.content(stream)
+    own, left_out = ExtraBytes.parse(content, available)
+    if left_out:
+        warn(
+            f"{source.file}: describes {left_out} extra dimension(s) that its points have no bytes for, or that are "
+            "damaged; they are left out of the result"
+        )
+    extra = own.avoiding(dimensions).with_dimensions(dimensions, descriptions)
+    record_length = header.record_length + sum(values.dtype.itemsize for values in dimensions.values())
+    if len(extra.content()) > MOST_BYTES or record_length > MOST_BYTES:
+        raise InputError(f"{source.file}: has no room for further dimensions; export it with fewer extra bytes")
+    kept = tuple(
+        record
+        for record in header.records
+        if not _is_extra(record) and (record.user, record.number) not in STORAGE_RECORDS
+    )
+    laszip = None
+    if source.compressed:
+        import lazrs
+
+        extra_length = record_length - RECORD_SIZES[header.point_format]
+        laszip = bytes(lazrs.LazVlr.new_for_compression(header.point_format, extra_length, False).record_data())
+    records = [record.head + record.length for record in kept]
+    records += [VLR_HEADER + len(one) for one in (extra.content(), laszip) if one is not None]
+    offset = header.size + sum(records) + _gap(header)
+    if offset >= 2**32:
+        raise InputError(f"{source.file}: has no room for further records before its points; export it again")
+    return _Layout(extra, kept, laszip, record_length, offset)
+
+
+def _gap(header: LasHeader) -> int:
+    """Bytes between the last record and the points, which LAS 1.0 and some writers use."""
+    return header.offset - max((record.end for record in header.records), default=header.size)
+
+
+def _encoding(header: LasHeader, points: Float64[np.ndarray, "n 3"]) -> _Encoding:
+    """The file's own scale and offset where they can represent the points; else others, as like them as can be."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    if _fits(low, high, header.scales, header.offsets).all():
+        return _Encoding(header.scales, header.offsets, True)
+    with np.errstate(over="ignore", invalid="ignore"):
+        centre = low / 2 + high / 2
+        offsets = np.rint(centre / header.scales) * header.scales
+    offsets = np.where(np.isfinite(offsets), offsets, centre)
+    least = np.maximum(high / 2 - low / 2, np.finfo(float).tiny) / (LARGEST - 1)
+    coarser = 10.0 ** np.ceil(np.log10(least))
+    scales = np.where(_fits(low, high, header.scales, offsets), header.scales, coarser)
+    return _Encoding(scales, offsets, False)
+
+
+def _fits(
+    low: Float64[np.ndarray, "3"],
+    high: Float64[np.ndarray, "3"],
+    scales: Float64[np.ndarray, "3"],
+    offsets: Float64[np.ndarray, "3"],
+) -> np.ndarray:
+    with np.errstate(over="ignore"):
+        return np.maximum(np.abs((low - offsets) / scales), np.abs((high - offsets) / scales)) < LARGEST
+
+
+def _write_front(file: BinaryIO, original: BinaryIO, source: LasSource, layout: _Layout) -> None:
+    """Header (which is patched in the end), records, and what lies before the points."""
+    _copy(original, file, 0, source.header.size)
+    for record in layout.kept:
+        _copy(original, file, record.start, record.head + record.length)
+    file.write(_record(EXTRA_BYTES_USER, EXTRA_BYTES_RECORD, "Extra Bytes Record", layout.extra.content()))
+    if layout.laszip is not None:
+        file.write(_record(LASZIP_USER, LASZIP_RECORD, "by lazrs of gmmjax", layout.laszip))
+    gap = _gap(source.header)
+    _copy(original, file, source.header.offset - gap, gap)
+
+
+def _record(user: bytes, number: int, description: str, content: bytes) -> bytes:
+    return struct.pack("<H16sHH32s", 0, user, number, len(content), description.encode()) + content
+
+
+def _write_points(
+    file: BinaryIO,
+    source: LasSource,
+    layout: _Layout,
+    encoding: _Encoding,
+    cloud: PointCloud,
+    dimensions: Mapping[str, np.ndarray],
+) -> _Written:
+    extra_type = np.dtype([(name, values.dtype.newbyteorder("<")) for name, values in dimensions.items()])
+    limits = np.iinfo(np.int32)
+    written = _Written(0, encoding.kept, np.zeros(16, np.int64), np.full(3, limits.max), np.full(3, limits.min))
+    return_bits = 15 if source.header.point_format >= FIRST_EXTENDED_FORMAT else 7
+    with _sink(file, layout.laszip) as sink, record_blocks(source.file, source.header) as blocks:
+        for kept, place in _kept_rows(blocks, cloud):
+            xyz = np.ascontiguousarray(kept[:, :12]).view("<i4")
+            places = _placed(xyz, cloud.points[place], source.header, encoding, written)
+            extra = np.empty(len(kept), extra_type)
+            for name, values in dimensions.items():
+                extra[name] = values[place]
+            rows = np.concatenate([_bytes_of(places), kept[:, 12:], _bytes_of(extra)], axis=1)
+            written.returns += np.bincount(rows[:, 14] & return_bits, minlength=16)
+            written.count += len(rows)
+            sink(rows)
+    return written
+
+
+def _bytes_of(rows: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), -1)
+
+
+def _kept_rows(blocks: Iterator[np.ndarray], cloud: PointCloud) -> Iterator[tuple[np.ndarray, slice]]:
+    """The bytes of the points of the cloud [N, length], and which points these are."""
+    start = 0
+    for block in blocks:
+        first, last = np.searchsorted(cloud.rows, [start, start + len(block)])
+        if last > first:
+            own, rows = cloud.rows[first:last] - start, _bytes_of(block)
+            yield (rows if len(own) == len(rows) else rows[own]), slice(int(first), int(last))
+        start += len(block)
+
+
+def _placed(
+    xyz: np.ndarray, points: Float64[np.ndarray, "n 3"], header: LasHeader, encoding: _Encoding, written: _Written
+) -> np.ndarray:
+    """The integers of the points' coordinates."""
+    with np.errstate(over="ignore"):
+        unmoved = (xyz * header.scales + header.offsets == points).all(axis=1)
+    whole = np.rint((points - encoding.offsets) / encoding.scales)
+    if encoding.kept:
+        whole[unmoved] = xyz[unmoved]
+    written.unmoved &= bool(unmoved.all())
+    integers = np.ascontiguousarray(whole.astype("<i4"))
+    written.lowest = np.minimum(written.lowest, integers.min(axis=0))
+    written.highest = np.maximum(written.highest, integers.max(axis=0))
+    return integers
+
+
+@contextmanager
+def _sink(file: BinaryIO, laszip: bytes | None) -> Iterator[Callable[[np.ndarray], object]]:
+    """A function that takes the bytes of points [N, length], and writes them as they are or compressed."""
+    if laszip is None:
+        yield lambda rows: file.write(rows.tobytes())
+        return
+    import lazrs
+
+    compressor = lazrs.ParLasZipCompressor(file, lazrs.LazVlr(laszip))
+    yield lambda rows: compressor.compress_many(rows.reshape(-1))
+    compressor.done()
+
+
+def _write_extended(file: BinaryIO, original: BinaryIO, source: LasSource, *, moved: bool) -> dict[int, int]:
+    """Writes the extended records behind the points; where each is now, by where it was."""
+    file.seek(0, 2)
+    places = {}
+    for record in source.extended:
+        own = record.user, record.number
+        if _is_extra(record) or own in STORAGE_RECORDS or (moved and own == INDEX_RECORD):
+            continue
+        places[record.start] = file.tell()
+        _copy(original, file, record.start, record.head + record.length)
+    return places
+
+
+def _patched_header(
+    original: BinaryIO,
+    source: LasSource,
+    layout: _Layout,
+    encoding: _Encoding,
+    written: _Written,
+    places: Mapping[int, int],
+) -> bytes:
+    header = source.header
+    original.seek(0)
+    head = bytearray(original.read(header.size))
+    struct.pack_into("<II", head, 96, layout.offset, layout.number_of_records)
+    struct.pack_into("<BH", head, 104, header.point_format | 0x80 * source.compressed, layout.record_length)
+    if written.count < header.count:
+        _patch_counts(head, header, written)
+    if not (written.unmoved and written.count == header.count):
+        struct.pack_into("<6d", head, 131, *encoding.scales, *encoding.offsets)
+        edges = (written.lowest, written.highest) * encoding.scales + encoding.offsets
+        low, high = edges.min(axis=0), edges.max(axis=0)
+        struct.pack_into("<6d", head, 179, *np.stack([high, low], axis=1).ravel())
+    if header.minor >= WAVEFORM_VERSION:
+        waveforms = struct.unpack_from("<Q", head, 227)[0]
+        struct.pack_into("<Q", head, 227, places.get(waveforms, waveforms))
+    if header.minor >= EXTENDED_VERSION:
+        struct.pack_into("<QI", head, 235, min(places.values(), default=0), len(places))
+    return bytes(head)
+
+
+def _patch_counts(head: bytearray, header: LasHeader, written: _Written) -> None:
+    """The number of points, and of those of each return, where some have no position and were left out."""
+    if header.minor < EXTENDED_VERSION or header.point_format < FIRST_EXTENDED_FORMAT:
+        struct.pack_into("<6I", head, 107, written.count, *written.returns[1:6])
+    if header.minor >= EXTENDED_VERSION:
+        struct.pack_into("<16Q", head, 247, written.count, *written.returns[1:16])
+
+
+def _copy(source: BinaryIO, target: BinaryIO, start: int, length: int) -> None:
+    """Bytes of one file at the place of the other."""
+    source.seek(start)
+    while length:
+        piece = source.read(min(length, PIECE))
+        if not piece:
+            raise InputError(f"{source.name}: was changed while it was read; run the detection again")
+        target.write(piece)
+        length -= len(piece)

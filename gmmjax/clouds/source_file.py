@@ -1,0 +1,48 @@
+"""The file that a cloud was read from, as it was then."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from gmmjax.errors import InputError
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A file that is read again while a result is written, so that no second copy of it is held in memory.
+
+    Attributes:
+        path: of the file, absolute.
+        size: bytes.
+        modified: when it was written, nanoseconds since 1970.
+    """
+
+    path: Path
+    size: int
+    modified: int
+
+    @classmethod
+    def of(cls, path: Path) -> "SourceFile":
+        """The file as it is now.
+
+        Raises:
+            InputError: it is not there any more.
+        """
+        try:
+            status = path.stat()
+        except OSError as error:
+            raise InputError(f"{path}: cannot be opened ({error.strerror or error}); check the path") from error
+        return cls(path.absolute(), status.st_size, status.st_mtime_ns)
+
+    @property
+    def ending(self) -> str:
+        """The end of its name in lower case, such as ".las"."""
+        return self.path.suffix.lower()
+
+    def require_unchanged(self) -> None:
+        """Checks that the file is the one that the cloud was read from.
+
+        Raises:
+            InputError: it was changed or removed since.
+        """
+        if SourceFile.of(self.path) != self:
+            raise InputError(f"{self.path}: was changed since it was read; run the detection again")

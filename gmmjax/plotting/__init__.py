@@ -1,0 +1,20 @@
+"""Plots with matplotlib (the extra `plot`), which is imported when one is drawn.
+
+Every function draws into the axes that it is given, or into a new figure, and returns the axes. None calls `show`, and
+none changes matplotlib's settings.
+"""
+
+from gmmjax.plotting.changes import plot_changes as plot_changes
+from gmmjax.plotting.changes import plot_distance as plot_distance
+from gmmjax.plotting.changes import plot_overview as plot_overview
+from gmmjax.plotting.cloud_image import CloudImageSettings as CloudImageSettings
+from gmmjax.plotting.evaluation import plot_reliability as plot_reliability
+from gmmjax.plotting.evaluation import plot_scores as plot_scores
+from gmmjax.plotting.mixtures import plot_grid_search as plot_grid_search
+from gmmjax.plotting.mixtures import plot_message_length as plot_message_length
+from gmmjax.plotting.mixtures import plot_mixture as plot_mixture
+from gmmjax.plotting.mixtures import plot_transport as plot_transport
+from gmmjax.plotting.projection import DIRECTIONS as DIRECTIONS
+from gmmjax.plotting.projection import Direction as Direction
+from gmmjax.plotting.registration import RegistrationPlotSettings as RegistrationPlotSettings
+from gmmjax.plotting.registration import plot_registration as plot_registration

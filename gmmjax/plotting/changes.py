@@ -1,0 +1,340 @@
+"""Plots of what changed: both clouds, the changes from several directions, the signed distance."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from gmmjax.changes import Changes, GivenCloud, presented
+from gmmjax.clouds import PointCloud
+from gmmjax.errors import InputError, check_choice
+from gmmjax.pair import Pair
+from gmmjax.plotting.cloud_image import (
+    CloudImageSettings,
+    Page,
+    cloud_picture,
+    density_picture,
+    flat_colors,
+    is_layered,
+    marked_picture,
+    scan_colors,
+)
+from gmmjax.plotting.figures import Style, axes_or_new, check_matplotlib, elided, legend_below, verbatim, with_unit
+from gmmjax.plotting.projection import Direction, Projection
+from gmmjax.reporting.palette import KIND_COLORS, UNCHANGED_COLOR
+from gmmjax.reporting.scene_plot import EDGES
+from gmmjax.reporting.summary import answer, registration_text
+from gmmjax.reporting.thumbnails import thinned
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Shown = Literal["before", "after", "changes"]
+SHOWN: tuple[Shown, ...] = ("before", "after", "changes")
+
+
+def plot_changes(
+    changes: Changes,
+    before: GivenCloud | None = None,
+    after: GivenCloud | None = None,
+    *,
+    show: Shown = "changes",
+    direction: Direction = "above",
+    ax: "Axes | None" = None,
+    legend: bool = True,
+    settings: CloudImageSettings = CloudImageSettings(),
+) -> "Axes":
+    """Draws a scan with its changes, or both with all changes: changed points in the colour of their kind.
+
+    The projection is parallel, with equal axes in the unit of the clouds and in the frame of the before cloud. Changed
+    points have a white outline and are drawn over everything else, so that walls hide none. The boxes have the labels
+    of the changes.
+
+    Args:
+        changes: what was found.
+        before: the before cloud; None: that of `changes.clouds`.
+        after: the after cloud, as it was given to the detection; None likewise.
+        show: "before" or "after", one cloud and its own changes; "changes": both, pale, with all changes.
+        direction: "above", "front", "side", or "oblique" as the report looks at first.
+        ax: where to draw; None: a new figure.
+        legend: whether the kinds are explained.
+        settings: how the clouds are drawn.
+
+    Returns:
+        The axes.
+
+    Raises:
+        InputError: matplotlib is not installed; clouds that are not known or are not those of the changes; an unknown
+            direction.
+    """
+    check_choice("show", show, SHOWN)
+    ax = axes_or_new(ax, (7, 6))
+    clouds, changes = presented(changes, before, after)
+    clouds = _registered(clouds, changes)
+    projection = Projection.of(direction, clouds.after.points)
+    page = _page(projection, clouds, changes, settings)
+    _draw_clouds(clouds, changes, show, page, ax, settings)
+    labels = _shown_labels(changes, show)
+    _draw_boxes(changes, labels, projection, ax)
+    page.dress(ax, changes.unit)
+    if legend:
+        _legend(ax, changes, labels)
+    return ax
+
+
+def plot_overview(
+    changes: Changes,
+    before: GivenCloud | None = None,
+    after: GivenCloud | None = None,
+    *,
+    axes: Any = None,
+    settings: CloudImageSettings = CloudImageSettings(),
+) -> Any:
+    """Draws both scans, and the changes from above and from the side, with title, legend and scale.
+
+    Args:
+        changes: what was found.
+        before: as of `plot_changes`.
+        after: as of `plot_changes`.
+        axes: four axes; None: those of a new figure, which gets a title and a legend.
+        settings: how the clouds are drawn.
+
+    Returns:
+        The axes [2, 2].
+
+    Raises:
+        InputError: as `plot_changes`; other than four axes.
+    """
+    check_matplotlib()
+    clouds, changes = presented(changes, before, after)
+    own = axes is None
+    if axes is None:
+        from matplotlib import pyplot
+
+        axes = pyplot.subplots(2, 2, figsize=(11, 9), layout="constrained")[1]
+    axes = np.asarray(axes)
+    if axes.size != 4:
+        raise InputError(f"axes: must be four axes, not {axes.size}; leave them out for a new figure")
+    axes = axes.reshape(2, 2)
+    draw_overview(changes, clouds, axes.ravel(), settings)
+    if own:
+        title_overview(axes[0, 0].figure, changes, clouds)
+        fit_height(axes[0, 0].figure, axes)
+    return axes
+
+
+def draw_overview(
+    changes: Changes, clouds: Pair[PointCloud], axes: Sequence["Axes"], settings: CloudImageSettings
+) -> None:
+    """The four pictures of `plot_overview`.
+
+    Args:
+        changes: with a label for each point of the clouds.
+        clouds: both, as given.
+        axes: four.
+        settings: how the clouds are drawn.
+    """
+    pictures: tuple[tuple[Shown, Direction, str], ...] = (
+        ("before", "oblique", f"Before: {len(clouds.before):,} points"),
+        ("after", "oblique", f"After: {len(clouds.after):,} points"),
+        ("changes", "above", "Changes from above"),
+        ("changes", _widest_side(clouds), "Changes from the side"),
+    )
+    for ax, (show, direction, title) in zip(axes, pictures, strict=True):
+        plot_changes(changes, *clouds, show=show, direction=direction, ax=ax, legend=False, settings=settings)
+        ax.set_title(title, fontsize="medium")
+
+
+def fit_height(figure: Any, axes: Any) -> None:
+    """Gives a figure the height that its pictures of clouds need: corridors are wide, towers are high.
+
+    Args:
+        figure: of matplotlib.
+        axes: its axes [rows, columns], with pictures.
+    """
+    shapes = [[np.ptp(ax.get_ylim()) / np.ptp(ax.get_xlim()) for ax in row] for row in axes]
+    heights = [float(np.clip(max(row), 0.25, 1.3)) for row in shapes]
+    axes[0, 0].get_gridspec().set_height_ratios(heights)
+    width = figure.get_size_inches()[0]
+    figure.set_size_inches(width, 0.9 * width / len(axes[0]) * sum(heights) + 1.0 + 0.45 * len(axes))
+
+
+def title_overview(figure: Any, changes: Changes, clouds: Pair[PointCloud]) -> None:
+    """The answer, the names of the scans, the registration and the kinds, around the pictures of a figure.
+
+    Args:
+        figure: of matplotlib, with a constrained layout.
+        changes: what was found.
+        clouds: both.
+    """
+    names = [_file_name(cloud, f"the {side} cloud") for side, cloud in zip(("before", "after"), clouds, strict=True)]
+    verbatim(figure.suptitle(f"{answer(changes)}\n{elided(names[0])} → {elided(names[1])}", fontsize="large"))
+    handles = _handles(changes, range(len(changes)))
+    legend = figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+    legend.set_title(registration_text(changes), {"size": "small"})
+    verbatim(legend.get_title()).set_color("0.35")
+
+
+def plot_distance(
+    changes: Changes,
+    before: GivenCloud | None = None,
+    after: GivenCloud | None = None,
+    *,
+    direction: Direction = "above",
+    limit: float | None = None,
+    ax: "Axes | None" = None,
+    settings: CloudImageSettings = CloudImageSettings(),
+) -> "Axes":
+    """Draws the after scan coloured by its signed distance from the surface of the before scan.
+
+    Blue lies below the before surface and red above it, on the sides that the normals tell; grey has nothing to be
+    compared with.
+
+    Args:
+        changes: what was found, with `distance_after`.
+        before: as of `plot_changes`.
+        after: as of `plot_changes`.
+        direction: as of `plot_changes`.
+        limit: distance at which the colours end, in the unit of the clouds; None: that of 98 % of the points.
+        ax: where to draw; None: a new figure.
+        settings: how the cloud is drawn.
+
+    Returns:
+        The axes; the figure has a colour bar beside them.
+
+    Raises:
+        InputError: as `plot_changes`; distances that were not measured.
+    """
+    ax = axes_or_new(ax, (7.5, 6))
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    clouds, changes = presented(changes, before, after)
+    distance = changes.distance_after
+    if distance is None or not np.isfinite(distance).any():
+        raise InputError("changes: have no signed distances, which only scans of surfaces have, by method='joint'")
+    known = np.isfinite(distance)
+    if limit is None:
+        limit = float(np.quantile(np.abs(distance[known]), 0.98)) or 1.0
+    norm, colormap = Normalize(-limit, limit), colormaps["RdBu_r"]
+    colors = np.tile(np.array(UNCHANGED_COLOR, np.uint8), (len(distance), 1))
+    colors[known] = colormap(norm(distance[known]), bytes=True)[:, :3]
+    clouds = _registered(clouds, changes)
+    projection = Projection.of(direction, clouds.after.points)
+    page = _page(projection, clouds, changes, settings)
+    page.draw(cloud_picture(clouds.after.points, colors, page, settings), ax, 1)
+    page.dress(ax, changes.unit)
+    bar = ax.figure.colorbar(ScalarMappable(norm, colormap), ax=ax, shrink=0.8, extend="both")
+    verbatim(bar.ax.yaxis.label).set_text(with_unit("signed distance", changes.unit))
+    return ax
+
+
+def _registered(clouds: Pair[PointCloud], changes: Changes) -> Pair[PointCloud]:
+    after = dataclasses.replace(clouds.after, points=changes.registration.apply(clouds.after.points), views=None)
+    return Pair(clouds.before, after)
+
+
+def _page(projection: Projection, clouds: Pair[PointCloud], changes: Changes, settings: CloudImageSettings) -> Page:
+    points = np.concatenate([cloud.points for cloud in clouds])
+    corners = [change.box.corners() for change in changes]
+    return Page.around(projection, points, np.concatenate([np.empty((0, 3)), *corners]), settings)
+
+
+def _draw_clouds(
+    clouds: Pair[PointCloud],
+    changes: Changes,
+    show: Shown,
+    page: Page,
+    ax: "Axes",
+    settings: CloudImageSettings,
+) -> None:
+    """What is unchanged below, what is changed over it."""
+    sides = zip(("before", "after"), clouds, Pair(changes.labels_before, changes.labels_after), strict=True)
+    drawn = [(cloud, labels) for name, cloud, labels in sides if show in (name, "changes")]
+    up = Projection.of("front", clouds.after.points).up
+    points, colors = map(np.concatenate, zip(*(_unchanged(*side, up, settings) for side in drawn), strict=True))
+    if page.projection.names is not None and is_layered(points, page, settings):
+        page.draw(density_picture(points, page, settings), ax, 1)
+    else:
+        page.draw(cloud_picture(points, colors, page, settings), ax, 1, settings.pale if show == "changes" else 1.0)
+    kinds = list(KIND_COLORS)
+    of_changes = np.array([kinds.index(change.kind) for change in changes], int)
+    changed = [thinned(np.flatnonzero(labels >= 0), settings.most_points) for _, labels in drawn]
+    marked = np.concatenate([cloud.points[rows] for (cloud, _), rows in zip(drawn, changed, strict=True)])
+    labels = np.concatenate([labels[rows] for (_, labels), rows in zip(drawn, changed, strict=True)])
+    flat = flat_colors(list(KIND_COLORS.values()), of_changes[labels])
+    page.draw(marked_picture(marked, flat, page, settings, others=len(points)), ax, 2)
+
+
+def _unchanged(
+    cloud: PointCloud, labels: Int[np.ndarray, " n"], up: Float[np.ndarray, "3"], settings: CloudImageSettings
+) -> tuple[Float[np.ndarray, "m 3"], UInt8[np.ndarray, "m 3"]]:
+    """The points that are drawn, with their colours."""
+    rows = thinned(np.flatnonzero(labels < 0), settings.most_points)
+    points = cloud.points[rows]
+    return points, scan_colors(points, None if cloud.colors is None else cloud.colors[rows], up, settings)
+
+
+def _shown_labels(changes: Changes, show: Shown) -> list[int]:
+    """The changes that have points in the clouds that are shown."""
+    sides = {"before": changes.labels_before, "after": changes.labels_after}
+    if show == "changes":
+        return list(range(len(changes)))
+    return [int(label) for label in np.unique(sides[show]) if label >= 0]
+
+
+def _draw_boxes(changes: Changes, labels: Sequence[int], projection: Projection, ax: "Axes") -> None:
+    """The edges of the boxes, and the labels above them."""
+    from matplotlib.collections import LineCollection
+
+    for label in labels:
+        change = changes[label]
+        color, corners = KIND_COLORS[change.kind], projection.on_page(change.box.corners())
+        edges = [corners[[start, end]] for start, end in EDGES]
+        ax.add_collection(LineCollection(edges, colors=color, linewidths=0.8, alpha=0.8, zorder=3), autolim=False)
+        above = (corners[:, 0].mean(), corners[:, 1].max())
+        box: Style = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
+        ax.annotate(
+            str(label),
+            above,
+            xytext=(0, 3),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize="small",
+            fontweight="bold",
+            color=color,
+            bbox=box,
+            zorder=4,
+        )
+
+
+def _legend(ax: "Axes", changes: Changes, labels: Sequence[int]) -> None:
+    legend_below(ax, _handles(changes, labels))
+
+
+def _handles(changes: Changes, labels: Sequence[int]) -> list[Any]:
+    from matplotlib.patches import Patch
+
+    kinds = {changes[label].kind for label in labels}
+    grey = "#" + bytes(UNCHANGED_COLOR).hex()
+    patches = [Patch(color=color, label=kind) for kind, color in KIND_COLORS.items() if kind in kinds]
+    return [*patches, Patch(color=grey, label="unchanged")]
+
+
+def _widest_side(clouds: Pair[PointCloud]) -> Direction:
+    """The one of the two level directions in which more of the scan is seen."""
+    points = clouds.after.points
+
+    def width(direction: Direction) -> float:
+        return float(np.ptp(np.quantile(Projection.of(direction, points).on_page(points)[:, 0], [0.01, 0.99])))
+
+    return "front" if width("front") >= width("side") else "side"
+
+
+def _file_name(cloud: PointCloud, missing: str) -> str:
+    return PurePath(cloud.source).name if cloud.source else missing

@@ -1,0 +1,104 @@
+"""The axes that plots are drawn into, and text that matplotlib takes as it is."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from gmmjax.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.text import Text
+
+Style = dict[str, Any]
+"""Keyword arguments of matplotlib."""
+
+
+def check_matplotlib() -> None:
+    """Raises an `InputError` with the remedy, unless matplotlib is there."""
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise InputError("plots need matplotlib, which is not installed: pip install 'gmmjax[plot]'") from error
+
+
+def axes_or_new(ax: "Axes | None", size: tuple[float, float]) -> "Axes":
+    """The axes that were given, or those of a new figure of pyplot, which notebooks show by themselves.
+
+    Args:
+        ax: of the user.
+        size: of a new figure, inches.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
+    check_matplotlib()
+    if ax is not None:
+        return ax
+    from matplotlib import pyplot
+
+    return pyplot.subplots(figsize=size, layout="constrained")[1]
+
+
+def verbatim(text: "Text") -> "Text":
+    """The text without any markup: a file's name with dollar signs or backslashes is no formula."""
+    text.set_parse_math(False)
+    text.set_usetex(False)
+    return text
+
+
+def elided(name: str, longest: int = 44) -> str:
+    """A name with its middle left out where it is too long for a title."""
+    if len(name) <= longest:
+        return name
+    half = (longest - 1) // 2
+    return f"{name[:half]}…{name[-half:]}"
+
+
+def with_unit(text: str, unit: str | None) -> str:
+    """The label of an axis."""
+    return f"{text} ({unit})" if unit else text
+
+
+def light_frame(ax: "Axes", **grid: Any) -> None:
+    """A frame without its upper and right side, and a pale grid behind the data."""
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.set_axisbelow(True)
+    ax.grid(color="0.9", linewidth=0.8, **grid)
+
+
+def legend_below(ax: "Axes", handles: Sequence[Any]) -> None:
+    """A legend in one row under the axes and their labels, where it hides nothing.
+
+    Args:
+        ax: whose legend it is.
+        handles: its entries.
+    """
+    from matplotlib.transforms import ScaledTranslation
+
+    points = 40 if ax.axison else 6
+    below = ScaledTranslation(0, -points / 72, ax.figure.dpi_scale_trans)
+    place: Style = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": ax.transAxes + below}
+    ax.legend(handles=handles, ncols=len(handles), fontsize="small", frameon=False, borderaxespad=0, **place)
+
+
+def draw_scale(ax: "Axes", lower: Float[np.ndarray, "2"], upper: Float[np.ndarray, "2"], unit: str | None) -> None:
+    """A bar of 1, 2 or 5 times a power of ten, at most a quarter of the picture, in its lower left corner.
+
+    Args:
+        ax: where to draw.
+        lower: left and lower edge of the picture.
+        upper: right and upper edge.
+        unit: of lengths; None: not known.
+    """
+    width, height = upper - lower
+    power = 10.0 ** np.floor(np.log10(width / 4))
+    length = max(step * power for step in (1, 2, 5) if step * power <= width / 4)
+    left, bottom = lower + np.array([0.02 * width, 0.03 * height])
+    ax.plot([left, left + length], [bottom, bottom], color="0.1", linewidth=2.5, solid_capstyle="butt", zorder=5)
+    style: Style = {"ha": "center", "fontsize": "small", "zorder": 5, "textcoords": "offset points"}
+    box: Style = {"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.6}
+    text = f"{length:g}{f' {unit}' if unit else ''}"
+    verbatim(ax.annotate(text, (left + length / 2, bottom), xytext=(0, 4), bbox=box, **style))

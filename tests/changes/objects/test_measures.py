@@ -1,0 +1,90 @@
+"""The size of a crate on a floor that a scanner saw three sides of."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gmmjax.changes.align.alignment import aligned
+from gmmjax.changes.objects.cloud_changes import change_of
+from gmmjax.changes.objects.measures import MeasureSettings, measured
+from gmmjax.changes.objects.support_plane import SupportPlaneSettings
+from gmmjax.pair import Pair
+
+CRATE = np.array([0.8, 0.5, 0.6])
+SPACING = 0.03
+TURN = np.radians(25)
+ROTATION = np.array([[np.cos(TURN), -np.sin(TURN), 0], [np.sin(TURN), np.cos(TURN), 0], [0, 0, 1]])
+
+
+def sheet(first, second, count=None):
+    grid = np.stack(np.meshgrid(np.arange(0, first, SPACING), np.arange(0, second, SPACING)), axis=-1)
+    return grid.reshape(-1, 2)
+
+
+def three_sides():
+    """Of the crate: the top and two sides, the lowest 5 cm of which look like the floor."""
+    x, y, z = CRATE
+    top = np.insert(sheet(x, y), 2, z, axis=1)
+    front = np.insert(sheet(x, z), 1, 0.0, axis=1)
+    left = np.insert(sheet(y, z), 0, 0.0, axis=1)
+    points = np.concatenate([top, front, left])
+    return points[points[:, 2] > 0.05]
+
+
+@pytest.fixture(scope="module")
+def crate():
+    """The crate's points, and the floor with it; a centimetre of tilt so that no axis is special."""
+    random = np.random.default_rng(0)
+    floor = np.insert(sheet(4.0, 4.0) - 2, 2, 0.0, axis=1)
+    points = (three_sides() - [CRATE[0] / 2, CRATE[1] / 2, 0]) @ ROTATION.T
+    noisy = [own + random.normal(0, 0.001, own.shape) for own in (floor, floor, points)]
+    return noisy
+
+
+def measured_crate(crate, motion=np.eye(3), shift=np.zeros(3), settings=MeasureSettings()):
+    before, floor, points = (own @ motion.T + shift for own in crate)
+    pair = aligned(Pair(before, np.concatenate([floor, points])), "never")
+    labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(floor), len(points)]))
+    change = change_of(points, "appeared", 0.9, 5.0)
+    return measured((change,), labels, pair, 0.001, settings)[0]
+
+
+def test_a_crate_that_three_sides_were_seen_of_has_its_size_and_its_volume(crate):
+    found = measured_crate(crate)
+    np.testing.assert_allclose(found.box.extent, np.sort(CRATE)[::-1], atol=SPACING)
+    np.testing.assert_allclose(found.box.centre, [0, 0, CRATE[2] / 2], atol=SPACING)
+    assert found.volume == pytest.approx(np.prod(CRATE), rel=0.1)
+
+
+def test_size_and_volume_do_not_depend_on_the_frame(crate):
+    tilt = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]]) @ ROTATION
+    shift = np.array([4.5e5, 5.4e6, 120.0])
+    found, moved = measured_crate(crate), measured_crate(crate, tilt, shift)
+    np.testing.assert_allclose(moved.box.extent, found.box.extent, atol=1e-6)
+    np.testing.assert_allclose(moved.box.centre, tilt @ found.box.centre + shift, atol=1e-6)
+    assert moved.volume == pytest.approx(found.volume, rel=1e-6)
+
+
+def test_outliers_do_not_enlarge_a_change(crate):
+    before, floor, points = crate
+    strays = np.array([[0, 0, 3.0], [0, 0, 3.02], [1.5, 0, 2.0], [-2.0, 1.0, 1.0], [0, 2.0, 2.5]])
+    found = measured_crate([before, floor, np.concatenate([points, strays])])
+    np.testing.assert_allclose(found.box.extent, measured_crate(crate).box.extent, atol=SPACING)
+    assert found.point_count == len(points) + len(strays)
+    everything = MeasureSettings(outlier_distance=np.inf)
+    assert measured_crate([before, floor, np.concatenate([points, strays])], settings=everything).volume > 1
+
+
+def test_without_a_support_plane_the_box_is_that_of_the_points(crate):
+    floating = MeasureSettings(support=SupportPlaneSettings(contact=0.0))
+    found = measured_crate(crate, settings=floating)
+    np.testing.assert_allclose(np.sort(found.box.extent), np.sort(CRATE - [0, 0, 0.05]), atol=SPACING)
+    assert found.volume < measured_crate(crate).volume
+
+
+def test_nothing_else_of_the_change_is_altered(crate):
+    found = measured_crate(crate)
+    before = change_of(crate[2], "appeared", 0.9, 5.0)
+    for name in {field.name for field in dataclasses.fields(before)} - {"box", "volume"}:
+        np.testing.assert_equal(getattr(found, name), getattr(before, name))

@@ -1,0 +1,210 @@
+import dataclasses
+import struct
+
+import laspy
+import numpy as np
+import pytest
+
+from gmmjax.clouds import read_cloud
+from gmmjax.clouds.las_writing import LasSource, write_las
+from gmmjax.errors import InputError, InputWarning
+from tests.clouds.las_files import (
+    GEOTIFF,
+    SIZES,
+    VERSIONS_AND_FORMATS,
+    WKT,
+    evlr,
+    extra_descriptor,
+    las_bytes,
+    parsed,
+    vlr,
+)
+
+NAMES = {"label": "index of the change", "probability": "of a change"}
+CRS = (vlr(b"LASF_Projection", 34735, GEOTIFF), vlr(b"of somebody", 7, b"\xff\x00anything"))
+ODD = "größe <ä>".encode()
+EXTRA = extra_descriptor(b"amplitude", 9) + extra_descriptor(ODD, 13) + extra_descriptor(b"label", 6)
+EXTRA_SIZE = 4 + 2 * 2 + 4
+
+
+def values_of(count):
+    return {
+        "label": np.arange(-1, count - 1, dtype=np.int32),
+        "probability": np.linspace(0, 1, count, dtype=np.float32),
+    }
+
+
+def rewritten(path, out, change=lambda cloud: cloud):
+    """The file with the dimensions of `values_of`, for a changed cloud."""
+    cloud = read_cloud(path)
+    source = LasSource.of(cloud.file)
+    out = out / f"out{source.ending}"
+    cloud = change(cloud)
+    write_las(out, source, cloud, values_of(len(cloud)), NAMES)
+    return out, cloud
+
+
+@pytest.mark.parametrize(("minor", "point_format"), VERSIONS_AND_FORMATS)
+def test_every_version_and_point_format_keeps_all_bytes(write_file, tmp_path, minor, point_format):
+    extended = (evlr(b"LASF_Spec", 65535, b"waveforms" * 9),) if minor >= 3 else ()
+    data = las_bytes(minor, point_format, extra=EXTRA, extra_size=EXTRA_SIZE, vlrs=CRS, evlrs=extended)
+    out, _ = rewritten(write_file("a.las", data), tmp_path)
+    old, new = parsed(data), parsed(out.read_bytes())
+    np.testing.assert_array_equal(new["rows"][:, : old["rows"].shape[1]], old["rows"])
+    assert (new["minor"], new["format"]) == (minor, point_format)
+    assert new["records"][:2] == old["records"][:2]
+    assert (new["extended"], new["gap"]) == (old["extended"], old["gap"])
+    # All of the header but where things are, how many records, and how long a point.
+    for start, end in ((0, 96), (104, 105), (107, 227)):
+        assert new["head"][start:end] == old["head"][start:end]
+    for name in (b"amplitude", ODD):
+        np.testing.assert_array_equal(new["extra"][name], old["extra"][name])
+    np.testing.assert_array_equal(new["extra"][b"input_label"], old["extra"][b"label"])
+    np.testing.assert_array_equal(new["extra"][b"label"], values_of(30)["label"])
+    np.testing.assert_array_equal(new["extra"][b"probability"], values_of(30)["probability"])
+    if minor:  # laspy knows no version 1.0.
+        las = laspy.read(out)
+        np.testing.assert_array_equal(las.label, values_of(30)["label"])
+        np.testing.assert_array_equal(las.probability, values_of(30)["probability"])
+        np.testing.assert_array_equal(las.intensity, laspy.read(write_file("b.las", data)).intensity)
+
+
+def laz(tmp_path, point_format, version="1.4"):
+    """A compressed file with all dimensions in use, and one extra one."""
+    header = laspy.LasHeader(version=version, point_format=point_format)
+    header.add_extra_dim(laspy.ExtraBytesParams("amplitude", np.float32, "of the echo"))
+    header.vlrs.append(laspy.VLR("LASF_Projection", 2112, "", WKT.encode()))
+    las = laspy.LasData(header)
+    generator = np.random.default_rng(0)
+    las.x, las.y, las.z = generator.normal(size=(3, 200)).round(2)
+    for name in las.point_format.dimension_names:
+        if name not in ("X", "Y", "Z"):
+            las[name] = generator.integers(0, 2, 200, dtype=np.uint8)
+    las.return_number[:] = 1
+    path = tmp_path / "in.laz"
+    las.write(path, laz_backend=laspy.LazBackend.Laszip)
+    return path, las
+
+
+@pytest.mark.parametrize("point_format", range(11))
+def test_compressed_files_are_read_back_by_laszip(tmp_path, point_format):
+    pytest.importorskip("laszip")
+    path, las = laz(tmp_path, point_format)
+    out, _ = rewritten(path, tmp_path)
+    # lazrs does not write waveform packets as LASzip does.
+    assert out.suffix == (".las" if point_format in (4, 5, 9, 10) else ".laz")
+    for backend in (laspy.LazBackend.Laszip, laspy.LazBackend.Lazrs):
+        new = laspy.read(out, laz_backend=backend)
+        for name in las.point_format.dimension_names:
+            np.testing.assert_array_equal(new[name], las[name], name)
+        np.testing.assert_array_equal(new.label, values_of(200)["label"])
+        assert new.header.vlrs.get_by_id("LASF_Projection", (2112,))[0].string == WKT
+        assert new.header.are_points_compressed == (out.suffix == ".laz")
+
+
+def test_the_reference_system_is_read_from_keys_and_text(write_file):
+    text = vlr(b"LASF_Projection", 2112, WKT.encode() + b"\0")
+    behind = evlr(b"LASF_Projection", 2112, WKT.encode())
+    for data in (
+        las_bytes(2, 1, vlrs=CRS),
+        las_bytes(4, 6, vlrs=(text,)),
+        las_bytes(4, 6, evlrs=(behind,)),
+    ):
+        cloud = read_cloud(write_file("a.las", data))
+        assert (cloud.unit, cloud.crs) == ("m", "EPSG:25832")
+    assert read_cloud(write_file("a.las", las_bytes(2, 1))).unit is None
+
+
+def moved(by):
+    return lambda cloud: dataclasses.replace(cloud, points=cloud.points + by)
+
+
+def test_moved_points_are_rounded_to_the_scale_of_the_file(write_file, tmp_path):
+    data = las_bytes(2, 3, vlrs=CRS)
+    out, cloud = rewritten(write_file("a.las", data), tmp_path, moved(np.array([0.12345, -3.0, 0.0])))
+    old, new = parsed(data), parsed(out.read_bytes())
+    np.testing.assert_allclose(new["points"], cloud.points, rtol=0, atol=0.000501)
+    np.testing.assert_array_equal(new["rows"][:, 12:34], old["rows"][:, 12:34])
+    assert new["head"][131:179] == old["head"][131:179]
+    bounds = struct.unpack_from("<6d", new["head"], 179)
+    np.testing.assert_allclose(bounds[1::2], new["points"].min(axis=0))
+    np.testing.assert_allclose(bounds[::2], new["points"].max(axis=0))
+
+
+@pytest.mark.parametrize("by", [5e6, 1e12])
+def test_the_offset_gives_way_where_points_move_out_of_range(write_file, tmp_path, by):
+    out, cloud = rewritten(write_file("a.las", las_bytes(2, 1)), tmp_path, moved(np.array([by, 0.0, 0.0])))
+    new = parsed(out.read_bytes())
+    np.testing.assert_allclose(new["points"], cloud.points, rtol=1e-15, atol=0.000501)
+    assert struct.unpack_from("<d", new["head"], 131)[0] == 0.001
+
+
+def test_the_scale_gives_way_where_points_extend_too_far(write_file, tmp_path):
+    spread = np.linspace(0, 1e9, 30)[:, None] * np.array([1.0, 0.0, 0.0])
+    out, cloud = rewritten(write_file("a.las", las_bytes(2, 1)), tmp_path, moved(spread))
+    np.testing.assert_allclose(parsed(out.read_bytes())["points"], cloud.points, rtol=0, atol=1.0)
+
+
+def test_points_that_were_left_out_are_counted_out(write_file, tmp_path):
+    def every_other(cloud):
+        return dataclasses.replace(
+            cloud, points=cloud.points[::2], rows=cloud.rows[::2], fields={}, colors=None, rows_dropped=15
+        )
+
+    data = las_bytes(4, 6)
+    out, _ = rewritten(write_file("a.las", data), tmp_path, every_other)
+    new = parsed(out.read_bytes())
+    np.testing.assert_array_equal(new["rows"][:, :30], parsed(data)["rows"][::2])
+    assert struct.unpack_from("<2Q", new["head"], 247) == (15, 15)
+    assert len(laspy.read(out).points) == 15
+
+
+def test_bytes_without_a_description_stay_and_are_described(write_file, tmp_path):
+    data = las_bytes(2, 1, extra_size=300)
+    out, _ = rewritten(write_file("a.las", data), tmp_path)
+    new = parsed(out.read_bytes())
+    np.testing.assert_array_equal(new["rows"][:, : SIZES[1] + 300], parsed(data)["rows"])
+    np.testing.assert_array_equal(new["extra"][b"label"], values_of(30)["label"])
+
+
+@pytest.mark.parametrize("extra", [EXTRA, EXTRA[:-10], extra_descriptor(b"a", 99)])
+def test_descriptions_beyond_the_bytes_of_a_point_are_warned_of(write_file, tmp_path, extra):
+    data = las_bytes(2, 1, extra=extra, extra_size=4)
+    with pytest.warns(InputWarning, match="extra dimension"):
+        out, _ = rewritten(write_file("a.las", data), tmp_path)
+    np.testing.assert_array_equal(parsed(out.read_bytes())["extra"][b"label"], values_of(30)["label"])
+
+
+def test_a_file_cut_off_in_its_extended_records_is_not_written_again(write_file, tmp_path):
+    data = las_bytes(4, 6, evlrs=(evlr(b"a", 1, b"b" * 100),))[:-1]
+    path = write_file("a.las", data)
+    assert len(read_cloud(path)) == 30
+    with pytest.raises(InputError, match="extended record 0 of 1 runs beyond the end"):
+        rewritten(path, tmp_path)
+
+
+def test_a_file_that_was_changed_is_not_taken_for_the_one_that_was_read(write_file, tmp_path):
+    path = write_file("a.las", las_bytes(2, 1))
+    cloud = read_cloud(path)
+    path.write_bytes(las_bytes(2, 1, count=29))
+    with pytest.raises(InputError, match="was changed since it was read"):
+        LasSource.of(cloud.file)
+    path.unlink()
+    with pytest.raises(InputError, match="cannot be opened"):
+        LasSource.of(cloud.file)
+
+
+def test_records_of_the_storage_are_left_out(write_file, tmp_path):
+    octree = (vlr(b"copc", 1, b"c" * 160), *CRS)
+    data = las_bytes(4, 6, vlrs=octree, evlrs=(evlr(b"copc", 1000, b"h" * 32), evlr(b"own", 3, b"kept")))
+    out, _ = rewritten(write_file("a.las", data), tmp_path)
+    new = parsed(out.read_bytes())
+    assert [user for user, *_ in new["records"]] == [b"LASF_Projection", b"of somebody", b"LASF_Spec"]
+    assert new["extended"] == [(b"own", 3, b"kept")]
+
+
+def test_names_in_other_encodings_stay_as_they_are(write_file, tmp_path):
+    name = b"gr\xf6\xdfe \xff"
+    data = las_bytes(4, 6, extra=extra_descriptor(name, 4), extra_size=2)
+    out, _ = rewritten(write_file("a.las", data), tmp_path)
+    np.testing.assert_array_equal(parsed(out.read_bytes())["extra"][name], parsed(data)["extra"][name])
