@@ -130,7 +130,9 @@ export function drawingOrder(labels) {
   for (const [begin, end] of [[0, changed], [changed, labels.length]]) {
     for (let last = end - 1; last > begin; last--) {
       const other = begin + Math.floor(random() * (last - begin + 1));
-      [order[last], order[other]] = [order[other], order[last]];
+      const moved = order[last];
+      order[last] = order[other];
+      order[other] = moved;
     }
   }
   return { order, changed };
