@@ -70,9 +70,8 @@ export class Viewer {
     this.scene = scene;
     this.onPick = onPick ?? (() => {});
     this.reducedMotion = window.matchMedia("(prefers-reduced-motion: reduce)");
-    const { lower, upper } = scene.shown;
     // In the unit of the drawing the longest edge of what is shown is 1, whatever the unit of the clouds.
-    this.scale = 1 / Math.max(...upper.map((value, axis) => value - lower[axis]));
+    this.scale = 1 / (scene.quantisation.step * 2 ** scene.quantisation.depth);
     this.camera = new three.PerspectiveCamera(FIELD_OF_VIEW, 1, 0.001, 10);
     this.camera.up.set(...scene.up);
     this.target = new three.Vector3();
