@@ -15,7 +15,6 @@ from gmmjax.changes import DetectionConfig
 from gmmjax.cli.flags import flags_of
 from gmmjax.cli.log import shown_log
 from gmmjax.cli.sensor_options import SensorOption
-from gmmjax.clouds import read_toml
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 
@@ -154,6 +153,8 @@ def read_settings(file: Path) -> DetectionConfig:
     Raises:
         InputError: a file that cannot be read, is no TOML, or has unknown or wrong settings; it names the file.
     """
+    from gmmjax.clouds import read_toml
+
     settings = read_toml(file)
     try:
         config = DetectionConfig.from_dict(settings)
