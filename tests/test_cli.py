@@ -75,6 +75,8 @@ def failed(arguments, capsys):
 def test_detect_writes_every_output(result):
     assert {path.name for path in result.iterdir()} == {
         "changes.json",
+        "changes.csv",
+        "changes.geojson",
         "labels.npz",
         "before.ply",
         "after.ply",
