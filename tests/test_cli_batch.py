@@ -47,7 +47,7 @@ def test_it_writes_what_it_says(done):
     }
     assert {path.name for path in folder.iterdir() if not path.name.startswith(".")} == names
     files = {"before.ply", "after.ply", "before.png", "after.png", "report.html", "config.toml"}
-    files |= {"changes.json", "labels.npz", "fits.npz", "pair.json"}
+    files |= {"changes.json", "changes.csv", "changes.geojson", "labels.npz", "fits.npz", "pair.json"}
     for pair in (folder / "pairs").iterdir():
         assert {path.name for path in pair.iterdir()} == files
     with (folder / "changes.csv").open(newline="") as file:

@@ -71,12 +71,15 @@ def fingerprint_of_memory(content: PointCloud | SensorViews) -> Fingerprint:
     Args:
         content: a cloud or views.
     """
+    stated: tuple[object, ...] = ()
     if isinstance(content, SensorViews):
         arrays = {"poses": content.poses, "sees": np.array([*content.field_of_view, content.max_range])}
     else:
         colors = np.empty(0, np.uint8) if content.colors is None else content.colors
         arrays = {"points": content.points, "rows": content.rows, "colors": colors}
-    digest = hashlib.sha256()
+        arrays |= {f"field {name}": values for name, values in content.fields.items()}
+        stated = content.unit, content.crs, content.file
+    digest = hashlib.sha256(repr(stated).encode())
     for name, array in arrays.items():
         digest.update(f"{name} {array.dtype.str} {array.shape} ".encode())
         digest.update(np.ascontiguousarray(array).tobytes())

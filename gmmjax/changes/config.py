@@ -3,12 +3,14 @@
 import dataclasses
 import sys
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from gmmjax.errors import LARGEST_INTEGER, InputError, check_choice, shown
-from gmmjax.mixtures import Prior
+
+if TYPE_CHECKING:
+    from gmmjax.mixtures import Prior
 
 Method = Literal["joint", "greedy", "transport"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -42,6 +44,8 @@ PRIOR_LEAVES: Mapping[str, str] = {
     "covariance_scale": "scale",
     "degrees_of_freedom": "degrees_of_freedom",
 }
+# Characters of the name of a unit.
+LONGEST_UNIT = 12
 # Observations that a share of stray points is worth which is not to be found from the points.
 FIXED = 1e9
 
@@ -92,6 +96,8 @@ class DetectionConfig:
         threshold: probability from which a point or a Gaussian counts as changed.
         penalty: of partial transport, for each unit of mass left unmatched: mass is matched over at most twice this
             distance (Bures-Wasserstein). None: 0.4 of the median standard deviation of the Gaussians.
+        unit: what lengths are labelled with in tables, pages and files, such as m or mm; nothing is converted. None:
+            the unit that the files of both scans state, as LAS and E57 do, if it is the same.
     """
 
     method: Method = "joint"
@@ -115,6 +121,7 @@ class DetectionConfig:
     noise_share: float | None = None
     threshold: float = 0.5
     penalty: float | None = None
+    unit: str | None = None
 
     def __post_init__(self) -> None:
         """Checks every setting.
@@ -134,6 +141,8 @@ class DetectionConfig:
         for name in ("restarts", "max_components"):
             if getattr(self, name) is not None:
                 _check_least(name, getattr(self, name), 1)
+        if self.unit is not None:
+            _check_unit(self.unit)
         if self.crop is not None:
             object.__setattr__(self, "crop", _checked_crop(self.crop))
         for name in POSITIVE:
@@ -149,7 +158,7 @@ class DetectionConfig:
         if not (_is_real(self.threshold) and 0 < self.threshold < 1):
             raise InputError(f"threshold={shown(self.threshold)} must lie between 0 and 1")
 
-    def over(self, prior: Prior) -> Prior:
+    def over(self, prior: "Prior") -> "Prior":
         """The prior of a fit, with what these settings say of it in place of what was derived from the data.
 
         Args:
@@ -189,7 +198,7 @@ class DetectionConfig:
         return cls(**values)
 
 
-def with_settings(prior: Prior, settings: Mapping[str, Any]) -> Prior:
+def with_settings(prior: "Prior", settings: Mapping[str, Any]) -> "Prior":
     """The prior with settings of `PRIOR_LEAVES` in place of its own; a share of stray points that is set is fixed.
 
     Args:
@@ -200,6 +209,14 @@ def with_settings(prior: Prior, settings: Mapping[str, Any]) -> Prior:
     if "noise_share" in settings:
         leaves["noise_strength"] = FIXED
     return dataclasses.replace(prior, **leaves)
+
+
+def _check_unit(unit: object) -> None:
+    if not (isinstance(unit, str) and unit[:1].isalpha() and unit.isprintable() and len(unit) <= LONGEST_UNIT):
+        raise InputError(
+            f"unit={shown(unit)} must be a name of at most {LONGEST_UNIT} characters that starts with a letter, such "
+            "as m, mm or ft"
+        )
 
 
 def _is_real(value: object) -> bool:

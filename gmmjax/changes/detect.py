@@ -10,6 +10,7 @@ from gmmjax.changes.config import DetectionConfig, Method
 from gmmjax.changes.consensus import Consensus
 from gmmjax.changes.detectors import DETECTORS, AbstractRestartDetector, Scan
 from gmmjax.changes.fit.restart_fits import RestartFits
+from gmmjax.changes.prepare.units import common_unit
 from gmmjax.changes.progress import Progress, silent
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.errors import InputError, recorded_warnings, shown
@@ -48,19 +49,21 @@ def detect_changes(
         The changes, with a label and a probability for every row of both clouds.
 
     Raises:
-        InputError: clouds, views or settings that cannot be used.
+        InputError: clouds, views or settings that cannot be used; files that state two units.
         ComputationError: no restart gave a mixture, or no pair of separate mixtures could be compared.
 
     Warns:
         InputWarning: extents that differ as if in another unit; extents that do not overlap, where no registration is
-            made or it is in doubt; a registration in doubt; views that contradict their cloud, which are not used.
+            made or it is in doubt; a registration in doubt; views that contradict their cloud, which are not used;
+            files that state two reference systems.
     """
     config = _overridden(config or DetectionConfig(), method=method, restarts=restarts, seed=seed)
     scans = _scans(before, after, views_before, views_after)
     with recorded_warnings() as warnings:
+        unit = common_unit(Pair(before, after), config)
         changes = DETECTORS[config.method](config).changes(scans, progress or silent)
     clouds = scans.map(lambda scan: scan.cloud)
-    return dataclasses.replace(changes, warnings=tuple(warnings), clouds=clouds)
+    return dataclasses.replace(changes, warnings=tuple(warnings), unit=unit, clouds=clouds)
 
 
 def detect_consensus(
@@ -108,8 +111,9 @@ def detect_consensus(
         raise InputError(f"method={config.method} has no restarts to average over; choose another, or detect_changes")
     scans = _scans(before, after, views_before, views_after)
     with recorded_warnings() as warnings:
+        unit = common_unit(Pair(before, after), config)
         consensus = detector.consensus(scans, earlier=earlier, until_stable=until_stable, report=progress or silent)
-    changes = dataclasses.replace(consensus.changes, warnings=tuple(warnings))
+    changes = dataclasses.replace(consensus.changes, warnings=tuple(warnings), unit=unit)
     return dataclasses.replace(consensus, changes=changes)
 
 

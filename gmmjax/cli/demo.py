@@ -7,7 +7,6 @@ from typing import Annotated
 import tyro
 
 from gmmjax._compilation_cache import use_compilation_cache
-from gmmjax.cli.detect import RESULT_FILES
 from gmmjax.errors import check_seed
 
 DEFAULT_FOLDER = Path("gmmjax-demo")
@@ -40,7 +39,7 @@ def demo(
     from gmmjax.changes import detect_changes
     from gmmjax.clouds import read_cloud, read_views
     from gmmjax.reporting import console
-    from gmmjax.reporting.result_folder import check_result_folder, write_result
+    from gmmjax.reporting.result_folder import check_result_folder, result_files, write_result
     from gmmjax.reporting.scene_files import check_scene_folder, write_surveyed_scene
     from gmmjax.scenes import storehouse
 
@@ -60,6 +59,6 @@ def demo(
     if not quiet:
         console.print_changes(changes)
         console.print_truth(colored.scene, changes)
-        console.print_files(result_folder, RESULT_FILES)
+        console.print_files(result_folder, result_files(result_folder))
         console.print_report_hint(result_folder / "report.html")
     return 0

@@ -15,19 +15,8 @@ from gmmjax.changes import DetectionConfig
 from gmmjax.cli.flags import flags_of
 from gmmjax.cli.log import shown_log
 from gmmjax.cli.sensor_options import SensorOption
-from gmmjax.clouds import read_toml
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
-
-RESULT_FILES = {
-    "report.html": "the changes in 3D, for a browser",
-    "changes.json": "the changes, settings and diagnostics",
-    "labels.npz": "label and probability of every point",
-    "before.ply": "coloured, with label and probability",
-    "after.ply": "coloured, with label and probability",
-    "config.toml": "the settings, for --config",
-}
-
 
 Flags = flags_of(DetectionConfig)
 
@@ -60,8 +49,8 @@ def detect(
 ) -> int:
     """Find what changed from one scan to another: a list, labels for all points, a report.
 
-    Reads PLY, PCD, XYZ, PTS, CSV, NPY, NPZ, LAS and LAZ. Both scans must be in the same unit and in about the same
-    frame.
+    Reads PLY, PCD, XYZ, ASC, PTS, CSV, NPY, NPZ, LAS, LAZ and E57. Both scans must be in the same unit and in about
+    the same frame.
 
     Args:
         before: the scan at the first time.
@@ -92,7 +81,7 @@ def detect(
     from gmmjax.changes import detect_changes
     from gmmjax.clouds import read_cloud
     from gmmjax.reporting import console
-    from gmmjax.reporting.result_folder import check_result_folder, write_result
+    from gmmjax.reporting.result_folder import check_result_folder, result_files, write_result
 
     detection = DetectionConfig(**dataclasses.asdict(settings))
     only = explained_label(explain)
@@ -128,7 +117,7 @@ def detect(
         console.print_json(changes)
     elif not quiet:
         console.print_changes(changes, explain=explain is not None and known, only=only)
-        console.print_files(out, RESULT_FILES)
+        console.print_files(out, result_files(out))
         console.print_plot(plot)
         console.print_report_hint(out / "report.html")
     if not known:
@@ -164,6 +153,8 @@ def read_settings(file: Path) -> DetectionConfig:
     Raises:
         InputError: a file that cannot be read, is no TOML, or has unknown or wrong settings; it names the file.
     """
+    from gmmjax.clouds import read_toml
+
     settings = read_toml(file)
     try:
         config = DetectionConfig.from_dict(settings)

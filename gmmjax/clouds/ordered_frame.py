@@ -37,7 +37,7 @@ def frame_views(
     Returns:
         One view, or None where the pose is not one or the points do not fit it.
     """
-    pose = _pose(viewpoint)
+    pose = pose_of(viewpoint)
     if pose is None or len(points) < LEAST_PIXELS:
         return None
     # Numbers beyond the range of floats fit no camera, and comparisons with what becomes of them are false.
@@ -61,7 +61,12 @@ def _view_from(
         return None
 
 
-def _pose(viewpoint: tuple[float, ...]) -> Float64[np.ndarray, "4 4"] | None:
+def pose_of(viewpoint: tuple[float, ...]) -> Float64[np.ndarray, "4 4"] | None:
+    """The pose, sensor to the frame of the points, that PCD's position and quaternion are; None where they are none.
+
+    Args:
+        viewpoint: x, y, z and w, x, y, z.
+    """
     numbers = np.array(viewpoint)
     if numbers.shape != (7,) or not np.isfinite(numbers).all():
         return None

@@ -5,19 +5,21 @@ import os
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float64, UInt8
 
 from gmmjax.clouds import lzf
 from gmmjax.clouds.columns import cast_column, cloud_of_columns, field_columns, require_axes
-from gmmjax.clouds.files import read_bytes
+from gmmjax.clouds.files import read_bytes, require_file
 from gmmjax.clouds.number_table import NumberedLines, parse_table
-from gmmjax.clouds.ordered_frame import frame_views
+from gmmjax.clouds.ordered_frame import frame_views, pose_of
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.errors import InputError
 
 ENCODINGS = ("ascii", "binary", "binary_compressed")
 TYPES = {("F", 4), ("F", 8), *((kind, size) for kind in "IU" for size in (1, 2, 4, 8))}
 PADDING = "_"
+# Bytes of the longest header.
+LONGEST_HEADER = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,35 @@ def read_pcd(path: str | os.PathLike[str]) -> PointCloud:
     if header.width is None:
         return cloud
     return dataclasses.replace(cloud, views=frame_views(cloud.points, cloud.rows, header.width, header.viewpoint))
+
+
+@dataclass(frozen=True, eq=False)
+class PcdLayout:
+    """What a PCD file says beside its points.
+
+    Attributes:
+        grid: rows and columns of an ordered image; None where the points are in no order.
+        pose: of the sensor, in the frame of the points; None where the file has none.
+        dtype: of the coordinates.
+    """
+
+    grid: tuple[int, int] | None
+    pose: Float64[np.ndarray, "4 4"] | None
+    dtype: np.dtype
+
+
+def read_layout(path: str | os.PathLike[str]) -> PcdLayout:
+    """What a PCD file says beside its points.
+
+    Raises:
+        InputError: the file cannot be read, or is no PCD.
+    """
+    file = require_file(path)
+    with file.open("rb") as stream:
+        header = parse_header(stream.read(LONGEST_HEADER), str(file))
+    grid = None if header.width is None else (header.points // header.width, header.width)
+    dtype = next((field.dtype for field in header.fields if field.name == "x"), np.dtype(np.float64))
+    return PcdLayout(grid, pose_of(header.viewpoint), dtype)
 
 
 def parse_header(data: bytes, source: str) -> PcdHeader:

@@ -1,25 +1,43 @@
 """The folder that `gmmjax detect` writes: the changes for programs, for viewers of clouds and for people."""
 
-import dataclasses
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tomli_w
-from jaxtyping import Bool, Float, Int
 
-from gmmjax.changes import CHANGES_FILE, LABELS_FILE, Changes, DetectionConfig
-from gmmjax.clouds import FolderKind, PointCloud, atomic_write, check_output_folder, output_folder, write_ply
+from gmmjax.changes import CHANGES_FILE, LABELS_FILE, NAMES, Changes, DetectionConfig
+from gmmjax.clouds import FolderKind, PointCloud, atomic_write, check_output_folder, output_folder
 from gmmjax.errors import InputError
+from gmmjax.pair import Pair
+from gmmjax.reporting.change_files import MAP_FILE, TABLE_FILE, write_map, write_table
 from gmmjax.reporting.html_report import report_html
-from gmmjax.reporting.palette import point_colors
+from gmmjax.reporting.labelled_cloud import ENDINGS, labelled_clouds
 
 REPORT_FILE = "report.html"
-BEFORE_FILE = "before.ply"
-AFTER_FILE = "after.ply"
 CONFIG_FILE = "config.toml"
-RESULT = FolderKind("result", CHANGES_FILE, "changes", (LABELS_FILE, BEFORE_FILE, AFTER_FILE, REPORT_FILE, CONFIG_FILE))
+LABELLED = "the scan, with label, kind and probability"
+# What each file of a result is, in the order in which they are listed; of the scans, those that there are.
+DESCRIPTIONS: Mapping[str, str] = {
+    REPORT_FILE: "open it in a browser",
+    CHANGES_FILE: "the changes, settings and diagnostics",
+    TABLE_FILE: "the changes as a table",
+    MAP_FILE: "their footprints, for a map",
+    LABELS_FILE: "label and probability of every point",
+    **{f"{side}{ending}": LABELLED for side in NAMES for ending in ENDINGS},
+    CONFIG_FILE: "the settings, for --config",
+}
+RESULT = FolderKind("result", CHANGES_FILE, "changes", tuple(name for name in DESCRIPTIONS if name != CHANGES_FILE))
+
+
+def result_files(folder: Path) -> dict[str, str]:
+    """The files of a result that are there, with what they are.
+
+    Args:
+        folder: that `write_result` wrote.
+    """
+    return {name: text for name, text in DESCRIPTIONS.items() if (folder / name).is_file()}
 
 
 def check_result_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -> None:
@@ -37,11 +55,11 @@ def write_result(
 ) -> Path:
     """Writes all outputs of a detection, or none.
 
-    All are in the frame of the before cloud: `after.ply` is registered, where a registration was applied.
+    All are in the frame of the before cloud: the after scan is registered, where a registration was applied.
 
-    `changes.json` and `labels.npz` (read back by `Changes.load`), `before.ply` and `after.ply` (points of changes in
-    the colour of their kind, fields `label`, `probability` and `unobserved`; `row`, the row in the source, where rows
-    were dropped), `report.html` and `config.toml`.
+    `changes.json` and `labels.npz` (read back by `Changes.load`), `changes.csv`, `changes.geojson`, `report.html` and
+    `config.toml`; and both scans with what was found about their points, as `before.las`, `.laz` or `.pcd` where that
+    is what they were read from, else as `before.ply`, with all that their files held. See `LabelledCloud`.
 
     Args:
         folder: is made where needed; may be empty.
@@ -55,6 +73,9 @@ def write_result(
 
     Raises:
         InputError: clouds that are not those of the changes, or a folder that cannot be written; it is then as it was.
+
+    Warns:
+        InputWarning: the file of a scan was changed since it was read; it is written as PLY.
     """
     check_lengths(before, after, changes)
     with output_folder(folder, RESULT, overwrite=overwrite) as staging:
@@ -75,11 +96,11 @@ def write_result_files(folder: Path, before: PointCloud, after: PointCloud, chan
         InputError, OSError: a file cannot be written.
     """
     changes.save(folder)
-    fields = changes.labels_before, changes.probability_before, changes.unobserved_before
-    _write_labelled(folder / BEFORE_FILE, before, *fields, changes)
-    fields = changes.labels_after, changes.probability_after, changes.unobserved_after
-    registered = dataclasses.replace(after, points=changes.registration.apply(after.points))
-    _write_labelled(folder / AFTER_FILE, registered, *fields, changes)
+    write_table(folder / TABLE_FILE, changes)
+    write_map(folder / MAP_FILE, changes, before.crs)
+    labelled = labelled_clouds(Pair(before, after), changes)
+    for side, own in zip(NAMES, labelled, strict=True):
+        own.write(folder, side)
     with atomic_write(folder / REPORT_FILE) as file:
         file.write(report_html(before, after, changes).encode())
     with atomic_write(folder / CONFIG_FILE) as file:
@@ -104,22 +125,3 @@ def check_lengths(before: PointCloud, after: PointCloud, changes: Changes) -> No
                 f"{name}: has {len(cloud)} points, the changes have labels for {len(labels)}; "
                 "give the clouds that the changes were found in"
             )
-
-
-def _write_labelled(
-    path: Path,
-    cloud: PointCloud,
-    labels: Int[np.ndarray, " n"],
-    probability: Float[np.ndarray, " n"],
-    unobserved: Bool[np.ndarray, " n"],
-    changes: Changes,
-) -> None:
-    fields: dict[str, np.ndarray] = {
-        "label": labels.astype(np.int32),
-        "probability": probability.astype(np.float32),
-        "unobserved": unobserved.astype(np.uint8),
-    }
-    if cloud.rows_dropped:
-        fields["row"] = cloud.rows.astype(np.int32)
-    comments = ["written by gmmjax detect: label is -1 where unchanged, else the index of the change in changes.json"]
-    write_ply(path, cloud.points, colors=point_colors(labels, changes, cloud.colors), fields=fields, comments=comments)

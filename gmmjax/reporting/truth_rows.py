@@ -31,8 +31,11 @@ class TruthRow(NamedTuple):
 
 
 def truth_rows(scene: SurveyedScene, changes: Changes) -> list[TruthRow]:
-    """A row for each true change, in the order of their numbers."""
-    return [_row(scene, changes, number, cast(Kind, kind)) for number, kind in enumerate(scene.kinds)]
+    """A row for each true change that has points in a cloud, in the order of their numbers."""
+    scanned = np.unique(np.concatenate(list(scene.truth)))
+    return [
+        _row(scene, changes, number, cast(Kind, kind)) for number, kind in enumerate(scene.kinds) if number in scanned
+    ]
 
 
 def false_labels(scene: SurveyedScene, changes: Changes) -> list[int]:

@@ -30,7 +30,9 @@ class StorehouseSettings:
 
     Attributes:
         points: about how many each cloud has; those of all stations are fused in voxels to so many.
-        rays: of the scanner from each of its three stations.
+        rays: of the scanner from each station.
+        stations: where the scanner stands in either survey, x and y, metres, give or take 10 cm. What is seen from no
+            station of a survey is missing in its cloud.
         beam: how the scanner measures.
         station_errors: of the poses that the survey believes in; without them both stations agree exactly.
         shift: displacement of the after cloud, metres; with 0 and 0 degrees nothing has to be registered.
@@ -42,6 +44,7 @@ class StorehouseSettings:
 
     points: int = 50_000
     rays: int = 70_000
+    stations: Pair[tuple[tuple[float, float], ...]] = Pair(*2 * (((-2.9, -0.7), (0.2, -0.6), (3.2, -0.8)),))
     beam: Beam = Beam(noise=0.003, max_range=25.0)
     station_errors: PoseErrors = PoseErrors(0.002, 0.01)
     shift: float = 0.08
@@ -91,7 +94,7 @@ def storehouse(seed: int, settings: StorehouseSettings = StorehouseSettings()) -
     recordings = each(
         lambda side, stations: _recorded(side, stations, random, settings),
         painted,
-        Pair(_stations(random), _stations(random)),
+        settings.stations.map(lambda places: _stations(random, places)),
     )
     motion = small_motion(random, settings.shift, settings.degrees)
     frame = Frame(rotation_about(motion[:3, :3], np.zeros(3), motion[:3, 3]))
@@ -102,10 +105,13 @@ def storehouse(seed: int, settings: StorehouseSettings = StorehouseSettings()) -
     return ColoredScene(scene, colors)
 
 
-def _stations(random: np.random.Generator) -> Float[np.ndarray, "3 4 4"]:
-    """Three places in the aisle, where a surveyor puts the tripod about as the last time."""
-    places = np.array([[-2.9, -0.7, 1.7], [0.2, -0.6, 1.7], [3.2, -0.8, 1.7]]) + random.normal(0, 0.1, (3, 3))
-    return np.stack([upright(place, float(random.uniform(0, 2 * np.pi))) for place in places])
+def _stations(random: np.random.Generator, places: tuple[tuple[float, float], ...]) -> Float[np.ndarray, "v 4 4"]:
+    """Poses over places in the aisle, where a surveyor puts the tripod about as the last time."""
+    poses = []
+    for place in places:
+        position = np.array([*place, 1.7]) + random.normal(0, 0.1, 3)
+        poses.append(upright(position, float(random.uniform(0, 2 * np.pi))))
+    return np.stack(poses)
 
 
 def _recorded(

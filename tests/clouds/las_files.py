@@ -46,7 +46,7 @@ def las_bytes(
     offset: tuple[float, float, float] = (500_000.0, 5_400_000.0, 100.0),
     seed: int = 0,
 ) -> bytes:
-    """A file whose points are random bytes but for X, Y and Z, with a gap of two bytes before them as LAS 1.0 has it."""
+    """A file whose points are random bytes but for X, Y and Z, with a gap before them as LAS 1.0 has it."""
     generator = np.random.default_rng(seed)
     size = SIZES[point_format] + extra_size
     rows = generator.integers(0, 256, (count, size), dtype=np.uint8)

@@ -13,7 +13,10 @@ from gmmjax.errors import InputError
 from gmmjax.geometry.rigid import rigid_transform
 from gmmjax.reporting import write_result
 
-FILES = {"changes.json", "labels.npz", "before.ply", "after.ply", "report.html", "config.toml"}
+FILES = {
+    *("changes.json", "changes.csv", "changes.geojson", "labels.npz"),
+    *("before.ply", "after.ply", "report.html", "config.toml"),
+}
 
 
 @pytest.fixture(scope="module")

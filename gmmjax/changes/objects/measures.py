@@ -4,11 +4,20 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Float64, Int
+from scipy.spatial import cKDTree
 
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.change import Box, Change
 from gmmjax.changes.objects.support_plane import SupportPlane, SupportPlaneSettings, support_planes
-from gmmjax.geometry import LocalSurface, evenly_chosen, hull_corners, hull_volume, smallest_box, upright_box
+from gmmjax.geometry import (
+    LocalSurface,
+    evenly_chosen,
+    hull_corners,
+    hull_volume,
+    nearest_neighbours,
+    smallest_box,
+    upright_box,
+)
 from gmmjax.pair import Pair, each
 
 
@@ -19,12 +28,18 @@ class MeasureSettings:
     Attributes:
         sample: number of points of a change, at most, by which its support plane is found. Fewer: those of large
             objects are missed.
+        neighbours: number of neighbours by whose distance a point of a change is told from an outlier, which lies apart
+            from it and would make the box far too large. Fewer: pairs of outliers are measured.
+        outlier_distance: the same distance of an outlier, in median ones of the change, at least. Infinite: outliers
+            are measured; 1: half of the points are left out.
         faces: number of faces of the convex hull of a change without a support plane that a box is tried on. Fewer:
             faster, and round objects get larger boxes.
         support: what a change stands on.
     """
 
     sample: int = 2500
+    neighbours: int = 8
+    outlier_distance: float = 2.5
     faces: int = 24
     support: SupportPlaneSettings = SupportPlaneSettings()
 
@@ -36,7 +51,7 @@ def measured(
     noise: float,
     settings: MeasureSettings = MeasureSettings(),
 ) -> tuple[Change, ...]:
-    """The changes with the smallest box around their points and the volume of their convex hull.
+    """The changes with the smallest box around their points, but for outliers, and the volume of their convex hull.
 
     A change that stands on a plane is measured down to it: what touches the floor looks unchanged, and belongs to the
     object. Its box is upright.
@@ -74,7 +89,7 @@ def _with_measures(
     change: Change, points: Float64[np.ndarray, "n 3"], plane: SupportPlane | None, settings: MeasureSettings
 ) -> Change:
     # Relative to the change, because the coordinates of a survey leave no digits for a volume.
-    corners = hull_corners(points - change.mean)
+    corners = hull_corners(_without_outliers(points - change.mean, settings))
     if plane is None:
         box = smallest_box(corners, settings.faces)
     else:
@@ -85,3 +100,9 @@ def _with_measures(
     return dataclasses.replace(
         change, box=Box.longest_first(box._replace(centre=box.centre + change.mean)), volume=hull_volume(corners)
     )
+
+
+def _without_outliers(points: Float64[np.ndarray, "n 3"], settings: MeasureSettings) -> Float64[np.ndarray, "m 3"]:
+    # The point itself is its first neighbour.
+    distances = nearest_neighbours(cKDTree(points), points, settings.neighbours + 1)[0][:, -1]
+    return points[distances <= settings.outlier_distance * np.median(distances)]

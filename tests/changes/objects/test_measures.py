@@ -66,6 +66,16 @@ def test_size_and_volume_do_not_depend_on_the_frame(crate):
     assert moved.volume == pytest.approx(found.volume, rel=1e-6)
 
 
+def test_outliers_do_not_enlarge_a_change(crate):
+    before, floor, points = crate
+    strays = np.array([[0, 0, 3.0], [0, 0, 3.02], [1.5, 0, 2.0], [-2.0, 1.0, 1.0], [0, 2.0, 2.5]])
+    found = measured_crate([before, floor, np.concatenate([points, strays])])
+    np.testing.assert_allclose(found.box.extent, measured_crate(crate).box.extent, atol=SPACING)
+    assert found.point_count == len(points) + len(strays)
+    everything = MeasureSettings(outlier_distance=np.inf)
+    assert measured_crate([before, floor, np.concatenate([points, strays])], settings=everything).volume > 1
+
+
 def test_without_a_support_plane_the_box_is_that_of_the_points(crate):
     floating = MeasureSettings(support=SupportPlaneSettings(contact=0.0))
     found = measured_crate(crate, settings=floating)

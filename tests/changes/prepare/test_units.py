@@ -1,0 +1,48 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gmmjax.changes import DetectionConfig, detect_changes
+from gmmjax.changes.prepare.units import common_unit
+from gmmjax.clouds import PointCloud
+from gmmjax.errors import InputError, InputWarning
+from gmmjax.pair import Pair
+
+POINTS = np.random.default_rng(0).normal(size=(300, 3))
+
+
+def stated(before, after, **settings):
+    clouds = Pair(*(dataclasses.replace(PointCloud.from_rows(POINTS), **own) for own in (before, after)))
+    return common_unit(clouds, DetectionConfig(**settings))
+
+
+def test_a_unit_that_both_files_state_is_used():
+    assert stated({"unit": "m"}, {"unit": "m"}) == "m"
+    assert stated({"unit": "m"}, {}) is None
+    assert common_unit(Pair(POINTS, POINTS), DetectionConfig()) is None
+
+
+def test_the_setting_wins():
+    assert stated({"unit": "m"}, {"unit": "ft"}, unit="mm") == "mm"
+
+
+def test_two_units_are_refused():
+    with pytest.raises(InputError, match="before is in m and after in ftUS, as their files state; convert one"):
+        stated({"unit": "m"}, {"unit": "ftUS"})
+
+
+def test_two_reference_systems_are_warned_of():
+    with pytest.warns(InputWarning, match="EPSG:25832 and after in EPSG:25833"):
+        stated({"crs": "EPSG:25832"}, {"crs": "EPSG:25833"})
+
+
+@pytest.mark.parametrize("unit", ["", " m", "=1+1", "m\n", "a name of many letters", "\x1b[31m"])
+def test_what_is_no_unit(unit):
+    with pytest.raises(InputError, match=r"unit=.* must be a name"):
+        DetectionConfig(unit=unit)
+
+
+def test_the_record_has_the_unit():
+    changes = detect_changes(POINTS, POINTS, config=DetectionConfig(unit="mm", restarts=1))
+    assert changes.unit == "mm"

@@ -1,0 +1,175 @@
+import dataclasses
+
+import laspy
+import numpy as np
+import pytest
+
+from gmmjax.changes.registration import Registration
+from gmmjax.clouds import PointCloud, read_cloud, read_layout, write_pcd, write_ply
+from gmmjax.errors import InputWarning
+from gmmjax.geometry.rigid import rigid_transform
+from gmmjax.pair import Pair
+from gmmjax.reporting.labelled_cloud import labelled_clouds
+from gmmjax.reporting.result_folder import result_files, write_result
+from tests.clouds.las_files import GEOTIFF, las_bytes, parsed, vlr
+
+QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+MOTION = rigid_transform(QUARTER, np.array([10.0, 0.0, 0.5]))
+
+
+@pytest.fixture
+def turned(pair):
+    """The changes with an after cloud that was turned by 90 degrees, and distances that are not all known."""
+    return dataclasses.replace(
+        pair[2],
+        registration=Registration(MOTION, True, 2.0, 0.01, 0.5, 0.9),
+        distance_before=np.where(np.arange(400) % 2, np.nan, 0.25),
+        distance_after=np.linspace(-1, 1, 500),
+    )
+
+
+def written(clouds, changes, folder):
+    """Both scans as they are written, by name."""
+    folder.mkdir()
+    return [
+        own.write(folder, side) for side, own in zip(("before", "after"), labelled_clouds(clouds, changes), strict=True)
+    ]
+
+
+@pytest.fixture
+def ply(pair, tmp_path):
+    """An after scan with normals, intensity and names that PLY or a result have already."""
+    generator = np.random.default_rng(3)
+    fields = {
+        "nx": np.ones(500, np.float32),
+        "ny": np.zeros(500, np.float32),
+        "nz": np.zeros(500, np.float32),
+        "intensity": generator.random(500),
+        "scalar_GPS-Time": np.arange(500, dtype=np.int32),
+        "label": np.full(500, 7, np.int32),
+    }
+    colors = generator.integers(0, 256, (500, 3), dtype=np.uint8)
+    write_ply(tmp_path / "scan.ply", pair[1].points, colors=colors, fields=fields)
+    return read_cloud(tmp_path / "scan.ply")
+
+
+def test_ply_keeps_fields_colours_and_normals(pair, ply, turned, tmp_path):
+    names = written(Pair(pair[0], ply), turned, tmp_path / "out")
+    assert names == ["before.ply", "after.ply"]
+    cloud = read_cloud(tmp_path / "out" / "after.ply")
+    np.testing.assert_allclose(cloud.points, ply.points @ QUARTER.T + [10, 0, 0.5])
+    assert [cloud.fields[name][0] for name in ("nx", "ny", "nz")] == [0, 1, 0]
+    for name in ("intensity", "scalar_GPS-Time"):
+        np.testing.assert_array_equal(cloud.fields[name], ply.fields[name])
+    np.testing.assert_array_equal(cloud.fields["label"], turned.labels_after)
+    assert (cloud.fields["input_label"] == 7).all()
+    scan = np.stack([cloud.fields[f"scan_{channel}"] for channel in ("red", "green", "blue")], axis=1)
+    np.testing.assert_array_equal(scan, ply.colors)
+    np.testing.assert_array_equal(cloud.fields["kind"][[0, 60, 400]], [3, 1, 0])
+    np.testing.assert_allclose(cloud.fields["distance"], turned.distance_after, rtol=1e-6)
+    assert np.isnan(read_cloud(tmp_path / "out" / "before.ply").fields["distance"][1])
+
+
+def test_ply_is_read_by_another_library(pair, ply, turned, tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    written(Pair(pair[0], ply), turned, tmp_path / "out")
+    cloud = trimesh.load(tmp_path / "out" / "after.ply")
+    vertex = cloud.metadata["_ply_raw"]["vertex"]["data"]
+    np.testing.assert_array_equal(vertex["label"].ravel(), turned.labels_after)
+    np.testing.assert_allclose(vertex["distance"].ravel(), turned.distance_after, rtol=1e-6)
+    np.testing.assert_array_equal(cloud.colors[0][:3], [0x00, 0x72, 0xB2])
+
+
+def test_names_of_other_scripts_and_whole_numbers_of_64_bits(pair, turned, tmp_path):
+    fields = {"größe (m)": np.arange(500.0), "_": np.arange(500), "id": np.full(500, 2**40), "red": np.zeros(500)}
+    after = dataclasses.replace(pair[1], fields=fields)
+    written(Pair(pair[0], after), turned, tmp_path / "out")
+    cloud = read_cloud(tmp_path / "out" / "after.ply")
+    assert {"gr__e__m_", "field__", "input_red"} <= set(cloud.fields)
+    assert (cloud.fields["id"] == 2**40).all()
+    after = dataclasses.replace(pair[1], fields={"id": np.full(500, 2**60 + 1)})
+    with pytest.warns(InputWarning, match="field 'id' runs from .* it is rounded to float64"):
+        written(Pair(pair[0], after), turned, tmp_path / "again")
+
+
+def test_pcd_keeps_fields_order_and_viewpoint(pair, turned, tmp_path):
+    image = np.full((20, 26, 3), np.nan, np.float32)
+    image.reshape(-1, 3)[:500] = pair[1].points
+    curvature = np.arange(520.0).reshape(20, 26).astype(np.float32)
+    viewpoint = (1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0)
+    write_pcd(tmp_path / "scan.pcd", image, viewpoint=viewpoint, fields={"curvature": curvature})
+    after = read_cloud(tmp_path / "scan.pcd")
+    assert written(Pair(pair[0], after), turned, tmp_path / "out") == ["before.ply", "after.pcd"]
+    layout, cloud = read_layout(tmp_path / "out" / "after.pcd"), read_cloud(tmp_path / "out" / "after.pcd")
+    assert (layout.grid, layout.dtype) == ((20, 26), np.float32)
+    np.testing.assert_allclose(layout.pose, MOTION @ rigid_transform(translation=np.array([1.0, 2.0, 3.0])), atol=1e-12)
+    np.testing.assert_allclose(cloud.points, after.points @ QUARTER.T + [10, 0, 0.5], atol=1e-5)
+    np.testing.assert_array_equal(cloud.rows, after.rows)
+    np.testing.assert_array_equal(cloud.fields["curvature"], np.arange(500))
+    np.testing.assert_array_equal(cloud.fields["label"], turned.labels_after)
+
+
+def test_pcd_is_read_by_another_library(pair, turned, tmp_path):
+    pypcd4 = pytest.importorskip("pypcd4")
+    write_pcd(
+        tmp_path / "scan.pcd", pair[1].points.astype(np.float32), fields={"ring": np.arange(500, dtype=np.uint16)}
+    )
+    written(Pair(pair[0], read_cloud(tmp_path / "scan.pcd")), turned, tmp_path / "out")
+    cloud = pypcd4.PointCloud.from_path(tmp_path / "out" / "after.pcd")
+    np.testing.assert_array_equal(cloud.pc_data["label"], turned.labels_after)
+    np.testing.assert_array_equal(cloud.pc_data["ring"], np.arange(500))
+
+
+@pytest.fixture
+def las(tmp_path):
+    """An after scan of 500 points in metres."""
+    path = tmp_path / "scan <1>.las"
+    path.write_bytes(
+        las_bytes(4, 7, count=500, vlrs=(vlr(b"LASF_Projection", 34735, GEOTIFF),), offset=(0.0, 0.0, 0.0))
+    )
+    return path
+
+
+def test_las_keeps_all_and_gets_dimensions(pair, turned, las, tmp_path):
+    folder = write_result(tmp_path / "result", pair[0], read_cloud(las), turned)
+    assert [name for name in result_files(folder) if name.startswith(("before", "after"))] == [
+        "before.ply",
+        "after.las",
+    ]
+    old, new, read = (
+        parsed(las.read_bytes()),
+        parsed((folder / "after.las").read_bytes()),
+        laspy.read(folder / "after.las"),
+    )
+    np.testing.assert_array_equal(new["rows"][:, 12:36], old["rows"][:, 12:])
+    np.testing.assert_allclose(new["points"], old["points"] @ QUARTER.T + [10, 0, 0.5], atol=0.000501)
+    assert new["records"][0] == old["records"][0]
+    for name in ("label", "kind", "probability", "unobserved", "distance"):
+        np.testing.assert_array_equal(read[name], new["extra"][name.encode()])
+    np.testing.assert_array_equal(read.label, turned.labels_after)
+    np.testing.assert_array_equal(read.unobserved, turned.unobserved_after)
+    np.testing.assert_allclose(read.distance, turned.distance_after, rtol=1e-6)
+
+
+def test_a_result_is_an_input_again(pair, turned, las, tmp_path):
+    first = write_result(tmp_path / "first", pair[0], read_cloud(las), turned)
+    second = write_result(tmp_path / "second", pair[0], read_cloud(first / "after.las"), turned)
+    dimensions = list(laspy.read(second / "after.las").point_format.extra_dimension_names)
+    names = ["label", "kind", "probability", "unobserved", "distance"]
+    assert dimensions == [*(f"input_{name}" for name in names), *names]
+
+
+def test_a_file_that_is_gone_gives_ply_and_a_warning(pair, turned, las, tmp_path):
+    after = read_cloud(las)
+    las.unlink()
+    with pytest.warns(InputWarning, match=r"scan <1>\.las: .*; after\.ply is written in place of after\.las"):
+        folder = write_result(tmp_path / "result", pair[0], after, turned)
+    assert "intensity" in read_cloud(folder / "after.ply").fields
+
+
+def test_a_result_in_another_format_replaces_the_old_files(pair, turned, las, tmp_path):
+    folder = write_result(tmp_path / "result", pair[0], read_cloud(las), turned)
+    plain = PointCloud.from_rows(pair[1].points)
+    write_result(folder, pair[0], plain, turned, overwrite=True)
+    assert not (folder / "after.las").exists()
+    assert (folder / "after.ply").exists()
