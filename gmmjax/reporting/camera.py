@@ -10,7 +10,7 @@ from jaxtyping import Float
 CAMERA_HALF_ANGLE = np.deg2rad(60)
 CAMERA_RANGE = 20.0
 TILT = np.deg2rad(25)
-# Of plotly.js: half its field of view from top to bottom; the views are a little narrower than high.
+# Of the report's viewer: half its field of view from top to bottom; pictures may be narrower than high.
 HALF_HEIGHT = np.tan(np.pi / 8)
 HALF_WIDTH = 0.85 * HALF_HEIGHT
 
@@ -59,12 +59,6 @@ class PlotCamera(NamedTuple):
                 bounds = [*inner, *_slopes(kept, axis, distance)]
                 centre = centre + axes[axis] * distance * (min(bounds) + max(bounds)) / 2
         return centre, distance
-
-    def to_plotly(self, points: Float[np.ndarray, "n 3"]) -> dict[str, dict[str, float]]:
-        """As plotly's `scene.camera`, framed to the points, which are in plotly's unit and relative to its middle."""
-        centre, distance = self.framed(points)
-        vectors = {"eye": centre + distance * self.towards_eye, "center": centre, "up": self.up}
-        return {name: dict(zip("xyz", vector.tolist(), strict=True)) for name, vector in vectors.items()}
 
 
 def initial_camera(points: Float[np.ndarray, "n 3"]) -> PlotCamera:

@@ -6,16 +6,12 @@ from gmmjax.changes import Changes, Contribution, Explanation, RejectedCandidate
 from gmmjax.reporting.explanations import (
     ExplanationSettings,
     Facts,
-    Side,
     confidence_text,
     rejected_text,
     signed,
     verdict_text,
 )
-from gmmjax.reporting.palette import KIND_COLORS
-from gmmjax.reporting.summary import HEADINGS, percent, place_cells
-
-REJECTED_HEADINGS = ("Kind", "Reason", *HEADINGS[2:-1])
+from gmmjax.reporting.summary import percent, place_cells
 
 
 def strongest_log_odds(changes: Changes) -> float:
@@ -25,41 +21,32 @@ def strongest_log_odds(changes: Changes) -> float:
     return max((abs(fact.log_odds) for fact in facts), default=0.0)
 
 
-def why_row(
-    explanation: Explanation,
-    side: Side,
-    columns: int,
-    longest: float,
-    settings: ExplanationSettings = ExplanationSettings(),
-) -> str:
-    """A row of a table, closed at first: the verdict, and each fact with a bar for its contribution.
+def facts_list(explanation: Explanation, longest: float, settings: ExplanationSettings = ExplanationSettings()) -> str:
+    """The verdict, and each fact with a bar for its contribution.
 
     Args:
-        explanation: of the candidate in the row above.
-        side: of the facts that decided; the strongest of them is shown while the row is closed.
-        columns: of the table.
+        explanation: of a candidate.
         longest: log odds of the longest bar.
         settings: which facts are listed.
     """
-    facts, deciding = (Facts.of(explanation, settings.least_log_odds, None, first) for first in (None, side))
+    facts = Facts.of(explanation, settings.least_log_odds)
     rows = "".join(_fact(one, longest) for one in facts.listed)
     if facts.sum_of_others is not None:
         total, text = facts.sum_of_others
         rows += f'<li class="others"><b>{total}</b><span></span><span>{text}</span></li>'
-    first = "".join(f": {escape(one.sentence)} ({signed(one.log_odds)})" for one in deciding.listed[:1])
-    return (
-        f'<tr class="why"><td colspan="{columns}"><details><summary>Why{first}</summary>'
-        f'<p>{verdict_text(explanation)}</p><ul class="facts">{rows}</ul></details></td></tr>'
-    )
+    return f'<p>{verdict_text(explanation)}</p><ul class="facts">{rows}</ul>'
 
 
 def explanation_hint(changes: Changes) -> str:
-    """What the bars are, for below a table."""
+    """What the bars are; empty where no change and no candidate has any."""
+    if not changes.rejected and not any(change.explanation for change in changes):
+        return ""
     text = (
-        "Why: what each fact adds to the log odds of a change, compared with an average candidate; "
-        "bars to the right speak for a change, bars to the left against it."
+        "The bars are what each fact adds to the log odds of a change, compared with an average candidate: to the "
+        "right for a change, to the left against it."
     )
-    return "".join(f"<span>{escape(part)}</span>" for part in (text, confidence_text(changes)) if part)
+    parts = (part for part in (text, confidence_text(changes)) if part)
+    return f'<p class="hint">{escape(" ".join(parts))}</p>'
 
 
 def rejected_section(changes: Changes, longest: float) -> str:
@@ -72,21 +59,29 @@ def rejected_section(changes: Changes, longest: float) -> str:
     text = rejected_text(changes)
     if text is None:
         return ""
-    head = "".join(f'<th scope="col">{heading}</th>' for heading in REJECTED_HEADINGS)
-    body = "".join(_rejected_rows(candidate, longest) for candidate in changes.rejected)
-    return f"""<details class="rejected"><summary>{text}</summary>
-<section class="scroll"><table class="changes"><thead><tr>{head}</tr></thead>
-<tbody>{body}</tbody></table></section>
-<p class="hint">{explanation_hint(changes)}</p></details>
+    items = "".join(_rejected(number, one, changes, longest) for number, one in enumerate(changes.rejected))
+    return f"""<details class="rejected" id="rejected-section"><summary>{text}</summary>
+<p class="hint">What looked changed in one scan and was turned down. Choose one to see it in the view.</p>
+<ol class="changes" id="rejected">{items}</ol></details>
 """
 
 
-def _rejected_rows(candidate: RejectedCandidate, longest: float) -> str:
-    texts = candidate.reason, percent(candidate.probability), *place_cells(candidate)
-    cells = "".join(f"<td>{escape(text)}</td>" for text in texts)
-    dot = f'<i style="background:{KIND_COLORS[candidate.kind]}"></i>'
-    row = f"<tr><td>{dot}{escape(candidate.kind)}</td>{cells}</tr>"
-    return row + why_row(candidate.explanation, "against", len(REJECTED_HEADINGS), longest)
+def _rejected(number: int, candidate: RejectedCandidate, changes: Changes, longest: float) -> str:
+    unit = f" {changes.unit}" if changes.unit else ""
+    points, centre, size = place_cells(candidate)
+    strongest = Facts.of(candidate.explanation, 0.0, 1, "against").listed
+    reason = "".join(f": {escape(one.sentence)}" for one in strongest)
+    return f"""<li class="change candidate" data-rejected="{number}">
+<button type="button" class="row" aria-expanded="false" aria-controls="rejected-{number}"><b class="label">–</b>
+<span class="what"><b>{escape(candidate.reason)}</b><small>{_would_be(candidate)}{reason}</small></span>
+<span class="probability"><b>{percent(candidate.probability)}</b></span></button>
+<div class="card" id="rejected-{number}" hidden><dl class="properties"><dt>Size</dt><dd>{size}{escape(unit)}</dd>
+<dt>Position</dt><dd>{centre}{escape(unit)}</dd><dt>Points</dt><dd>{points}</dd></dl>
+<section class="why">{facts_list(candidate.explanation, longest)}</section></div></li>"""
+
+
+def _would_be(candidate: RejectedCandidate) -> str:
+    return f"would have {candidate.kind}"
 
 
 def _fact(fact: Contribution, longest: float) -> str:

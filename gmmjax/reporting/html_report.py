@@ -1,37 +1,46 @@
 """The report: one HTML file that needs nothing else, not even a network."""
 
 import dataclasses
-import functools
-from collections.abc import Mapping, Sequence
+import re
 from html import escape
 from pathlib import PurePath
-from typing import Any
 
-from gmmjax.changes import Change, Changes
+from gmmjax.changes import Changes
 from gmmjax.clouds import PointCloud
-from gmmjax.reporting.html_explanations import explanation_hint, rejected_section, strongest_log_odds, why_row
+from gmmjax.pair import Pair
+from gmmjax.reporting.close_ups import CloseUps, CloseUpSettings
+from gmmjax.reporting.html_changes import changes_panel
+from gmmjax.reporting.html_explanations import explanation_hint, rejected_section, strongest_log_odds
+from gmmjax.reporting.html_values import values_table
+from gmmjax.reporting.html_viewer import keys_dialog, viewer_section
+from gmmjax.reporting.packed_points import packed_scene
 from gmmjax.reporting.page_parts import asset, script_json
 from gmmjax.reporting.palette import KIND_COLORS
-from gmmjax.reporting.scene_plot import drawn_points, scene_views
 from gmmjax.reporting.summary import (
-    ObjectRow,
     answer,
     dropped_rows,
     dropped_text,
-    headings,
+    length_text,
     object_rows,
-    percent,
     poses_text,
     registration_text,
+    unobserved_text,
 )
 
 # The browser itself then refuses to load anything from anywhere.
 CONTENT_POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; font-src data:"
 )
+CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
-def report_html(before: PointCloud, after: PointCloud, changes: Changes, title: str | None = None) -> str:
+def report_html(
+    before: PointCloud,
+    after: PointCloud,
+    changes: Changes,
+    title: str | None = None,
+    close_ups: CloseUpSettings = CloseUpSettings(),
+) -> str:
     """The report of a detection as one self-contained page.
 
     Args:
@@ -39,118 +48,99 @@ def report_html(before: PointCloud, after: PointCloud, changes: Changes, title: 
         after: the after cloud, as given; it is shown registered.
         changes: what was found.
         title: of the page; default the names of the two files.
+        close_ups: how the pictures of the changes are drawn.
 
     Returns:
-        HTML, with plotly.js inside.
+        HTML, with the points and the viewer inside.
     """
-    names = _name(before, "before"), _name(after, "after")
-    after = dataclasses.replace(after, points=changes.registration.apply(after.points))
-    return f"""<!doctype html>
+    clouds = Pair(before, after)
+    names = Pair(_name(before, "before"), _name(after, "after"))
+    pictures, rows = CloseUps(clouds, changes, close_ups), object_rows(changes)
+    registered = dataclasses.replace(after, points=changes.registration.apply(after.points))
+    packed = packed_scene(Pair(before, registered), changes)
+    longest = strongest_log_odds(changes)
+    page = f"""<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
 <meta http-equiv="Content-Security-Policy" content="{CONTENT_POLICY}">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{escape(title or f"{names[0]} → {names[1]}")} · gmmjax</title>
-<style>{asset("report.css")}</style>
+<meta name="color-scheme" content="light dark">
+<title>{escape(title or f"{names.before} → {names.after}")} · gmmjax</title>
+<style>:root {{ {_kind_colors()} }}
+{asset("report.css")}</style>
+<noscript><style>.stage, .toolbar, .panel-head label, .steps, .actions {{ display: none }}
+.pictures {{ display: grid }} .card {{ display: block !important }}</style></noscript>
 </head>
 <body>
 <main>
-{_header(names, changes, title)}
-{_views(names, changes)}
-{_table(changes)}
-{rejected_section(changes, strongest_log_odds(changes))}{_details(changes)}
+{_header(clouds, names, changes, title)}
+<div class="bench">
+{viewer_section(packed.scene, names, pictures.overview(), changes)}
+{changes_panel(changes, rows, pictures.of, close_ups.most, longest)}
+</div>
+{explanation_hint(changes)}
+{rejected_section(changes, longest)}{_details(changes)}
 </main>
-<script type="application/json" id="scene">{script_json(scene_views(before, after, changes))}</script>
-<script>{_plotly()}</script>
+{keys_dialog()}
+<script type="application/json" id="scene">{script_json(packed.scene)}</script>
+<script type="application/octet-stream" id="points-before">{packed.points.before}</script>
+<script type="application/octet-stream" id="points-after">{packed.points.after}</script>
+<script>{asset("viewer.js")}</script>
 <script>{asset("report.js")}</script>
 </body>
 </html>
 """
+    # Whatever was in a name: a page may hold no control characters.
+    return CONTROL_CHARACTERS.sub(lambda found: f"\\x{ord(found[0]):02x}", page)
 
 
-@functools.cache
-def _plotly() -> str:
-    """plotly.js, 5 MB: read once by a process that writes many reports."""
-    from plotly.offline import get_plotlyjs
-
-    return str(get_plotlyjs())
+def _kind_colors() -> str:
+    return " ".join(f"--{kind}: {color};" for kind, color in KIND_COLORS.items())
 
 
-def _header(names: tuple[str, str], changes: Changes, title: str | None) -> str:
-    dropped = "".join(
-        f'<p class="note">{dropped_text(side, count)}</p>' for side, count in dropped_rows(changes).items()
-    )
-    text, style = registration_text(changes), "note" if changes.registration.in_doubt else "files"
-    registration = "" if text is None else f'<p class="{style}">{escape(text)}</p>'
-    poses = "" if (text := poses_text(changes)) is None else f'<p class="files">{escape(text)}</p>'
-    heading = f'<p class="title">{escape(title)}</p>' if title else ""
-    kinds = {change.kind for change in changes.items}
-    legend = "".join(
-        f'<li><i style="background:{color}"></i>{kind}</li>' for kind, color in KIND_COLORS.items() if kind in kinds
-    )
+def _header(clouds: Pair[PointCloud], names: Pair[str], changes: Changes, title: str | None) -> str:
+    heading = f'<p class="title"><bdi>{escape(title)}</bdi></p>' if title else ""
+    facts = "".join(f"<dt>{name}</dt><dd>{text}</dd>" for name, text in _facts(clouds, names, changes).items() if text)
+    warnings = "".join(f'<p class="note" role="note"><b>Warning</b> {escape(text)}</p>' for text in changes.warnings)
     return f"""<header>
+<div class="actions"><button type="button" id="theme" aria-label="Light or dark" title="Light or dark (t)">◐</button>
+<button type="button" id="help" aria-label="Keys" title="Keys (?)">?</button></div>
 {heading}<h1>{escape(answer(changes))}</h1>
-<p class="files">from <b>{escape(names[0])}</b> to <b>{escape(names[1])}</b></p>
-{registration}{poses}{dropped}<ul class="legend">{legend}<li><i class="unchanged"></i>unchanged</li></ul>
+{warnings}<dl class="facts-of-pair">{facts}</dl>
 </header>"""
 
 
-def _views(names: tuple[str, str], changes: Changes) -> str:
-    captions = {
-        "before": ("Before", names[0], changes.labels_before),
-        "after": ("After", names[1], changes.labels_after),
+def _facts(clouds: Pair[PointCloud], names: Pair[str], changes: Changes) -> dict[str, str]:
+    """What was compared and how well it lies, as HTML by name; empty where nothing is known."""
+    dropped = " ".join(dropped_text(side, count) for side, count in dropped_rows(changes).items())
+    registration = escape(registration_text(changes) or "")
+    doubtful = changes.registration.in_doubt and registration
+    return {
+        "Compared": f"<b><bdi>{escape(names.before)}</bdi></b> ({len(clouds.before):,} points) with "
+        f"<b><bdi>{escape(names.after)}</bdi></b> ({len(clouds.after):,} points)",
+        "Registration": f'<span class="doubt">{registration}</span>' if doubtful else registration,
+        "Sensor poses": escape(_first_capital((poses_text(changes) or "").removeprefix("Sensor poses: "))),
+        "Not observed": escape(_first_capital((unobserved_text(changes) or "").removeprefix("Not observed "))),
+        "Resolution": escape(_resolution(changes)),
+        "Left out": escape(dropped),
     }
-    figures = "".join(
-        f'<figure><figcaption><b>{heading}</b><span class="name" title="{escape(name)}">{escape(name)}</span>'
-        f'<span class="count">{_points_shown(len(labels), drawn_points(labels))}</span></figcaption>'
-        f'<div class="view" id="view-{side}"></div></figure>'
-        for side, (heading, name, labels) in captions.items()
-    )
-    return f"""<section class="views" aria-label="Views in three dimensions">
-{figures}<figure><figcaption><b>Changes</b><span class="name">both clouds, every change</span></figcaption>
-<div class="view" id="view-changes"></div></figure>
-</section>
-<p class="hint"><span>Drag to turn, scroll to zoom, right-drag to move: the three views go together.</span>
-<button type="button" id="reset">Reset the view</button></p>
-<noscript><p class="note">The views need JavaScript; the table below does not.</p></noscript>"""
 
 
-def _points_shown(total: int, drawn: int) -> str:
-    return f"{total:,} points" if drawn == total else f"{drawn:,} of {total:,} points drawn"
-
-
-def _table(changes: Changes) -> str:
-    rows, columns = object_rows(changes), headings(changes)
-    if not rows:
-        threshold = percent(changes.config.threshold)
-        return f'<p class="none">Nothing in either cloud reached a probability of {threshold} of being changed.</p>'
-    head = "".join(f'<th scope="col">{escape(heading)}</th>' for heading in columns)
-    longest = strongest_log_odds(changes)
-    body = "".join(_table_rows(row, [changes[label] for label in row.labels], longest) for row in rows)
-    hint = explanation_hint(changes) if any(change.explanation for change in changes) else ""
-    return f"""<section class="scroll"><table class="changes"><thead><tr>{head}</tr></thead>
-<tbody>{body}</tbody></table></section>
-<p class="hint"><span>The label is also that of the points in before.ply, after.ply and labels.npz.</span>{hint}</p>"""
-
-
-def _table_rows(row: ObjectRow, own: Sequence[Change], longest: float) -> str:
-    label, kind, *others = (escape(cell) for cell in row.cells)
-    color = KIND_COLORS[row.kind]
-    cells = "".join(f"<td>{cell}</td>" for cell in others)
-    explanations = (change.explanation for change in own if change.explanation is not None)
-    why = "".join(why_row(explanation, "for", len(row.cells), longest) for explanation in explanations)
-    return (
-        f'<tr><td><b style="color:{color}">{label}</b></td>'
-        f'<td class="kind"><i style="background:{color}"></i>{kind}</td>{cells}</tr>{why}'
-    )
+def _resolution(changes: Changes) -> str:
+    """How fine the comparison was, where that was recorded."""
+    texts = {"voxel_size": "voxels of {}", "tolerance": "registration error up to {} tolerated"}
+    known = {name: changes.diagnostics.get(name) for name in texts}
+    lengths = {name: value for name, value in known.items() if isinstance(value, float) and value > 0}
+    parts = [texts[name].format(length_text(value, changes.unit)) for name, value in lengths.items()]
+    return f"Compared in {', '.join(parts)}." if parts else ""
 
 
 def _details(changes: Changes) -> str:
     from gmmjax import __version__
 
-    settings = _values(changes.config.to_dict())
-    diagnostics = _values(
+    settings = values_table(changes.config.to_dict())
+    diagnostics = values_table(
         {"Earth mover's distance": changes.emd, "registration": changes.registration.to_dict(), **changes.diagnostics}
     )
     return f"""<details><summary>Settings and diagnostics</summary>
@@ -159,35 +149,9 @@ def _details(changes: Changes) -> str:
 <footer>gmmjax {escape(__version__)}</footer>"""
 
 
-def _values(value: Any) -> str:
-    """Nested plain values as nested tables; lists of scalars on one line."""
-    if isinstance(value, Mapping):
-        rows = "".join(
-            f'<tr><th scope="row">{escape(_readable(str(name)))}</th><td>{_values(content)}</td></tr>'
-            for name, content in value.items()
-        )
-        return f'<table class="values">{rows}</table>' if rows else "none"
-    if isinstance(value, str) or not isinstance(value, Sequence):
-        return escape(_scalar(value))
-    if any(isinstance(item, Mapping | list | tuple) for item in value):
-        return "".join(f'<div class="item">{_values(item)}</div>' for item in value)
-    return escape(", ".join(_scalar(item) for item in value)) if value else "none"
-
-
-def _scalar(value: Any) -> str:
-    if value is None:
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, int):
-        return f"{value:,}" if abs(value) >= 10_000 else str(value)
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _readable(name: str) -> str:
-    words = name.replace("_", " ")
-    return words[:1].upper() + words[1:]
-
-
 def _name(cloud: PointCloud, side: str) -> str:
     return PurePath(cloud.source).name if cloud.source else f"the {side} cloud"
+
+
+def _first_capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -36,7 +36,8 @@ class PackingSettings:
         levels_below_spacing: of the octree: the lattice has 2 to this power steps in the spacing of the points. 0:
             points of neighbouring cells fall on a visible lattice.
         color_bits: of the brightness; the two differences of colour have one less. 8: as read, at half as much again.
-        probability_levels: of the probability, from 0 to 1.
+        probability_levels: of the probability, from 0 to 1; at most 256. They are only seen as colours.
+        distance_levels: of the distance, from minus to plus its limit; at most 255.
         distance_share: of the distances lies within the limit of their scale. 1: a single stray distance makes
             all others the colour of none.
     """
@@ -44,7 +45,8 @@ class PackingSettings:
     most_points: int = 1_000_000
     levels_below_spacing: int = 3
     color_bits: int = 6
-    probability_levels: int = 64
+    probability_levels: int = 32
+    distance_levels: int = 63
     distance_share: float = 0.99
 
 
@@ -126,7 +128,9 @@ def packed_scene(
         settings: how much goes into the page.
     """
     lower, upper = shown_range(np.concatenate([cloud.points for cloud in clouds]), changes)
-    origin, edge = (lower + upper) / 2, float((upper - lower).max())
+    # Coincident points have no extent, but float64 has steps.
+    smallest = 2**DEEPEST * float(np.spacing(max(np.abs(lower).max(), np.abs(upper).max())))
+    origin, edge = (lower + upper) / 2, max(float((upper - lower).max()), smallest)
     finest = Lattice(origin - edge / 2, edge)
     found = _found(changes)
     sides = each(
@@ -153,6 +157,7 @@ def packed_scene(
         "after": _side_record(clouds.after, sides.after, planes.after),
         "colorBits": settings.color_bits,
         "probabilityLevels": settings.probability_levels,
+        "distanceLevels": settings.distance_levels,
         "has": {
             "scan": any(_scan_values(cloud) is not None for cloud in clouds),
             "distance": limit is not None,
@@ -260,17 +265,17 @@ def _planes(
         "probability": np.rint(found.probability * (settings.probability_levels - 1)).astype(np.uint8),
     }
     if found.distance is not None and limit is not None:
-        planes["distance"] = _distance_bytes(found.distance, limit)
+        planes["distance"] = _distance_bytes(found.distance / limit, settings.distance_levels)
     values = _scan_values(cloud)
     if values is not None:
         planes |= _color_planes(values, order, settings.color_bits)
     return planes
 
 
-def _distance_bytes(distance: Float[np.ndarray, " n"], limit: float) -> UInt8[np.ndarray, " n"]:
-    """From 1 for minus the limit to 255 for the limit; 0 where nothing was measured."""
-    levels = np.clip(np.nan_to_num(distance / limit), -1, 1)
-    return np.where(np.isnan(distance), 0, np.rint(128 + 127 * levels)).astype(np.uint8)
+def _distance_bytes(shares: Float[np.ndarray, " n"], levels: int) -> UInt8[np.ndarray, " n"]:
+    """From 1 for minus the limit to `levels` for the limit; 0 where nothing was measured."""
+    numbers = 1 + (levels - 1) * (np.clip(np.nan_to_num(shares), -1, 1) + 1) / 2
+    return np.where(np.isnan(shares), 0, np.rint(numbers)).astype(np.uint8)
 
 
 def _scan_values(cloud: PointCloud) -> np.ndarray | None:

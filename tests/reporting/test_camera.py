@@ -37,12 +37,11 @@ def test_a_wall_is_seen_from_its_side():
 def test_nearly_all_points_are_in_the_view(points):
     camera = initial_camera(points)
     centred = (points - points.mean(axis=0)) / np.ptp(points, axis=0).max()
-    plotly = {name: np.array([vector[axis] for axis in "xyz"]) for name, vector in camera.to_plotly(centred).items()}
-    forward = plotly["center"] - plotly["eye"]
-    forward /= np.linalg.norm(forward)
+    centre, distance = camera.framed(centred)
+    forward = -camera.towards_eye
     across = np.cross(forward, camera.up)
     across /= np.linalg.norm(across)
-    seen = centred - plotly["eye"]
+    seen = centred - (centre + distance * camera.towards_eye)
     depth = seen @ forward
     inside = np.abs(seen @ across) < HALF_WIDTH * depth
     inside &= np.abs(seen @ np.cross(across, forward)) < HALF_HEIGHT * depth

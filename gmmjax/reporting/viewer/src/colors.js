@@ -1,9 +1,17 @@
 // The colours of the points, and the legends that explain them. All can be told apart by colour-blind readers.
 
-/** Viridis (van der Walt and Smith), seven of its colours. */
-const PROBABILITY = ["#440154", "#443983", "#31688e", "#21918c", "#35b779", "#90d743", "#fde725"];
-/** ColorBrewer's RdBu, whose middle is grey here: white would vanish on a white page. */
-const DISTANCE = ["#2166ac", "#4393c3", "#92c5de", "#cfd1d4", "#f4a582", "#d6604d", "#b2182b"];
+// Of probabilities what is certainly unchanged has the grey of the background; of distances (ColorBrewer's RdBu, which
+// colour-blind readers can tell apart) what lies where it lay.
+const SCALES = {
+  light: {
+    probability: ["#cfd1d4", "#f3d9a0", "#fdb863", "#f08a24", "#d25c0a", "#9c3d06", "#5e2305"],
+    distance: ["#2166ac", "#4393c3", "#92c5de", "#cfd1d4", "#f4a582", "#d6604d", "#b2182b"],
+  },
+  dark: {
+    probability: ["#454b53", "#6d5030", "#9a5c1c", "#cc7415", "#f09a35", "#fdc777", "#fff0c4"],
+    distance: ["#5aa9f5", "#4682bd", "#3a5f86", "#4a5058", "#8f5a45", "#c96f4a", "#f58a5a"],
+  },
+};
 export const UNOBSERVED = ["#8d7fa8", "#6f6289"];
 
 const THEMES = {
@@ -22,9 +30,9 @@ export function themeColors(name) {
   return theme;
 }
 
-/** The colours of a scale from its lowest to its highest value, at equal distances; of other modes those of nothing. */
-export function scaleColors(mode) {
-  return mode === "distance" ? DISTANCE : PROBABILITY;
+/** Seven colours of a scale from its lowest to its highest value; of modes without one those of the probability. */
+export function scaleColors(mode, theme) {
+  return SCALES[theme][mode === "distance" ? "distance" : "probability"];
 }
 
 /**
@@ -32,10 +40,10 @@ export function scaleColors(mode) {
  * `{ type: "kinds", entries: [{ name, color }] }`, or `{ type: "scan" }` where they are the scan's own.
  */
 export function legend(mode, scene, theme) {
-  if (mode === "probability") return { type: "scale", min: 0, max: 1, unit: null, colors: PROBABILITY };
+  if (mode === "probability") return { type: "scale", min: 0, max: 1, unit: null, colors: scaleColors(mode, theme) };
   if (mode === "distance") {
     const limit = scene.distanceLimit;
-    return { type: "scale", min: -limit, max: limit, unit: scene.unit, colors: DISTANCE };
+    return { type: "scale", min: -limit, max: limit, unit: scene.unit, colors: scaleColors(mode, theme) };
   }
   if (mode === "scan") return { type: "scan" };
   const present = Object.entries(scene.kindColors).filter(([kind]) => scene.changes.some((one) => one.kind === kind));

@@ -56,6 +56,11 @@ function summed(differences, signed) {
   return values;
 }
 
+/** From 1 to a number of levels to 1 to 255; 0 stays. */
+function stretched(plane, levels) {
+  return plane.map((level) => (level ? 1 + Math.round(((level - 1) * 254) / (levels - 1)) : 0));
+}
+
 /** Red, green and blue, three bytes for each point, or null where the scan has neither colours nor intensity. */
 function scanColors(planes, bits) {
   if (!planes.brightness) return null;
@@ -79,7 +84,7 @@ function scanColors(planes, bits) {
 
 /**
  * The points of one cloud: `steps` on the lattice, `labels`, `unobserved` (0 or 1), `probability` (0 to 255),
- * `distance` (1 to 255, 0 for none; or null), `colors` (or null).
+ * `distance` (1 for minus the limit to 255 for the limit, 0 for none; or null), `colors` (or null).
  */
 export function decodeSide(bytes, scene, side) {
   const { drawn, attributes } = scene[side];
@@ -101,7 +106,7 @@ export function decodeSide(bytes, scene, side) {
     labels,
     probability,
     unobserved: planes.unobserved,
-    distance: planes.distance ?? null,
+    distance: planes.distance ? stretched(planes.distance, scene.distanceLevels) : null,
     colors: scanColors(planes, scene.colorBits),
   };
 }
@@ -130,7 +135,9 @@ export function drawingOrder(labels) {
   for (const [begin, end] of [[0, changed], [changed, labels.length]]) {
     for (let last = end - 1; last > begin; last--) {
       const other = begin + Math.floor(random() * (last - begin + 1));
-      [order[last], order[other]] = [order[other], order[last]];
+      const moved = order[last];
+      order[last] = order[other];
+      order[other] = moved;
     }
   }
   return { order, changed };

@@ -38,6 +38,8 @@ export class Drawing {
       uniforms: {
         colors: { value: null },
         depths: { value: null },
+        corner: { value: [0, 0] },
+        size: { value: [1, 1] },
         range: { value: [1, 2] },
         radius: { value: 1 },
         strength: { value: 9 },
@@ -62,7 +64,11 @@ export class Drawing {
     });
   }
 
-  clear(target) {
+  /** Empties a picture; `share` of its width and height, from the lower left corner on, will be drawn. */
+  clear(target, share = 1) {
+    const [width, height] = [Math.ceil(share * target.width), Math.ceil(share * target.height)];
+    target.viewport.set(0, 0, width, height);
+    target.scissor.set(0, 0, width, height);
     this.renderer.setRenderTarget(target);
     this.renderer.setClearColor(0x000000, 0);
     this.renderer.clear();
@@ -87,23 +93,32 @@ export class Drawing {
     this.part(target, camera, cloud, [0, Math.min(most, cloud.changed)], this.hiddenMaterial);
   }
 
-  /** Shades a picture and copies it to the canvas of a view. */
-  show(target, camera, context, pixelRatio) {
-    const { width, height } = target;
-    if (this.canvas.width < width || this.canvas.height < height) {
-      this.renderer.setSize(Math.max(this.canvas.width, width), Math.max(this.canvas.height, height), false);
-    }
+  /** Shades the pictures of views, side by side, so that there is one to wait for, and copies them to their canvases. */
+  show(views) {
+    const sizes = views.map(({ front }) => [front.viewport.z, front.viewport.w]);
+    const [width, height] = [sizes.reduce((sum, [own]) => sum + own, 0), Math.max(...sizes.map(([, own]) => own))];
+    if (this.canvas.width !== width || this.canvas.height !== height) this.renderer.setSize(width, height, false);
     this.renderer.setRenderTarget(null);
-    this.renderer.setViewport(0, 0, width, height);
+    let left = 0;
+    const places = sizes.map(([own]) => (left += own) - own);
+    views.forEach((view, index) => this.#shade(view, places[index], sizes[index]));
+    views.forEach(({ context, canvas }, index) => {
+      const [own, high] = sizes[index];
+      context.clearRect(0, 0, canvas.width, canvas.height);
+      context.drawImage(this.canvas, places[index], height - high, own, high, 0, 0, canvas.width, canvas.height);
+    });
+  }
+
+  #shade({ front, camera, pixelRatio }, left, [width, height]) {
+    this.renderer.setViewport(left, 0, width, height);
     const { uniforms } = this.shading;
-    uniforms.colors.value = target.texture;
-    uniforms.depths.value = target.depthTexture;
+    uniforms.colors.value = front.texture;
+    uniforms.depths.value = front.depthTexture;
+    uniforms.corner.value = [left, 0];
+    uniforms.size.value = [width, height];
     uniforms.range.value = [camera.near, camera.far];
-    uniforms.radius.value = 1.4 * pixelRatio;
+    uniforms.radius.value = Math.max(1, (1.4 * pixelRatio * width) / front.width);
     this.renderer.render(this.shadingScene, this.flatCamera);
-    context.clearRect(0, 0, width, height);
-    // The lower left of one, from the upper left of the other.
-    context.drawImage(this.canvas, 0, this.canvas.height - height, width, height, 0, 0, width, height);
   }
 
   /** Waits until all is drawn. */
@@ -111,18 +126,29 @@ export class Drawing {
     this.renderer.readRenderTargetPixels(target, 0, 0, 1, 1, new Uint8Array(4));
   }
 
-  /** The label of the change that is seen nearest to the middle of the small picture around a place; null: of none. */
-  labelAt(camera, clouds, [x, y], [width, height], uniformsOf) {
-    const edge = this.pickTarget.width;
+  /**
+   * The label of the change that is seen nearest to a place on the canvas, else of one that shines through there; null:
+   * of none.
+   */
+  labelAt(camera, clouds, place, size, uniformsOf) {
     const near = camera.clone();
-    near.setViewOffset(width, height, x - (edge - 1) / 2, y - (edge - 1) / 2, edge, edge);
+    const edge = this.pickTarget.width;
+    near.setViewOffset(...size, place[0] - (edge - 1) / 2, place[1] - (edge - 1) / 2, edge, edge);
     near.updateProjectionMatrix();
-    this.clear(this.pickTarget);
-    for (const cloud of clouds) {
-      this.set({ ...uniformsOf(cloud), mode: MODES.pick, plain: true });
-      this.part(this.pickTarget, near, cloud, [0, cloud.count]);
-    }
-    this.set({ plain: false });
+    const seen = (countOf) => {
+      this.clear(this.pickTarget);
+      for (const cloud of clouds) {
+        this.set({ ...uniformsOf(cloud), mode: MODES.pick, plain: true });
+        this.part(this.pickTarget, near, cloud, [0, countOf(cloud)]);
+      }
+      this.set({ plain: false });
+      return this.#nearestLabel();
+    };
+    return seen((cloud) => cloud.count) ?? seen((cloud) => cloud.changed);
+  }
+
+  #nearestLabel() {
+    const edge = this.pickTarget.width;
     const bytes = new Uint8Array(4 * edge * edge);
     this.renderer.readRenderTargetPixels(this.pickTarget, 0, 0, edge, edge, bytes);
     let best = { label: null, apart: Infinity };

@@ -117,7 +117,7 @@ function visibleCells(change, others, gap, axes) {
   const hidden = new Set();
   for (let index = 0; index < others.length; index += 3) {
     const [key, depth] = cell(others, index);
-    if (depth > nearest.get(key) + gap) hidden.add(key);
+    if (depth > nearest.get(key) + 0.3 * gap) hidden.add(key);
   }
   return nearest.size - hidden.size;
 }

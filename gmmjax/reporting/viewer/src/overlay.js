@@ -27,7 +27,7 @@ export class Overlay {
     this.context.strokeStyle = this.theme.halo;
     this.context.lineWidth = (width + 1.6) * this.pixelRatio;
     const alpha = this.context.globalAlpha;
-    this.context.globalAlpha = 0.55 * alpha;
+    this.context.globalAlpha = 0.7 * alpha;
     this.context.stroke(path);
     this.context.globalAlpha = alpha;
     this.context.strokeStyle = color;
@@ -59,7 +59,8 @@ export class Overlay {
     }
   }
 
-  arrow(from, to, color) {
+  /** In the colour of the lines: over the boxes and points that moved, their own would not be seen. */
+  arrow(from, to) {
     const [start, end] = [this.project(from), this.project(to)];
     if (!start || !end) return;
     const length = Math.hypot(end[0] - start[0], end[1] - start[1]);
@@ -77,7 +78,7 @@ export class Overlay {
       );
     }
     this.context.lineCap = "round";
-    this.#stroke(path, color, 3);
+    this.#stroke(path, this.theme.line, 3.5);
     this.context.lineCap = "butt";
   }
 

@@ -8,6 +8,8 @@ import { pointFragment, pointVertex } from "./shaders.js";
 const KINDS = ["appeared", "disappeared", "moved"];
 // So many points of a change are enough to frame it, and to find the side from which it is seen.
 const SAMPLES = 400;
+// The grey of scans without colours or intensity.
+const PLAIN = 150;
 
 /** One cloud: what it draws with, and samples of the points of each change. */
 export class CloudPoints {
@@ -23,17 +25,22 @@ export class CloudPoints {
     const kinds = scene.changes.map(({ kind }) => 2 * (KINDS.indexOf(kind) + 1));
     this.places = places;
     this.samples = new Map();
-    order.forEach((from, to) => {
-      const label = decoded.labels[from];
-      places.set(decoded.steps.subarray(3 * from, 3 * from + 3), 4 * to);
+    const { steps, labels, colors, probability, distance, unobserved } = decoded;
+    for (let to = 0; to < this.count; to++) {
+      const from = order[to];
+      const label = labels[from];
+      places[4 * to] = steps[3 * from];
+      places[4 * to + 1] = steps[3 * from + 1];
+      places[4 * to + 2] = steps[3 * from + 2];
       places[4 * to + 3] = label;
-      if (decoded.colors) scan.set(decoded.colors.subarray(3 * from, 3 * from + 3), 4 * to);
-      else scan.fill(150, 4 * to, 4 * to + 3);
-      scan[4 * to + 3] = decoded.probability[from];
-      measured[4 * to] = decoded.distance ? decoded.distance[from] : 0;
-      measured[4 * to + 1] = (decoded.unobserved[from] ? 1 : 0) + (label === NO_LABEL ? 0 : (kinds[label] ?? 0));
+      scan[4 * to] = colors ? colors[3 * from] : PLAIN;
+      scan[4 * to + 1] = colors ? colors[3 * from + 1] : PLAIN;
+      scan[4 * to + 2] = colors ? colors[3 * from + 2] : PLAIN;
+      scan[4 * to + 3] = probability[from];
+      measured[4 * to] = distance ? distance[from] : 0;
+      measured[4 * to + 1] = (unobserved[from] ? 1 : 0) + (label === NO_LABEL ? 0 : (kinds[label] ?? 0));
       if (label !== NO_LABEL) this.#keepSample(label, to);
-    });
+    }
     this.geometry = new three.BufferGeometry();
     this.geometry.setAttribute("position", new three.BufferAttribute(places, 4));
     this.geometry.setAttribute("scan", new three.BufferAttribute(scan, 4, true));

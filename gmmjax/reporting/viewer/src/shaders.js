@@ -115,30 +115,31 @@ export const shadingFragment = /* glsl */ `
 precision highp float;
 uniform sampler2D colors;
 uniform sampler2D depths;
+uniform vec2 corner;     // where the picture is drawn, pixels
+uniform vec2 size;       // of the part of it that is drawn
 uniform vec2 range;      // near, far
 uniform float radius;    // pixels to the neighbours
 uniform float strength;
 out vec4 result;
 
-float octaves(ivec2 pixel, ivec2 size) {
-  float depth = texelFetch(depths, clamp(pixel, ivec2(0), size - 1), 0).r;
+float octaves(ivec2 pixel) {
+  float depth = texelFetch(depths, clamp(pixel, ivec2(0), ivec2(size) - 1), 0).r;
   if (depth >= 1.0) return 1e3;
   return log2(range.x * range.y / (range.y - depth * (range.y - range.x)));
 }
 
 void main() {
-  ivec2 pixel = ivec2(gl_FragCoord.xy);
-  ivec2 size = textureSize(colors, 0);
+  ivec2 pixel = ivec2(gl_FragCoord.xy - corner);
   vec4 color = texelFetch(colors, pixel, 0);
   if (color.a == 0.0) {
     result = vec4(0.0);
     return;
   }
-  float own = octaves(pixel, size);
+  float own = octaves(pixel);
   float behind = 0.0;
   for (int step = 0; step < 8; step++) {
     float angle = float(step) * 0.7853981634;
-    float other = octaves(pixel + ivec2(round(radius * vec2(cos(angle), sin(angle)))), size);
+    float other = octaves(pixel + ivec2(round(radius * vec2(cos(angle), sin(angle)))));
     behind += clamp(own - other, 0.0, 0.08) / 8.0;
   }
   result = vec4(color.rgb * exp(-strength * behind), 1.0);

@@ -18,8 +18,11 @@ export class View {
     this.controls.enableDamping = false;
     this.controls.zoomToCursor = name === "main";
     this.onScreen = true;
+    // The picture that is shown and the one that is being drawn, and of what they are.
     this.front = null;
     this.back = null;
+    this.frontKey = null;
+    this.backKey = null;
     // Where the numbers of the changes stand: [label, [left, top, right, bottom]].
     this.numbers = [];
   }
@@ -50,11 +53,12 @@ export class View {
       target?.depthTexture?.dispose();
       target?.dispose();
     }
-    this.front = this.back = null;
+    this.front = this.back = this.frontKey = this.backKey = null;
   }
 
   swap() {
     [this.front, this.back] = [this.back, this.front];
+    [this.frontKey, this.backKey] = [this.backKey, this.frontKey];
   }
 
   /** Looks where the shared camera looks. */

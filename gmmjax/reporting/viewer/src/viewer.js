@@ -33,9 +33,14 @@ const FRAME = 40;
 const FLIGHT = 550;
 const BLINK = { moving: 500, reduced: 2000 };
 const STILL = 160;
-// Points of a frame while the camera moves: at first, until frames have been timed, and at least.
-const FIRST_POINTS = 200000;
-const FEWEST_POINTS = 30000;
+// Points of a frame while the camera moves: until frames have been timed, and at least.
+const FIRST_POINTS = 100000;
+const FEWEST_POINTS = 12000;
+// So many times as many while nothing moves, before all are drawn.
+const STILL_FACTOR = 4;
+// Where even fewer points take too long, as without a graphics card, the picture has fewer pixels as well.
+const POINTS_AT_FULL_SIZE = 120000;
+const RESOLUTIONS = [1, 0.71, 0.5, 0.35];
 const MISSING =
   "This browser cannot draw the points here: WebGL 2 is missing or switched off. Everything else on this page works without it.";
 const LOST = "The browser has taken the graphics memory away. The points come back as soon as it is given back.";
@@ -49,7 +54,7 @@ export class Viewer {
   #drawing = null;
   #messages = [];
   #stale = true;
-  #quiet = false;
+  #version = 0;
   #job = null;
   #scheduled = false;
   #flight = null;
@@ -65,12 +70,14 @@ export class Viewer {
     this.scene = scene;
     this.onPick = onPick ?? (() => {});
     this.reducedMotion = window.matchMedia("(prefers-reduced-motion: reduce)");
-    const { lower, upper } = scene.shown;
     // In the unit of the drawing the longest edge of what is shown is 1, whatever the unit of the clouds.
-    this.scale = 1 / Math.max(...upper.map((value, axis) => value - lower[axis]));
+    this.scale = 1 / (scene.quantisation.step * 2 ** scene.quantisation.depth);
     this.camera = new three.PerspectiveCamera(FIELD_OF_VIEW, 1, 0.001, 10);
     this.camera.up.set(...scene.up);
     this.target = new three.Vector3();
+    this.coarse = false;
+    this.resolution = 1;
+    this.lost = false;
     this.canvases = Object.fromEntries(Object.entries(canvases).filter(([, canvas]) => canvas));
   }
 
@@ -103,7 +110,6 @@ export class Viewer {
       blinkSide: this.#settings.blink ? this.#blinkSide : null,
       points,
       pointsPerFrame: this.#pointsPerFrame,
-      frameSeconds: this.frameSeconds ?? null,
       camera: { position: this.camera.position.toArray(), target: this.target.toArray() },
     });
   }
@@ -282,12 +288,13 @@ export class Viewer {
     canvas.addEventListener("webglcontextlost", (event) => {
       event.preventDefault();
       this.lost = true;
+      this.#job = null;
+      this.#views.forEach((view) => view.dispose());
       this.#say(LOST);
     });
     canvas.addEventListener("webglcontextrestored", () => {
       this.lost = false;
       this.#unsay();
-      this.#views.forEach((view) => view.dispose());
       this.#invalidate();
     });
     document.addEventListener("visibilitychange", () => this.#invalidate());
@@ -316,17 +323,34 @@ export class Viewer {
     if (number) return number[0];
     const clouds = this.#sidesOf(view).map((side) => this.#clouds[side]);
     const size = [view.canvas.width, view.canvas.height];
+    this.resolution = 1;
     return this.#drawing.labelAt(view.camera, clouds, [x, y], size, (cloud) => this.#uniforms(view, cloud, 1));
   }
 
   #startBlinking() {
     clearInterval(this.#blinkTimer);
     if (!this.#settings.blink) return;
-    const change = () => {
-      this.#blinkSide = this.#blinkSide === "before" ? "after" : "before";
-      if (!document.hidden) this.#invalidate({ quiet: true });
-    };
-    this.#blinkTimer = setInterval(change, this.reducedMotion.matches ? BLINK.reduced : BLINK.moving);
+    this.#blinkTimer = setInterval(() => this.#blink(), this.reducedMotion.matches ? BLINK.reduced : BLINK.moving);
+  }
+
+  // Shows the other cloud; once both are drawn, their two pictures just change places.
+  #blink() {
+    // A slow machine blinks more slowly.
+    if (document.hidden || this.lost || !this.#isSettled()) return;
+    this.#blinkSide = this.#blinkSide === "before" ? "after" : "before";
+    const main = this.#views.find(({ name }) => name === "main");
+    if (!main.drawn || !main.front) return;
+    if (main.backKey === this.#pictureKey()) {
+      main.swap();
+      this.#present([main]);
+      return;
+    }
+    this.#job = this.#fullPicture([main]);
+    this.#request();
+  }
+
+  #pictureKey() {
+    return `${this.#version} ${this.#settings.blink ? this.#blinkSide : ""}`;
   }
 
   #sidesOf(view) {
@@ -338,17 +362,17 @@ export class Viewer {
   #uniforms(view, cloud, magnified) {
     const { settings, theme } = { settings: this.#settings, theme: themeColors(this.#theme) };
     const labels = this.#focusLabels();
-    const height = view.canvas.height;
+    const height = view.canvas.height * this.resolution;
     const side = SIDES.find((name) => this.#clouds[name] === cloud);
     return {
       lower: cloud.lower,
       latticeStep: cloud.step,
-      diameter: 1.25 * magnified * this.scene[side].spacing * this.scale,
+      diameter: 1.6 * magnified * this.scene[side].spacing * this.scale,
       pixels: height / 2 / Math.tan((FIELD_OF_VIEW * Math.PI) / 360),
-      sizes: [1.2 * view.pixelRatio, 24 * view.pixelRatio],
+      sizes: [1.2, 24].map((size) => Math.max(1, size * view.pixelRatio * this.resolution)),
       mode: MODES[settings.color],
       kinds: ["appeared", "disappeared", "moved"].map((kind) => new three.Vector3(...rgb(this.scene.kindColors[kind]))),
-      scale: scaleColors(settings.color).map((color) => new three.Vector3(...rgb(color))),
+      scale: scaleColors(settings.color, this.#theme).map((color) => new three.Vector3(...rgb(color))),
       greys: [theme.dark, theme.bright].map((color) => new three.Vector3(...rgb(color))),
       unobservedColor: rgb(UNOBSERVED[0]),
       faded: rgb(theme.faded),
@@ -363,9 +387,9 @@ export class Viewer {
     };
   }
 
-  // Draws again in the next frame; quiet: the old picture stays until the new one has all its points.
-  #invalidate({ quiet = false } = {}) {
-    this.#quiet = this.#stale ? this.#quiet && quiet : quiet;
+  // Draws again in the next frame.
+  #invalidate() {
+    this.#version++;
     this.#stale = true;
     this.#job = null;
     this.#request();
@@ -376,7 +400,7 @@ export class Viewer {
     this.#scheduled = true;
     requestAnimationFrame((now) => {
       this.#scheduled = false;
-      if (!this.lost) this.#frame(now);
+      if (!this.lost && !document.hidden) this.#frame(now);
     });
   }
 
@@ -391,16 +415,16 @@ export class Viewer {
   #frame(now) {
     if (this.#flight) {
       this.#advance(now);
+      this.#version++;
       this.#stale = true;
-      this.#quiet = false;
     }
     const moving = this.#isMoving(performance.now());
     if (this.#stale) this.#begin(moving, now);
-    else if (this.#job === null && this.coarse && !moving) this.#job = this.#fullPicture();
+    else if (!this.#job && this.coarse && !moving) this.#job = this.#fullPicture(this.#views);
     if (this.#job && !moving && this.#job.next().done) this.#job = null;
     if (this.#flight || this.#job || (this.coarse && !moving)) this.#request();
-    else if (!moving) this.#resolve();
-    else setTimeout(() => this.#request(), STILL);
+    else if (moving) setTimeout(() => this.#request(), STILL);
+    else this.#resolve();
   }
 
   #resolve() {
@@ -414,43 +438,41 @@ export class Viewer {
     const views = this.#views.filter((view) => view.drawn);
     this.#place(views);
     const total = views.reduce((sum, view) => sum + this.#count(view), 0);
-    if (this.#quiet && total > this.#pointsPerFrame) {
-      this.coarse = true;
-      return;
-    }
+    const most = this.#pointsPerFrame * (moving ? 1 : STILL_FACTOR);
+    const share = Math.min(1, most / Math.max(total, 1));
+    // In steps, as a picture of another size takes time to set up.
+    const size = Math.sqrt(most / POINTS_AT_FULL_SIZE);
+    this.resolution = share < 1 ? (RESOLUTIONS.find((step) => step <= size) ?? RESOLUTIONS.at(-1)) : 1;
     const begin = performance.now();
-    const share = Math.min(1, this.#pointsPerFrame / Math.max(total, 1));
     for (const view of views) {
-      this.#drawing.clear(view.front);
+      this.#drawing.clear(view.front, this.resolution);
+      view.frontKey = share < 1 ? null : this.#pictureKey();
       this.#draw(view, view.front, share);
-      this.#present(view);
     }
+    this.#present(views);
     if (views.length) this.#drawing.finish(views[0].front);
     this.coarse = share < 1;
-    this.#adapt(performance.now() - begin, now, moving, share);
+    if (moving) this.#adapt(performance.now() - begin, now, share);
+    else this.#lastFrame = null;
   }
 
   // So many points that the next frame takes as long as it may.
-  #adapt(took, now, moving, share) {
-    // The first picture also takes the compilation of the programs.
-    if (this.frameSeconds === undefined) {
-      this.frameSeconds = null;
-      return;
-    }
-    const since = moving && this.#lastFrame !== null ? now - this.#lastFrame : 0;
-    this.#lastFrame = moving ? now : null;
+  #adapt(took, now, share) {
+    const since = this.#lastFrame === null ? 0 : now - this.#lastFrame;
+    this.#lastFrame = now;
     const frame = Math.max(took, since < 250 ? 0.8 * since : 0);
-    this.frameSeconds = frame / 1000;
-    const factor = Math.min(1.6, Math.max(0.5, (0.8 * FRAME) / Math.max(frame, 1)));
+    const factor = Math.min(1.6, Math.max(0.25, (0.8 * FRAME) / Math.max(frame, 1)));
     if (share < 1 || factor < 1) this.#pointsPerFrame = Math.max(FEWEST_POINTS, this.#pointsPerFrame * factor);
   }
 
   // All points, a few at a time, so that the page answers in between.
-  *#fullPicture() {
-    const views = this.#views.filter((view) => view.drawn && view.front);
+  *#fullPicture(chosen) {
+    const views = chosen.filter((view) => view.drawn && view.front);
+    this.resolution = 1;
     let begin = performance.now();
     for (const view of views) {
       this.#drawing.clear(view.back);
+      view.backKey = null;
       for (const side of this.#sidesOf(view)) {
         const cloud = this.#clouds[side];
         for (const part of chunks(cloud.parts(Infinity))) {
@@ -463,8 +485,9 @@ export class Viewer {
         }
       }
       this.#drawHidden(view, view.back, 1, 1);
+      view.backKey = this.#pictureKey();
       view.swap();
-      this.#present(view);
+      this.#present([view]);
     }
     this.coarse = false;
   }
@@ -503,9 +526,9 @@ export class Viewer {
     }
   }
 
-  #present(view) {
-    this.#drawing.show(view.front, view.camera, view.context, view.pixelRatio);
-    this.#drawOver(view);
+  #present(views) {
+    if (views.length) this.#drawing.show(views);
+    views.forEach((view) => this.#drawOver(view));
   }
 
   #drawOver(view) {
@@ -545,7 +568,7 @@ export class Viewer {
       if (change.partner === null || change.side !== "before") continue;
       if (this.#focus !== null && !focused.includes(change.label)) continue;
       const [from, to] = [change, this.scene.changes[change.partner]].map((item) => this.#scaled(item).centre);
-      overlay.arrow(from, to, this.scene.kindColors.moved);
+      overlay.arrow(from, to);
     }
   }
 
@@ -566,7 +589,7 @@ export class Viewer {
       message.className = "viewer-message";
       message.setAttribute("role", "status");
       message.textContent = text;
-      canvas.hidden = true;
+      canvas.style.display = "none";
       canvas.after(message);
       this.#messages.push(message);
     }
@@ -574,6 +597,6 @@ export class Viewer {
 
   #unsay() {
     for (const message of this.#messages.splice(0)) message.remove();
-    for (const canvas of Object.values(this.canvases)) canvas.hidden = false;
+    for (const canvas of Object.values(this.canvases)) canvas.style.display = "";
   }
 }
