@@ -24,7 +24,7 @@ DETECTORS = ("joint", "greedy", "c2c")
 
 
 def new_figure(width: float, height: float) -> Figure:
-    return Figure(figsize=(width, height), layout="constrained")
+    return Figure(figsize=(width, height), layout="compressed")
 
 
 def clustering(scene: GaussianScene, mixtures: list[GaussianMixture]) -> Figure:

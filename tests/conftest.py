@@ -25,6 +25,7 @@ with install_import_hook("gmmjax", "beartype.beartype"):
     import gmmjax
     import gmmjax.cli
     import gmmjax.evaluation
+    import gmmjax.plotting
     import gmmjax.reporting
     import gmmjax.reporting.frame_files
     import gmmjax.scenes

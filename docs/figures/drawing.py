@@ -13,6 +13,7 @@ from PIL import Image
 
 from gmmjax.clouds import PointCloud
 from gmmjax.pair import Pair
+from gmmjax.reporting.palette import KIND_COLORS
 
 matplotlib.use("agg")
 matplotlib.rcParams.update({"font.size": 9, "svg.hashsalt": "gmmjax", "axes.titlesize": "medium"})
@@ -20,6 +21,7 @@ matplotlib.rcParams.update({"font.size": 9, "svg.hashsalt": "gmmjax", "axes.titl
 IMAGES = Path(__file__).parents[1] / "images"
 # Apart from each other for all eyes, and from the kinds of changes.
 BEFORE, AFTER = "#7B3294", "#E69F00"
+KEPT = ("#FFFFFF", "#000000", BEFORE, AFTER, *KIND_COLORS.values())
 
 
 def saved(figure: Figure, name: str, *, dpi: int = 110, colors: int = 160) -> None:
@@ -38,12 +40,18 @@ def saved(figure: Figure, name: str, *, dpi: int = 110, colors: int = 160) -> No
         buffer = io.BytesIO()
         figure.savefig(buffer, dpi=dpi, facecolor="white")
         picture = Image.open(buffer).convert("RGB")
-        picture.quantize(colors, dither=Image.Dither.NONE).save(file, optimize=True)
+        few = picture.quantize(colors, dither=Image.Dither.NONE)
+        # Colours with a meaning stay exactly what they are.
+        meant = [int(name[place : place + 2], 16) for name in KEPT for place in (1, 3, 5)]
+        few.putpalette([*(few.getpalette() or [])[: 3 * colors], *meant])
+        picture.quantize(palette=few, dither=Image.Dither.NONE).save(file, optimize=True)
     pyplot.close(figure)
     print(f"{file.relative_to(IMAGES.parents[1])}: {file.stat().st_size / 1000:.0f} kB")
 
 
-def overlaid(clouds: Pair[Float[np.ndarray, "n 3"]], ax: Axes, *, axes: tuple[int, int] = (0, 1), size: float = 1.0) -> None:
+def overlaid(
+    clouds: Pair[Float[np.ndarray, "n 3"]], ax: Axes, *, axes: tuple[int, int] = (0, 1), size: float = 1.0
+) -> None:
     """Draws two clouds over each other, before in purple and after in orange, so that one sees how they lie."""
     points = np.concatenate(list(clouds))
     colors = np.repeat([BEFORE, AFTER], [len(cloud) for cloud in clouds])

@@ -23,7 +23,7 @@ from gmmjax import Changes, read_cloud
 from gmmjax.cli import main
 from gmmjax.clouds import write_ply, write_views
 from gmmjax.geometry import rigid_transform, transformed
-from gmmjax.pair import Pair, each
+from gmmjax.pair import Pair
 from gmmjax.plotting import plot_changes
 from gmmjax.reporting.truth_rows import false_labels, truth_rows
 from gmmjax.scenes import StorehouseSettings, SurveyedScene, family_scene, storehouse
@@ -80,7 +80,7 @@ class Run:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Outcome:
-    """What came of a run: what the terminal said, the scans as they were given, and the changes, if there is a result."""
+    """What came of a run: the terminal's output, the scans as they were given, and the changes, where there are any."""
 
     said: str
     clouds: Pair
@@ -108,6 +108,7 @@ def wrapped(text: str, width: int = 80) -> str:
 
 
 def changes_from_above(ax: Axes, outcome: Outcome) -> None:
+    """The changes over both clouds."""
     assert outcome.changes is not None
     plot_changes(outcome.changes, *outcome.clouds, direction="above", ax=ax, legend=False)
 
@@ -120,10 +121,13 @@ def as_registered(ax: Axes, outcome: Outcome) -> None:
 
 
 def as_given(ax: Axes, outcome: Outcome) -> None:
+    """Both clouds from above, with the coordinates of their files."""
     overlaid(outcome.clouds.map(lambda cloud: cloud.points), ax, size=2.0)
 
 
 def colored(settings: StorehouseSettings, shown: Pair = Pair(None, None)) -> Callable[[], Scans]:
+    """Makes scans of the storehouse."""
+
     def scans() -> Scans:
         made = storehouse(0, settings)
         return Scans(made.scene, made.colors, shown)
@@ -148,6 +152,7 @@ def displaced(degrees: float, shift: Sequence[float]) -> Callable:
 
 
 def scaled(factor: float) -> Callable:
+    """All of it, in another unit."""
     return lambda points: (factor * points, np.arange(len(points)))
 
 
@@ -177,8 +182,8 @@ CASES: dict[str, tuple[Run, Run]] = {
         Run(colored(SMALL), "both in metres"),
     ),
     "voxel": (
-        Run(colored(SMALL), "voxels of 30 cm", ("--voxel-size", "0.3")),
-        Run(colored(SMALL), "no voxels: 25,000 points are few"),
+        Run(colored(StorehouseSettings()), "voxels of 30 cm", ("--voxel-size", "0.3")),
+        Run(colored(StorehouseSettings()), "without --voxel-size"),
     ),
     "doubtful": (
         Run(slope, "without poses"),
@@ -188,11 +193,11 @@ CASES: dict[str, tuple[Run, Run]] = {
 
 
 def put(name: str, text: str) -> None:
-    """Replaces what stands between the marks of a case in the page."""
+    """Replaces what stands between the marks of a case in the page, if it has any."""
     begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
     page = PAGE.read_text(encoding="utf-8")
-    if page.count(begin) != 1 or page.count(end) != 1:
-        raise SystemExit(f"{PAGE}: write {begin} and {end} where the output of {name} belongs")
+    if begin not in page:
+        return
     before, rest = page.split(begin)
     PAGE.write_text(f"{before}{begin}\n\n```text\n{text}\n```\n\n{end}{rest.split(end)[1]}", encoding="utf-8")
 

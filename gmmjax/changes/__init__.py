@@ -1,97 +1,104 @@
 """From two clouds to changes: the stages of detection, the detectors, the records."""
 
-from gmmjax.changes.align.alignment import AlignSettings as AlignSettings
-from gmmjax.changes.align.alignment import aligned as aligned
-from gmmjax.changes.candidates import Candidates as Candidates
-from gmmjax.changes.candidates import CandidateSettings as CandidateSettings
-from gmmjax.changes.change import Box as Box
-from gmmjax.changes.change import Change as Change
-from gmmjax.changes.change import Changes as Changes
-from gmmjax.changes.change import Kind as Kind
-from gmmjax.changes.change import Reason as Reason
-from gmmjax.changes.change import RejectedCandidate as RejectedCandidate
-from gmmjax.changes.change_table import ChangeColumns as ChangeColumns
-from gmmjax.changes.change_table import change_columns as change_columns
-from gmmjax.changes.config import METHODS as METHODS
-from gmmjax.changes.config import PRIOR_LEAVES as PRIOR_LEAVES
-from gmmjax.changes.config import DetectionConfig as DetectionConfig
-from gmmjax.changes.config import Method as Method
-from gmmjax.changes.config import with_settings as with_settings
-from gmmjax.changes.consensus import Consensus as Consensus
-from gmmjax.changes.consensus import Doubling as Doubling
-from gmmjax.changes.consensus import largest_difference as largest_difference
-from gmmjax.changes.detect import detect_changes as detect_changes
-from gmmjax.changes.detect import detect_consensus as detect_consensus
-from gmmjax.changes.detectors import DETECTORS as DETECTORS
-from gmmjax.changes.detectors import AbstractChangeDetector as AbstractChangeDetector
-from gmmjax.changes.detectors import AbstractDetector as AbstractDetector
-from gmmjax.changes.detectors import AbstractRestartDetector as AbstractRestartDetector
-from gmmjax.changes.detectors import Detection as Detection
-from gmmjax.changes.detectors import GreedyDetector as GreedyDetector
-from gmmjax.changes.detectors import JointDetector as JointDetector
-from gmmjax.changes.detectors import Scan as Scan
-from gmmjax.changes.detectors import TransportDetector as TransportDetector
-from gmmjax.changes.detectors.greedy_removal import Removals as Removals
-from gmmjax.changes.detectors.greedy_removal import remove_changed as remove_changed
-from gmmjax.changes.detectors.joint import UnpairedChanges as UnpairedChanges
-from gmmjax.changes.detectors.unmatched_mass import Unmatched as Unmatched
-from gmmjax.changes.detectors.unmatched_mass import unmatched_shares as unmatched_shares
-from gmmjax.changes.differences import DifferenceSettings as DifferenceSettings
-from gmmjax.changes.differences import LocalDifference as LocalDifference
-from gmmjax.changes.differences import differences_between as differences_between
-from gmmjax.changes.evidence.candidate import Candidate as Candidate
-from gmmjax.changes.evidence.examination import EvidenceSettings as EvidenceSettings
-from gmmjax.changes.evidence.facts import FACTS as FACTS
-from gmmjax.changes.evidence.facts import measured as measured
-from gmmjax.changes.evidence.facts import names_of as names_of
-from gmmjax.changes.evidence.free_space import Survey as Survey
-from gmmjax.changes.evidence.verdict import Verdict as Verdict
-from gmmjax.changes.evidence.verdict_file import Verdicts as Verdicts
-from gmmjax.changes.evidence.verdict_file import read_verdicts as read_verdicts
-from gmmjax.changes.evidence.verdict_file import shipped_verdicts as shipped_verdicts
-from gmmjax.changes.evidence.verdict_file import write_verdicts as write_verdicts
-from gmmjax.changes.explanation import Contribution as Contribution
-from gmmjax.changes.explanation import Explanation as Explanation
-from gmmjax.changes.fit.joint_mixture import JointMixture as JointMixture
-from gmmjax.changes.fit.joint_mixture import component_posterior as component_posterior
-from gmmjax.changes.fit.joint_mixture import density_ratio as density_ratio
-from gmmjax.changes.fit.joint_mixture import log_joint as log_joint
-from gmmjax.changes.fit.joint_mixture import point_posterior as point_posterior
-from gmmjax.changes.fit.joint_mixture_model import NOISE_SHARE as NOISE_SHARE
-from gmmjax.changes.fit.joint_mixture_model import SourcedPoints as SourcedPoints
-from gmmjax.changes.fit.joint_mixture_model import fit_joint_mixture_from_seeds as fit_joint_mixture_from_seeds
-from gmmjax.changes.fit.joint_mixture_model import joint_prior as joint_prior
-from gmmjax.changes.fit.joint_problem import JointFitSettings as JointFitSettings
-from gmmjax.changes.fit.joint_problem import joint_problem as joint_problem
-from gmmjax.changes.fit.restart_fits import RestartFits as RestartFits
-from gmmjax.changes.objects.cloud_changes import change_of as change_of
-from gmmjax.changes.objects.found import KINDS as KINDS
-from gmmjax.changes.objects.found import ObjectSettings as ObjectSettings
-from gmmjax.changes.objects.match import match_of as match_of
-from gmmjax.changes.objects.match_facts import MatchFacts as MatchFacts
-from gmmjax.changes.objects.moved import MovedSettings as MovedSettings
-from gmmjax.changes.objects.moved import PairHypothesis as PairHypothesis
-from gmmjax.changes.objects.moved import pair_hypotheses as pair_hypotheses
-from gmmjax.changes.objects.moved import place_hypotheses as place_hypotheses
-from gmmjax.changes.objects.same_object import LogisticWeights as LogisticWeights
-from gmmjax.changes.objects.same_object import SameObjectModel as SameObjectModel
-from gmmjax.changes.objects.same_object import Situation as Situation
-from gmmjax.changes.prepare.checking import NAMES as NAMES
-from gmmjax.changes.prepare.checking import CheckedCloud as CheckedCloud
-from gmmjax.changes.prepare.checking import CheckSettings as CheckSettings
-from gmmjax.changes.prepare.checking import check_overlap as check_overlap
-from gmmjax.changes.prepare.checking import check_pair as check_pair
-from gmmjax.changes.prepare.resolution import ResolutionSettings as ResolutionSettings
-from gmmjax.changes.prepare.resolution import WorkingCloud as WorkingCloud
-from gmmjax.changes.prepare.resolution import WorkingPair as WorkingPair
-from gmmjax.changes.prepare.resolution import working_pair as working_pair
-from gmmjax.changes.prepare.separate_clouds import default_components as default_components
-from gmmjax.changes.prepare.separate_clouds import reduced as reduced
-from gmmjax.changes.presentation import GivenCloud as GivenCloud
-from gmmjax.changes.presentation import Presented as Presented
-from gmmjax.changes.presentation import presented as presented
-from gmmjax.changes.progress import Progress as Progress
-from gmmjax.changes.progress import silent as silent
-from gmmjax.changes.registration import Registration as Registration
-from gmmjax.changes.storage import CHANGES_FILE as CHANGES_FILE
-from gmmjax.changes.storage import LABELS_FILE as LABELS_FILE
+from typing import TYPE_CHECKING
+
+from gmmjax._lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from gmmjax.changes.align.alignment import AlignSettings as AlignSettings
+    from gmmjax.changes.align.alignment import aligned as aligned
+    from gmmjax.changes.candidates import Candidates as Candidates
+    from gmmjax.changes.candidates import CandidateSettings as CandidateSettings
+    from gmmjax.changes.change import Box as Box
+    from gmmjax.changes.change import Change as Change
+    from gmmjax.changes.change import Changes as Changes
+    from gmmjax.changes.change import Kind as Kind
+    from gmmjax.changes.change import Reason as Reason
+    from gmmjax.changes.change import RejectedCandidate as RejectedCandidate
+    from gmmjax.changes.change_table import ChangeColumns as ChangeColumns
+    from gmmjax.changes.change_table import change_columns as change_columns
+    from gmmjax.changes.config import METHODS as METHODS
+    from gmmjax.changes.config import PRIOR_LEAVES as PRIOR_LEAVES
+    from gmmjax.changes.config import DetectionConfig as DetectionConfig
+    from gmmjax.changes.config import Method as Method
+    from gmmjax.changes.config import with_settings as with_settings
+    from gmmjax.changes.consensus import Consensus as Consensus
+    from gmmjax.changes.consensus import Doubling as Doubling
+    from gmmjax.changes.consensus import largest_difference as largest_difference
+    from gmmjax.changes.detect import detect_changes as detect_changes
+    from gmmjax.changes.detect import detect_consensus as detect_consensus
+    from gmmjax.changes.detectors import DETECTORS as DETECTORS
+    from gmmjax.changes.detectors import AbstractChangeDetector as AbstractChangeDetector
+    from gmmjax.changes.detectors import AbstractDetector as AbstractDetector
+    from gmmjax.changes.detectors import AbstractRestartDetector as AbstractRestartDetector
+    from gmmjax.changes.detectors import Detection as Detection
+    from gmmjax.changes.detectors import GreedyDetector as GreedyDetector
+    from gmmjax.changes.detectors import JointDetector as JointDetector
+    from gmmjax.changes.detectors import Scan as Scan
+    from gmmjax.changes.detectors import TransportDetector as TransportDetector
+    from gmmjax.changes.detectors.greedy_removal import Removals as Removals
+    from gmmjax.changes.detectors.greedy_removal import remove_changed as remove_changed
+    from gmmjax.changes.detectors.joint import UnpairedChanges as UnpairedChanges
+    from gmmjax.changes.detectors.unmatched_mass import Unmatched as Unmatched
+    from gmmjax.changes.detectors.unmatched_mass import unmatched_shares as unmatched_shares
+    from gmmjax.changes.differences import DifferenceSettings as DifferenceSettings
+    from gmmjax.changes.differences import LocalDifference as LocalDifference
+    from gmmjax.changes.differences import differences_between as differences_between
+    from gmmjax.changes.evidence.candidate import Candidate as Candidate
+    from gmmjax.changes.evidence.examination import EvidenceSettings as EvidenceSettings
+    from gmmjax.changes.evidence.facts import FACTS as FACTS
+    from gmmjax.changes.evidence.facts import measured as measured
+    from gmmjax.changes.evidence.facts import names_of as names_of
+    from gmmjax.changes.evidence.free_space import Survey as Survey
+    from gmmjax.changes.evidence.verdict import Verdict as Verdict
+    from gmmjax.changes.evidence.verdict_file import Verdicts as Verdicts
+    from gmmjax.changes.evidence.verdict_file import read_verdicts as read_verdicts
+    from gmmjax.changes.evidence.verdict_file import shipped_verdicts as shipped_verdicts
+    from gmmjax.changes.evidence.verdict_file import write_verdicts as write_verdicts
+    from gmmjax.changes.explanation import Contribution as Contribution
+    from gmmjax.changes.explanation import Explanation as Explanation
+    from gmmjax.changes.fit.joint_mixture import JointMixture as JointMixture
+    from gmmjax.changes.fit.joint_mixture import component_posterior as component_posterior
+    from gmmjax.changes.fit.joint_mixture import density_ratio as density_ratio
+    from gmmjax.changes.fit.joint_mixture import log_joint as log_joint
+    from gmmjax.changes.fit.joint_mixture import point_posterior as point_posterior
+    from gmmjax.changes.fit.joint_mixture_model import NOISE_SHARE as NOISE_SHARE
+    from gmmjax.changes.fit.joint_mixture_model import SourcedPoints as SourcedPoints
+    from gmmjax.changes.fit.joint_mixture_model import fit_joint_mixture_from_seeds as fit_joint_mixture_from_seeds
+    from gmmjax.changes.fit.joint_mixture_model import joint_prior as joint_prior
+    from gmmjax.changes.fit.joint_problem import JointFitSettings as JointFitSettings
+    from gmmjax.changes.fit.joint_problem import joint_problem as joint_problem
+    from gmmjax.changes.fit.restart_fits import RestartFits as RestartFits
+    from gmmjax.changes.objects.cloud_changes import change_of as change_of
+    from gmmjax.changes.objects.found import KINDS as KINDS
+    from gmmjax.changes.objects.found import ObjectSettings as ObjectSettings
+    from gmmjax.changes.objects.match import match_of as match_of
+    from gmmjax.changes.objects.match_facts import MatchFacts as MatchFacts
+    from gmmjax.changes.objects.moved import MovedSettings as MovedSettings
+    from gmmjax.changes.objects.moved import PairHypothesis as PairHypothesis
+    from gmmjax.changes.objects.moved import pair_hypotheses as pair_hypotheses
+    from gmmjax.changes.objects.moved import place_hypotheses as place_hypotheses
+    from gmmjax.changes.objects.same_object import LogisticWeights as LogisticWeights
+    from gmmjax.changes.objects.same_object import SameObjectModel as SameObjectModel
+    from gmmjax.changes.objects.same_object import Situation as Situation
+    from gmmjax.changes.prepare.checking import NAMES as NAMES
+    from gmmjax.changes.prepare.checking import CheckedCloud as CheckedCloud
+    from gmmjax.changes.prepare.checking import CheckSettings as CheckSettings
+    from gmmjax.changes.prepare.checking import check_overlap as check_overlap
+    from gmmjax.changes.prepare.checking import check_pair as check_pair
+    from gmmjax.changes.prepare.resolution import ResolutionSettings as ResolutionSettings
+    from gmmjax.changes.prepare.resolution import WorkingCloud as WorkingCloud
+    from gmmjax.changes.prepare.resolution import WorkingPair as WorkingPair
+    from gmmjax.changes.prepare.resolution import working_pair as working_pair
+    from gmmjax.changes.prepare.separate_clouds import default_components as default_components
+    from gmmjax.changes.prepare.separate_clouds import reduced as reduced
+    from gmmjax.changes.presentation import GivenCloud as GivenCloud
+    from gmmjax.changes.presentation import Presented as Presented
+    from gmmjax.changes.presentation import presented as presented
+    from gmmjax.changes.progress import Progress as Progress
+    from gmmjax.changes.progress import silent as silent
+    from gmmjax.changes.registration import Registration as Registration
+    from gmmjax.changes.storage import CHANGES_FILE as CHANGES_FILE
+    from gmmjax.changes.storage import LABELS_FILE as LABELS_FILE
+
+__getattr__, __dir__ = lazy_names(__name__)

@@ -3,12 +3,14 @@
 import dataclasses
 import sys
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from gmmjax.errors import LARGEST_INTEGER, InputError, check_choice, shown
-from gmmjax.mixtures import Prior
+
+if TYPE_CHECKING:
+    from gmmjax.mixtures import Prior
 
 Method = Literal["joint", "greedy", "transport"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -156,7 +158,7 @@ class DetectionConfig:
         if not (_is_real(self.threshold) and 0 < self.threshold < 1):
             raise InputError(f"threshold={shown(self.threshold)} must lie between 0 and 1")
 
-    def over(self, prior: Prior) -> Prior:
+    def over(self, prior: "Prior") -> "Prior":
         """The prior of a fit, with what these settings say of it in place of what was derived from the data.
 
         Args:
@@ -196,7 +198,7 @@ class DetectionConfig:
         return cls(**values)
 
 
-def with_settings(prior: Prior, settings: Mapping[str, Any]) -> Prior:
+def with_settings(prior: "Prior", settings: Mapping[str, Any]) -> "Prior":
     """The prior with settings of `PRIOR_LEAVES` in place of its own; a share of stray points that is set is fixed.
 
     Args:

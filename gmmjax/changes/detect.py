@@ -53,8 +53,9 @@ def detect_changes(
         ComputationError: no restart gave a mixture, or no pair of separate mixtures could be compared.
 
     Warns:
-        InputWarning: files that state two reference systems; extents that differ as if in another unit; extents that do not overlap, where no registration is
-            made or it is in doubt; a registration in doubt; views that contradict their cloud, which are not used.
+        InputWarning: extents that differ as if in another unit; extents that do not overlap, where no registration is
+            made or it is in doubt; a registration in doubt; views that contradict their cloud, which are not used;
+            files that state two reference systems.
     """
     config = _overridden(config or DetectionConfig(), method=method, restarts=restarts, seed=seed)
     scans = _scans(before, after, views_before, views_after)

@@ -44,7 +44,7 @@ def presented(changes: "Changes", before: GivenCloud | None = None, after: Given
     Raises:
         InputError: clouds that are not known, or are not those of the changes.
     """
-    remembered = changes.clouds or Pair[Any](None, None)
+    remembered: Pair[Any] = changes.clouds or Pair(None, None)
     given = Pair(remembered.before if before is None else before, remembered.after if after is None else after)
     for name, cloud in zip(("before", "after"), given, strict=True):
         if cloud is None:

@@ -7,6 +7,7 @@ from contextlib import suppress
 from importlib import import_module
 
 from gmmjax._messages import print_message
+from gmmjax.cli.garbage import no_search_of_imports
 from gmmjax.cli.interruption import INTERRUPTED, INTERRUPTION, interruptions
 from gmmjax.errors import ComputationError, InputError
 
@@ -16,6 +17,10 @@ BAD_INPUT = 2
 # What a shell reports for a program that SIGPIPE ended, as it ends others whose reader has gone.
 PIPE_CLOSED = 141
 
+# What nearly all commands need, and with it most of what takes time to import: before the work begins, so that an
+# interruption finds no import half done.
+NEEDED = ("gmmjax.reporting.console", "gmmjax.changes.detectors.joint")
+HELP = frozenset({"-h", "--help"})
 DESCRIPTION = "What changed between two 3D scans, and how sure are you?   (gmmjax --version prints the version.)"
 
 # Command: its module in this package, which has a function `command(arguments)` that gives the function to be run on
@@ -53,8 +58,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         try:
-            with interruptions() as loaded:
-                return _status(words, loaded)
+            with (
+                no_search_of_imports(own_process=arguments is None) as imported,
+                interruptions() as interruptible,
+            ):
+                return _status(words, lambda: (imported(), interruptible()))
         finally:
             # What is left in the buffer would fail to be written when it is too late to give a status.
             if sys.stdout is not None:
@@ -67,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return PIPE_CLOSED
 
 
-def _status(words: list[str], loaded: Callable[[], None]) -> int:
+def _status(words: list[str], loaded: Callable[[], object]) -> int:
     if words == ["--version"]:
         from gmmjax import __version__
 
@@ -92,7 +100,7 @@ def _discard_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _run(words: list[str], loaded: Callable[[], None]) -> int:
+def _run(words: list[str], loaded: Callable[[], object]) -> int:
     import tyro
 
     words = _joined(words)
@@ -100,8 +108,9 @@ def _run(words: list[str], loaded: Callable[[], None]) -> int:
     commands: dict[str, Callable[..., int]] = {other: _summary(text) for other, (_, text) in COMMANDS.items()}
     if name in COMMANDS:
         module = import_module(f"gmmjax.cli.{COMMANDS[name][0]}")
-        # All commands need it, and most of what takes time to import comes with it.
-        import_module("gmmjax.reporting.console")
+        if HELP.isdisjoint(words):
+            for needed in NEEDED:
+                import_module(needed)
         loaded()
         if name == "detect":
             words = [name, *module.completed(words[1:])]

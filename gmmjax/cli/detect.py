@@ -15,8 +15,8 @@ from gmmjax.changes import DetectionConfig
 from gmmjax.cli.flags import flags_of
 from gmmjax.cli.log import shown_log
 from gmmjax.cli.sensor_options import SensorOption
-from gmmjax.clouds import read_toml
 from gmmjax.errors import InputError
+from gmmjax.pair import Pair
 
 Flags = flags_of(DetectionConfig)
 
@@ -40,6 +40,7 @@ def detect(
     sensor_before: Annotated[tuple[float, ...], tyro.conf.arg(metavar="X Y Z")] = (),
     sensor_after: Annotated[tuple[float, ...], tyro.conf.arg(metavar="X Y Z")] = (),
     explain: Annotated[str | None, tyro.conf.arg(metavar="[LABEL]")] = None,
+    plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE.png")] = None,
     overwrite: bool = False,
     verbose: Annotated[tyro.conf.UseCounterAction[int], tyro.conf.arg(aliases=["-v"])] = 0,
     quiet: bool = False,
@@ -68,6 +69,8 @@ def detect(
         explain: also print why each change is one and why each rejected candidate is not: the facts that decided, with
             their contributions in log odds. With a LABEL, only for that change. The report and changes.json always
             have them.
+        plot: also draw both scans, and the changes from above and from the side, into a .png, .svg or .pdf file; needs
+            matplotlib (the extra "plot").
         overwrite: replace a previous result in the output folder.
         verbose: show the log in place of the progress bar; -vv shows details, too.
         quiet: print nothing but errors.
@@ -87,6 +90,10 @@ def detect(
         SensorOption("after", views_after, sensor_after, sensor_at_origin),
     )
     check_result_folder(out, overwrite=overwrite)
+    if plot is not None:
+        from gmmjax.plotting import check_figure_file
+
+        check_figure_file(plot)
     use_compilation_cache()
     with (
         console.shown_warnings(quiet=quiet),
@@ -101,12 +108,17 @@ def detect(
         )
         progress("Writing the results", 1.0)
         write_result(out, *clouds, changes, overwrite=overwrite)
+        if plot is not None:
+            from gmmjax.plotting import overview_figure, write_figure
+
+            write_figure(plot, overview_figure(changes, Pair(*clouds)))
     known = only is None or only < len(changes)
     if print_json:
         console.print_json(changes)
     elif not quiet:
         console.print_changes(changes, explain=explain is not None and known, only=only)
         console.print_files(out, result_files(out))
+        console.print_plot(plot)
         console.print_report_hint(out / "report.html")
     if not known:
         labels = ", ".join(map(str, range(len(changes)))) or "none"
@@ -141,6 +153,8 @@ def read_settings(file: Path) -> DetectionConfig:
     Raises:
         InputError: a file that cannot be read, is no TOML, or has unknown or wrong settings; it names the file.
     """
+    from gmmjax.clouds import read_toml
+
     settings = read_toml(file)
     try:
         config = DetectionConfig.from_dict(settings)

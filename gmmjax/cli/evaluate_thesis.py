@@ -9,7 +9,7 @@ import tyro
 from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.cli.evaluation import DONE, FAILED
 from gmmjax.errors import InputError, check_seed
-from gmmjax.thesis.chapter4 import PARTS, PartName, Plan, run_chapter
+from gmmjax.thesis.chapter4 import PARTS, PartName
 
 
 def command(arguments: Sequence[str]) -> Callable[..., int]:
@@ -43,6 +43,7 @@ def evaluate_thesis(
         quiet: print nothing but errors.
     """
     from gmmjax.reporting import console
+    from gmmjax.thesis.chapter4 import Plan, run_chapter
     from gmmjax.thesis.report import open_folder, print_thesis, write_results
 
     check_seed("--first-seed", first_seed)

@@ -12,10 +12,10 @@ from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.changes import DetectionConfig
 from gmmjax.cli.detect import read_settings
 from gmmjax.errors import ComputationError, InputError, check_seed
-from gmmjax.evaluation import Detector, Name, available, detector
+from gmmjax.evaluation import Name
 
 if TYPE_CHECKING:
-    from gmmjax.evaluation import Evaluation, PairSource, ReliabilityRecord
+    from gmmjax.evaluation import Detector, Evaluation, PairSource, ReliabilityRecord
 
 DONE, FAILED = 0, 1
 TABLE_ENDINGS = (".csv", ".json", ".md")
@@ -103,7 +103,7 @@ def run_evaluation(sources: Sequence["PairSource"], options: Options, *, evidenc
         InputError: m3c2 is asked for and not installed.
         ComputationError: every pair failed.
     """
-    from gmmjax.evaluation import ReliabilityRecord, evaluate
+    from gmmjax.evaluation import ReliabilityRecord, available, detector, evaluate
     from gmmjax.reporting import console
 
     names = options.methods or available(evidence=evidence)

@@ -36,6 +36,7 @@ def fit(
     seed: int = 0,
     voxel_size: float | None = None,
     max_points: int = 16384,
+    plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE.png")] = None,
     overwrite: bool = False,
     quiet: bool = False,
 ) -> int:
@@ -51,6 +52,7 @@ def fit(
         seed: of the random starts.
         voxel_size: edge of the voxels that the scan is reduced to. None: the smallest that leaves `max_points`.
         max_points: a scan with more points is reduced to voxels, at most this number.
+        plot: also draw the scan with its Gaussians into a .png, .svg or .pdf file; needs matplotlib (the extra "plot").
         overwrite: replace a previous mixture in the output folder.
         quiet: print nothing but errors.
     """
@@ -61,6 +63,10 @@ def fit(
 
     check_seed("--seed", seed)
     check_mixture_folder(out, overwrite=overwrite)
+    if plot is not None:
+        from gmmjax.plotting import check_figure_file
+
+        check_figure_file(plot)
     use_compilation_cache()
     with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
         progress("Reading the cloud", 0.0)
@@ -77,9 +83,14 @@ def fit(
         counts = {"points": len(read), "rows_dropped": read.rows_dropped, "points_fitted": len(weighted.mass)}
         settings = {**given, **counts, "voxel_size": voxel_size}
         write_mixture(out, found, source=str(cloud), settings=settings, overwrite=overwrite)
+        if plot is not None:
+            from gmmjax.plotting import fit_figure, write_figure
+
+            write_figure(plot, fit_figure(found, read))
     if not quiet:
         console.print_fit(found, read)
         console.print_files(out, MIXTURE_FILES)
+        console.print_plot(plot)
     return 0
 
 

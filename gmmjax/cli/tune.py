@@ -11,7 +11,7 @@ import tyro
 from tyro.conf import OmitArgPrefixes, Positional
 
 from gmmjax._compilation_cache import use_compilation_cache
-from gmmjax.changes import DetectionConfig, names_of
+from gmmjax.changes import DetectionConfig
 from gmmjax.cli.detect import read_settings
 from gmmjax.cli.flags import flags_of
 from gmmjax.errors import InputError
@@ -118,6 +118,8 @@ def _check_out(out: Path, overwrite: bool) -> None:
 
 def _fingerprint(pairs: "Sequence[ScanPair]", config: DetectionConfig, settings: TuningSettings) -> str:
     """What a tuning depends on, all but how many steps it may take."""
+    from gmmjax.changes import names_of
+
     about = [
         sorted(config.to_dict().items()),
         sorted((name, value) for name, value in dataclasses.asdict(settings).items() if name != "steps"),

@@ -70,7 +70,72 @@ def decode_mesh(request: dict[str, Any]) -> Iterator[bytes | bytearray]:
         yield np.ascontiguousarray(values, np.float64).tobytes()
 
 
-DECODERS: dict[str, Callable[[dict[str, Any]], Iterator[bytes | bytearray]]] = {"laz": decode_laz, "mesh": decode_mesh}
+def decode_e57(request: dict[str, Any]) -> Iterator[bytes | bytearray]:
+    """What an E57 file says of its scans, in JSON; then their points, float64 [N, fields], a block or more each.
+
+    Only scans with Cartesian coordinates are decoded; each ends with an empty block.
+    """
+    from pye57 import libe57
+
+    _limit_memory(request["memory"])
+    image = libe57.ImageFile(request["path"], "r")
+    root = image.root()
+    scans = [root["data3D"][index] for index in range(len(root["data3D"]))] if root.isDefined("data3D") else []
+    described = [_scan_details(scan) for scan in scans]
+    system = str(root["coordinateMetadata"].value()) if root.isDefined("coordinateMetadata") else ""
+    yield json.dumps({"scans": described, "coordinate_metadata": system}).encode()
+    for scan, details in zip(scans, described, strict=True):
+        if {"cartesianX", "cartesianY", "cartesianZ"} <= set(details["fields"]) and details["count"]:
+            yield from _scan_blocks(image, scan["points"], details["fields"])
+        yield b""
+    image.close()
+
+
+def _scan_details(scan: Any) -> dict[str, Any]:
+    """Names of the numeric fields, number of points, and the pose: rotation w, x, y, z, and translation."""
+    from pye57 import libe57
+    from pye57.utils import get_fields
+
+    if not scan.isDefined("points"):
+        return {"fields": [], "count": 0, "pose": None}
+    points = scan["points"]
+    prototype = libe57.StructureNode(points.prototype())
+    numeric = (libe57.FloatNode, libe57.IntegerNode, libe57.ScaledIntegerNode)
+    fields = [name for name in get_fields(prototype) if isinstance(prototype[name], numeric)]
+    pose = None
+    if scan.isDefined("pose"):
+        defaults = {"rotation": {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}, "translation": dict.fromkeys("xyz", 0.0)}
+        pose = [
+            [
+                float(scan[f"pose/{part}/{axis}"].value()) if scan.isDefined(f"pose/{part}/{axis}") else default[axis]
+                for axis in default
+            ]
+            for part, default in defaults.items()
+        ]
+    return {"fields": fields, "count": points.childCount(), "pose": pose}
+
+
+def _scan_blocks(image: Any, points: Any, fields: list[str]) -> Iterator[bytes]:
+    import numpy as np
+    from pye57 import libe57
+
+    capacity = max(min(points.childCount(), FRAME // (8 * len(fields))), 1)
+    columns = [np.empty(capacity) for _ in fields]
+    buffers = libe57.VectorSourceDestBuffer()
+    for name, column in zip(fields, columns, strict=True):
+        # Whole numbers become floats, and scaled ones are scaled.
+        buffers.append(libe57.SourceDestBuffer(image, name, column, capacity, True, True))
+    reader = points.reader(buffers)
+    while count := reader.read():
+        yield np.stack([column[:count] for column in columns], axis=1).tobytes()
+    reader.close()
+
+
+DECODERS: dict[str, Callable[[dict[str, Any]], Iterator[bytes | bytearray]]] = {
+    "laz": decode_laz,
+    "mesh": decode_mesh,
+    "e57": decode_e57,
+}
 
 
 def _check_chunks(chunks: list[tuple[int, int]], count: int, chunk_bytes: int) -> None:

@@ -133,9 +133,11 @@ def read_json_record(path: str | os.PathLike[str], schema_version: int, remedy: 
     content = read_json(path, remedy)
     version = content.get("schema_version") if isinstance(content, dict) else None
     if version != schema_version:
+        newer = isinstance(version, int) and not isinstance(version, bool) and version > schema_version
+        why = "it was written by a newer gmmjax: update this one (pip install --upgrade gmmjax), or " if newer else ""
         raise InputError(
             f"{os.fspath(path)}: has schema version {str(version)[:20]}, this gmmjax reads version {schema_version}; "
-            f"{remedy}"
+            f"{why}{remedy}"
         )
     return dict(content)
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Mapping
 
 from gmmjax.clouds.arrays import read_npy, read_npz
+from gmmjax.clouds.e57 import read_e57
 from gmmjax.clouds.files import require_file
 from gmmjax.clouds.las import read_las
 from gmmjax.clouds.mesh import read_mesh
@@ -21,10 +22,11 @@ logger = logging.getLogger(__name__)
 READERS: Mapping[str, Callable[[str | os.PathLike[str]], PointCloud]] = {
     ".ply": read_ply,
     ".pcd": read_pcd,
-    **dict.fromkeys((".xyz", ".txt", ".csv", ".pts"), read_text),
+    **dict.fromkeys((".xyz", ".asc", ".txt", ".csv", ".pts"), read_text),
     ".npy": read_npy,
     ".npz": read_npz,
     **dict.fromkeys((".las", ".laz"), read_las),
+    ".e57": read_e57,
     **dict.fromkeys((".obj", ".off", ".stl", ".gltf", ".glb"), read_mesh),
 }
 
@@ -32,8 +34,9 @@ READERS: Mapping[str, Callable[[str | os.PathLike[str]], PointCloud]] = {
 def read_cloud(path: str | os.PathLike[str]) -> PointCloud:
     """The point cloud in a file; its ending, in upper or lower case, tells the format.
 
-    PLY, PCD, text (.xyz, .txt, .csv, .pts), NumPy (.npy, .npz), LAS and LAZ; the vertices of meshes (.obj, .off, .stl,
-    .gltf, .glb) with the extra `open3d`. Rows with NaN or inf are left out and counted in `rows_dropped`.
+    PLY, PCD, text (.xyz, .asc, .txt, .csv, .pts), NumPy (.npy, .npz), LAS and LAZ; E57 with the extra `e57`, and the
+    vertices of meshes (.obj, .off, .stl, .gltf, .glb) with the extra `open3d`. Rows with NaN or inf are left out and
+    counted in `rows_dropped`.
 
     Args:
         path: the file; its coordinates may be in any unit.

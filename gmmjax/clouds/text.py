@@ -1,4 +1,4 @@
-"""Reading clouds from lines of numbers: .xyz, .txt, .csv and .pts."""
+"""Reading clouds from lines of numbers: .xyz, .asc, .txt, .csv and .pts."""
 
 import os
 import re
@@ -20,11 +20,17 @@ LAYOUTS = {
 }
 SHORT_NAMES = {"r": "red", "g": "green", "b": "blue"}
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-EMPTY_CELL = re.compile(rb",[ \t]*,")
+EMPTY_CELL = re.compile(rb"[,;][ \t]*[,;]")
+# In lines of numbers alone: words and comments may have any commas.
+COMMA_IN_NUMBER = rb"(?m)^(?=[ \t]*[-+.0-9])(?=[^\n]*\d,\d)"
+SEMICOLONS = re.compile(rb"(?m)^[ \t]*[-+.0-9][^\n;]*;")
+BESIDE_SEMICOLONS = re.compile(COMMA_IN_NUMBER)
+BESIDE_BLANKS = re.compile(COMMA_IN_NUMBER + rb"(?=[^\n]*[^\s,][ \t]+[^\s,])")
+GRID = re.compile(rb"\s*ncols\s+\d+\s+nrows\s", re.IGNORECASE)
 
 
 def read_text(path: str | os.PathLike[str]) -> PointCloud:
-    """The points of a text file, a point on each line, values separated by blanks or commas.
+    """The points of a text file, a point on each line, values separated by blanks, tabs, commas or semicolons.
 
     Lines that start with # or // are comments. A first line of words names the columns; without one, 3 columns are
     x y z, 4 are x y z intensity, 6 are x y z red green blue and 7 are x y z intensity red green blue. A .pts file
@@ -42,10 +48,7 @@ def read_text(path: str | os.PathLike[str]) -> PointCloud:
     """
     source = str(path)
     text = read_bytes(path).removeprefix(BYTE_ORDER_MARK)
-    if gap := EMPTY_CELL.search(text):
-        line = text.count(b"\n", 0, gap.start()) + 1
-        raise InputError(f"{source}: line {line} has an empty cell between two commas; fill it, with nan if need be")
-    lines = NumberedLines(text.replace(b",", b" "), comments=COMMENTS)
+    lines = NumberedLines(_separated_by_blanks(text, source), comments=COMMENTS)
     skip, declared = 0, None
     if Path(path).suffix.lower() == ".pts":
         skip, declared = 1, _declared_count(lines, source)
@@ -62,6 +65,29 @@ def read_text(path: str | os.PathLike[str]) -> PointCloud:
             "the file is cut off, or the first line must be corrected"
         )
     return cloud_of_columns({name: table[:, index] for index, name in enumerate(columns)}, source)
+
+
+def _separated_by_blanks(text: bytes, source: str) -> bytes:
+    """The text with blanks in place of commas or semicolons, where it is clear which of them separate the numbers."""
+    if GRID.match(text):
+        raise InputError(f"{source}: is a raster (an ESRI ASCII grid), not points; export its cells as points x y z")
+    # Lines end in any way; for the search all in one.
+    ends = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
+    if gap := EMPTY_CELL.search(ends):
+        raise InputError(
+            f"{source}: line {_line(ends, gap)} has an empty cell between two separators; fill it, with nan if need be"
+        )
+    mixed = BESIDE_SEMICOLONS if b";" in text and SEMICOLONS.search(ends) else BESIDE_BLANKS
+    if b"," in text and (comma := mixed.search(ends)):
+        raise InputError(
+            f"{source}: line {_line(ends, comma)} has commas beside other separators: numbers with a decimal comma are "
+            "not read; write decimal points"
+        )
+    return ends.replace(b",", b" ").replace(b";", b" ")
+
+
+def _line(text: bytes, found: re.Match[bytes]) -> int:
+    return text.count(b"\n", 0, found.end()) + 1
 
 
 def _words(lines: NumberedLines, skip: int) -> tuple[int, list[bytes]]:

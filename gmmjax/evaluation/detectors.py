@@ -2,35 +2,16 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import Literal, cast, get_args
+from typing import cast
 
 from gmmjax.changes import DETECTORS, AbstractDetector, DetectionConfig, Method, Progress, Scan, silent
 from gmmjax.changes import Detection as Detection
 from gmmjax.errors import check_choice
+from gmmjax.evaluation.detector_names import NAMES, WITH_EVIDENCE, WITHOUT_EVIDENCE, Name
 from gmmjax.evaluation.evidence import without_unobserved
 from gmmjax.evaluation.labelled_pair import LabelledPair
 from gmmjax.evaluation.peers import PEERS, coordinates, has_m3c2
 from gmmjax.pair import Pair
-
-# After the name of a detector: its segments are put to the evidence test of "joint", which has it built in and can
-# leave it out.
-WITH_EVIDENCE, WITHOUT_EVIDENCE = "+evidence", "-no-evidence"
-Name = Literal[
-    "joint",
-    "joint-no-evidence",
-    "greedy",
-    "greedy+evidence",
-    "transport",
-    "transport+evidence",
-    "c2c",
-    "c2c+evidence",
-    "voxels",
-    "voxels+evidence",
-    "m3c2",
-    "m3c2+evidence",
-]
-NAMES: tuple[Name, ...] = get_args(Name)
-
 
 Detector = Callable[[LabelledPair], Detection]
 """From a pair to what is found in it."""

@@ -10,6 +10,10 @@ from gmmjax.plotting.changes import plot_overview as plot_overview
 from gmmjax.plotting.cloud_image import CloudImageSettings as CloudImageSettings
 from gmmjax.plotting.evaluation import plot_reliability as plot_reliability
 from gmmjax.plotting.evaluation import plot_scores as plot_scores
+from gmmjax.plotting.figure_files import check_figure_file as check_figure_file
+from gmmjax.plotting.figure_files import fit_figure as fit_figure
+from gmmjax.plotting.figure_files import overview_figure as overview_figure
+from gmmjax.plotting.figure_files import write_figure as write_figure
 from gmmjax.plotting.mixtures import plot_grid_search as plot_grid_search
 from gmmjax.plotting.mixtures import plot_message_length as plot_message_length
 from gmmjax.plotting.mixtures import plot_mixture as plot_mixture

@@ -25,7 +25,6 @@ from gmmjax.plotting.cloud_image import (
 from gmmjax.plotting.figures import Style, axes_or_new, check_matplotlib, elided, legend_below, verbatim, with_unit
 from gmmjax.plotting.projection import Direction, Projection
 from gmmjax.reporting.palette import KIND_COLORS, UNCHANGED_COLOR
-from gmmjax.reporting.scene_plot import EDGES
 from gmmjax.reporting.summary import answer, registration_text
 from gmmjax.reporting.thumbnails import thinned
 
@@ -114,7 +113,7 @@ def plot_overview(
     if axes is None:
         from matplotlib import pyplot
 
-        axes = pyplot.subplots(2, 2, figsize=(11, 9), layout="constrained")[1]
+        axes = pyplot.subplots(2, 2, figsize=(11, 9), layout="compressed")[1]
     axes = np.asarray(axes)
     if axes.size != 4:
         raise InputError(f"axes: must be four axes, not {axes.size}; leave them out for a new figure")
@@ -166,7 +165,7 @@ def title_overview(figure: Any, changes: Changes, clouds: Pair[PointCloud]) -> N
     """The answer, the names of the scans, the registration and the kinds, around the pictures of a figure.
 
     Args:
-        figure: of matplotlib, with a constrained layout.
+        figure: of matplotlib, with a compressed layout.
         changes: what was found.
         clouds: both.
     """
@@ -294,7 +293,8 @@ def _draw_boxes(changes: Changes, labels: Sequence[int], projection: Projection,
     for label in labels:
         change = changes[label]
         color, corners = KIND_COLORS[change.kind], projection.on_page(change.box.corners())
-        edges = [corners[[start, end]] for start, end in EDGES]
+        # The numbers of corners that an edge joins differ in one bit.
+        edges = [corners[[start, start | bit]] for start in range(8) for bit in (1, 2, 4) if not start & bit]
         ax.add_collection(LineCollection(edges, colors=color, linewidths=0.8, alpha=0.8, zorder=3), autolim=False)
         above = (corners[:, 0].mean(), corners[:, 1].max())
         box: Style = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}

@@ -13,8 +13,8 @@ from scipy.ndimage import uniform_filter
 
 from gmmjax.plotting.figures import draw_scale, verbatim, with_unit
 from gmmjax.plotting.projection import Projection
+from gmmjax.reporting.framing import stretched
 from gmmjax.reporting.palette import color_bytes, greyed, luminance
-from gmmjax.reporting.scene_plot import stretched
 from gmmjax.reporting.splats import Projected, enclosed, nearest_points
 
 if TYPE_CHECKING:
@@ -147,7 +147,8 @@ class Page(NamedTuple):
         ax.set_xlim(self.lower[0], self.upper[0])
         ax.set_ylim(self.lower[1], self.upper[1])
         if self.projection.names is None:
-            ax.set_axis_off()
+            ax.set(xticks=[], yticks=[])
+            ax.spines[:].set_visible(False)
             draw_scale(ax, self.lower, self.upper, unit)
             return
         for name, label in zip(self.projection.names, (ax.xaxis.label, ax.yaxis.label), strict=True):

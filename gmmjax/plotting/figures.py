@@ -39,7 +39,7 @@ def axes_or_new(ax: "Axes | None", size: tuple[float, float]) -> "Axes":
         return ax
     from matplotlib import pyplot
 
-    return pyplot.subplots(figsize=size, layout="constrained")[1]
+    return pyplot.subplots(figsize=size, layout="compressed")[1]
 
 
 def verbatim(text: "Text") -> "Text":
@@ -78,7 +78,7 @@ def legend_below(ax: "Axes", handles: Sequence[Any]) -> None:
     """
     from matplotlib.transforms import ScaledTranslation
 
-    points = 40 if ax.axison else 6
+    points = 40 if ax.get_xlabel() else 6
     below = ScaledTranslation(0, -points / 72, ax.figure.dpi_scale_trans)
     place: Style = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": ax.transAxes + below}
     ax.legend(handles=handles, ncols=len(handles), fontsize="small", frameon=False, borderaxespad=0, **place)

@@ -1,19 +1,26 @@
 """What was found, for people and programs: result folders, HTML report, terminal, mixtures and scenes on disk."""
 
-from gmmjax.reporting.batch_files import save_report as save_report
-from gmmjax.reporting.batch_files import write_history as write_history
-from gmmjax.reporting.batch_files import write_summary as write_summary
-from gmmjax.reporting.batch_index import batch_index_html as batch_index_html
-from gmmjax.reporting.html_report import CONTENT_POLICY as CONTENT_POLICY
-from gmmjax.reporting.html_report import report_html as report_html
-from gmmjax.reporting.mixture_files import read_mixture as read_mixture
-from gmmjax.reporting.mixture_files import write_mixture as write_mixture
-from gmmjax.reporting.page_parts import asset as asset
-from gmmjax.reporting.page_parts import script_json as script_json
-from gmmjax.reporting.result_folder import check_result_folder as check_result_folder
-from gmmjax.reporting.result_folder import write_result as write_result
-from gmmjax.reporting.scene_files import write_scene as write_scene
-from gmmjax.reporting.scene_files import write_surveyed_scene as write_surveyed_scene
-from gmmjax.reporting.thumbnails import ThumbnailSettings as ThumbnailSettings
-from gmmjax.reporting.thumbnails import write_thumbnails as write_thumbnails
-from gmmjax.reporting.timeline_page import timeline_html as timeline_html
+from typing import TYPE_CHECKING
+
+from gmmjax._lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from gmmjax.reporting.batch_files import save_report as save_report
+    from gmmjax.reporting.batch_files import write_history as write_history
+    from gmmjax.reporting.batch_files import write_summary as write_summary
+    from gmmjax.reporting.batch_index import batch_index_html as batch_index_html
+    from gmmjax.reporting.html_report import CONTENT_POLICY as CONTENT_POLICY
+    from gmmjax.reporting.html_report import report_html as report_html
+    from gmmjax.reporting.mixture_files import read_mixture as read_mixture
+    from gmmjax.reporting.mixture_files import write_mixture as write_mixture
+    from gmmjax.reporting.page_parts import asset as asset
+    from gmmjax.reporting.page_parts import script_json as script_json
+    from gmmjax.reporting.result_folder import check_result_folder as check_result_folder
+    from gmmjax.reporting.result_folder import write_result as write_result
+    from gmmjax.reporting.scene_files import write_scene as write_scene
+    from gmmjax.reporting.scene_files import write_surveyed_scene as write_surveyed_scene
+    from gmmjax.reporting.thumbnails import ThumbnailSettings as ThumbnailSettings
+    from gmmjax.reporting.thumbnails import write_thumbnails as write_thumbnails
+    from gmmjax.reporting.timeline_page import timeline_html as timeline_html
+
+__getattr__, __dir__ = lazy_names(__name__)

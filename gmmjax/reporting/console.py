@@ -154,6 +154,12 @@ def print_files(folder: Path, description: dict[str, str]) -> None:
         console.print(f"  {name:<{width}}  [dim]{escape(text)}[/dim]", highlight=False, soft_wrap=True)
 
 
+def print_plot(path: Path | None) -> None:
+    """Where the plot is, if one was asked for."""
+    if path is not None:
+        Console().print(f"\nPlot in [bold]{_shown(path)}[/bold]", highlight=False, soft_wrap=True)
+
+
 def print_batch(summary: "Summary", *, heading: str | None = None, most: int = 10) -> None:
     """How many pairs of a run are done and changed, those that changed most surely, and those that failed.
 

@@ -1,7 +1,7 @@
 """The settings that can be tuned, each as a number without bounds."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,16 +12,7 @@ from gmmjax._typing import Array
 from gmmjax.changes import NOISE_SHARE, PRIOR_LEAVES, DetectionConfig, with_settings
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures import Prior
-
-ParameterName = Literal[
-    "noise_floor", "tolerance", "concentration", "noise_share", "covariance_scale", "degrees_of_freedom"
-]
-PARAMETERS: tuple[ParameterName, ...] = get_args(ParameterName)
-# The parameters of the verdict on scans, all together.
-Verdict = Literal["verdict"]
-VERDICT: Verdict = "verdict"
-Tunable = ParameterName | Verdict
-TUNABLE: tuple[Tunable, ...] = (VERDICT, *PARAMETERS)
+from gmmjax.tuning.parameter_names import TUNABLE, VERDICT
 
 
 class _Constraint(NamedTuple):

@@ -4,7 +4,7 @@ import dataclasses
 from typing import Literal, get_args
 
 from gmmjax.errors import InputError, check_choice, check_seed
-from gmmjax.tuning.parameters import VERDICT, ParameterName, Tunable
+from gmmjax.tuning.parameter_names import VERDICT, ParameterName, Tunable
 
 # What is tuned where the verdict does not decide.
 DEFAULT: tuple[ParameterName, ...] = ("noise_floor", "tolerance")

@@ -11,7 +11,9 @@ FINITE = st.floats(allow_nan=False, allow_infinity=False)
 ROWS = hnp.arrays(np.float64, st.tuples(st.integers(1, 30), st.just(3)), elements=FINITE)
 
 
-@given(ROWS, st.sampled_from([" ", ",", ", ", "\t", "   "]), st.sampled_from(["\n", "\r\n", "\r"]))
+@given(
+    ROWS, st.sampled_from([" ", ",", ", ", "\t", "   ", ";", "; ", ";\t", " , "]), st.sampled_from(["\n", "\r\n", "\r"])
+)
 def test_numbers_come_back(write_file, rows, separator, newline):
     text = newline.join(separator.join(map(repr, row)) for row in rows.tolist())
     np.testing.assert_array_equal(read_cloud(write_file("cloud.txt", text.encode())).points, rows)
@@ -53,11 +55,17 @@ def test_header_line_names_the_columns(write_file):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
+        ("a.asc", "1,5;2,25;3,0\n", "line 1 has commas beside other separators: numbers with a decimal comma"),
+        ("a.asc", "# x;y;z\n1.5;2.25;3\n1,5;2;3\n", "line 3 has commas beside"),
+        ("a.txt", "x y z\n1,5 2,25 3,0\n", "line 2 has commas beside"),
+        ("a.txt", "1\t2\t3\r1\t2,5\t3\r", "line 2 has commas beside"),
+        ("a.xyz", "1 2 3,5\n", "line 1 has commas beside"),
+        ("a.csv", "1;;3\n", "line 1 has an empty cell"),
+        ("a.asc", "ncols 4\nnrows 3\nxllcorner 0\n1 2 3 4\n", "is a raster"),
         ("a.xyz", "1 2 3\n# remark\n\n4 five 6\n", "line 4: 'five' is no number"),
         ("a.xyz", "1 2 3\r\n4 5 6\r\n7 8\r\n", "line 3 has 2 values where 3 are expected"),
         ("a.xyz", "1 2 3\n4 5 6 7\n", "line 2 has 4 values where 3 are expected"),
         ("a.csv", "1,2,3\n4,,6\n", "line 2 has an empty cell"),
-        ("a.csv", "1;2;3\n", "has no x, y, z, only: 1;2;3"),
         ("a.csv", "x,y,height\n1,2,3\n", "has no z, only: x, y, height"),
         ("a.csv", "x,y,z,z\n1,2,3,4\n", "'z'.* more than once"),
         ("a.csv", "x,y,z\n1,2,3,4\n", "line 2 has 4 values where 3"),
@@ -81,3 +89,28 @@ def test_what_is_wrong_is_said(write_file, name, text, message):
 def test_rows_of_nan_are_dropped(write_file):
     cloud = read_cloud(write_file("a.xyz", b"nan nan nan\n1 2 3\ninf 0 0\n"))
     assert (cloud.points.tolist(), cloud.rows.tolist(), cloud.rows_dropped) == ([[1, 2, 3]], [1], 2)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "//X;Y;Z\n1;2;3;\n4;5;6;\n",
+        "x; y; z\n1; 2; 3\n4; 5; 6\n",
+        "// one, two; three, four five\n1 2 3\n4 5 6\n",
+        "1, 2, 3\n4,5 ,6\n",
+        "# a remark; another\n1,2,3\n4,5,6\n",
+        "1.0,2.0,3.0 \n 4,5,6\n",
+        "x\ty\tz\n1\t2\t3\n4\t5\t6\n",
+    ],
+)
+def test_separators_that_are_clear(write_file, text):
+    assert read_cloud(write_file("a.asc", text.encode())).points.tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+@given(ROWS, st.sampled_from([";", "; ", " ", "\t"]))
+def test_decimal_commas_are_never_taken_for_separators(write_file, rows, separator):
+    text = "\n".join(separator.join(repr(value).replace(".", ",") for value in row) for row in rows.tolist())
+    if "," not in text:
+        return
+    with pytest.raises(InputError, match="decimal comma"):
+        read_cloud(write_file("a.asc", text.encode()))

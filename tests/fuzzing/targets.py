@@ -5,6 +5,7 @@ import dataclasses
 import importlib.util
 import json
 import shutil
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from random import Random
@@ -17,19 +18,22 @@ from gmmjax import Changes, DetectionConfig
 from gmmjax.changes import Box, Change
 from gmmjax.cli.detect import read_settings
 from gmmjax.clouds import (
+    LasSource,
     PointCloud,
     SensorViews,
+    e57,
     las,
     mesh,
     read_cloud,
     read_views,
     viewpoint_of,
+    write_las,
     write_pcd,
     write_ply,
     write_views,
 )
 from gmmjax.clouds.decoder_process import DecoderProcess
-from gmmjax.errors import InputError
+from gmmjax.errors import InputError, InputWarning
 from gmmjax.evaluation.labelled_pair import read_pair
 from gmmjax.reporting.mixture_files import read_mixture
 from gmmjax.reporting.result_folder import RESULT
@@ -48,6 +52,7 @@ from gmmjax.thesis.chapter4 import Journal
 from gmmjax.thesis.chapter4.records import Unit
 from gmmjax.tuning import TuningState
 from tests.changes.explained import explanation, rejected
+from tests.clouds.las_files import GEOTIFF, WKT, evlr, extra_descriptor, las_bytes, vlr
 from tests.fuzzing.mutations import mutated, mutated_archive, mutated_png
 
 Mutate = Callable[[bytes, bytes, Random], bytes]
@@ -106,6 +111,9 @@ def _clouds() -> Iterator[Target]:
     yield Target("npz", _npz_writer, _read_cloud, mutated_archive)
     yield Target("las", _las_writer("las"), _read_las)
     yield Target("laz", _las_writer("laz"), _read_las)
+    yield Target("las-rewritten", _write_full_las, _rewrite_las)
+    if importlib.util.find_spec("pye57"):
+        yield Target("e57", _write_e57, _read_e57)
 
 
 def _records() -> Iterator[Target]:
@@ -164,6 +172,7 @@ def _texts() -> dict[str, bytes]:
         "pcd-compressed.pcd": f"{pcd}binary_compressed\n".encode() + sizes + packed,
         "xyz.xyz": f"# comment\n{plain}\n".encode(),
         "csv.csv": b"x,y,z,intensity\n" + "\n".join(f"{row} 7".replace(" ", ",") for row in rows).encode(),
+        "asc.asc": b"//X;Y;Z;Intensity\n" + "\n".join(f"{row} 7;".replace(" ", ";") for row in rows).encode(),
         "pts.pts": f"12\n{colored}\n".encode(),
     }
 
@@ -226,6 +235,26 @@ def _las_writer(ending: str) -> Callable[[Path], list[str]]:
     return write
 
 
+def _write_full_las(folder: Path) -> list[str]:
+    extra = extra_descriptor(b"amplitude", 9) + extra_descriptor(b"label", 6)
+    keys = (vlr(b"LASF_Projection", 34735, GEOTIFF),)
+    for minor, point_format in ((2, 3), (4, 7)):
+        behind = (evlr(b"LASF_Projection", 2112, WKT.encode()),) if minor == 4 else ()
+        content = las_bytes(minor, point_format, extra=extra, extra_size=8, vlrs=keys, evlrs=behind)
+        (folder / f"full-{minor}.las").write_bytes(content)
+    return ["full-2.las", "full-4.las"]
+
+
+def _write_e57(folder: Path) -> list[str]:
+    import pye57
+
+    columns = dict(zip(("cartesianX", "cartesianY", "cartesianZ"), _points(60).T, strict=True))
+    file = pye57.E57(str(folder / "a.e57"), mode="w")
+    file.write_scan_raw({**columns, "intensity": np.arange(60, dtype="f")})
+    file.close()
+    return ["a.e57"]
+
+
 def _mesh_writer(kind: str) -> Callable[[Path], list[str]]:
     triangle = np.array([[0, 0, 0.5], [1, 0, -0.25], [0, 1, 3]], "<f4")
     buffer = triangle.tobytes() + np.arange(3, dtype="<u2").tobytes() + bytes(2)
@@ -283,6 +312,20 @@ def _read_cloud(path: Path) -> PointCloud:
 
 def _read_las(path: Path) -> PointCloud:
     with mock.patch.object(las, "DecoderProcess", lambda: KEPT):
+        return _checked(read_cloud(path))
+
+
+def _rewrite_las(path: Path) -> PointCloud:
+    cloud = _read_las(path)
+    assert cloud.file is not None
+    labels = {"label": np.zeros(len(cloud), np.int32)}
+    with warnings.catch_warnings(action="ignore", category=InputWarning):
+        write_las(path.with_suffix(".out"), LasSource.of(cloud.file), cloud, labels, {"label": "of a change"})
+    return cloud
+
+
+def _read_e57(path: Path) -> PointCloud:
+    with mock.patch.object(e57, "DecoderProcess", lambda: KEPT):
         return _checked(read_cloud(path))
 
 

@@ -27,8 +27,8 @@ def common_unit(clouds: Pair[ArrayLike | PointCloud], config: DetectionConfig) -
     units, systems = clouds.map(lambda cloud: _stated(cloud, "unit")), clouds.map(lambda cloud: _stated(cloud, "crs"))
     if config.unit is None and None not in (*units,) and units.before != units.after:
         raise InputError(
-            f"before is in {units.before} and after in {units.after}, as their files state; convert one of them, or give "
-            "the unit of both (unit=..., --unit) where a file is wrong"
+            f"before is in {units.before} and after in {units.after}, as their files state; convert one of them, or "
+            "give the unit of both (unit=..., --unit) where a file is wrong"
         )
     if None not in (*systems,) and systems.before != systems.after:
         warn(

@@ -2,17 +2,14 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
 from gmmjax.errors import ComputationError, InputError
 from gmmjax.evaluation import Failure
 from gmmjax.thesis.chapter4 import clustering, filtering, gaussians, grid, surveys
 from gmmjax.thesis.chapter4.journal import Journal
+from gmmjax.thesis.chapter4.part_names import PARTS, PartName
 from gmmjax.thesis.chapter4.records import Headline, Outcome, Plan, Table, Unit, Work
-
-PartName = Literal["grid", "clustering", "filtering", "gaussians", "surveys"]
-# In the order of the chapter.
-PARTS: tuple[PartName, ...] = get_args(PartName)
 
 
 class _Part(NamedTuple):

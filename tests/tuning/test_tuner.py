@@ -49,9 +49,8 @@ def steps_alone(monkeypatch):
         return values, self._judged(free_of(self.names, values)[None], self.names)[0]
 
     monkeypatch.setattr(Search, "centred", as_they_are)
-    # `gmmjax.tuning.tune` is the function.
     monkeypatch.setattr(
-        importlib.import_module("gmmjax.tuning.tune"), "_judged_by_detection", lambda result, *_: result
+        importlib.import_module("gmmjax.tuning.tuner"), "_judged_by_detection", lambda result, *_: result
     )
 
 

@@ -12,7 +12,8 @@ from gmmjax.errors import InputError
 from gmmjax.evaluation import Scores
 from gmmjax.tuning.detection_scores import detection_scores, gained
 from gmmjax.tuning.pair_loss import LABELLED, UNLABELLED, Loss
-from gmmjax.tuning.parameters import VERDICT, check_parameters
+from gmmjax.tuning.parameter_names import VERDICT
+from gmmjax.tuning.parameters import check_parameters
 from gmmjax.tuning.scan_pairs import ScanPair, on_surfaces
 from gmmjax.tuning.search import ALL, HELD_BACK, Search, TuningState, alike, described, least
 from gmmjax.tuning.settings import LossChoice, TuningSettings

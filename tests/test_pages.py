@@ -1,0 +1,209 @@
+"""Every command and block of code of the README and the documentation is run, and every link leads somewhere."""
+
+import functools
+import inspect
+import re
+import shutil
+from importlib import import_module
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from PIL import Image
+
+from gmmjax import read_cloud
+from gmmjax.cli import main
+from gmmjax.cli.application import COMMANDS
+from gmmjax.clouds import write_ply, write_views
+from gmmjax.scenes import StorehouseSettings, random_scene, storehouse
+from gmmjax.surveys import write_bag
+from gmmjax.thesis.laboratory import recorded_run
+from tests.pages import PAGES, REASONS, ROOT, anchors, blocks, gmmjax_words, steps
+
+NAMES = [page.name for page in PAGES]
+
+
+class Supplies:
+    """The files that the pages speak of as the reader's own; each is made once."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.makers = {
+            "before.ply": self.scans,
+            "monday.bag": self.bags,
+            "depth.png": self.depth_image,
+            "pairs.csv": self.pairs,
+            "epochs.csv": self.epochs,
+            "result/labels.npz": self.result,
+        }
+
+    def given(self, text: str, folder: Path) -> None:
+        """Copies into a folder what a text needs."""
+        for name, make in self.makers.items():
+            if name in text or (name == "monday.bag" and "run.bag" in text):
+                source = self.folder / name.replace("/", "_")
+                if not source.exists():
+                    source.mkdir(parents=True)
+                    make(source)
+                shutil.copytree(source, folder, dirs_exist_ok=True)
+
+    def scans(self, folder: Path) -> None:
+        scene = storehouse(0, StorehouseSettings(points=8000, rays=10_000)).scene
+        for side, points, views in zip(("before", "after"), scene.clouds, scene.views, strict=True):
+            write_ply(folder / f"{side}.ply", points)
+            write_views(folder / f"{side}_views.json", views)
+
+    def result(self, folder: Path) -> None:
+        self.scans(folder)
+        scans = [str(folder / f"{side}.ply") for side in ("before", "after")]
+        assert main(["detect", *scans, "--out", str(folder / "result"), "--quiet"]) == 0
+
+    def bags(self, folder: Path) -> None:
+        for name, run in (("monday", "run5"), ("friday", "run1")):
+            survey = recorded_run(run, seed=1, frames=3)
+            write_bag(folder / f"{name}.bag", survey.frames, survey.localised, sensor_on_body=survey.sensor_on_body)
+        shutil.copy(folder / "friday.bag", folder / "run.bag")
+
+    def depth_image(self, folder: Path) -> None:
+        depths = 1500 + 200 * np.sin(np.arange(64) / 7) + np.zeros((48, 1))
+        Image.fromarray(depths.astype(np.uint16)).save(folder / "depth.png")
+        (folder / "camera.json").write_text('{"fx": 60, "fy": 60, "cx": 32, "cy": 24, "width": 64, "height": 48}')
+
+    def pairs(self, folder: Path) -> None:
+        self._clouds(folder, ("first", "second"))
+        (folder / "pairs.csv").write_text("name,before,after,restarts\nhall,first.ply,second.ply,2\n")
+
+    def epochs(self, folder: Path) -> None:
+        nights = ("night1", "night2", "night3")
+        self._clouds(folder, nights)
+        rows = "".join(f"{night},{night}.ply,2\n" for night in nights)
+        (folder / "epochs.csv").write_text(f"name,cloud,restarts\n{rows}")
+
+    def _clouds(self, folder: Path, names: tuple[str, ...]) -> None:
+        scene = random_scene(jax.random.key(0), start=3, appeared=1, disappeared=0, points=100)
+        for index, name in enumerate(names):
+            write_ply(folder / f"{name}.ply", scene.before if index % 2 == 0 else scene.after)
+
+
+@pytest.fixture(scope="module")
+def supplies(tmp_path_factory):
+    return Supplies(tmp_path_factory.mktemp("supplies"))
+
+
+@pytest.fixture(scope="module")
+def demonstration(tmp_path_factory):
+    """The folder that `gmmjax demo` wrote, once it was run: several pages begin with it."""
+    return tmp_path_factory.mktemp("demo") / "gmmjax-demo"
+
+
+def given_names(page: str, folder: Path) -> dict[str, object]:
+    """What the text around a page's Python code says that the reader has."""
+    if page == "batch.md":
+        return {"nights": ["night1", "night2", "night3"]}
+    if page == "python-api.md":
+        return {side: read_cloud(folder / f"{side}.ply").points for side in ("before", "after")}
+    return {}
+
+
+def run_gmmjax(words: list[str], demonstration: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    """Runs a command, which finds no output of an earlier one in its way."""
+    if words[:1] == ["demo"] and demonstration.exists():
+        shutil.copytree(demonstration, "gmmjax-demo", dirs_exist_ok=True)
+        return (demonstration / "printed.txt").read_text()
+    if "--out" in words:
+        out = Path(words[words.index("--out") + 1])
+        shutil.rmtree(out) if out.is_dir() else out.unlink(missing_ok=True)
+    capsys.readouterr()
+    status = main(words)
+    captured = capsys.readouterr()
+    assert status == 0, captured.err
+    if words[:1] == ["demo"]:
+        shutil.copytree("gmmjax-demo", demonstration)
+        (demonstration / "printed.txt").write_text(captured.out)
+    return captured.out
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_blocks_that_are_not_run_say_why(page):
+    for block in blocks(page):
+        if block.language in ("sh", "python"):
+            assert block.reason is None or block.reason in REASONS, block.text
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_the_blocks_of_a_page_run_one_after_the_other(page, supplies, demonstration, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    # tests/test_readme.py runs the Python code of the README, in a process of its own.
+    languages = ("sh",) if page.name == "README.md" else ("sh", "python")
+    run = [block for block in blocks(page) if block.reason is None and block.language in languages]
+    supplies.given(" ".join(block.text for block in run), tmp_path)
+    variables = {"__name__": "__main__"} | (given_names(page.name, tmp_path) if run else {})
+    for block in run:
+        if block.language == "python":
+            exec(compile(block.text, page.name, "exec"), variables)
+            continue
+        for words in steps(block):
+            arguments = gmmjax_words(words)
+            assert arguments is not None, f"{' '.join(words)}: only gmmjax is run; say why this is not"
+            run_gmmjax(arguments, demonstration, capsys)
+
+
+def parsed(words: list[str]) -> None:
+    """Parses the arguments of a command as it does itself, and runs nothing."""
+    name = next(command for command in COMMANDS if " ".join(words).startswith(command))
+    module = import_module(f"gmmjax.cli.{COMMANDS[name][0]}")
+    make = module.command
+
+    def command(arguments):
+        function = make(arguments)
+
+        @functools.wraps(function)
+        def nothing(*args: object, **kwargs: object) -> int:
+            inspect.signature(function).bind(*args, **kwargs)
+            return 0
+
+        return nothing
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "command", command)
+        assert main(words) == 0
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_commands_that_are_not_run_can_be_parsed(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    # Settings are read with the arguments.
+    for name in re.findall(r"[\w-]+\.toml", page.read_text(encoding="utf-8")):
+        (tmp_path / name).touch()
+    for block in blocks(page):
+        if block.language == "sh" and block.reason not in (None, "synopsis", "of the repository"):
+            for words in steps(block):
+                if (arguments := gmmjax_words(words)) is not None:
+                    parsed(arguments)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_links_lead_to_files_and_headings(page):
+    text = re.sub(r"^ *```.*?^ *```$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if "://" in target:
+            assert re.fullmatch(r"https://[\w.-]+(/\S*)?", target), target
+            continue
+        file, _, anchor = target.partition("#")
+        path = page.parent / file if file else page
+        assert path.exists(), target
+        if anchor:
+            assert anchor in anchors(path), target
+
+
+def test_every_picture_is_shown_somewhere():
+    text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    unused = [path.name for path in (ROOT / "docs" / "images").iterdir() if f"images/{path.name})" not in text]
+    assert unused == []
+
+
+def test_the_navigation_has_every_page():
+    navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:\n")[1]
+    assert set(re.findall(r"[\w-]+\.md", navigation)) == {page.name for page in PAGES[2:]}
