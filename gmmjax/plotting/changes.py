@@ -70,7 +70,7 @@ def plot_changes(
             direction.
     """
     check_choice("show", show, SHOWN)
-    ax = axes_or_new(ax, (7, 6))
+    ax = axes_or_new(ax, (7.0, 6.0))
     clouds, changes = presented(changes, before, after)
     clouds = _registered(clouds, changes)
     projection = Projection.of(direction, clouds.after.points)
@@ -207,7 +207,7 @@ def plot_distance(
     Raises:
         InputError: as `plot_changes`; distances that were not measured.
     """
-    ax = axes_or_new(ax, (7.5, 6))
+    ax = axes_or_new(ax, (7.5, 6.0))
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
