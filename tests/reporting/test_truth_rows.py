@@ -3,7 +3,6 @@ import types
 import numpy as np
 import pytest
 
-from gmmjax.pair import Pair
 from gmmjax.reporting.truth_rows import false_labels, truth_rows
 from gmmjax.scenes import StorehouseSettings, storehouse
 
@@ -31,9 +30,9 @@ def test_what_was_found_has_its_labels_and_what_moved_its_motion(scene, as_users
 
 
 def test_what_was_missed_and_what_is_false_is_told(scene, as_users):
-    labels = scene.truth.map(lambda truth: np.where(truth == 0, -1, truth))
+    labels = scene.truth.map(lambda truth: np.where(truth == 5, -1, truth))
     unchanged = np.flatnonzero(scene.truth.before < 0)[:100]
-    labels.before[unchanged] = 6
-    found = changes(Pair(labels.before, labels.after))
-    assert truth_rows(scene, found)[0].labels == ()
-    assert 6 in false_labels(scene, found)
+    labels.before[unchanged] = 5
+    found = changes(labels)
+    assert truth_rows(scene, found)[5].labels == ()
+    assert false_labels(scene, found) == [5]
