@@ -125,4 +125,4 @@ def _pandas_type(hint: Any) -> str:
     """Whole numbers that may be missing stay whole numbers; other numbers that are missing are NaN."""
     if hint == int | None:
         return "Int64"
-    return {int: "int64", str: "object"}.get(hint, "float64")
+    return {int: "int64", str: "string"}.get(hint, "float64")

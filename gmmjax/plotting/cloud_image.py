@@ -43,9 +43,11 @@ class CloudImageSettings:
         pale: opacity of what is unchanged where both clouds are drawn; at 1 the changes stand out less.
         layers: depth of a place on the page, as a share of the whole depth, from which on something is behind something
             else there, such as a floor behind a ceiling. Above 1 there never is.
+        least_layer: the same, at least, as a share of the picture; at 0 the noise of a floor is layers.
         layered_share: share of such places from which on a cloud is drawn as if by X-rays, dark where many points are
             behind each other, so that a ceiling or a wall in front hides nothing. Above 1 it never is.
-        cells: of the grid that is looked through for them, along the longer edge of the picture.
+        cells: of the grid that is looked through for them, along the longer edge of the picture, at most.
+        points_per_cell: of a sparse cloud, for which the grid is coarser; with few, nothing is behind anything.
         darkest: brightness of the lowest points of a cloud without colours, 0 to 255.
         lightest: brightness of the highest points, likewise; near 255 they vanish on white paper.
         least_contrast: of brightness, 0 to 1; colours that differ by less tell nothing, and heights are shown instead.
@@ -64,8 +66,10 @@ class CloudImageSettings:
     largest_step: float = 1.0
     pale: float = 0.6
     layers: float = 0.6
+    least_layer: float = 0.03
     layered_share: float = 0.35
     cells: int = 60
+    points_per_cell: int = 16
     darkest: int = 130
     lightest: int = 205
     least_contrast: float = 0.05
@@ -111,7 +115,9 @@ class Page(NamedTuple):
         inner = np.quantile(seen, [strays, 1 - strays], axis=0)
         bounds = np.concatenate([inner, projection.on_page(shown)])
         lower, upper = bounds.min(axis=0), bounds.max(axis=0)
-        pad = max(settings.margin * float((upper - lower).max()), float(np.finfo(np.float32).tiny))
+        # A single point, too, has a page around it that float64 can tell from a point.
+        least = 1e-12 * float(np.abs(bounds).max()) + float(np.finfo(np.float32).tiny)
+        pad = max(settings.margin * float((upper - lower).max()), least)
         lower, upper = lower - pad, upper + pad
         # A line of points still has a picture with some height.
         thin = np.maximum(0.15 * (upper - lower).max() - (upper - lower), 0) / 2
@@ -131,7 +137,7 @@ class Page(NamedTuple):
         front = float(nearness.max(initial=-np.inf))
         return Projected(column, self.height - row, (front if len(points) else 0.0) - nearness + 1.0)
 
-    def draw(self, picture: UInt8[np.ndarray, "h w 4"], ax: "Axes", layer: float, opacity: float = 1.0) -> None:
+    def draw(self, picture: UInt8[np.ndarray, "h w 4"], ax: "Axes", layer: int, opacity: float = 1.0) -> None:
         """Draws a picture of this page in the unit of the clouds."""
         extent = (self.lower[0], self.upper[0], self.lower[1], self.upper[1])
         ax.imshow(picture, extent=extent, interpolation="antialiased", aspect="equal", zorder=layer, alpha=opacity)
@@ -191,19 +197,21 @@ def is_layered(
         page: what of it is shown.
         settings: what is much.
     """
-    projected, size = page.project(points), max(page.height, page.width) / settings.cells
+    cells = int(np.clip(np.sqrt(len(points) / settings.points_per_cell), 1, settings.cells))
+    projected, size = page.project(points), max(page.height, page.width) / cells
     inside = (projected.column >= 0) & (projected.column < page.width)
     inside &= (projected.row >= 0) & (projected.row < page.height)
     if not inside.any():
         return False
     depth = projected.depth[inside]
-    cell = (projected.row[inside] // size * settings.cells + projected.column[inside] // size).astype(int)
+    cell = (projected.row[inside] // size * cells + projected.column[inside] // size).astype(int)
     order = np.lexsort((depth, cell))
     cell, depth = cell[order], depth[order]
     starts = np.flatnonzero(np.diff(cell, prepend=-1))
     spans = depth[np.append(starts[1:], len(depth)) - 1] - depth[starts]
     lowest, highest = np.quantile(depth, [0.01, 0.99])
-    return bool((spans > settings.layers * (highest - lowest)).mean() > settings.layered_share)
+    behind = max(settings.layers * (highest - lowest), settings.least_layer * max(page.height, page.width))
+    return bool((spans > behind).mean() > settings.layered_share)
 
 
 def density_picture(

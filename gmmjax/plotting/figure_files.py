@@ -57,11 +57,13 @@ def write_figure(path: str | os.PathLike[str], figure: "Figure") -> None:
         InputError: as of `check_figure_file`; the file cannot be written.
     """
     check_figure_file(path)
+    from matplotlib import rc_context
+
     form = Path(path).suffix.lower().removeprefix(".")
     # The same input gives the same bytes.
     metadata = {"Date": None} if form in ("svg", "svgz") else {"CreationDate": None} if form == "pdf" else {}
     try:
-        with atomic_write(path) as file, warnings.catch_warnings():
+        with atomic_write(path) as file, rc_context({"svg.hashsalt": "gmmjax"}), warnings.catch_warnings():
             # The names of files may be in any script, also in one that no font here has: those are drawn as boxes.
             warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
             figure.savefig(file, format=form, dpi=150, metadata=metadata)

@@ -60,7 +60,7 @@ def plot_mixture(
         InputError: matplotlib is not installed; a mixture of another dimension than 2 and 3, or without any component;
             points of another dimension.
     """
-    ax = axes_or_new(ax, (7, 6))
+    ax = axes_or_new(ax, (7.0, 6.0))
     live = _live(mixture, "mixture")
     coordinates = _points_of(points, mixture.dimension)
     seen = live.in_space() if coordinates is None else _in_space(coordinates)
@@ -94,7 +94,7 @@ def plot_grid_search(search: GridSearch, *, criterion: Criterion = "mdl", ax: "A
         InputError: matplotlib is not installed; an unknown criterion.
     """
     check_choice("criterion", criterion, CRITERIA)
-    ax = axes_or_new(ax, (7, 4.5))
+    ax = axes_or_new(ax, (7.0, 4.5))
     scores = np.asarray(search.scores[criterion], float)
     for row, name in enumerate(search.covariance_types):
         style: Style = {"color": COLORS[row % len(COLORS)], "marker": MARKERS[row % len(MARKERS)]}
@@ -103,7 +103,7 @@ def plot_grid_search(search: GridSearch, *, criterion: Criterion = "mdl", ax: "A
     if np.isfinite(scores).any():
         row, column = divmod(int(np.argmin(scores)), scores.shape[1])
         text = f"lowest: {search.components[column]}, {search.covariance_types[row]}"
-        _mark(ax, search.components[column], float(scores[row, column]), text)
+        _mark(ax, float(search.components[column]), float(scores[row, column]), text)
     light_frame(ax)
     _whole_numbers(ax)
     ax.set_xlabel("number of Gaussians")
@@ -128,7 +128,7 @@ def plot_message_length(fits: Fit | Sequence[Fit], *, ax: "Axes | None" = None) 
     Raises:
         InputError: matplotlib is not installed; no fit is finite.
     """
-    ax = axes_or_new(ax, (7, 4.5))
+    ax = axes_or_new(ax, (7.0, 4.5))
     counts, lengths = _counts_and_lengths([fits] if isinstance(fits, Fit) else fits)
     if not len(counts):
         raise InputError("fits: none of them has a finite message length; there is nothing to draw")
@@ -137,7 +137,7 @@ def plot_message_length(fits: Fit | Sequence[Fit], *, ax: "Axes | None" = None) 
     ax.plot(numbers, shortest, color=COLORS[0], linewidth=1.2, label="shortest")
     ax.plot(counts, lengths, "o", color=COLORS[0], alpha=0.45, markeredgewidth=0, label="each fit")
     best = int(lengths.argmin())
-    _mark(ax, counts[best], float(lengths[best]), f"shortest: {counts[best]} Gaussians")
+    _mark(ax, float(counts[best]), float(lengths[best]), f"shortest: {counts[best]} Gaussians")
     light_frame(ax)
     _whole_numbers(ax)
     ax.set_xlabel("number of Gaussians")
@@ -182,7 +182,7 @@ def plot_transport(
             f"result: has a plan of {list(plan.shape)}, the mixtures have {len(before.live)} and {len(after.live)} "
             "slots; give the result of these two"
         )
-    ax = axes_or_new(ax, (7, 6))
+    ax = axes_or_new(ax, (7.0, 6.0))
     sides = _live(before, "before"), _live(after, "after")
     means = np.concatenate([side.in_space() for side in sides])
     projection = Projection.of(direction, means) if before.dimension == 3 else PLANE

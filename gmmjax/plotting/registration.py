@@ -62,7 +62,7 @@ def plot_registration(
         InputError: matplotlib is not installed; clouds that are not known or are not those of the changes; no point is
             unchanged.
     """
-    ax = axes_or_new(ax, (7, 4.5))
+    ax = axes_or_new(ax, (7.0, 4.5))
     clouds, changes = presented(changes, before, after)
     rows = thinned(np.flatnonzero(changes.labels_after < 0), settings.points)
     if not len(rows):
