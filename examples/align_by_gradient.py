@@ -5,6 +5,7 @@ respect to a rigid motion goes through the fit: the mixture follows the motion.
 """
 
 import argparse
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -71,14 +72,32 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--points", type=int, default=4000, help="of each scan")
     parser.add_argument("--seed", type=int, default=0, help="of the room and the motion")
+    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
     options = parser.parse_args()
     with jax.enable_x64(True):
         first, second, truth = misaligned(options.seed, options.points)
+        scans = {}
         for name, motion in (("before", np.zeros(6)), ("after", aligned(first, second))):
-            placed = np.asarray(moved(jnp.asarray(second), jnp.asarray(motion)))
+            placed = scans[name] = np.asarray(moved(jnp.asarray(second), jnp.asarray(motion)))
             left, _ = Rotation.align_vectors(placed - placed.mean(axis=0), truth - truth.mean(axis=0))
             shift = np.linalg.norm(placed.mean(axis=0) - truth.mean(axis=0))
             print(f"{name}: {1000 * shift:.2f} mm and {np.rad2deg(left.magnitude()):.3f} degrees off")
+    if options.plot:
+        draw(options.plot, first, scans)
+
+
+def draw(file: Path, first: np.ndarray, scans: dict[str, np.ndarray]) -> None:
+    """Both scans from above, a slice of 20 cm at half the height of the room: the walls show how they lie."""
+    from matplotlib import pyplot
+
+    figure, panels = pyplot.subplots(1, 2, figsize=(9, 4.6), layout="constrained", sharex=True, sharey=True)
+    level = np.median(first[:, 2])
+    for ax, name in zip(panels, ("before", "after"), strict=True):
+        for points, color in ((first, "0.6"), (scans[name], "#D55E00")):
+            near = points[np.abs(points[:, 2] - level) < 0.1]
+            ax.scatter(near[:, 0], near[:, 1], s=3, color=color, linewidths=0)
+        ax.set(title=f"{name} the alignment", xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    figure.savefig(file)
 
 
 if __name__ == "__main__":

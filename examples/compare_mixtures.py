@@ -1,5 +1,8 @@
 """How far apart two mixtures are: the earth mover's distance, its plan, and its gradient."""
 
+import argparse
+from pathlib import Path
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -15,7 +18,7 @@ def mixture(weights: list[float], means: list[list[float]]) -> GaussianMixture:
     return GaussianMixture(jnp.asarray(weights), jnp.asarray(means), covariances, live=jnp.ones(count, bool))
 
 
-def main() -> None:
+def main(plot: Path | None) -> None:
     before = mixture([0.5, 0.5], [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
     after = mixture([0.4, 0.4, 0.2], [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 3.0, 0.0]])
 
@@ -33,7 +36,13 @@ def main() -> None:
 
     smooth = earth_movers_distance(before, after, solver="sinkhorn", epsilon=0.5)
     print(f"Sinkhorn, epsilon 0.5: {smooth.cost:.3f}")
+    if plot:
+        from gmmjax.plotting import plot_transport
+
+        plot_transport(before, after, result, direction="above").figure.savefig(plot)
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
+    main(parser.parse_args().plot)

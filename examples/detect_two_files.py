@@ -4,7 +4,7 @@
 reads, it takes those.
 """
 
-import sys
+import argparse
 import tempfile
 from pathlib import Path
 
@@ -33,16 +33,23 @@ def report(changes: Changes) -> None:
         print(f"{side}: {(labels >= 0).sum()} of {len(labels)} points changed")
 
 
-def main(before: Path, after: Path, folder: Path) -> None:
+def main(before: Path, after: Path, folder: Path, plot: Path | None) -> None:
     # Things may have appeared and disappeared: partial transport finds both together.
     config = DetectionConfig(method="transport", restarts=4)
     changes = detect_changes(read_cloud(before), read_cloud(after), config=config)
     report(changes)
     changes.save(folder / "result")
     assert len(Changes.load(folder / "result")) == len(changes)
+    if plot:
+        changes.plot()[0, 0].figure.savefig(plot)
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", type=Path, nargs="*", help="the scan before and the scan after")
+    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
+    options = parser.parse_args()
+    if len(options.files) not in (0, 2):
+        parser.error("give two files, or none")
     with tempfile.TemporaryDirectory() as temporary:
-        paths = [Path(path) for path in sys.argv[1:]] or simulated_pair(Path(temporary))
-        main(*paths, Path(temporary))
+        main(*(options.files or simulated_pair(Path(temporary))), Path(temporary), options.plot)

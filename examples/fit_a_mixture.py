@@ -1,5 +1,8 @@
 """How many Gaussians, and which: one cloud on the host, then many random starts at once inside `jit` and `vmap`."""
 
+import argparse
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +18,7 @@ def cloud(points: int = 300) -> np.ndarray:
     return np.concatenate([mean + 0.4 * random.normal(size=(points, 3)) for mean in MEANS])
 
 
-def on_the_host(points: np.ndarray) -> None:
+def on_the_host(points: np.ndarray, plot: Path | None) -> None:
     """In float64, the restarts shared out over the cores; the shortest message length wins."""
     fit = fit_mixture(points, key=jax.random.key(0), max_components=10, restarts=4)
     mixture = fit.mixture.live_part()
@@ -23,6 +26,10 @@ def on_the_host(points: np.ndarray) -> None:
     for weight, mean in zip(mixture.weights, mixture.means, strict=True):
         print(f"  weight {weight:.2f}, mean {np.round(mean, 2).tolist()}")
     print("  labels of the first points:", np.asarray(mixture.labels(points[:5])).tolist())
+    if plot:
+        from gmmjax.plotting import plot_mixture
+
+        plot_mixture(mixture, points).figure.savefig(plot)
 
 
 def many_starts_at_once(points: np.ndarray) -> None:
@@ -34,6 +41,9 @@ def many_starts_at_once(points: np.ndarray) -> None:
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
+    options = parser.parse_args()
     points = cloud()
-    on_the_host(points)
+    on_the_host(points, options.plot)
     many_starts_at_once(points)

@@ -4,7 +4,7 @@
 topic of point clouds and poses on /tf, it takes those. Needs rosbags: `pip install '.[ros]'`.
 """
 
-import sys
+import argparse
 import tempfile
 from pathlib import Path
 
@@ -32,15 +32,23 @@ def map_of(path: Path) -> LocalisedMap:
         return localised_map(bag.frames(), sensor_trajectory(bag, "/tf", sensor), refine=True)
 
 
-def main(paths: list[Path]) -> None:
+def main(paths: list[Path], plot: Path | None) -> None:
     before, after = (map_of(path) for path in paths)
     for path, laid in zip(paths, (before, after), strict=True):
         print(f"{path.name}: {laid.frames_used} frames, {len(laid.points)} points, refined: {laid.refined}")
     changes = detect_changes(before.points, after.points, views_before=before.views, views_after=after.views)
     for change in changes:
         print(f"{change.kind} at {np.round(change.mean, 2).tolist()}, probability {change.probability:.2f}")
+    if plot:
+        changes.plot()[0, 0].figure.savefig(plot)
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("bags", type=Path, nargs="*", help="of the survey before and the survey after")
+    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
+    options = parser.parse_args()
+    if len(options.bags) not in (0, 2):
+        parser.error("give two bags, or none")
     with tempfile.TemporaryDirectory() as temporary:
-        main([Path(path) for path in sys.argv[1:]] or simulated_bags(Path(temporary)))
+        main(options.bags or simulated_bags(Path(temporary)), options.plot)

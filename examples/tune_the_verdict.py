@@ -20,7 +20,7 @@ import numpy as np
 
 from gmmjax import DetectionConfig, InputWarning, detect_changes
 from gmmjax.changes import write_verdicts
-from gmmjax.evaluation import LabelledCloud, LabelledPair, Scores, family_pair, score_labelled_pair
+from gmmjax.evaluation import LabelledCloud, LabelledPair, Row, Scores, family_pair, score_labelled_pair
 from gmmjax.tuning import VerdictResult, scan_pair, tune_verdict, unchanged_pair
 
 
@@ -78,6 +78,7 @@ def main() -> None:
     parser.add_argument("--patches", type=float, default=3.0, help="with multipath errors, a frame; 0: none")
     parser.add_argument("--every", type=int, default=1, help="of so many points one is used, to save time")
     parser.add_argument("--poses", action="store_true", help="the poses of the sensor are given")
+    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
     options = parser.parse_args()
     # What tuning is for: registrations in doubt, and candidates unlike those that the verdict was learned from.
     warnings.simplefilter("ignore", InputWarning)
@@ -95,12 +96,30 @@ def main() -> None:
     tunings = {"labelled": [scan_pair(pair) for pair in training], "unchanged": unchanged}
     print(f"{len(unseen)} unseen pairs{'' if options.poses else ', poses unknown'}")
     print(f"{'':32}{'segment F1':>12}{'point F1':>12}{'false':>8}")
-    print_row("shipped", scored(unseen, DetectionConfig()))
+    table = {"shipped": scored(unseen, DetectionConfig())}
+    print_row("shipped", table["shipped"])
     for name, own in tunings.items():
         if own:
             result = tune_verdict(own)
-            kept = "" if result.improved else ": not kept"
-            print_row(f"tuned on {len(own)} {name}{kept}", scored_with(result, unseen))
+            title = f"tuned on {len(own)} {name}{'' if result.improved else ': not kept'}"
+            table[title] = scored_with(result, unseen)
+            print_row(title, table[title])
+    if options.plot:
+        rows = [Row(name, "", "unseen pairs", len(unseen), 0, scores, None) for name, scores in table.items()]
+        draw(options.plot, rows)
+
+
+def draw(file: Path, rows: list[Row]) -> None:
+    """The segment F1 and the point F1 as bars."""
+    from matplotlib import pyplot
+
+    from gmmjax.plotting import plot_scores
+
+    figure, panels = pyplot.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    for ax, measure in zip(panels, ("f1", "point_f1"), strict=True):
+        plot_scores(rows, measure=measure, ax=ax)
+    panels[0].get_legend().remove()
+    figure.savefig(file)
 
 
 def scored_with(result: VerdictResult, pairs: Sequence[LabelledPair]) -> Scores:

@@ -10,9 +10,10 @@ defaults, and are judged on scenes that the tuning did not see. The tables of do
 import argparse
 import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 
 from gmmjax import DetectionConfig, detect_changes
-from gmmjax.evaluation import LabelledPair, Scores, score_labelled_pair
+from gmmjax.evaluation import LabelledPair, Row, Scores, score_labelled_pair
 from gmmjax.evaluation.gaussians import GAUSSIAN_FAMILIES, POINTS, gaussian_pair
 from gmmjax.evaluation.laboratory import laboratory_pair
 from gmmjax.tuning import TuningSettings, scan_pair, tune
@@ -56,6 +57,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=TuningSettings.steps, help="of the optimiser at the most")
     parser.add_argument("--starts", type=int, default=TuningSettings.starts, help="that the search begins from")
     parser.add_argument("--max-points", type=int, default=TuningSettings.max_points, help="of a fit at the most")
+    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.training + options.unseen)
     training = [scan_pair(pair) for pair in scenes(options.scenes, seeds[: options.training], options.points)]
@@ -73,14 +75,32 @@ def main() -> None:
         "defaults": DetectionConfig(),
         "tuned from the defaults": of_default.config,
     }
+    bars = []
     for evidence in (True, False) if options.scenes == "laboratory" else (True,):
         print(f"{len(unseen)} unseen scenes{'' if evidence else ', without the evidence test'}")
         print(f"{'':24}{'noise floor':>12}{'tolerance':>12}{'segment F1':>12}{'point F1':>12}{'false':>8}")
         for name, config in rows.items():
             scores = scored(unseen, dataclasses.replace(config, evidence=evidence))
+            condition = "unseen scenes" if evidence else "without evidence"
+            bars.append(Row(name, "", condition, len(unseen), 0, scores, None))
             values = [f"{value:.3g}" if value else "derived" for value in (config.noise_floor, config.tolerance)]
             figures = f"{scores.f1:12.3f}{scores.point_f1:12.3f}{scores.false_segments:8}"
             print(f"{name:24}{values[0]:>12}{values[1]:>12}{figures}")
+    if options.plot:
+        draw(options.plot, bars)
+
+
+def draw(file: Path, rows: list[Row]) -> None:
+    """The segment F1 and the point F1 as bars."""
+    from matplotlib import pyplot
+
+    from gmmjax.plotting import plot_scores
+
+    figure, panels = pyplot.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    for ax, measure in zip(panels, ("f1", "point_f1"), strict=True):
+        plot_scores(rows, measure=measure, ax=ax)
+    panels[0].get_legend().remove()
+    figure.savefig(file)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 ROOT = Path(__file__).parents[1]
 EXPECTED = {
@@ -49,11 +50,11 @@ def test_every_example_is_run_here():
 
 
 @pytest.mark.parametrize("name", sorted(EXPECTED))
-def test_the_example_says_what_it_should(name, tmp_path):
+def test_the_example_says_and_draws_what_it_should(name, tmp_path):
     """As a user runs it, in a process of its own; warnings are errors."""
     paths = [str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
     done = subprocess.run(
-        [sys.executable, *WARNINGS, ROOT / "examples" / name, *ARGUMENTS.get(name, [])],
+        [sys.executable, *WARNINGS, ROOT / "examples" / name, *ARGUMENTS.get(name, []), "--plot", "picture.png"],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)},
         capture_output=True,
@@ -66,4 +67,17 @@ def test_the_example_says_what_it_should(name, tmp_path):
     assert found.keys() == expected.keys()
     for kind, centres in expected.items():
         np.testing.assert_allclose(sorted(found[kind]), centres, atol=0.02, err_msg=kind)
-    assert not list(tmp_path.iterdir())
+    assert [path.name for path in tmp_path.iterdir()] == ["picture.png"]
+    picture = np.asarray(Image.open(tmp_path / "picture.png").convert("RGB"))
+    assert min(picture.shape[:2]) > 300
+    # Points, bars or arrows, and not the empty frame of a plot alone.
+    assert (picture != 255).any(axis=2).mean() > 0.03
+
+
+def test_the_gallery_shows_the_picture_and_the_command_of_every_example():
+    page = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
+    for name in EXPECTED:
+        picture = f"images/example-{name.removesuffix('.py').replace('_', '-')}.png"
+        assert f"({picture})" in page
+        assert (ROOT / "docs" / picture).exists()
+        assert f"python examples/{name}" in page

@@ -5,13 +5,12 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
-from gmmjax.clouds import PointCloud
 from gmmjax.pair import Pair
 from gmmjax.reporting.palette import KIND_COLORS
 
@@ -39,14 +38,25 @@ def saved(figure: Figure, name: str, *, dpi: int = 110, colors: int = 160) -> No
     else:
         buffer = io.BytesIO()
         figure.savefig(buffer, dpi=dpi, facecolor="white")
-        picture = Image.open(buffer).convert("RGB")
-        few = picture.quantize(colors, dither=Image.Dither.NONE)
-        # Colours with a meaning stay exactly what they are.
-        meant = [int(name[place : place + 2], 16) for name in KEPT for place in (1, 3, 5)]
-        few.putpalette([*(few.getpalette() or [])[: 3 * colors], *meant])
-        picture.quantize(palette=few, dither=Image.Dither.NONE).save(file, optimize=True)
+        in_few_colors(Image.open(buffer), file, colors)
     pyplot.close(figure)
     print(f"{file.relative_to(IMAGES.parents[1])}: {file.stat().st_size / 1000:.0f} kB")
+
+
+def in_few_colors(given: Image.Image, file: Path, colors: int = 160) -> None:
+    """Writes a picture as a small PNG.
+
+    Args:
+        given: the picture.
+        file: to write.
+        colors: that are left of it, besides those with a meaning.
+    """
+    picture = given.convert("RGB")
+    few = picture.quantize(colors, dither=Image.Dither.NONE)
+    # Colours with a meaning stay exactly what they are.
+    meant = [int(name[place : place + 2], 16) for name in KEPT for place in (1, 3, 5)]
+    few.putpalette([*(few.getpalette() or [])[: 3 * colors], *meant])
+    picture.quantize(palette=few, dither=Image.Dither.NONE).save(file, optimize=True)
 
 
 def overlaid(
@@ -61,9 +71,3 @@ def overlaid(
     for name, color in (("before", BEFORE), ("after", AFTER)):
         ax.scatter([], [], s=20, c=color, label=name)
     ax.legend(loc="upper right", fontsize="small", framealpha=0.9)
-
-
-def in_color(cloud: PointCloud) -> UInt8[np.ndarray, "n 3"]:
-    """The colours of a cloud that has some."""
-    assert cloud.colors is not None
-    return cloud.colors

@@ -61,23 +61,23 @@ class DetectionConfig:
         kinds: which kinds of change to look for.
         restarts: random restarts of the fits, over which probabilities are averaged; with "greedy" and "transport"
             every pair of restarts of the two clouds votes. None: 8, or 2 for "joint" on surface scans.
-        seed: of the random starts. The same seed gives the same result on the same machine.
-        max_components: Gaussians that each fit starts from. None: 25, or 40 for "joint" on surface scans, or less
-            where there are few points.
-        crop: box that is looked at: x, y and z of its lower and then of its upper corner. Points outside are never
-            changed. None: all.
-        registration: "auto" aligns the after cloud to the before cloud where the residual says that it is needed,
-            "always" whenever a motion can be found, "never" leaves it. Of "joint"; the others take the clouds as they
+        seed: seed of the random starts. The same seed gives the same result on the same machine.
+        max_components: number of Gaussians that each fit starts with. None: 25, or 40 for "joint" on surface scans, or
+            less where there are few points.
+        crop: box that the comparison is restricted to: x, y and z of its lower and then of its upper corner. Points
+            outside never count as changed. None: everything.
+        registration: "auto" aligns the after cloud to the before cloud where the residual shows that it is needed,
+            "always" whenever a motion can be found, "never" not at all. Of "joint"; the others take the clouds as they
             are.
-        tolerance: registration error that is to be tolerated, standard deviation an axis. None: from the points'
+        tolerance: registration error that the mixture tolerates, standard deviation per axis. None: from the points'
             spacing and the residual of the registration. Of "joint".
         evidence: whether a change of a surface scan must lie where the other scan looked: where its views saw that
             there was nothing, or, without views, off the surfaces beside it. False reports all that one scan has and
             the other has not. Of "joint".
         verdict: file with the parameters by which a difference between scans is a change, such as `gmmjax tune` writes.
             None: those that come with the package. Of "joint".
-        max_points: voxels that each cloud is reduced to at the most before a separate fit; points that one restart of
-            "joint" is fitted to. All points get labels all the same.
+        max_points: maximum number of voxels that each cloud is reduced to before a separate fit, and of points that one
+            restart of "joint" is fitted to. All points get labels nevertheless.
         voxel_size: edge of the voxels. None: the smallest that leaves at most `max_points` (50,000 for "joint") in
             either cloud; clouds with fewer points are not reduced.
         outlier_neighbours: neighbours that the outlier filter looks at; 0 switches it off. Of separate fits; "joint"
@@ -88,10 +88,10 @@ class DetectionConfig:
             cloud's spread, 1 mm for a scan of 2 m. The scatter within a voxel is added to it.
         concentration: Dirichlet concentration of the Gaussians' weights, below 1: the further below, the more points
             a Gaussian needs to stay. None: Figueiredo and Jain's, one less half the parameters of a Gaussian.
-        covariance_scale: standard deviation that the Gaussians are drawn towards, by as many points as
-            `degrees_of_freedom` says. None: they are not.
-        degrees_of_freedom: how many points the belief in `covariance_scale` is worth. None: none.
-        noise_share: share of stray points, which are of no Gaussian. None: "joint" finds it from the points; separate
+        covariance_scale: prior standard deviation of the Gaussians, with the weight `degrees_of_freedom`. None: there
+            is no such prior.
+        degrees_of_freedom: weight of `covariance_scale`, as a number of points. None: 0.
+        noise_share: fraction of outliers, which belong to no Gaussian. None: "joint" finds it from the points; separate
             fits, after the outlier filter, have none.
         threshold: probability from which a point or a Gaussian counts as changed.
         penalty: of partial transport, for each unit of mass left unmatched: mass is matched over at most twice this

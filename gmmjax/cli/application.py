@@ -1,7 +1,10 @@
 """Which command is meant, and how it ends: the exit status, errors as one line, warnings as one line."""
 
+import difflib
 import os
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
@@ -21,23 +24,27 @@ PIPE_CLOSED = 141
 # interruption finds no import half done.
 NEEDED = ("gmmjax.reporting.console", "gmmjax.changes.detectors.joint")
 HELP = frozenset({"-h", "--help"})
-DESCRIPTION = "What changed between two 3D scans, and how sure are you?   (gmmjax --version prints the version.)"
+MORE = "gmmjax COMMAND --help shows the options of a command, gmmjax --version the version."
+DESCRIPTION = "What changed between two 3D scans, and how sure are you?"
 
 # Command: its module in this package, which has a function `command(arguments)` that gives the function to be run on
 # them, and its line in the help. Only the module of the command at hand is imported.
 COMMANDS: Mapping[str, tuple[str, str]] = {
-    "detect": ("detect", "What changed from one scan to another: a list, labels for all points, a report."),
-    "batch": ("batch", "What changed in many pairs of scans, on all cores or a cluster; goes on where it stopped."),
-    "fit": ("fit", "Fit a Gaussian mixture to a scan; the number of Gaussians is found."),
-    "extract": ("extract", "Frames and maps from a ROS bag or a depth image, as files that detect reads."),
-    "simulate gaussians": ("simulate_gaussians", "A pair of clouds drawn from Gaussians, with the truth."),
-    "simulate lab": ("simulate_lab", "A laboratory that a robot surveys: bags, frames, maps, pairs with the truth."),
+    "detect": ("detect", "Find what changed between two scans: a list, labels for all points, a report."),
+    "batch": ("batch", "Find what changed in many pairs of scans, on all cores or a cluster; can be resumed."),
+    "fit": ("fit", "Fit a Gaussian mixture to a scan; the number of Gaussians comes from the data."),
+    "extract": ("extract", "Extract frames and maps from a ROS bag or a depth image, as files that detect reads."),
+    "simulate gaussians": ("simulate_gaussians", "Sample a pair of clouds from Gaussians, with ground truth."),
+    "simulate lab": (
+        "simulate_lab",
+        "Simulate a laboratory surveyed by a robot: bags, frames, maps, pairs with ground truth.",
+    ),
     "evaluate gaussians": ("evaluate_gaussians", "Score detectors on artificial scenes of Gaussians."),
     "evaluate laboratory": ("evaluate_laboratory", "Score detectors on a simulated room."),
-    "evaluate scenes": ("evaluate_scenes", "Score detectors on simulated rooms, halls, corridors, modules."),
-    "evaluate pairs": ("evaluate_pairs", "Score detectors on pairs of scans with truth."),
-    "evaluate thesis": ("evaluate_thesis", "Run chapter 4 of the thesis again, beside its published numbers."),
-    "tune": ("tune", "Tune settings by gradient on pairs of scans, with truth or without."),
+    "evaluate scenes": ("evaluate_scenes", "Score detectors on simulated rooms, halls, corridors and other places."),
+    "evaluate pairs": ("evaluate_pairs", "Score detectors on pairs of scans with ground truth."),
+    "evaluate thesis": ("evaluate_thesis", "Reproduce chapter 4 of the thesis, next to its published numbers."),
+    "tune": ("tune", "Tune settings by gradient on pairs of scans, with or without ground truth."),
     "demo": ("demo", "Simulate two scans of a storehouse, detect the changes, and compare them with the truth."),
 }
 
@@ -101,24 +108,59 @@ def _discard_output() -> None:
 
 
 def _run(words: list[str], loaded: Callable[[], object]) -> int:
-    import tyro
-
     words = _joined(words)
     name = words[0] if words else ""
-    commands: dict[str, Callable[..., int]] = {other: _summary(text) for other, (_, text) in COMMANDS.items()}
-    if name in COMMANDS:
-        module = import_module(f"gmmjax.cli.{COMMANDS[name][0]}")
-        if HELP.isdisjoint(words):
-            for needed in NEEDED:
-                import_module(needed)
-        loaded()
-        if name == "detect":
-            words = [name, *module.completed(words[1:])]
-        commands[name] = module.command(words[1:])
-    result = tyro.extras.subcommand_cli_from_dict(
-        commands, prog="gmmjax", description=DESCRIPTION, args=words, config=(tyro.conf.FlagCreatePairsOff,)
+    if name not in COMMANDS:
+        if not HELP.isdisjoint(words):
+            print(overview(shutil.get_terminal_size().columns))
+            return DONE
+        raise InputError(_unknown(words))
+    import tyro
+
+    from gmmjax.cli.help_texts import description_of, documented
+
+    module = import_module(f"gmmjax.cli.{COMMANDS[name][0]}")
+    if HELP.isdisjoint(words):
+        for needed in NEEDED:
+            import_module(needed)
+    loaded()
+    arguments = module.completed(words[1:]) if name == "detect" else words[1:]
+    function = module.command(arguments)
+    if not HELP.isdisjoint(words):
+        print(description_of(function, shutil.get_terminal_size().columns), end="\n\n")
+    result = tyro.cli(
+        documented(function),
+        prog=f"gmmjax {name}",
+        args=arguments,
+        config=(tyro.conf.FlagCreatePairsOff,),
     )
     return int(result)
+
+
+def overview(width: int) -> str:
+    """The help of the program: its commands, a line or more for each.
+
+    Args:
+        width: of the terminal, characters.
+    """
+    longest = max(map(len, COMMANDS))
+    lines = [DESCRIPTION, "", "usage: gmmjax COMMAND ...", ""]
+    for name, (_, text) in COMMANDS.items():
+        # In a terminal that leaves hardly any room for the text it is better that it wraps by itself.
+        first, *others = textwrap.wrap(text, max(width - longest - 4, 20))
+        lines += [f"  {name:<{longest}}  {first}", *(" " * (longest + 4) + other for other in others)]
+    return "\n".join([*lines, "", *textwrap.wrap(MORE, width)])
+
+
+def _unknown(words: list[str]) -> str:
+    """What is wrong with words that do not begin with a command, and what may be meant."""
+    if not words:
+        return "give a command, such as detect; gmmjax --help lists them"
+    name, places = words[0], (" ".join(words[:2]), words[0])
+    close = [found for place in places for found in difflib.get_close_matches(place, COMMANDS, n=1)]
+    parts = [command for command in COMMANDS if command.startswith(f"{name} ")]
+    meant = " or ".join(parts or close[:1])
+    return f"{name} is no command{f'; do you mean {meant}?' if meant else ';'} gmmjax --help lists them"
 
 
 def _joined(words: list[str]) -> list[str]:
@@ -126,13 +168,3 @@ def _joined(words: list[str]) -> list[str]:
     if " ".join(words[:2]) in COMMANDS:
         return [" ".join(words[:2]), *words[2:]]
     return words
-
-
-def _summary(text: str) -> Callable[[], int]:
-    """Stands in for a command that is not the one at hand, for its line in the help."""
-
-    def command() -> int:
-        return DONE
-
-    command.__doc__ = text
-    return command

@@ -59,33 +59,33 @@ def batch(
     quiet: bool = False,
     settings: OmitArgPrefixes[Flags],  # type: ignore[valid-type]
 ) -> int:
-    """What changed in many pairs of scans: a result for each, tables of all, and a page to look at them.
+    """Find what changed in many pairs of scans: a result for each, tables of all, and a page to browse them.
 
-    The manifest is a table, .csv or .tsv, with the columns name, before and after, and where wanted views_before,
+    The manifest is a table, .csv or .tsv, with the columns name, before and after, and optionally views_before,
     views_after, config, or any setting by its name; or JSON lines (.jsonl) with the same keys. Paths in it are relative
-    to it. A run that was interrupted goes on when the same command is given again: it computes what is missing, and
-    what was made of other scans, with other settings or by another version.
+    to it. An interrupted run is resumed by the same command: it computes what is missing, and
+    what was made from other scans, with other settings or by another version.
 
     Args:
-        manifest: the pairs.
-        out: folder of the run; is made where needed.
-        pairs: in place of a manifest, folders that each have before.* and after.*, and where known before_views.json
+        manifest: table of the pairs.
+        out: folder for the run; created if missing.
+        pairs: instead of a manifest, folders that each contain before.* and after.*, and optionally before_views.json
             and after_views.json.
-        config: TOML file with settings of all pairs; flags win over it.
-        workers: processes on this machine; default one a core.
-        scheduler: address of a Dask scheduler, whose workers compute in place of this machine.
+        config: TOML file with settings for all pairs; options override it.
+        workers: number of processes on this machine; default one per core.
+        scheduler: address of a Dask scheduler, whose workers compute instead of this machine.
         send: read the scans here and send them to the workers, which do not see the files.
         shard: compute a part of the run, such as 3/100; the others are computed elsewhere, into the same folder.
-        merge: compute nothing; write tables and page of what is in the folder, such as after all shards.
-        series: the manifest has the epochs of one place, in their order: name, cloud, and where known views. Each is
+        merge: compute nothing; only write the tables and the page for what is in the folder, such as after all shards.
+        series: the manifest lists the epochs of one place in order: name, cloud, and optionally views. Each is
             compared with its predecessor or with the first one, and the changes are linked into objects with a history.
-        until_stable: of each pair, stop when doubling the restarts changes no probability by --stable-within or more;
-            --restarts is then the most.
-        stable_within: difference of probabilities that no reader would see, who reads whole percents.
-        fail_fast: stop at the first pair that fails.
+        until_stable: for each pair, stop when doubling the restarts changes no probability by --stable-within or more;
+            --restarts is then the maximum.
+        stable_within: largest change of a probability that counts as stable.
+        fail_fast: stop at the first failure.
         overwrite: replace the results of a run with other settings in the folder.
         quiet: print nothing but errors.
-        settings: lengths are in the unit of the scans; None means derived from the data.
+        settings: lengths are in the unit of the scans.
     """
     del config  # Its settings are the defaults of the flags already: see `command`.
     from gmmjax.batch import Shard, detect_many, detect_series, read_epochs, run_folder

@@ -32,7 +32,7 @@ def demo(
 
     Args:
         out: folder for the scans (in scene/) and the detected changes (in result/).
-        seed: of the scene.
+        seed: seed of the scene.
         overwrite: replace an earlier demo.
         quiet: print nothing but errors.
     """

@@ -18,7 +18,19 @@ from gmmjax.cli.sensor_options import SensorOption
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 
-Flags = flags_of(DetectionConfig)
+# What the values of settings are called in the help.
+VALUES = {
+    **dict.fromkeys(("tolerance", "voxel_size", "noise_floor", "covariance_scale", "penalty"), "LENGTH"),
+    "crop": "X Y Z X Y Z",
+    "verdict": "FILE",
+    "threshold": "P",
+    "unit": "UNIT",
+}
+NO_EVIDENCE = (
+    "skip the evidence test, by which a change of a surface scan must lie where the other scan looked: where its views "
+    'saw free space or, without views, off the surfaces next to it. Of "joint".'
+)
+Flags = flags_of(DetectionConfig, VALUES, {"evidence": NO_EVIDENCE})
 
 
 def command(arguments: Sequence[str]) -> Callable[..., int]:
@@ -47,7 +59,7 @@ def detect(
     print_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
     settings: OmitArgPrefixes[Flags],  # type: ignore[valid-type]
 ) -> int:
-    """Find what changed from one scan to another: a list, labels for all points, a report.
+    """Find what changed between two scans: a list, labels for all points, a report.
 
     Reads PLY, PCD, XYZ, ASC, PTS, CSV, NPY, NPZ, LAS, LAZ and E57. Both scans must be in the same unit and in about
     the same frame.
@@ -75,7 +87,7 @@ def detect(
         verbose: show the log in place of the progress bar; -vv shows details, too.
         quiet: print nothing but errors.
         print_json: print the changes as JSON and nothing else.
-        settings: lengths are in the unit of the scans; None means derived from the data.
+        settings: lengths are in the unit of the scans.
     """
     del config  # Its settings are the defaults of the flags already: see `command`.
     from gmmjax.changes import detect_changes

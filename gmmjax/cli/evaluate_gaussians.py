@@ -33,7 +33,7 @@ def evaluate_gaussians(
             200 points; "sparse": an after cloud 0.4 times as dense; "shifted": one displaced by 0.1 m on each axis.
         conditions: only those whose names fit one of these patterns, such as '(-1 +1)*' or '*medium*'.
         seeds: scenes of each condition.
-        first_seed: of the scenes; the others follow on.
+        first_seed: first seed of the scenes; the others follow.
         points: points drawn from each Gaussian; default the condition's own, 1,000 unless it says otherwise.
         common: to all evaluations.
     """

@@ -32,7 +32,7 @@ def evaluate_laboratory(
         poses: whether the detectors are told where the camera stood.
         conditions: only those that fit one of these patterns: (+1) (+2) (+3) (-1) (-2) (-1 +1) (-2 +2) (moved) (none).
         seeds: scenes of each condition.
-        first_seed: of the scenes; the others follow on.
+        first_seed: first seed of the scenes; the others follow.
         common: to all evaluations.
     """
     from gmmjax.evaluation import laboratory_sources

@@ -32,11 +32,11 @@ def evaluate_pairs(
 
     Each pair is a folder with before.* and after.* (any format that detect reads), truth_before.npy and
     truth_after.npy (an integer for each point: -1 unchanged, else the id of the change, the same id on both sides for
-    an object that moved), and where they are known unseen_before.npy, unseen_after.npy, views_before.json and
+    an object that moved), and optionally unseen_before.npy, unseen_after.npy, views_before.json and
     views_after.json.
 
     Args:
-        folder: that holds the pairs' folders.
+        folder: folder that contains the folders of the pairs.
         sensor_at_origin: pairs whose names fit one of these patterns, such as 'frame*', are single depth frames from a
             camera at the origin that looks along z.
         common: to all evaluations.

@@ -29,7 +29,7 @@ def evaluate_scenes(
         families: kinds of places, such as rooms, station, corridors; default all. A wrong name lists them.
         poses: whether the detectors are told where the sensor stood.
         seeds: scenes of each family.
-        first_seed: of the scenes; the others follow on.
+        first_seed: first seed of the scenes; the others follow.
         common: to all evaluations.
     """
     from gmmjax.evaluation import family_sources

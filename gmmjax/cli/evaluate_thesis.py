@@ -27,19 +27,19 @@ def evaluate_thesis(
     overwrite: bool = False,
     quiet: bool = False,
 ) -> int:
-    """Run chapter 4 of the thesis again: its figures and tables as a page, beside its published numbers, and as CSV.
+    """Reproduce chapter 4 of the thesis: its figures and tables as a page, next to the published numbers, and as CSV.
 
-    What is done is kept in the folder: after an interruption the same command goes on where it was, and with other
-    parts it adds them.
+    Finished results are kept in the folder: after an interruption the same command resumes, and other parts can be
+    added later.
 
     Args:
-        out: folder for index.html and the tables; is made where needed.
+        out: folder for index.html and the tables; created if missing.
         parts: "grid": figure 3.9, scores of the grid search; "clustering": figures 4.1 and 4.2; "filtering": figure
             4.6, localised maps without and with the outlier filter; "gaussians": figure 4.9; "surveys": figures 4.10
             and 4.12, frames and maps. Volumetric maps need the extra `open3d`.
-        quick: a small run, of a minute or two.
-        first_seed: of everything; the others follow on.
-        overwrite: begin anew in a folder with an earlier run.
+        quick: a small run that takes a minute or two.
+        first_seed: first seed; the others follow.
+        overwrite: discard an earlier run in the folder.
         quiet: print nothing but errors.
     """
     from gmmjax.reporting import console

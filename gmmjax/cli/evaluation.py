@@ -11,6 +11,7 @@ import tyro
 from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.changes import DetectionConfig
 from gmmjax.cli.detect import read_settings
+from gmmjax.cli.help_texts import record_with_help
 from gmmjax.errors import ComputationError, InputError, check_seed
 from gmmjax.evaluation import Name
 
@@ -22,17 +23,18 @@ TABLE_ENDINGS = (".csv", ".json", ".md")
 CURVE_ENDINGS = (".html", ".json", ".md")
 
 
+@record_with_help
 @dataclasses.dataclass(frozen=True)
 class Options:
     """Which detectors are scored, and where the figures go.
 
     Attributes:
-        methods: detectors; default all that can run here. Those of m3c2 need the extra `peers`; "+evidence" puts a
-            detector's segments to the evidence test of "joint".
-        restarts: random starts of the fits; default each method's own.
+        methods: detectors to score; default all that can run here. Those of m3c2 need the extra `peers`; "+evidence"
+            applies the evidence test of "joint" to a detector's segments.
+        restarts: random starts of the fits; default as for each method.
         config: TOML file with settings for our detectors, such as one that `gmmjax tune` wrote.
-        out: also write the table there: .csv, .json or .md, by the ending.
-        reliability: write the reliability curves of the reported probabilities there: .html, .json or .md.
+        out: also write the table to this file, .csv, .json or .md.
+        reliability: write the reliability curves of the reported probabilities to this file, .html, .json or .md.
         json: print JSON and nothing else.
         csv: print comma-separated values and nothing else.
         quiet: print nothing but errors.

@@ -10,6 +10,7 @@ import numpy as np
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional
 
+from gmmjax.cli.help_texts import record_with_help
 from gmmjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,18 +22,19 @@ Progress = Callable[[str, float], None]
 DEPTH_SUFFIXES = (".png", ".npy")
 
 
+@record_with_help
 @dataclasses.dataclass(frozen=True)
 class Options:
     """What is taken from the bag, and what becomes of it.
 
     Attributes:
-        out: what is written: one frame as .pcd, .ply or .npz; many frames as one .npz, or as a folder; a map as .ply.
+        out: output: one frame as .pcd, .ply or .npz; many frames as one .npz, or as a folder; a map as .ply.
             Without it the topics are listed.
-        topic: of the point clouds; may be left out where the bag has one only.
-        at: a single frame, the one nearest to this time: seconds as the stamps have it, or +SECONDS from the bag's
-            start.
-        tolerance: how far from that time the frame may be, seconds.
-        every: many frames: one of this number.
+        topic: topic of the point clouds; optional if the bag has only one.
+        at: a single frame, the one nearest to this time: seconds as in the time stamps, or +SECONDS from
+            the start of the bag.
+        tolerance: largest difference from that time, in seconds.
+        every: many frames: one out of this many.
         rate: many frames: at most this number a second.
         start: no frame before this time.
         end: no frame after this time.
@@ -41,12 +43,12 @@ class Options:
             in the world, and frames without a pose at their time are left out and counted.
         parent: of transforms, the coordinate frame of the world; default the root of the tree.
         child: the coordinate frame whose poses these are; default what the messages say, or the sensor for transforms.
-        sensor_on_body: where the sensor is on the body, position and quaternion; default what the bag's transforms say.
-        max_gap: between two poses further apart than this nothing is known, seconds.
-        map: lay the frames together: localised concatenates them, volumetric fuses them to a surface. Beside the map,
+        sensor_on_body: pose of the sensor on the body, position and quaternion; default what the bag's transforms say.
+        max_gap: poses are not interpolated over longer gaps than this, seconds.
+        map: merge the frames: localised concatenates them, volumetric fuses them into a surface. Next to the map,
             NAME_views.json says where the sensor stood, for detect.
         crop: box that a map is cropped to, by its lower and its upper corner.
-        refine: move the frames of a map a little so that they fit together.
+        refine: refine the poses of a map's frames so that they fit together.
         voxel_size: of a volumetric map, metres.
         max_range: points of a map further than this from the sensor are left out, metres.
         intrinsics: of a depth image: JSON with fx, fy, cx, cy, width and height in pixels.
@@ -135,14 +137,14 @@ def extract(
     *,
     options: OmitArgPrefixes[Options] = Options(),
 ) -> int:
-    """Frames and maps from a ROS bag, as files that detect reads; or the frame of a depth image.
+    """Extract frames and maps from a ROS bag, or the frame of a depth image, as files that detect reads.
 
     Reads bags of ROS 1 (.bag) and ROS 2 (a folder, .mcap or .db3), and depth images (.png, .npy). Without --out it
     lists the topics.
 
     Args:
         source: the bag, or the depth image.
-        options: what is taken, and what becomes of it.
+        options: what to extract, and how to write it.
     """
     from gmmjax.reporting import console
     from gmmjax.surveys import open_bag

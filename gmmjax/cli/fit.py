@@ -40,16 +40,16 @@ def fit(
     overwrite: bool = False,
     quiet: bool = False,
 ) -> int:
-    """Fit a Gaussian mixture to a scan; the number of Gaussians is found.
+    """Fit a Gaussian mixture to a scan; the number of Gaussians comes from the data.
 
     Args:
         cloud: the scan.
-        out: folder for mixture.json and mixture.npz; is made where needed.
-        method: "annihilation" starts from many Gaussians and removes the weak; "grid" tries every number and covariance
+        out: folder for mixture.json and mixture.npz; created if missing.
+        method: "annihilation" starts with many Gaussians and removes the weak; "grid" tries every number and covariance
             type (slow).
-        max_components: Gaussians at the most. None: 25, or a tenth of the points where that is less.
-        restarts: random restarts; the shortest message length wins.
-        seed: of the random starts.
+        max_components: maximum number of Gaussians. None: 25, or a tenth of the points where that is less.
+        restarts: random restarts; the fit with the shortest message length is kept.
+        seed: seed of the random starts.
         voxel_size: edge of the voxels that the scan is reduced to. None: the smallest that leaves `max_points`.
         max_points: a scan with more points is reduced to voxels, at most this number.
         plot: also draw the scan with its Gaussians into a .png, .svg or .pdf file; needs matplotlib (the extra "plot").

@@ -39,7 +39,7 @@ def simulate_gaussians(
     """A pair of clouds drawn from Gaussians, with the truth.
 
     Args:
-        out: folder for the scene; is made where needed.
+        out: folder for the scene; created if missing.
         start: Gaussians in the before cloud.
         appeared: new Gaussians in the after cloud.
         disappeared: Gaussians of the before cloud that are not in the after cloud.

@@ -31,7 +31,7 @@ def simulate_lab(
     """A laboratory that a robot surveys with its depth camera: bags, frames, maps, and pairs with the truth.
 
     Args:
-        out: folder for the scenes; is made where needed. `gmmjax evaluate pairs DIR` scores detectors on its pairs.
+        out: folder for the scenes; created if missing. `gmmjax evaluate pairs DIR` scores detectors on its pairs.
         runs: "thesis": the five runs of its figure 3.6, nothing against something, and back, and two pairs in which
             objects come and move; "thin": boards of 2 and 3 cm; "stacked": a box on a bag; "empty": two surveys of
             which nothing changed; "random": objects anywhere.

@@ -47,16 +47,16 @@ def tune(
     Each pair is a folder with before.* and after.* (any format that detect reads), and truth_before.npy and
     truth_after.npy as for "gmmjax evaluate pairs". On scans the verdict is tuned, by which a difference is a change;
     pairs without truth can take part where nothing changed in them (--unchanged). Of clouds that fill volumes, and
-    where no pair has truth, settings of the mixture are tuned, without truth by the likelihood of held-out points. A
-    tuning that was interrupted goes on where it was when the same command is given again.
+    where no pair has truth, settings of the mixture are tuned, without truth by the likelihood of held-out points. An
+    interrupted tuning is resumed by the same command.
 
     Args:
-        folder: that holds the pairs' folders.
-        out: the settings; the course of the tuning goes beside them, as HTML, and so does a tuned verdict.
-        config: TOML file with settings to begin with; those that are not tuned are kept.
+        folder: folder that contains the folders of the pairs.
+        out: file for the settings; the course of the tuning is written next to it, as HTML, and so is a tuned verdict.
+        config: TOML file with the settings to start from; those that are not tuned are kept.
         unchanged: nothing changed in the pairs without truth: what is reported there is a false alarm.
         overwrite: replace the output files.
-        restart: begin anew where an interrupted tuning could go on.
+        restart: start again instead of resuming an interrupted tuning.
         quiet: print nothing but errors.
         print_json: print the result as JSON and nothing else.
         settings: of the tuning.

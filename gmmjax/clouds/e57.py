@@ -1,5 +1,6 @@
 """Reading E57 files, the format of terrestrial scanners (ASTM E2807), with pye57 in a process of its own."""
 
+import dataclasses
 import json
 import os
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ from gmmjax.clouds.decoder_process import DecoderProcess, DecodingError, Request
 from gmmjax.clouds.files import require_file
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.clouds.reference_system import of_wkt
-from gmmjax.clouds.views import MARGIN, SensorViews
+from gmmjax.clouds.views import SensorViews
 from gmmjax.errors import InputError, one_line
 from gmmjax.geometry import rigid_transform, transformed
 
@@ -30,11 +31,8 @@ INVALID = "cartesianInvalidState"
 REPEATED = (*CARTESIAN, *COLORS, INVALID, "sphericalRange", "sphericalAzimuth", "sphericalElevation")
 # Bytes a second that the slowest machine decodes, and bytes that the library takes beside a block of points.
 SLOWEST, WORKING_MEMORY = 1_000_000, 1 << 29
-# A turning scanner's axes (x right, y down, z forward) in the frame of its scan, whose z is up.
-SCANNER_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 # How far (standard deviation, as a share of the scan's height) the elevations of a row may be from even steps.
 ROW_TOLERANCE = 0.02
-WIDEST, HIGHEST = 360.0, 179.9
 
 
 class _Scan(NamedTuple):
@@ -153,9 +151,11 @@ def _cloud(scans: list[_Scan], details: dict[str, Any], file: Path) -> PointClou
     if all(set(COLORS) <= set(scan.columns) for scan in scans):
         channels = [np.stack([scan.columns[name] for name in COLORS], axis=1) for scan in scans]
         colors = color_bytes(np.concatenate(channels), str(file))
-    cloud = PointCloud.from_rows(points, colors, _fields(scans), str(file), _views(scans, places))
-    system = of_wkt(details["coordinate_metadata"])
-    return PointCloud(**{**vars(cloud), "unit": UNIT, "crs": system.crs})
+    cloud = PointCloud.from_rows(points, colors, _fields(scans), str(file))
+    views = None
+    if len(cloud) and all(scan.posed and _is_station(scan, own) for scan, own in zip(scans, places, strict=True)):
+        views = _views(cloud.points, scans)
+    return dataclasses.replace(cloud, views=views, unit=UNIT, crs=of_wkt(details["coordinate_metadata"]).crs)
 
 
 def _fields(scans: list[_Scan]) -> dict[str, np.ndarray]:
@@ -172,29 +172,18 @@ def _fields(scans: list[_Scan]) -> dict[str, np.ndarray]:
     return fields
 
 
-def _views(scans: list[_Scan], places: list[Float64[np.ndarray, "_ 3"]]) -> SensorViews | None:
-    """Where the scanner stood, if every scan was taken from its pose; all have one field of view and one range."""
-    if not all(scan.posed and _is_station(scan, own) for scan, own in zip(scans, places, strict=True)):
-        return None
-    elevations, ranges = zip(*(_directions(own) for own in places), strict=True)
-    highest = 2 * np.degrees(max(np.nanmax(np.abs(own)) for own in elevations)) * MARGIN
-    poses = np.stack([scan.pose @ rigid_transform(SCANNER_AXES) for scan in scans])
+def _views(points: Float64[np.ndarray, "n 3"], scans: list[_Scan]) -> SensorViews | None:
+    """Where the scanner stood; field of view and range hold the points."""
     try:
-        return SensorViews(poses, (WIDEST, min(highest, HIGHEST)), max(np.nanmax(own) for own in ranges) * MARGIN)
-    # Such as a range of 0.
+        return SensorViews.from_positions(points, np.stack([scan.pose[:3, 3] for scan in scans]))
+    # Such as a scanner that is too far away from its points.
     except InputError:
         return None
 
 
-def _directions(places: Float64[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray]:
-    """Elevation, radians, and range of each point in the frame of its scan."""
-    across = np.hypot(places[:, 0], places[:, 1])
-    return np.arctan2(places[:, 2], across), np.hypot(across, places[:, 2])
-
-
 def _is_station(scan: _Scan, places: Float64[np.ndarray, "n 3"]) -> bool:
     """Whether elevations grow evenly with the row or the column of the scan, as from the place of a turning scanner."""
-    elevations, _ = _directions(places)
+    elevations = np.arctan2(places[:, 2], np.hypot(places[:, 0], places[:, 1]))
     indices = [scan.columns[name] for name in ("rowIndex", "columnIndex") if name in scan.columns]
     return any(_evenly(elevations, index) for index in indices)
 

@@ -108,17 +108,18 @@ def _keys(keys: str) -> str:
 
 
 def _toolbar(scene: Mapping[str, Any], changes: Changes) -> str:
-    missing = {
-        name
-        for name, there in (("unobserved", scene["has"]["unobserved"]), ("rejected", changes.rejected))
-        if not there
-    }
-    if not len(changes):
-        missing |= {"boxes", "gaussians", "opacityByProbability"}
+    missing = set() if scene["has"]["unobserved"] else {"unobserved"}
+    missing |= set() if changes.rejected else {"rejected"}
+    missing |= set() if changes.items else {"boxes", "gaussians", "opacityByProbability"}
+    missing |= set() if changes.items or changes.rejected else {"clip"}
     shown = "".join(_button(toggle) for toggle in SHOWN if toggle.name not in missing)
     effects = "".join(_button(toggle) for toggle in EFFECTS if toggle.name not in missing)
+    # Where nothing changed, the distances say most.
+    first = "distance" if scene["has"]["distance"] and not changes.items else "kind"
     colorings = "".join(
-        f'<option value="{name}">{text}</option>' for name, text in COLORINGS.items() if scene["has"].get(name, True)
+        f'<option value="{name}"{" selected" * (name == first)}>{text}</option>'
+        for name, text in COLORINGS.items()
+        if scene["has"].get(name, True)
     )
     return f"""<div class="toolbar" role="toolbar" aria-label="What the views show">
 <div class="group" role="group" aria-label="Shown">{shown}</div>

@@ -139,10 +139,11 @@ def _goods(stage: Stage, random: np.random.Generator) -> None:
     stage.changes((), moved((block((0.9, 0.7, 0.8)),), place(-4.5, -6.5)), WOOD)
     stage.changes(moved(loaded(1.1, 0.8, 1.1), place(-6.5, 3.2, 5)), (), WOOD)
     stage.changes(moved((block((1.4, 0.9, 1.1)),), place(12, -6.4)), (), WOOD)
-    crate = moved((block((1.5, 1.0, 1.2)),), place(-3, 3.6, 15))
-    stage.changes(crate, moved(crate, nudge(-3, 3.6, 8, (1.7, 0.1))), RED)
-    trolley = moved((block((1.1, 0.7, 0.9), (0, 0, 0.12)), block((0.1, 0.7, 1.25), (0.5, 0, 0))), place(5.4, 0.2, 30))
-    stage.changes(trolley, moved(trolley, nudge(5.4, 0.2, 15, (-0.7, 1.3))), YELLOW)
+    lathe = block((2.4, 1.3, 1.2)), block((0.9, 1.1, 0.8), (0.6, 0.1, 1.2))
+    lathe = moved(lathe, place(-3.2, 1.3, 15))
+    stage.changes(lathe, moved(lathe, nudge(-3.2, 1.3, 12, (1.9, 1.3))), RED)
+    trolley = moved((block((1.8, 1.1, 0.9)), block((0.3, 1.1, 1.6), (0.75, 0, 0))), place(5.4, 0.2, 30))
+    stage.changes(trolley, moved(trolley, nudge(5.4, 0.2, 15, (-0.9, 1.3))), YELLOW)
 
 
 def table(changed: bool = True) -> Scene:
@@ -169,7 +170,7 @@ def table(changed: bool = True) -> Scene:
     ideal = DepthCamera(
         columns=480, rows=360, field_of_view=(64.0, 50.0), max_range=3.0, flying=0.02, lost=0.02, edge=0.05
     )
-    camera = TriangulatingCamera(ideal, noise=0.0012, blur=0.6, distortion=0.0008)
+    camera = TriangulatingCamera(ideal, noise=0.0008, blur=0.6, distortion=0.0003)
     eyes = np.array([[-0.45, -1.05, 0.62], [0.5, -1.0, 0.66]])
     poses = np.stack([looking_at(eye, np.array([0.0, 0.05, -0.03])) for eye in eyes])
 
@@ -203,11 +204,17 @@ def yard(side: int = 5, rows: int = 8) -> tuple[Scene, Changes]:
     poses = np.stack([upright(np.array([x, y, 5.0]), 0.0) for x in (-10, 0, 10) for y in (-12, 12)])
     recordings = stage.solids.map(lambda solids: scanner.recording(solids, poses, random))
     scene = stage.scene(recordings, Pair("yard, week 12.las", "yard, week 13.las"), np.eye(4), 3)
-    return scene, changes_by_truth(scene)
+    return scene, changes_by_truth(scene, degrees=25)
 
 
-def changes_by_truth(scene: Scene) -> Changes:
-    """What a detection without a fault would have reported."""
+def changes_by_truth(scene: Scene, degrees: float) -> Changes:
+    """What a detection without a fault would have reported.
+
+    Args:
+        scene: whose truth it is.
+        degrees: that what moved turned by, about the vertical.
+    """
+    turn = place(0, 0, degrees)[:3, :3]
     numbers = np.unique(np.concatenate([truth[truth >= 0] for truth in scene.truth]))
     labels = scene.truth.map(lambda truth: np.full(len(truth), -1))
     items: list[Change] = []
@@ -223,9 +230,8 @@ def changes_by_truth(scene: Scene) -> Changes:
                 items.append(_change("moved" if all(there) else kind, cloud.points[rows], partner, len(items)))
     for index, item in enumerate(items):
         if item.partner is not None:
-            motion = rigid_transform(
-                np.eye(3), items[max(index, item.partner)].mean - items[min(index, item.partner)].mean
-            )
+            first, second = sorted((index, item.partner))
+            motion = rotation_about(turn, items[first].mean, items[second].mean)
             items[index] = dataclasses.replace(item, transform=motion, moved_probability=0.93)
     shares = labels.map(lambda own: np.where(own < 0, 0.02, 0.95))
     return Changes(

@@ -15,13 +15,19 @@ const SCALES = {
 export const UNOBSERVED = ["#8d7fa8", "#6f6289"];
 
 const THEMES = {
-  light: { dark: "#70767e", bright: "#d3d6da", faded: "#e4e6e9", line: "#3c444d", halo: "#ffffff" },
-  dark: { dark: "#4a5058", bright: "#a9aeb5", faded: "#2c3137", line: "#c3c9d0", halo: "#15181c" },
+  light: { dark: "#70767e", bright: "#d3d6da", faded: "#e4e6e9", line: "#3c444d", halo: "#ffffff", lifted: 0 },
+  dark: { dark: "#4a5058", bright: "#a9aeb5", faded: "#2c3137", line: "#c3c9d0", halo: "#15181c", lifted: 0.45 },
 };
 
 /** Red, green and blue from 0 to 1. */
 export function rgb(color) {
   return [1, 3, 5].map((start) => parseInt(color.slice(start, start + 2), 16) / 255);
+}
+
+/** A colour for thin lines and numbers, which on a dark page must be brighter. */
+export function lineColor(color, theme) {
+  const lifted = rgb(color).map((value) => Math.round(255 * (value + theme.lifted * (1 - value))));
+  return `rgb(${lifted.join(",")})`;
 }
 
 export function themeColors(name) {

@@ -83,7 +83,7 @@ function scanColors(planes, bits) {
 }
 
 /**
- * The points of one cloud: `steps` on the lattice, `labels`, `unobserved` (0 or 1), `probability` (0 to 255),
+ * The points of one cloud: `steps` on the lattice, `spacing` (see localSpacing), `labels`, `unobserved` (0 or 1), `probability` (0 to 255),
  * `distance` (1 for minus the limit to 255 for the limit, 0 for none; or null), `colors` (or null).
  */
 export function decodeSide(bytes, scene, side) {
@@ -103,12 +103,50 @@ export function decodeSide(bytes, scene, side) {
   return {
     count: drawn,
     steps,
+    spacing: localSpacing(steps),
     labels,
     probability,
     unobserved: planes.unobserved,
     distance: planes.distance ? stretched(planes.distance, scene.distanceLevels) : null,
     colors: scanColors(planes, scene.colorBits),
   };
+}
+
+// The smallest cell of the octree that holds so many points in succession has about twice as many.
+const GROUP = 8;
+const IN_CELL = 2 * GROUP;
+// In the order of the octree, over which the spacing is averaged.
+const NEIGHBOURS = 24;
+
+/**
+ * The spacing around each point of a scan, which is denser near the scanner: `16 * log2` of it in steps of the lattice,
+ * 0 to 255. Taken from points that follow each other in the order of the octree.
+ */
+export function localSpacing(steps) {
+  const count = steps.length / 3;
+  const bits = new Float32Array(count);
+  const group = Math.min(GROUP, count - 1);
+  for (let first = 0; first < count; first++) {
+    const a = 3 * Math.min(first, count - 1 - group);
+    const b = a + 3 * group;
+    const differing = (steps[a] ^ steps[b]) | (steps[a + 1] ^ steps[b + 1]) | (steps[a + 2] ^ steps[b + 2]);
+    bits[first] = 32 - Math.clz32(differing);
+  }
+  const logarithms = new Uint8Array(count);
+  // Groups that lie across the border of a large cell say nothing: of those that hold the point, the smallest counts.
+  const least = new Float64Array(count + 1);
+  for (let index = 0; index < count; index++) {
+    let smallest = bits[index];
+    for (let back = 1; back <= group && back <= index; back++) smallest = Math.min(smallest, bits[index - back]);
+    least[index + 1] = least[index] + smallest;
+  }
+  const shift = Math.log2(IN_CELL) / 2;
+  for (let index = 0; index < count; index++) {
+    const [begin, end] = [Math.max(0, index - NEIGHBOURS), Math.min(count, index + NEIGHBOURS + 1)];
+    const mean = (least[end] - least[begin]) / (end - begin);
+    logarithms[index] = Math.max(0, Math.min(255, Math.round(16 * (mean - shift))));
+  }
+  return logarithms;
 }
 
 /** Numbers from 0 to 1 that are the same at each call (mulberry32). */

@@ -8,12 +8,14 @@ import { pointFragment, pointVertex } from "./shaders.js";
 const KINDS = ["appeared", "disappeared", "moved"];
 // So many points of a change are enough to frame it, and to find the side from which it is seen.
 const SAMPLES = 400;
+// The widest spacing that discs fill, in mean spacings of the cloud.
+const WIDEST = 1;
 // The grey of scans without colours or intensity.
 const PLAIN = 150;
 
 /** One cloud: what it draws with, and samples of the points of each change. */
 export class CloudPoints {
-  constructor(decoded, scene, unitScale) {
+  constructor(decoded, scene, side, unitScale) {
     const { order, changed } = drawingOrder(decoded.labels);
     this.count = decoded.count;
     this.changed = changed;
@@ -22,10 +24,12 @@ export class CloudPoints {
     const places = new Uint16Array(4 * this.count);
     const scan = new Uint8Array(4 * this.count);
     const measured = new Uint8Array(4 * this.count);
+    // Single points far from all others are not drawn as large as that.
+    const widest = 16 * Math.log2(Math.max(1, (WIDEST * scene[side].spacing) / scene.quantisation.step));
     const kinds = scene.changes.map(({ kind }) => 2 * (KINDS.indexOf(kind) + 1));
     this.places = places;
     this.samples = new Map();
-    const { steps, labels, colors, probability, distance, unobserved } = decoded;
+    const { steps, spacing, labels, colors, probability, distance, unobserved } = decoded;
     for (let to = 0; to < this.count; to++) {
       const from = order[to];
       const label = labels[from];
@@ -39,6 +43,7 @@ export class CloudPoints {
       scan[4 * to + 3] = probability[from];
       measured[4 * to] = distance ? distance[from] : 0;
       measured[4 * to + 1] = (unobserved[from] ? 1 : 0) + (label === NO_LABEL ? 0 : (kinds[label] ?? 0));
+      measured[4 * to + 2] = Math.min(spacing[from], widest);
       if (label !== NO_LABEL) this.#keepSample(label, to);
     }
     this.geometry = new three.BufferGeometry();
@@ -63,13 +68,14 @@ export class CloudPoints {
     return (this.samples.get(label) ?? []).map((index) => this.point(index));
   }
 
-  /** At most so many of the points that are not of these changes, in a box or everywhere (null); flat x, y, z. */
+  /** At most so many of the points that are not of these changes (none: of no change), in a box or everywhere (null); flat x, y, z. */
   sampleOfOthers(labels, box, most) {
     const found = [];
-    for (let index = 0; index < this.count && found.length < 3 * most; index++) {
+    // Those of changes come first.
+    for (let index = labels.length ? 0 : this.changed; index < this.count && found.length < 3 * most; index++) {
       if (labels.includes(this.places[4 * index + 3])) continue;
       const point = this.point(index);
-      if (box && point.some((value, axis) => Math.abs(value - box.centre[axis]) > box.half[axis])) continue;
+      if (box && point.some((value, axis) => value < box.lower[axis] || value > box.upper[axis])) continue;
       found.push(...point);
     }
     return found;
@@ -108,6 +114,8 @@ export function pointMaterial() {
       clipping: value(false),
       clipCentre: value([0, 0, 0]),
       clipHalf: value([0, 0, 0]),
+      drawnLower: value([0, 0, 0]),
+      drawnUpper: value([0, 0, 0]),
       showUnchanged: value(true),
       showUnobserved: value(true),
       fading: value(false),

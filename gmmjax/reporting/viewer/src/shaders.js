@@ -7,12 +7,12 @@ precision highp float;
 precision highp int;
 in vec4 position;   // place on the lattice, label
 in vec4 scan;       // red, green, blue of the scan, probability
-in vec4 measured;   // distance, flags: 1 not observed; 2, 4, 6 appeared, disappeared, moved
+in vec4 measured;   // distance, flags: 1 not observed; 2, 4, 6 appeared, disappeared, moved; spacing
 uniform mat4 viewMatrix;
 uniform mat4 projectionMatrix;
 uniform vec3 lower;
 uniform float latticeStep;
-uniform float diameter;    // of a disc, in the unit of the scene
+uniform float diameter;    // of a disc where the spacing is one step of the lattice, in the unit of the drawing
 uniform float pixels;      // that a length of 1 takes up at the distance 1
 uniform vec2 sizes;        // of a disc in pixels, at least and at most
 uniform int mode;
@@ -26,6 +26,8 @@ uniform bool isolating;
 uniform bool clipping;
 uniform vec3 clipCentre;
 uniform vec3 clipHalf;
+uniform vec3 drawnLower;   // of what is unchanged
+uniform vec3 drawnUpper;
 uniform bool showUnchanged;
 uniform bool showUnobserved;
 uniform bool fading;
@@ -55,6 +57,7 @@ void main() {
   bool own = label == focus.x || label == focus.y;
   vec3 place = lower + (position.xyz + 0.5) * latticeStep;
   bool hidden = unobserved ? !showUnobserved : !changed && !showUnchanged;
+  hidden = hidden || (!changed && (any(lessThan(place, drawnLower)) || any(greaterThan(place, drawnUpper))));
   hidden = hidden || (clipping && any(greaterThan(abs(place - clipCentre), clipHalf)));
   hidden = hidden || (fading && hash(gl_VertexID) > mix(0.02, 1.0, scan.a));
   if (hidden) {
@@ -64,7 +67,7 @@ void main() {
   }
   vec4 seen = viewMatrix * vec4(place, 1.0);
   gl_Position = projectionMatrix * seen;
-  gl_PointSize = clamp(diameter * pixels / max(-seen.z, 1e-9), sizes.x, sizes.y);
+  gl_PointSize = clamp(diameter * exp2(measured.z / 16.0) * pixels / max(-seen.z, 1e-9), sizes.x, sizes.y);
 
   float brightness = dot(scan.rgb, vec3(0.299, 0.587, 0.114));
   vec3 grey = mix(greys[0], greys[1], brightness);

@@ -2,7 +2,7 @@
 
 import * as three from "three";
 
-import { legend, rgb, scaleColors, themeColors, UNOBSERVED } from "./colors.js";
+import { legend, lineColor, rgb, scaleColors, themeColors, UNOBSERVED } from "./colors.js";
 import { decodeSide, fromBase64, inflate } from "./decode.js";
 import { chunks, Drawing } from "./drawing.js";
 import { add, bestDirection, between, bounds, clipBox, corners, framed, unit } from "./geometry.js";
@@ -10,6 +10,7 @@ import { Overlay, principalAxes } from "./overlay.js";
 import { CloudPoints } from "./points.js";
 import { MODES } from "./shaders.js";
 import { View } from "./view.js";
+import { EVERYWHERE, walls, withoutNearWalls } from "./walls.js";
 
 const DEFAULTS = {
   before: true,
@@ -22,15 +23,23 @@ const DEFAULTS = {
   color: "kind",
   opacityByProbability: false,
   blink: false,
+  cutaway: true,
   clip: false,
   clipScale: 1.8,
 };
+// What is drawn over the points, which stay as they are.
+const DRAWN_OVER = ["boxes", "gaussians", "rejected"];
 const SIDES = ["before", "after"];
 const FIELD_OF_VIEW = 45;
+// Of a point's disc, in spacings: few gaps are left between points at random places.
+const DIAMETER = 1.7;
 // Milliseconds: of a frame while the camera moves (25 frames a second), of one flight to a change, of either cloud while
 // they blink, and from the last movement to the picture of all points.
 const FRAME = 40;
 const FLIGHT = 550;
+// Points of each cloud that walls are found by, and that may hide a change from some direction.
+const WALL_SAMPLE = 15000;
+const OCCLUDERS = 6000;
 const BLINK = { moving: 500, reduced: 2000 };
 const STILL = 160;
 // Points of a frame while the camera moves: until frames have been timed, and at least.
@@ -65,6 +74,7 @@ export class Viewer {
   #blinkSide = "after";
   #blinkTimer = null;
   #clip = null;
+  #walls = EVERYWHERE;
 
   constructor({ scene, canvases, onPick }) {
     this.scene = scene;
@@ -91,10 +101,12 @@ export class Viewer {
     this.#views = Object.entries(this.canvases).map(([name, canvas]) => new View(name, canvas, this.camera, this.target));
     for (const side of SIDES) {
       const bytes = await inflate(fromBase64(points[side].trim()));
-      this.#clouds[side] = new CloudPoints(decodeSide(bytes, this.scene, side), this.scene, this.scale);
+      const decoded = decodeSide(bytes, this.scene, side);
+      this.#clouds[side] = new CloudPoints(decoded, this.scene, side, this.scale);
       // So that the page can answer between the two clouds.
       await new Promise((resolve) => setTimeout(resolve));
     }
+    this.#walls = walls(SIDES.flatMap((side) => this.#clouds[side].sampleOfOthers([], null, WALL_SAMPLE)));
     this.#listen();
     this.resetCamera({ animate: false });
   }
@@ -136,7 +148,13 @@ export class Viewer {
     Object.assign(this.#settings, changed);
     this.#clip = this.#clipOfFocus();
     if ("blink" in changed) this.#startBlinking();
-    this.#invalidate();
+    if (Object.keys(changed).every((name) => DRAWN_OVER.includes(name))) this.#presentAgain();
+    else this.#invalidate();
+  }
+
+  // The same points with other boxes.
+  #presentAgain() {
+    if (!this.lost) this.#present(this.#views.filter((view) => view.drawn && view.front));
   }
 
   setTheme(name) {
@@ -227,18 +245,19 @@ export class Viewer {
   #directionTo(items, radius, distance) {
     const labels = items.map((item) => item.label ?? -1);
     const points = SIDES.flatMap((side) => labels.flatMap((label) => this.#clouds[side].pointsOf(label))).flat();
-    const change = points.length ? points : items.flatMap((item) => corners(this.#scaled(item))).flat();
-    const around = this.#clip ?? {
-      centre: bounds(items.flatMap((item) => corners(this.#scaled(item)))).lower.map(() => 0),
-      half: [Infinity, Infinity, Infinity],
-    };
-    if (!this.#clip) {
-      const box = bounds(items.flatMap((item) => corners(this.#scaled(item))));
-      around.centre = box.lower.map((low, axis) => (low + box.upper[axis]) / 2);
-      // What is nearer to the change than the eye will be can hide it.
-      around.half = [distance, distance, distance];
+    const ofBoxes = items.flatMap((item) => corners(this.#scaled(item)));
+    // What is nearer to the change than the eye will be can hide it, unless it is cut away.
+    const near = this.#clip ?? { centre: clipBox(bounds(ofBoxes), 1).centre, half: [distance, distance, distance] };
+    const lower = near.centre.map((value, axis) => value - near.half[axis]);
+    const upper = near.centre.map((value, axis) => value + near.half[axis]);
+    if (this.#settings.cutaway) {
+      for (const axis of [0, 1, 2]) {
+        lower[axis] = Math.max(lower[axis], this.#walls.lower[axis]);
+        upper[axis] = Math.min(upper[axis], this.#walls.upper[axis]);
+      }
     }
-    const others = SIDES.flatMap((side) => this.#clouds[side].sampleOfOthers(labels, around, 6000));
+    const others = SIDES.flatMap((side) => this.#clouds[side].sampleOfOthers(labels, { lower, upper }, OCCLUDERS));
+    const change = points.length ? points : ofBoxes.flat();
     return bestDirection(change, others, Math.max(radius / 9, 1e-6), this.scene.towardsEye, this.scene.up);
   }
 
@@ -363,11 +382,11 @@ export class Viewer {
     const { settings, theme } = { settings: this.#settings, theme: themeColors(this.#theme) };
     const labels = this.#focusLabels();
     const height = view.canvas.height * this.resolution;
-    const side = SIDES.find((name) => this.#clouds[name] === cloud);
+    const drawn = settings.cutaway ? withoutNearWalls(this.#walls, this.camera.position.toArray()) : EVERYWHERE;
     return {
       lower: cloud.lower,
       latticeStep: cloud.step,
-      diameter: 1.6 * magnified * this.scene[side].spacing * this.scale,
+      diameter: DIAMETER * magnified * cloud.step,
       pixels: height / 2 / Math.tan((FIELD_OF_VIEW * Math.PI) / 360),
       sizes: [1.2, 24].map((size) => Math.max(1, size * view.pixelRatio * this.resolution)),
       mode: MODES[settings.color],
@@ -381,6 +400,8 @@ export class Viewer {
       clipping: this.#clip !== null,
       clipCentre: this.#clip?.centre ?? [0, 0, 0],
       clipHalf: this.#clip?.half ?? [0, 0, 0],
+      drawnLower: drawn.lower,
+      drawnUpper: drawn.upper,
       showUnchanged: settings.unchanged,
       showUnobserved: settings.unobserved,
       fading: settings.opacityByProbability,
@@ -550,7 +571,7 @@ export class Viewer {
   }
 
   #drawChange(overlay, view, change, own) {
-    const color = this.scene.kindColors[change.kind];
+    const color = lineColor(this.scene.kindColors[change.kind], overlay.theme);
     const box = this.#scaled(change);
     if (this.#settings.boxes) overlay.box(box, color);
     if (this.#settings.gaussians) {

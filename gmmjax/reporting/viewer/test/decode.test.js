@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { deflateSync } from "node:zlib";
 
-import { decodeSide, drawingOrder, fromBase64, inflate, NO_LABEL, octreeLeaves } from "../src/decode.js";
+import { decodeSide, drawingOrder, fromBase64, inflate, localSpacing, NO_LABEL, octreeLeaves, randomNumbers } from "../src/decode.js";
 
 test("base64 and zlib are undone", async () => {
   const bytes = Uint8Array.from({ length: 5000 }, (_, index) => (index * index) % 251);
@@ -52,4 +52,35 @@ test("changes are drawn first, and every beginning is a sample", () => {
   const mean = order.subarray(changed, changed + 900).reduce((sum, index) => sum + index, 0) / 900;
   assert.ok(Math.abs(mean - 5000) < 500);
   assert.deepEqual(drawingOrder(labels).order, order);
+});
+
+test("the spacing of a dense and of a sparse plane", () => {
+  const random = randomNumbers(7);
+  const code = ([x, y]) => {
+    let mixed = 0n;
+    for (let bit = 0; bit < 13; bit++) {
+      mixed |= (BigInt((x >> bit) & 1) << BigInt(2 * bit)) | (BigInt((y >> bit) & 1) << BigInt(2 * bit + 1));
+    }
+    return mixed;
+  };
+  const plane = (left, spacing, count) => {
+    const edge = spacing * Math.sqrt(count);
+    return Array.from({ length: count }, () => [left + random() * edge, random() * edge].map(Math.floor));
+  };
+  const places = [...plane(0, 6, 8000), ...plane(4096, 24, 8000)].map((place) => [code(place), place]);
+  places.sort((one, other) => (one[0] < other[0] ? -1 : 1));
+  const spacing = localSpacing(Uint16Array.from(places.flatMap(([, [x, y]]) => [x, y, 500])));
+  const median = (chosen) => {
+    const values = [...spacing].filter((_, index) => chosen(places[index][1][0])).sort((a, b) => a - b);
+    return 2 ** (values[values.length >> 1] / 16);
+  };
+  assert.ok(Math.abs(median((x) => x < 4096) / 6 - 1) < 0.3);
+  assert.ok(Math.abs(median((x) => x >= 4096) / 24 - 1) < 0.3);
+});
+
+test("the spacing of few points is defined", () => {
+  for (const count of [0, 1, 2, 9]) {
+    const steps = Uint16Array.from({ length: 3 * count }, (_, index) => 100 * index);
+    assert.equal(localSpacing(steps).length, count);
+  }
 });
