@@ -35,8 +35,8 @@ def draw(
 
     from gmmjax import plotting
 
-    figure = Figure(figsize=(15, 15), layout="constrained")
-    rows = figure.subfigures(3, 1, height_ratios=[1, 0.95, 0.9])
+    figure = Figure(figsize=(15, 15.5), layout="constrained")
+    rows = figure.subfigures(3, 1, height_ratios=[1.25, 1, 0.95])
     axes = np.array([row.subplots(1, 3) for row in rows[:2]])
     for ax, name, points, mixture in zip(
         axes[0], ("Before", "After"), (scene.before, scene.after), mixtures, strict=False
