@@ -27,6 +27,8 @@ const DEFAULTS = {
   clip: false,
   clipScale: 1.8,
 };
+// What is drawn over the points, which stay as they are.
+const DRAWN_OVER = ["boxes", "gaussians", "rejected"];
 const SIDES = ["before", "after"];
 const FIELD_OF_VIEW = 45;
 // Of a point's disc, in spacings: few gaps are left between points at random places.
@@ -146,7 +148,13 @@ export class Viewer {
     Object.assign(this.#settings, changed);
     this.#clip = this.#clipOfFocus();
     if ("blink" in changed) this.#startBlinking();
-    this.#invalidate();
+    if (Object.keys(changed).every((name) => DRAWN_OVER.includes(name))) this.#presentAgain();
+    else this.#invalidate();
+  }
+
+  // The same points with other boxes.
+  #presentAgain() {
+    if (!this.lost) this.#present(this.#views.filter((view) => view.drawn && view.front));
   }
 
   setTheme(name) {
