@@ -19,6 +19,7 @@ import gmmjax
 from gmmjax import _compilation_cache as compilation_cache
 from gmmjax.changes import Changes
 from gmmjax.cli import main
+from gmmjax.cli.application import COMMANDS as PROGRAMS
 from gmmjax.clouds import read_cloud, write_ply
 from gmmjax.evaluation import read_pair
 from gmmjax.reporting import read_mixture
@@ -317,7 +318,44 @@ def test_bad_config_files_are_named(scans, tmp_path, capsys, text, message):
     assert message in said
 
 
-@pytest.mark.parametrize("arguments", [[], ["detect"], ["detect", "a", "b"], ["fit", "a", "--out", "c", "--what"]])
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        ([], "give a command"),
+        (["detekt", "a"], "detekt is no command; do you mean detect?"),
+        (["simulate"], "do you mean simulate gaussians or simulate lab?"),
+        (["évaluate\x1b[1m", "pairs"], r"\x1b[1m is no command; do you mean evaluate pairs?"),
+    ],
+)
+def test_a_word_that_is_no_command_is_answered_with_what_may_be_meant(words, meant, capsys):
+    assert meant in failed(words, capsys)
+
+
+def test_the_overview_fits_the_terminal(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    assert main(["--help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 60 and all(f"  {name} " in "\n".join(lines) for name in PROGRAMS)
+
+
+@pytest.mark.parametrize("command", ["detect", "evaluate pairs", "extract", "tune"])
+def test_help_is_for_people_and_fits_the_terminal(command, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit) as ended:
+        main([*command.split(), "--help"])
+    text = capsys.readouterr().out
+    assert ended.value.code == 0 and max(map(len, text.splitlines())) <= 80
+    assert "(default: None)" not in text and "INT" not in text and "Args:" not in text
+
+
+def test_help_imports_neither_jax_nor_scipy():
+    look = "import sys; sys.argv = ['gmmjax', 'detect', '--help']; from gmmjax.cli import main\ntry: main()\nfinally: "
+    look += "print([name for name in ('jax', 'scipy', 'equinox') if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("\n[]\n")
+
+
+@pytest.mark.parametrize("arguments", [["detect"], ["detect", "a", "b"], ["fit", "a", "--out", "c", "--what"]])
 def test_bad_usage_exits_with_status_2(arguments):
     with pytest.raises(SystemExit) as stopped:
         main(arguments)

@@ -327,9 +327,32 @@ def _sink(file: BinaryIO, laszip: bytes | None) -> Iterator[Callable[[np.ndarray
         return
     import lazrs
 
-    compressor = lazrs.ParLasZipCompressor(file, lazrs.LazVlr(laszip))
-    yield lambda rows: compressor.compress_many(rows.reshape(-1))
-    compressor.done()
+    target = _RememberingFile(file)
+    try:
+        compressor = lazrs.ParLasZipCompressor(target, lazrs.LazVlr(laszip))
+        yield lambda rows: compressor.compress_many(rows.reshape(-1))
+        compressor.done()
+    except BaseException as error:
+        # lazrs raises an error of its own, which does not say that the disk is full.
+        if target.failure is not None:
+            raise target.failure from error
+        raise
+
+
+class _RememberingFile:
+    """A file that lazrs writes to, and what went wrong with it."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self.failure: OSError | None = None
+        self.seek, self.tell, self.flush = file.seek, file.tell, file.flush
+
+    def write(self, content: bytes | bytearray | memoryview) -> int:
+        try:
+            return self._file.write(content)
+        except OSError as error:
+            self.failure = error
+            raise
 
 
 def _write_extended(file: BinaryIO, original: BinaryIO, source: LasSource, *, moved: bool) -> dict[int, int]:

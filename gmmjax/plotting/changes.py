@@ -25,7 +25,7 @@ from gmmjax.plotting.cloud_image import (
 from gmmjax.plotting.figures import Style, axes_or_new, check_matplotlib, elided, legend_below, verbatim, with_unit
 from gmmjax.plotting.projection import Direction, Projection
 from gmmjax.reporting.palette import KIND_COLORS, UNCHANGED_COLOR
-from gmmjax.reporting.summary import answer, registration_text
+from gmmjax.reporting.summary import answer, object_labels, registration_text
 from gmmjax.reporting.thumbnails import thinned
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def plot_changes(
 
     The projection is parallel, with equal axes in the unit of the clouds and in the frame of the before cloud. Changed
     points have a white outline and are drawn over everything else, so that walls hide none. The boxes have the labels
-    of the changes.
+    of the changes; where both clouds are drawn, an arrow shows how an object moved.
 
     Args:
         changes: what was found.
@@ -78,6 +78,8 @@ def plot_changes(
     _draw_clouds(clouds, changes, show, page, ax, settings)
     labels = _shown_labels(changes, show)
     _draw_boxes(changes, labels, projection, ax)
+    if show == "changes":
+        _draw_motions(changes, projection, ax)
     page.dress(ax, changes.unit)
     if legend:
         _legend(ax, changes, labels)
@@ -311,6 +313,15 @@ def _draw_boxes(changes: Changes, labels: Sequence[int], projection: Projection,
             bbox=box,
             zorder=4,
         )
+
+
+def _draw_motions(changes: Changes, projection: Projection, ax: "Axes") -> None:
+    """An arrow from where a moved object was to where it is."""
+    for labels in object_labels(changes):
+        if len(labels) == 2:
+            start, end = (projection.on_page(changes[label].box.centre) for label in labels)
+            style = {"arrowstyle": "-|>", "color": KIND_COLORS["moved"], "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+            ax.annotate("", tuple(end), tuple(start), arrowprops=style, zorder=4)
 
 
 def _legend(ax: "Axes", changes: Changes, labels: Sequence[int]) -> None:

@@ -47,7 +47,7 @@ def changes_panel(changes: Changes, rows: list[ObjectRow], close_ups: Pictures, 
 <span class="steps">{_step("previous", "Previous change", "k", "↑")}{_step("next", "Next change", "j", "↓")}
 <button type="button" id="everything" title="Back to everything (Esc)" disabled>All</button></span></div>
 <ol class="changes" id="changes">{items}</ol>{left_out}
-<p class="none">The label is also that of the points in before.ply, after.ply and labels.npz.</p></aside>"""
+<p class="none">The label is also that of the points in before.*, after.* and labels.npz.</p></aside>"""
 
 
 def _step(name: str, text: str, key: str, sign: str) -> str:

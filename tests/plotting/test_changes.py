@@ -61,6 +61,13 @@ def test_a_cloud_is_shown_with_its_own_changes(changes):
     assert kinds["changes"] == (["appeared", "disappeared", "unchanged"], ["0", "1"])
 
 
+def test_an_arrow_goes_from_where_an_object_was_to_where_it_is(changes):
+    items = tuple(dataclasses.replace(item, kind="moved", partner=1 - label) for label, item in enumerate(changes))
+    ax = plot_changes(dataclasses.replace(changes, items=items), settings=SMALL)
+    (arrow,) = (text for text in ax.texts if text.get_text() == "")
+    np.testing.assert_allclose([arrow.xyann, arrow.xy], [item.box.centre[:2] for item in changes])
+
+
 def test_what_is_drawn_goes_into_the_axes_that_are_given(changes):
     figure, given = pyplot.subplots()
     assert plot_changes(changes, ax=given, legend=False, settings=SMALL) is given

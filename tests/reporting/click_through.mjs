@@ -68,7 +68,9 @@ async function agrees(row, labels, found) {
   const position = card["Position after"] ?? card.Position;
   near(position.split(", ").map(parseFloat), change.mean, longest, "position");
   near(numbers(card.Points), [change.point_count], 1, "points");
-  near(numbers(card.Probability), [100 * Math.max(...labels.map((label) => found.changes[label].probability))], 170, "probability");
+  // To whole percents, but only certainty is 100 %.
+  const probable = Math.max(...labels.map((label) => found.changes[label].probability));
+  near(numbers(card.Probability), [100 * probable], 170, "probability");
   if (change.volume === null) return assert.equal(card.Volume, undefined);
   const unit = card.Volume.endsWith("cm³") && found.unit === "m" ? 1e-6 : 1;
   near([numbers(card.Volume)[0] * unit], [change.volume], change.volume, "volume");

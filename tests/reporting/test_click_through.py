@@ -39,7 +39,7 @@ def yard(pair):
     random = np.random.default_rng(5)
     floor = np.c_[random.uniform(-3, 3, (5000, 2)), random.normal(0, 0.005, 5000)]
     crate = random.uniform([0, 0, 0], [0.8, 0.6, 0.5], (500, 3))
-    gone, was, came, now = (crate + [x, y, 0] for x, y in [(-2, -2), (-2, 1), (1, -2), (0.2, 1.4)])
+    gone, was, came, now = (crate + np.array([x, y, 0]) for x, y in [(-2, -2), (-2, 1), (1, -2), (0.2, 1.4)])
     points = Pair(np.concatenate([floor, gone, was]), np.concatenate([floor, came, now]))
     labels = np.r_[np.full(5000, -1), np.zeros(500, int), np.ones(500, int)]
     motion = np.eye(4)

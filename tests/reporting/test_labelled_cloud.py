@@ -1,4 +1,8 @@
+import contextlib
 import dataclasses
+import errno
+import io
+import os
 
 import laspy
 import numpy as np
@@ -6,7 +10,7 @@ import pytest
 
 from gmmjax.changes.registration import Registration
 from gmmjax.clouds import PointCloud, read_cloud, read_layout, write_pcd, write_ply
-from gmmjax.errors import InputWarning
+from gmmjax.errors import InputError, InputWarning
 from gmmjax.geometry.rigid import rigid_transform
 from gmmjax.pair import Pair
 from gmmjax.reporting.labelled_cloud import labelled_clouds
@@ -165,6 +169,27 @@ def test_a_file_that_is_gone_gives_ply_and_a_warning(pair, turned, las, tmp_path
     with pytest.warns(InputWarning, match=r"scan <1>\.las: .*; after\.ply is written in place of after\.las"):
         folder = write_result(tmp_path / "result", pair[0], after, turned)
     assert "intensity" in read_cloud(folder / "after.ply").fields
+
+
+@pytest.mark.parametrize("ending", ["las", "laz"])
+def test_a_disk_that_fills_leaves_no_result(pair, turned, las, tmp_path, monkeypatch, ending):
+    source = tmp_path / f"scan.{ending}"
+    laspy.read(las).write(source)
+    after = read_cloud(source)
+
+    class Full(io.FileIO):
+        def write(self, content):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    @contextlib.contextmanager
+    def full(path):
+        with Full(path, "wb") as file:
+            yield file
+
+    monkeypatch.setattr("gmmjax.clouds.las_writing.atomic_write", full)
+    with pytest.raises(InputError, match=r"result: cannot be written \(No space left"):
+        write_result(tmp_path / "result", pair[0], after, turned)
+    assert not (tmp_path / "result").exists()
 
 
 def test_a_result_in_another_format_replaces_the_old_files(pair, turned, las, tmp_path):

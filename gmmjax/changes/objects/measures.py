@@ -11,6 +11,7 @@ from gmmjax.changes.change import Box, Change
 from gmmjax.changes.objects.support_plane import SupportPlane, SupportPlaneSettings, support_planes
 from gmmjax.geometry import (
     LocalSurface,
+    density_clusters,
     evenly_chosen,
     hull_corners,
     hull_volume,
@@ -28,10 +29,12 @@ class MeasureSettings:
     Attributes:
         sample: number of points of a change, at most, by which its support plane is found. Fewer: those of large
             objects are missed.
-        neighbours: number of neighbours by whose distance a point of a change is told from an outlier, which lies apart
-            from it and would make the box far too large. Fewer: pairs of outliers are measured.
-        outlier_distance: the same distance of an outlier, in median ones of the change, at least. Infinite: outliers
-            are measured; 1: half of the points are left out.
+        neighbours: number of neighbours by whose median distance the spacing of a change is measured.
+        reach: points of a change belong together up to this distance, in that spacing; what lies apart from them are
+            outliers, of which a box would be far too large. Infinite: outliers are measured; 1: half of a surface is
+            left out.
+        together: number of points, at least, that belong together there. 1: outliers in a row bridge a gap.
+        least_part: fraction of a change's points, at least, of what is measured of it. 0: groups of outliers are.
         faces: number of faces of the convex hull of a change without a support plane that a box is tried on. Fewer:
             faster, and round objects get larger boxes.
         support: what a change stands on.
@@ -39,7 +42,9 @@ class MeasureSettings:
 
     sample: int = 2500
     neighbours: int = 8
-    outlier_distance: float = 2.5
+    reach: float = 2.5
+    together: int = 4
+    least_part: float = 0.1
     faces: int = 24
     support: SupportPlaneSettings = SupportPlaneSettings()
 
@@ -103,6 +108,13 @@ def _with_measures(
 
 
 def _without_outliers(points: Float64[np.ndarray, "n 3"], settings: MeasureSettings) -> Float64[np.ndarray, "m 3"]:
+    """The points of the parts of a change that are large enough; all where none is."""
     # The point itself is its first neighbour.
     distances = nearest_neighbours(cKDTree(points), points, settings.neighbours + 1)[0][:, -1]
-    return points[distances <= settings.outlier_distance * np.median(distances)]
+    spacing = float(np.median(distances))
+    if spacing == 0:
+        return points
+    clusters = density_clusters(points, settings.reach * spacing, settings.together)
+    large = np.bincount(clusters[clusters >= 0]) >= settings.least_part * len(points)
+    kept = (clusters >= 0) & np.append(large, False)[clusters]
+    return points[kept] if kept.any() else points

@@ -72,8 +72,14 @@ def test_outliers_do_not_enlarge_a_change(crate):
     found = measured_crate([before, floor, np.concatenate([points, strays])])
     np.testing.assert_allclose(found.box.extent, measured_crate(crate).box.extent, atol=SPACING)
     assert found.point_count == len(points) + len(strays)
-    everything = MeasureSettings(outlier_distance=np.inf)
+    everything = MeasureSettings(least_part=0.0, together=1)
     assert measured_crate([before, floor, np.concatenate([points, strays])], settings=everything).volume > 1
+
+
+def test_a_change_of_points_that_are_repeated_is_measured(crate):
+    before, floor, points = crate
+    found = measured_crate([before, floor, np.repeat(points, 12, axis=0)])
+    np.testing.assert_allclose(found.box.extent, measured_crate(crate).box.extent, atol=SPACING)
 
 
 def test_without_a_support_plane_the_box_is_that_of_the_points(crate):
