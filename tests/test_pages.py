@@ -1,5 +1,6 @@
 """Every command and block of code of the README and the documentation is run, and every link leads somewhere."""
 
+import ast
 import functools
 import inspect
 import re
@@ -198,6 +199,15 @@ def test_commands_that_are_not_run_can_be_parsed(page, tmp_path, monkeypatch):
             for words in steps(block):
                 if (arguments := gmmjax_words(words)) is not None:
                     parsed(arguments)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_code_that_is_not_run_imports_what_is_there(page):
+    for block in blocks(page):
+        if block.language == "python" and block.reason is not None:
+            imports = [line for line in ast.parse(block.text).body if isinstance(line, (ast.Import, ast.ImportFrom))]
+            assert imports
+            exec(compile(ast.Module(imports, []), page.name, "exec"), {})
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
