@@ -160,14 +160,12 @@ export class Viewer {
     return this.#settings.clip ? this.items.clipOf(this.#focus, this.#settings.clipScale) : null;
   }
 
-  // The box of what may be drawn beside a focus.
+  // The box of what may hide a focus. Walls too, though they are cut away: what stands before one was scanned, and is
+  // better seen, from inside.
   #visible() {
-    const { centre, half } = this.#clip ?? { centre: [0, 0, 0], half: EVERYWHERE.upper };
-    const walls = this.#settings.cutaway ? this.#walls : EVERYWHERE;
-    return {
-      lower: walls.lower.map((low, axis) => Math.max(low, centre[axis] - half[axis])),
-      upper: walls.upper.map((high, axis) => Math.min(high, centre[axis] + half[axis])),
-    };
+    if (!this.#clip) return EVERYWHERE;
+    const { centre, half } = this.#clip;
+    return { lower: add(centre, half, -1), upper: add(centre, half) };
   }
 
   #fly(viewpoint, animate = true) {
