@@ -173,7 +173,7 @@ class CloseUps:
             settings: how they are drawn.
         """
         self._changes, self._settings = changes, settings
-        self.directions: dict[int, Float[np.ndarray, "3"]] = {}
+        self.directions: dict[int, np.ndarray] = {}
         self._camera = initial_camera(changes.registration.apply(clouds.after.points))
         labels = Pair(changes.labels_before, changes.labels_after)
         # By their first coordinate: the surroundings of a change are then looked for in a part of the points.
