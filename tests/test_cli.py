@@ -213,6 +213,7 @@ def test_positions_of_the_sensor_become_views(scans, result, tmp_path, monkeypat
         (["--sensor-before", "0", "0", "0", "--views-before", "v.json"], "--views-before and --sensor-before"),
         (["--sensor-at-origin", "--sensor-after", "0", "0", "0"], "--sensor-after and --sensor-at-origin"),
         (["--sensor-before", "0", "0"], "2 numbers"),
+        (["--sensor-after"], "0 numbers"),
         (["--sensor-before", "0", "nan", "0"], "finite"),
         (["--sensor-after", "1e5", "0", "0"], "away from a cloud"),
     ],
