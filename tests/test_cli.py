@@ -349,6 +349,18 @@ def test_help_is_for_people_and_fits_the_terminal(command, capsys, monkeypatch):
     assert "(default: None)" not in text and "INT" not in text and "Args:" not in text
 
 
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [("--restarts x", "'x' is not a whole number"), ("--tolerance 3,5", "'3,5' is not a number")],
+)
+def test_a_value_that_is_no_number_is_named(words, message, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["detect", "a.ply", "b.ply", "--out", "c", *words.split()])
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert message in said and "NoneType" not in said
+
+
 def test_help_imports_neither_jax_nor_scipy():
     look = "import sys; sys.argv = ['gmmjax', 'detect', '--help']; from gmmjax.cli import main\ntry: main()\nfinally: "
     look += "print([name for name in ('jax', 'scipy', 'equinox') if name in sys.modules])"
