@@ -29,6 +29,8 @@ class Supplies:
 
     def __init__(self, folder: Path):
         self.folder = folder
+        # Of those that are made together, another name.
+        self.also = {"before.ply": "after.ply", "monday.bag": "run.bag"}
         self.makers = {
             "before.ply": self.scans,
             "monday.bag": self.bags,
@@ -41,7 +43,7 @@ class Supplies:
     def given(self, text: str, folder: Path) -> None:
         """Copies into a folder what a text needs."""
         for name, make in self.makers.items():
-            if name in text or (name == "monday.bag" and "run.bag" in text):
+            if name in text or self.also.get(name, name) in text:
                 source = self.folder / name.replace("/", "_")
                 if not source.exists():
                     source.mkdir(parents=True)
@@ -97,11 +99,12 @@ def demonstration(tmp_path_factory):
     return tmp_path_factory.mktemp("demo") / "gmmjax-demo"
 
 
-def given_names(page: str, folder: Path) -> dict[str, object]:
+def given_names(page: str, supplies: Supplies, folder: Path) -> dict[str, object]:
     """What the text around a page's Python code says that the reader has."""
     if page == "batch.md":
         return {"nights": ["night1", "night2", "night3"]}
     if page == "python-api.md":
+        supplies.given("before.ply", folder)
         return {side: read_cloud(folder / f"{side}.ply").points for side in ("before", "after")}
     return {}
 
@@ -139,7 +142,7 @@ def test_the_blocks_of_a_page_run_one_after_the_other(page, supplies, demonstrat
     languages = ("sh",) if page.name == "README.md" else ("sh", "python")
     run = [block for block in blocks(page) if block.reason is None and block.language in languages]
     supplies.given(" ".join(block.text for block in run), tmp_path)
-    variables = {"__name__": "__main__"} | (given_names(page.name, tmp_path) if run else {})
+    variables = {"__name__": "__main__"} | (given_names(page.name, supplies, tmp_path) if run else {})
     for block in run:
         if block.language == "python":
             exec(compile(block.text, page.name, "exec"), variables)
@@ -176,7 +179,7 @@ def test_commands_that_are_not_run_can_be_parsed(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # Settings are read with the arguments.
     for name in re.findall(r"[\w-]+\.toml", page.read_text(encoding="utf-8")):
-        (tmp_path / name).touch()
+        (tmp_path / name).write_text("# no settings\n")
     for block in blocks(page):
         if block.language == "sh" and block.reason not in (None, "synopsis", "of the repository"):
             for words in steps(block):

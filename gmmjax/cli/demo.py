@@ -36,7 +36,7 @@ def demo(
         overwrite: replace an earlier demo.
         quiet: print nothing but errors.
     """
-    from gmmjax.changes import detect_changes
+    from gmmjax.changes import DetectionConfig, detect_changes
     from gmmjax.clouds import read_cloud, read_views
     from gmmjax.reporting import console
     from gmmjax.reporting.result_folder import check_result_folder, result_files, write_result
@@ -54,7 +54,13 @@ def demo(
         write_surveyed_scene(scene_folder, colored, settings={"seed": seed}, overwrite=overwrite)
         clouds = read_cloud(scene_folder / "before.ply"), read_cloud(scene_folder / "after.ply")
         views = [read_views(scene_folder / f"views_{side}.json") for side in ("before", "after")]
-        changes = detect_changes(*clouds, views_before=views[0], views_after=views[1], progress=progress)
+        changes = detect_changes(
+            *clouds,
+            config=DetectionConfig(unit="m"),
+            views_before=views[0],
+            views_after=views[1],
+            progress=progress,
+        )
         write_result(result_folder, *clouds, changes, overwrite=overwrite)
     if not quiet:
         console.print_changes(changes)

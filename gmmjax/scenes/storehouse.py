@@ -154,7 +154,7 @@ def _arranged(random: np.random.Generator, placing: float) -> Pair[list[_Painted
         (_drum(_BLUE), (3.9, 1.2, 0.0), None),
         (_crates((0.6, 0.5, 0.45)), (-0.9, -2.4, 15.0), None),
         (_trolley(), (1.7, -2.2, 0.0), (2.9, -2.5, 35.0)),
-        (_carton((0.75, 0.55, 0.6), _PLASTIC), (-2.3, -2.4, 0.0), (-3.9, 1.1, 20.0)),
+        (_carton((0.75, 0.55, 0.6), _PLASTIC), (-4.2, 1.2, 0.0), (-2.6, 1.3, 20.0)),
     ]
     staying: list[tuple[list[_Painted], _Place]] = [
         (_pallet((1.2, 0.8), 1.1, _CARTON), (-1.2, 1.3, -4.0)),
