@@ -156,7 +156,11 @@ class _Target(NamedTuple):
 
 
 class CloseUps:
-    """The pictures of a pair of clouds."""
+    """The pictures of a pair of clouds.
+
+    Attributes:
+        directions: of the pictures made so far, by the label of each change: the unit vector towards the eye.
+    """
 
     def __init__(
         self, clouds: Pair[PointCloud], changes: Changes, settings: CloseUpSettings = CloseUpSettings()
@@ -169,6 +173,7 @@ class CloseUps:
             settings: how they are drawn.
         """
         self._changes, self._settings = changes, settings
+        self.directions: dict[int, np.ndarray] = {}
         self._camera = initial_camera(changes.registration.apply(clouds.after.points))
         labels = Pair(changes.labels_before, changes.labels_after)
         # By their first coordinate: the surroundings of a change are then looked for in a part of the points.
@@ -186,6 +191,7 @@ class CloseUps:
         near = self._sides.map(lambda side: _around(side, target, self._settings))
         few = near.map(lambda side: _with_all_changed(side, target, self._settings.judged_points))
         camera = _chosen_camera(few, target, self._camera, self._settings)
+        self.directions |= dict.fromkeys(labels, camera.towards_eye)
         distance = self._settings.surroundings * target.radius / HALF_HEIGHT
         near = near.map(lambda side: _visible(side, target, camera, distance, self._settings))
         views = near.map(lambda side: _seen(side.points, camera, target.centre, distance, self._settings))

@@ -59,6 +59,11 @@ def report_html(
     registered = dataclasses.replace(after, points=changes.registration.apply(after.points))
     packed = packed_scene(Pair(before, registered), changes)
     longest = strongest_log_odds(changes)
+    panel = changes_panel(changes, rows, pictures.of, close_ups.most, longest)
+    # The views look at a change from where its close-ups do.
+    for record in packed.scene["changes"]:
+        if record["label"] in pictures.directions:
+            record["towardsEye"] = pictures.directions[record["label"]].tolist()
     page = f"""<!doctype html>
 <html lang="en">
 <head>
@@ -77,7 +82,7 @@ def report_html(
 {_header(clouds, names, changes, title)}
 <div class="bench">
 {viewer_section(packed.scene, names, pictures.overview(), changes)}
-{changes_panel(changes, rows, pictures.of, close_ups.most, longest)}
+{panel}
 </div>
 {explanation_hint(changes)}
 {rejected_section(changes, longest)}{_details(changes)}

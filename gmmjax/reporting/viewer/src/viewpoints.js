@@ -43,7 +43,9 @@ export function closeUp(scene, chosen, clouds, aspect, visible) {
   };
   const others = clouds.flatMap((cloud) => cloud.sampleOfOthers(labels, near, OCCLUDERS));
   const points = own.length ? own : boxes.flat();
-  return { centre, direction: bestDirection(points, others, radius / 9, scene.towardsEye, scene.up), distance };
+  // From where its close-up is, which knows where the sensor stood; else from where most of it is seen.
+  const direction = chosen[0].towardsEye ?? bestDirection(points, others, radius / 9, scene.towardsEye, scene.up);
+  return { centre, direction, distance };
 }
 
 /** The way of the camera from one viewpoint to another. */
