@@ -93,7 +93,7 @@ def draw(file: Path, first: np.ndarray, scans: dict[str, np.ndarray]) -> None:
     figure, panels = pyplot.subplots(1, 2, figsize=(9, 4.6), layout="constrained", sharex=True, sharey=True)
     level = np.median(first[:, 2])
     for ax, name in zip(panels, ("before", "after"), strict=True):
-        for points, color in ((first, "0.6"), (scans[name], "#D55E00")):
+        for points, color in ((first, "#0072B2"), (scans[name], "#D55E00")):
             near = points[np.abs(points[:, 2] - level) < 0.1]
             ax.scatter(near[:, 0], near[:, 1], s=3, color=color, linewidths=0)
         ax.set(title=f"{name} the alignment", xlabel="x (m)", ylabel="y (m)", aspect="equal")

@@ -174,7 +174,7 @@ CASES: dict[str, tuple[Run, Run]] = {
         Run(colored(SMALL, Pair(half(-1, -2.5), half(1, -2.5))), "five metres in common"),
     ),
     "rotation": (
-        Run(colored(SMALL, Pair(None, displaced(60, (2, 1, 0)))), "turned by 60 degrees", draw=as_registered),
+        Run(colored(SMALL, Pair(None, displaced(120, (2, 1, 0)))), "turned by 120 degrees", draw=as_registered),
         Run(colored(SMALL, Pair(None, displaced(8, (0.3, 0.2, 0)))), "roughly aligned first"),
     ),
     "units": (

@@ -49,7 +49,8 @@ def plot_scores(rows: "Sequence[Row]", *, measure: Measure = "f1", ax: "Axes | N
     slanted = max(map(len, names)) > 12 and len(names) > 3
     ax.set_xticks(range(len(names)), names, rotation=25 if slanted else 0, ha="right" if slanted else "center")
     ax.set_ylim(0, 1.08)
-    ax.set_ylabel(measure.replace("_", " of the ").replace("point", "points").replace("f1", "F1"))
+    of = "points" if measure.startswith("point_") else "segments"
+    ax.set_ylabel(f"{measure.removeprefix('point_').replace('f1', 'F1')} of the {of}")
     light_frame(ax, axis="y")
     _verbatim_legend(ax, outside=len(detectors) > 1)
     for text in ax.get_xticklabels():

@@ -145,7 +145,7 @@ def print_json(changes: Changes) -> None:
 
 
 def print_files(folder: Path, description: dict[str, str]) -> None:
-    """Where the results lie.
+    """Prints where the results are.
 
     Args:
         folder: that holds them.

@@ -20,7 +20,7 @@ def test_bars_are_grouped_by_condition():
     assert abs(ax.containers[1][0].get_x() - ax.containers[0][0].get_x()) < 0.5
     assert [label.get_text() for label in ax.get_xticklabels()] == ["(+1) $low_", "none"]
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["joint", "c2c"]
-    assert ax.get_ylabel() == "F1"
+    assert ax.get_ylabel() == "F1 of the segments"
     ax.figure.canvas.draw()
     with pytest.raises(InputError, match="rows: there are none"):
         plot_scores([])
