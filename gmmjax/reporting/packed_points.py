@@ -217,6 +217,8 @@ def _thinned(levels: Int[np.ndarray, " n"], changed: Bool[np.ndarray, " n"], mos
 
 def _spacing(levels: Int[np.ndarray, " n"], edge: float) -> float:
     """The spacing of points on surfaces, by how many cells they occupy that are so large that most have several."""
+    if not len(levels):
+        return edge
     cells = np.cumsum(np.bincount(levels, minlength=DEEPEST + 1))
     level = int(np.searchsorted(4 * cells, len(levels), side="right")) - 1
     return edge / 2**level * math.sqrt(cells[level] / len(levels)) if level >= 0 else edge

@@ -17,7 +17,8 @@
 //   rejected: false                   boxes of the candidates that were turned down
 //   color: "kind"                     or "scan", "probability", "distance"; `viewer.legend` says what the colours mean
 //   opacityByProbability: false       the less probable, the fewer points
-//   blink: false                      the main view shows the two clouds in turn
+//   blink: false                      the main view shows the two clouds in turn, once a second; every four seconds
+//                                     where the system asks for less motion
 //   cutaway: true                     walls and ceilings between the eye and the inside of a room are not drawn
 //   clip: false, clipScale: 1.8       only a box around what is focused is drawn, so many times its size
 //

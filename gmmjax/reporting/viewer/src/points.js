@@ -92,7 +92,7 @@ export class CloudPoints {
   parts(most) {
     if (this.count <= most) return [[0, this.count]];
     const changed = Math.min(this.changed, Math.floor(0.7 * most));
-    return [[0, changed], [this.changed, Math.min(most - changed, this.count - this.changed)]];
+    return [[0, changed], [this.changed, Math.min(Math.floor(most) - changed, this.count - this.changed)]];
   }
 }
 
