@@ -213,6 +213,7 @@ def test_positions_of_the_sensor_become_views(scans, result, tmp_path, monkeypat
         (["--sensor-before", "0", "0", "0", "--views-before", "v.json"], "--views-before and --sensor-before"),
         (["--sensor-at-origin", "--sensor-after", "0", "0", "0"], "--sensor-after and --sensor-at-origin"),
         (["--sensor-before", "0", "0"], "2 numbers"),
+        (["--sensor-after"], "0 numbers"),
         (["--sensor-before", "0", "nan", "0"], "finite"),
         (["--sensor-after", "1e5", "0", "0"], "away from a cloud"),
     ],
@@ -346,6 +347,18 @@ def test_help_is_for_people_and_fits_the_terminal(command, capsys, monkeypatch):
     text = capsys.readouterr().out
     assert ended.value.code == 0 and max(map(len, text.splitlines())) <= 80
     assert "(default: None)" not in text and "INT" not in text and "Args:" not in text
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [("--restarts x", "'x' is not a whole number"), ("--tolerance 3,5", "'3,5' is not a number")],
+)
+def test_a_value_that_is_no_number_is_named(words, message, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["detect", "a.ply", "b.ply", "--out", "c", *words.split()])
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert message in said and "NoneType" not in said
 
 
 def test_help_imports_neither_jax_nor_scipy():

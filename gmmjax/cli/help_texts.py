@@ -77,7 +77,7 @@ def with_help(hint: Any, text: str, default: Any, value: str | None = None) -> A
     told = tyro.conf.arg(help=text or None, help_behavior_hint="" if silent else None, metavar=metavar)
     # What the type says itself comes last, and wins.
     own = typing.get_args(hint) if typing.get_origin(hint) is Annotated else (hint,)
-    return Annotated[own[0], told, *own[1:]]
+    return Annotated[own[0], told, *_parser(hint, metavar), *own[1:]]
 
 
 def with_options(text: str, names: set[str]) -> str:
@@ -111,9 +111,44 @@ def record_with_help(record: type) -> type:
     return record
 
 
+def _parser(hint: Any, metavar: str | None) -> tuple[tyro.constructors.PrimitiveConstructorSpec[Any], ...]:
+    """How a number is read, for an error that says what is wrong with it; nothing for other types."""
+    kind, optional = _kind(hint)
+    if kind not in (int, float):
+        return ()
+
+    def parsed(words: list[str]) -> int | float | None:
+        if optional and words[0] == "None":
+            return None
+        try:
+            return kind(words[0])
+        except ValueError:
+            raise ValueError(f"{words[0]!r} is not a {'whole ' if kind is int else ''}number") from None
+
+    return (
+        tyro.constructors.PrimitiveConstructorSpec(
+            nargs=1,
+            metavar=metavar or VALUES[kind],
+            instance_from_str=parsed,
+            is_instance=lambda value: isinstance(value, int | float) or (optional and value is None),
+            str_from_instance=lambda value: [str(value)],
+        ),
+    )
+
+
 def _value(hint: Any) -> str | None:
     """What a value of a type is called; None where the parser says it best, such as for choices."""
-    plain = typing.get_args(hint)[0] if typing.get_origin(hint) is Annotated else hint
-    union = typing.get_origin(plain) in (typing.Union, types.UnionType)
-    kinds = [kind for kind in typing.get_args(plain) if kind is not type(None)] if union else [plain]
-    return VALUES.get(kinds[0]) if len(kinds) == 1 else None
+    kind, _ = _kind(hint)
+    return None if kind is None else VALUES.get(kind)
+
+
+def _kind(hint: Any) -> tuple[Any, bool]:
+    """The type of a value, and whether it may be None; no type where it is one of several."""
+    if typing.get_origin(hint) is Annotated:
+        hint, *marks = typing.get_args(hint)
+        if tyro.conf.UseCounterAction in marks:
+            return None, False
+    if typing.get_origin(hint) not in (typing.Union, types.UnionType):
+        return hint, False
+    kinds = [kind for kind in typing.get_args(hint) if kind is not type(None)]
+    return (kinds[0] if len(kinds) == 1 else None), True

@@ -17,13 +17,13 @@ class SensorOption:
     Attributes:
         side: "before" or "after".
         file: of `--views-*`.
-        positions: of `--sensor-*`: x, y and z of each.
+        positions: of `--sensor-*`: x, y and z of each; None: not given.
         at_origin: whether `--sensor-at-origin` is given.
     """
 
     side: str
     file: Path | None
-    positions: tuple[float, ...]
+    positions: tuple[float, ...] | None
     at_origin: bool
 
     def __post_init__(self) -> None:
@@ -34,16 +34,17 @@ class SensorOption:
         """
         given = {
             f"--views-{self.side}": self.file is not None,
-            f"--sensor-{self.side}": bool(self.positions),
+            f"--sensor-{self.side}": self.positions is not None,
             "--sensor-at-origin": self.at_origin,
         }
         names = [name for name, is_given in given.items() if is_given]
         if len(names) > 1:
             raise InputError(f"{' and '.join(names)} both say where the sensor of the {self.side} scan was; give one")
-        if len(self.positions) % 3:
+        count = 3 if self.positions is None else len(self.positions)
+        if count == 0 or count % 3:
             raise InputError(
-                f"--sensor-{self.side}: {len(self.positions)} numbers are no positions; give X Y Z, and three more "
-                "for each further position"
+                f"--sensor-{self.side}: {count} numbers are no positions; give X Y Z, and three more for each further "
+                "position"
             )
 
     def views(self, cloud: "PointCloud") -> "SensorViews | None":
@@ -59,9 +60,9 @@ class SensorOption:
 
         if self.file is not None:
             return read_views(self.file)
-        if not self.positions and not self.at_origin:
-            return None
         numbers = (0.0, 0.0, 0.0) if self.at_origin else self.positions
+        if numbers is None:
+            return None
         positions = [numbers[start : start + 3] for start in range(0, len(numbers), 3)]
         try:
             return SensorViews.from_positions(cloud.points, positions)
