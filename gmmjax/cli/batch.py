@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 Against = Literal["previous", "first"]
 SERIES_FILES = {
-    "timeline.html": "open it in a browser: when each object came, moved and went",
+    "timeline.html": "when each object came, moved and went",
     "objects.csv": "a row for each event of an object; objects.parquet is the same",
 }
 SUMMARY_FILES = {
-    "index.html": "open it in a browser: all pairs, to sort and search",
+    "index.html": "all pairs, to sort and search",
     "pairs.csv": "a row for each pair; pairs.parquet is the same",
     "changes.csv": "a row for each change; changes.parquet is the same",
     "pairs": "a folder for each pair, with its report",
@@ -164,6 +164,7 @@ def _summarised(folder: "RunFolder", *, quiet: bool) -> int:
     if not quiet:
         console.print_batch(summary, heading=None if record.series is None else answer)
         console.print_files(folder.path, files)
+        console.print_report_hint(folder.path / next(iter(files)))
     return 1 if summary.failed or summary.missing else 0
 
 

@@ -1,6 +1,7 @@
 """What the command line shows: progress and warnings on standard error, the answer on standard output."""
 
 import json
+import re
 import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 
 # Spaces between the columns of a table.
 GAP = 2
+NO_BREAK = "\u00a0"
 
 
 @contextmanager
@@ -126,8 +128,10 @@ def print_sentence(text: str) -> None:
     """A sentence on standard output, which the terminal breaks between words and never within an option."""
     console = Console()
     width = max(console.width, 20)
-    for line in textwrap.wrap(printable(text), width, break_long_words=False, break_on_hyphens=False):
-        console.print(escape(line), highlight=False, soft_wrap=True)
+    # A number and its unit stay together: a no-break space until the lines are broken.
+    text = re.sub(r"(?<=\d) (?=%|[cm]?m\b)", NO_BREAK, printable(text))
+    for line in textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False):
+        console.print(escape(line.replace(NO_BREAK, " ")), highlight=False, soft_wrap=True)
 
 
 def print_text(text: str, style: str = "") -> None:
@@ -189,9 +193,25 @@ def print_batch(summary: "Summary", *, heading: str | None = None, most: int = 1
     if summary.failed:
         console.print(f"\n{len(summary.failed)} failed", style="bold", highlight=False)
     for row in summary.failed[:most]:
-        console.print(f"  {_shown(row.name)}: {_shown(row.error)}", highlight=False, soft_wrap=True)
+        _print_entry(f"{row.name}: {row.error}")
     if len(summary.failed) > most:
         console.print(f"  and {len(summary.failed) - most} more, in pairs.csv", style="dim", highlight=False)
+
+
+def _print_entry(text: str) -> None:
+    """An entry of a list, whole on one line unless it is a terminal, which breaks it between words."""
+    console = Console()
+    width = max(console.width, 20) if console.is_terminal else 10_000
+    lines = textwrap.wrap(
+        printable(text),
+        width,
+        initial_indent="  ",
+        subsequent_indent="    ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    for line in lines:
+        console.print(escape(line), highlight=False, soft_wrap=True)
 
 
 def print_fit(fit: "Fit", cloud: "PointCloud") -> None:

@@ -19,13 +19,15 @@ class ExplanationSettings:
             sum is given. 0.1 changes a probability of 0.5 by 0.025. 0: all facts are listed.
         facts_of_change: number of facts, at most, that the terminal lists of a change. Larger: the changes no longer
             fit on a screen.
-        facts_of_rejected: the same of a rejected candidate.
+        facts_on_page: number of facts that a card of the report lists at first. Larger: it is longer than a screen.
+        facts_of_rejected: number of facts, at most, that the terminal lists of a rejected candidate.
         most_rejected: number of rejected candidates, at most, that the terminal lists. Larger: they scroll the changes
             off the screen.
     """
 
     least_log_odds: float = 0.1
     facts_of_change: int = 5
+    facts_on_page: int = 6
     facts_of_rejected: int = 2
     most_rejected: int = 10
 

@@ -22,7 +22,7 @@ def strongest_log_odds(changes: Changes) -> float:
 
 
 def facts_list(explanation: Explanation, longest: float, settings: ExplanationSettings = ExplanationSettings()) -> str:
-    """The verdict, and each fact with a bar for its contribution.
+    """The verdict, and each fact with a bar for its contribution; the weaker ones are shown on request.
 
     Args:
         explanation: of a candidate.
@@ -30,11 +30,17 @@ def facts_list(explanation: Explanation, longest: float, settings: ExplanationSe
         settings: which facts are listed.
     """
     facts = Facts.of(explanation, settings.least_log_odds)
-    rows = "".join(_fact(one, longest) for one in facts.listed)
-    if facts.sum_of_others is not None:
-        total, text = facts.sum_of_others
-        rows += f'<li class="others"><b>{total}</b><span></span><span>{text}</span></li>'
-    return f'<p>{verdict_text(explanation)}</p><ul class="facts">{rows}</ul>'
+    first, more = facts.listed[: settings.facts_on_page], facts.listed[settings.facts_on_page :]
+    rows = [_fact(one, longest) for one in first]
+    others = "" if facts.sum_of_others is None else _others(*facts.sum_of_others)
+    if not more:
+        return f'<p>{verdict_text(explanation)}</p><ul class="facts">{"".join(rows)}{others}</ul>'
+    hidden = "".join(_fact(one, longest) for one in more)
+    count = len(more) + len(facts.others)
+    return (
+        f'<p>{verdict_text(explanation)}</p><ul class="facts">{"".join(rows)}</ul>'
+        f'<details class="more"><summary>{count} more facts</summary><ul class="facts">{hidden}{others}</ul></details>'
+    )
 
 
 def explanation_hint(changes: Changes) -> str:
@@ -82,6 +88,10 @@ def _rejected(number: int, candidate: RejectedCandidate, changes: Changes, longe
 
 def _would_be(candidate: RejectedCandidate) -> str:
     return f"would have {candidate.kind}"
+
+
+def _others(total: str, text: str) -> str:
+    return f'<li class="others"><b>{total}</b><span></span><span>{text}</span></li>'
 
 
 def _fact(fact: Contribution, longest: float) -> str:

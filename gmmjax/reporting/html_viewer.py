@@ -91,7 +91,7 @@ turn, scroll to zoom, right-drag to move."></canvas>
 <div class="small">{figures}</div>
 </div>
 <div class="pictures" id="pictures"><p class="note" id="no-view" hidden></p>{pictures}</div>
-<noscript><p class="note">The views need JavaScript; the pictures and the changes below do not.</p></noscript>
+<noscript><p class="note">The views need JavaScript; the pictures and the list of changes do not.</p></noscript>
 </section>"""
 
 

@@ -109,10 +109,11 @@ def motion(changes: Changes, labels: tuple[int, int]) -> Motion:
     """
     before, after = (changes[label] for label in labels)
     if before.transform is None:
-        return Motion(float(np.linalg.norm(after.mean - before.mean)), None)
-    destination = transformed(before.mean[None], before.transform)[0]
+        return Motion(float(np.linalg.norm(after.box.centre - before.box.centre)), None)
+    # The centre of the box: the mean of the points is that of the side that was seen.
+    destination = transformed(before.box.centre[None], before.transform)[0]
     angle = Rotation.from_matrix(before.transform[:3, :3]).magnitude()
-    return Motion(float(np.linalg.norm(destination - before.mean)), float(np.degrees(angle)))
+    return Motion(float(np.linalg.norm(destination - before.box.centre)), float(np.degrees(angle)))
 
 
 def motion_text(changes: Changes, labels: tuple[int, int]) -> str:

@@ -45,7 +45,7 @@ def test_a_moved_object_counts_once(pair):
 
 def test_a_moved_object_is_one_row_with_both_labels(pair):
     turn = Rotation.from_euler("z", 6, degrees=True).as_matrix()
-    centre = pair[2][0].mean
+    centre = pair[2][0].box.centre
     rows = object_rows(moved(pair, rotation_about(turn, centre, centre + np.array([0.06, 0.08, 0])), "m"))
     assert [(row.labels, row.label, row.text) for row in rows] == [((0, 1), "0, 1", "moved 0.10 m, turned 6°")]
     assert rows[0].points == "60" and rows[0].volume == "4,200 cm³"

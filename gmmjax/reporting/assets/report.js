@@ -185,7 +185,7 @@
     document.querySelector(".toolbar").hidden = true;
     element("pictures").classList.add("instead");
     element("no-view").hidden = false;
-    element("no-view").textContent = `The views cannot be drawn: ${error.message}. These pictures and everything below work without them.`;
+    element("no-view").textContent = `The views cannot be drawn: ${error.message}. These pictures and the list of changes do without them.`;
   };
   const linked = () => location.hash.startsWith("#change-") && element(location.hash.slice(1));
 

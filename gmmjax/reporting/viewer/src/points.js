@@ -68,15 +68,22 @@ export class CloudPoints {
     return (this.samples.get(label) ?? []).map((index) => this.point(index));
   }
 
-  /** At most so many of the points that are not of these changes (none: of no change), in a box or everywhere (null); flat x, y, z. */
-  sampleOfOthers(labels, box, most) {
+  /** At most so many of the points of no change, flat x, y, z. */
+  unchangedSample(most) {
+    const end = Math.min(this.count, this.changed + most);
+    return Array.from({ length: Math.max(0, end - this.changed) }, (_, index) => this.point(this.changed + index)).flat();
+  }
+
+  /** At most so many of the points that are not of these changes, between the corners of a box; flat x, y, z. */
+  sampleOfOthers(labels, { lower, upper }, most) {
     const found = [];
-    // Those of changes come first.
-    for (let index = labels.length ? 0 : this.changed; index < this.count && found.length < 3 * most; index++) {
-      if (labels.includes(this.places[4 * index + 3])) continue;
-      const point = this.point(index);
-      if (box && point.some((value, axis) => value < box.lower[axis] || value > box.upper[axis])) continue;
-      found.push(...point);
+    const [low, high] = [lower, upper].map((corner) => corner.map((value, axis) => (value - this.lower[axis]) / this.step - 0.5));
+    const { places } = this;
+    for (let place = 0; place < 4 * this.count && found.length < 3 * most; place += 4) {
+      if (places[place] < low[0] || places[place] > high[0]) continue;
+      if (places[place + 1] < low[1] || places[place + 1] > high[1]) continue;
+      if (places[place + 2] < low[2] || places[place + 2] > high[2]) continue;
+      if (!labels.includes(places[place + 3])) found.push(...this.point(place / 4));
     }
     return found;
   }

@@ -5,6 +5,8 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 // Finer screens are drawn at this many pixels to one of the page: more cost time and are hardly seen.
 const FINEST = 2;
+// Pixels that a click may move by.
+const STEADY = 5;
 
 export class View {
   /** name: "main", "before" or "after"; camera, target: shared by all views. */
@@ -25,6 +27,25 @@ export class View {
     this.backKey = null;
     // Where the numbers of the changes stand: [label, [left, top, right, bottom]].
     this.numbers = [];
+  }
+
+  /** Calls back with the place of a click on the canvas; a drag is none. */
+  onClick(callback) {
+    let pressed = null;
+    this.canvas.addEventListener("pointerdown", (event) => {
+      pressed = event.isPrimary && event.button === 0 ? [event.clientX, event.clientY] : null;
+    });
+    this.canvas.addEventListener("pointerup", (event) => {
+      if (!pressed || !event.isPrimary) return;
+      const moved = Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]);
+      pressed = null;
+      if (moved > STEADY) return;
+      const { left, top, width, height } = this.canvas.getBoundingClientRect();
+      callback(
+        ((event.clientX - left) / width) * this.canvas.width,
+        ((event.clientY - top) / height) * this.canvas.height,
+      );
+    });
   }
 
   get pixelRatio() {
