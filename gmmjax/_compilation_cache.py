@@ -68,6 +68,6 @@ def _keep_in(folder: Path) -> None:
 
     if jax.config.values["jax_compilation_cache_dir"] != str(folder):
         jax.config.update("jax_compilation_cache_dir", str(folder))
-        # JAX decides at the first program that it compiles whether there is a cache, and never asks again.
+        # JAX goes on with the folder that it has opened, whatever its setting says since.
         compilation_cache.reset_cache()
     jax.config.update("jax_persistent_cache_min_compile_time_secs", LEAST_SECONDS)

@@ -16,9 +16,10 @@ import sys
 import jax
 print(jax.jit(lambda x: x + 1)(1.0))  # Compiled before the cache is switched on.
 import gmmjax
-print(gmmjax.use_compilation_cache(sys.argv[1]))
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
-print(jax.jit(lambda x: x * 3)(2.0))
+for number, folder in enumerate(sys.argv[1:]):
+    print(gmmjax.use_compilation_cache(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
+    print(jax.jit(lambda x: x * 3 + number)(2.0))
 """
 
 
@@ -34,15 +35,15 @@ def jax_settings(monkeypatch):
         jax.config.update(name, value)
 
 
-def test_programs_are_kept_though_others_were_compiled_before(tmp_path):
+def test_programs_are_kept_in_the_latest_folder(tmp_path):
     root = Path(__file__).parents[1]
     environment = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
     environment["PYTHONPATH"] = os.pathsep.join([str(root), os.environ.get("PYTHONPATH", "")])
-    folder = tmp_path / "pro grams"
-    command = [sys.executable, "-c", SCRIPT, folder]
+    folders = [tmp_path / "pro grams", tmp_path / "others"]
+    command = [sys.executable, "-c", SCRIPT, *folders]
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert done.stdout.split("\n")[:3] == ["2.0", str(folder), "6.0"], done.stderr
-    assert list(folder.iterdir())
+    assert done.stdout.split() == ["2.0", *str(folders[0]).split(), "6.0", str(folders[1]), "7.0"], done.stderr
+    assert all(list(folder.iterdir()) for folder in folders)
 
 
 @pytest.mark.usefixtures("jax_settings")

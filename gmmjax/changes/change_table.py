@@ -33,7 +33,7 @@ class ChangeColumns:
         extent_2: the next one.
         extent_3: the shortest one.
         volume: in the cube of the unit; None where it was not measured.
-        displacement: of a moved object, how far it moved; None where its motion is not known.
+        displacement: of a moved object, how far the centre of its box moved; None where its motion is not known.
         rotation_degrees: of a moved object, the angle that it turned by; None likewise.
     """
 
@@ -91,11 +91,11 @@ def _motion(changes: "Changes", label: int, change: "Change") -> tuple[float | N
     """How far the object moved and by what angle it turned; the same for both of its changes."""
     if change.transform is None or change.partner is None:
         return None, None
-    # The motion is from before to after: the mean of the change in the before cloud is where the object was.
+    # The motion is from before to after: the box of the change in the before cloud is where the object was.
     was = change if (changes.labels_before == label).any() else changes.items[change.partner]
-    became = transformed(was.mean[None], change.transform)[0]
+    became = transformed(was.box.centre[None], change.transform)[0]
     rotation = Rotation.from_matrix(change.transform[:3, :3])
-    return float(np.linalg.norm(became - was.mean)), float(np.degrees(rotation.magnitude()))
+    return float(np.linalg.norm(became - was.box.centre)), float(np.degrees(rotation.magnitude()))
 
 
 def data_frame(changes: "Changes") -> Any:

@@ -50,8 +50,10 @@ def moved(changes):
     """The same as one object, which turned by 90 degrees about z."""
     motion = np.array([[0, -1, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
     items = tuple(
-        dataclasses.replace(item, kind="moved", partner=1 - label, transform=motion, mean=np.array([label, 0.0, 0.0]))
+        dataclasses.replace(item, kind="moved", partner=1 - label, transform=motion, mean=centre, box=box)
         for label, item in enumerate(changes)
+        for centre in [np.array([label, 0.0, 0.0])]
+        for box in [dataclasses.replace(item.box, centre=centre)]
     )
     return dataclasses.replace(changes, items=items)
 

@@ -32,8 +32,8 @@ def moved_object(changes):
     before, after, other = changes.items
     own = {"transform": motion, "moved_probability": 0.88, "kind": "moved"}
     items = (
-        dataclasses.replace(before, partner=1, mean=np.zeros(3), **own),
-        dataclasses.replace(after, partner=0, mean=np.array([2.0, 0, 0]), volume=0.25, **own),
+        dataclasses.replace(before, partner=1, box=dataclasses.replace(before.box, centre=np.zeros(3)), **own),
+        dataclasses.replace(after, partner=0, volume=0.25, **own),
         other,
     )
     return dataclasses.replace(changes, items=items, unit="m")
