@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from gmmjax.changes.change import Reason as Reason
     from gmmjax.changes.change import RejectedCandidate as RejectedCandidate
     from gmmjax.changes.change_table import ChangeColumns as ChangeColumns
+    from gmmjax.changes.change_table import ObjectMotion as ObjectMotion
     from gmmjax.changes.change_table import change_columns as change_columns
+    from gmmjax.changes.change_table import object_motion as object_motion
     from gmmjax.changes.config import METHODS as METHODS
     from gmmjax.changes.config import PRIOR_LEAVES as PRIOR_LEAVES
     from gmmjax.changes.config import DetectionConfig as DetectionConfig

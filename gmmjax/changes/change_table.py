@@ -2,7 +2,7 @@
 
 import dataclasses
 import typing
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,6 +12,18 @@ from gmmjax.geometry import transformed
 
 if TYPE_CHECKING:
     from gmmjax.changes.change import Change, Changes
+
+
+class ObjectMotion(NamedTuple):
+    """How a moved object moved.
+
+    Attributes:
+        distance: that its centre moved by, in the unit of the clouds.
+        degrees: angle that it turned by; None where its motion is not known.
+    """
+
+    distance: float
+    degrees: float | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,15 +99,28 @@ def _row(changes: "Changes", label: int, change: "Change") -> ChangeColumns:
     )
 
 
+def object_motion(changes: "Changes", labels: tuple[int, int]) -> ObjectMotion:
+    """How far a moved object moved, and by what angle it turned.
+
+    Args:
+        changes: what was found.
+        labels: of the object in the before and in the after scan.
+    """
+    was, became = (changes.items[label] for label in labels)
+    if was.transform is None:
+        return ObjectMotion(float(np.linalg.norm(became.box.centre - was.box.centre)), None)
+    # The centre of the box: the mean of the points is that of the side that was seen.
+    there = transformed(was.box.centre[None], was.transform)[0]
+    rotation = Rotation.from_matrix(was.transform[:3, :3])
+    return ObjectMotion(float(np.linalg.norm(there - was.box.centre)), float(np.degrees(rotation.magnitude())))
+
+
 def _motion(changes: "Changes", label: int, change: "Change") -> tuple[float | None, float | None]:
-    """How far the object moved and by what angle it turned; the same for both of its changes."""
+    """That of the object, the same for both of its changes."""
     if change.transform is None or change.partner is None:
         return None, None
-    # The motion is from before to after: the box of the change in the before cloud is where the object was.
-    was = change if (changes.labels_before == label).any() else changes.items[change.partner]
-    became = transformed(was.box.centre[None], change.transform)[0]
-    rotation = Rotation.from_matrix(change.transform[:3, :3])
-    return float(np.linalg.norm(became - was.box.centre)), float(np.degrees(rotation.magnitude()))
+    labels = (label, change.partner) if (changes.labels_before == label).any() else (change.partner, label)
+    return object_motion(changes, labels)
 
 
 def data_frame(changes: "Changes") -> Any:

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from html import escape
 
-from gmmjax.changes import Change, Changes
+from gmmjax.changes import Change, Changes, object_motion
 from gmmjax.pair import Pair
 from gmmjax.reporting.html_explanations import facts_list
-from gmmjax.reporting.summary import ObjectRow, length_text, motion, percent
+from gmmjax.reporting.summary import ObjectRow, length_text, percent
 
 Pictures = Callable[[tuple[int, ...]], Pair[str]]
 SORTING = {
@@ -111,7 +111,7 @@ def _properties(row: ObjectRow, changes: Changes) -> str:
 
 
 def _motion(row: ObjectRow, changes: Changes) -> dict[str, str]:
-    distance, degrees = motion(changes, (row.labels[0], row.labels[1]))
+    distance, degrees = object_motion(changes, (row.labels[0], row.labels[1]))
     same = changes[row.labels[-1]].moved_probability
     return {
         "Same object": "" if same is None else percent(same),

@@ -134,11 +134,10 @@ def _facts(clouds: Pair[PointCloud], names: Pair[str], changes: Changes) -> dict
 
 def _resolution(changes: Changes) -> str:
     """How fine the comparison was, where that was recorded."""
-    texts = {"voxel_size": "voxels of {}", "tolerance": "registration error up to {} tolerated"}
+    texts = {"voxel_size": "Compared in voxels of {}.", "tolerance": "Registration error up to {} is tolerated."}
     known = {name: changes.diagnostics.get(name) for name in texts}
     lengths = {name: value for name, value in known.items() if isinstance(value, float) and value > 0}
-    parts = [texts[name].format(length_text(value, changes.unit)) for name, value in lengths.items()]
-    return f"Compared in {', '.join(parts)}." if parts else ""
+    return " ".join(texts[name].format(length_text(value, changes.unit)) for name, value in lengths.items())
 
 
 def _details(changes: Changes) -> str:

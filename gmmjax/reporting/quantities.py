@@ -37,15 +37,17 @@ def length_text(value: float, unit: str | None) -> str:
 
 
 def metric_text(values: tuple[float, ...], unit: str | None, joint: str = " to ") -> str:
-    """Lengths in one readable unit: metres as "30 cm", "3.3 to 1.3 mm"; others in the unit of the clouds.
+    """Lengths in a readable unit: metres as "30 cm", "3.3 to 1.3 mm", "14 cm to 1.3 mm"; others in that of the clouds.
 
     Args:
-        values: the lengths; the greatest decides.
+        values: the lengths; those that are alike have one unit, that of the greatest.
         unit: of the clouds; None where it is not known.
         joint: what is between two lengths.
     """
     if unit != "m":
         return joint.join(map(_short, values)) + (f" {unit}" if unit else "")
+    if len(values) > 1 and min(map(abs, values)) < max(map(abs, values)) / 10:
+        return joint.join(metric_text((value,), unit) for value in values)
     _, name, metres = next(row for row in METRIC if max(map(abs, values)) >= row[0])
     return joint.join(_short(value / metres) for value in values) + f" {name}"
 

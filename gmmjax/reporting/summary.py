@@ -5,10 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
-from gmmjax.changes import Change, Changes, Kind, RejectedCandidate
-from gmmjax.geometry import transformed
+from gmmjax.changes import Change, Changes, Kind, RejectedCandidate, object_motion
 from gmmjax.reporting.quantities import degrees_text as degrees_text
 from gmmjax.reporting.quantities import length_text as length_text
 from gmmjax.reporting.quantities import metric_text as metric_text
@@ -52,18 +50,6 @@ class ObjectRow(NamedTuple):
         return self[2:]
 
 
-class Motion(NamedTuple):
-    """How a moved object moved.
-
-    Attributes:
-        distance: that its centre moved by, in the unit of the clouds.
-        degrees: angle that it turned by; None where its motion is not known.
-    """
-
-    distance: float
-    degrees: float | None
-
-
 def answer(changes: Changes) -> str:
     """The answer in a sentence: "2 changes: 1 appeared, 1 disappeared". A moved object counts once."""
     counts = changes.object_counts()
@@ -100,25 +86,9 @@ def object_labels(changes: Changes) -> list[tuple[int, ...]]:
     return found
 
 
-def motion(changes: Changes, labels: tuple[int, int]) -> Motion:
-    """How far a moved object moved and turned.
-
-    Args:
-        changes: what was found.
-        labels: of the object in the before and in the after scan.
-    """
-    before, after = (changes[label] for label in labels)
-    if before.transform is None:
-        return Motion(float(np.linalg.norm(after.box.centre - before.box.centre)), None)
-    # The centre of the box: the mean of the points is that of the side that was seen.
-    destination = transformed(before.box.centre[None], before.transform)[0]
-    angle = Rotation.from_matrix(before.transform[:3, :3]).magnitude()
-    return Motion(float(np.linalg.norm(destination - before.box.centre)), float(np.degrees(angle)))
-
-
 def motion_text(changes: Changes, labels: tuple[int, int]) -> str:
-    """`motion` in words: "moved 0.10 m, turned 6°"; that it turned is left out where it did not."""
-    distance, degrees = motion(changes, labels)
+    """The motion of an object in words: "moved 0.10 m, turned 6°"; that it turned is left out where it did not."""
+    distance, degrees = object_motion(changes, labels)
     turned = "" if degrees is None or degrees < 0.5 else f", turned {degrees:.0f}°"
     return f"moved {length_text(distance, changes.unit)}{turned}"
 

@@ -29,10 +29,11 @@ class MeasureSettings:
     Attributes:
         sample: number of points of a change, at most, by which its support plane is found. Fewer: those of large
             objects are missed.
-        neighbours: number of neighbours by whose median distance the spacing of a change is measured.
-        reach: points of a change belong together up to this distance, in that spacing; what lies apart from them are
-            outliers, of which a box would be far too large. Infinite: outliers are measured; 1: half of a surface is
-            left out.
+        neighbours: number of neighbours by whose median distance the density of a change is measured; on a surface, 8
+            are within 1.6 point spacings.
+        reach: points of a change belong together up to this multiple of that distance, two point spacings; what lies
+            apart from them are outliers, of which a box would be far too large. Larger: outliers beside a change are
+            measured; 1: half of a surface is left out.
         together: number of points, at least, that belong together there. 1: outliers in a row bridge a gap.
         least_part: fraction of a change's points, at least, of what is measured of it. 0: groups of outliers are.
         faces: number of faces of the convex hull of a change without a support plane that a box is tried on. Fewer:
@@ -42,7 +43,7 @@ class MeasureSettings:
 
     sample: int = 2500
     neighbours: int = 8
-    reach: float = 2.5
+    reach: float = 1.25
     together: int = 4
     least_part: float = 0.1
     faces: int = 24
