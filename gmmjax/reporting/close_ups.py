@@ -390,7 +390,9 @@ def _data_uri(
 
 
 def _encoded(pixels: UInt8[np.ndarray, "h w 4"], settings: CloseUpSettings) -> str:
+    # With its plugin, so that Pillow does not import those of all other formats.
     from PIL import Image
+    from PIL import WebPImagePlugin as WebPImagePlugin
 
     content = io.BytesIO()
     Image.fromarray(pixels, "RGBA").save(content, "WEBP", quality=settings.quality, method=settings.effort)

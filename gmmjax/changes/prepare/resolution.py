@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
+from gmmjax._cores import available_cores
 from gmmjax.changes.prepare.checking import check_comparable
 from gmmjax.clouds import first_of_equals, voxel_grid, voxel_size_for
 from gmmjax.geometry import evenly_chosen, local_planes, nearest_neighbours
@@ -161,7 +162,7 @@ def _probe(cloud: WorkingCloud, settings: ResolutionSettings) -> tuple[float, fl
     probes = points[evenly_chosen(len(points), settings.probes)]
     small = min(settings.neighbours, max(2, len(points) // 4))
     large = max(small, int(settings.large_share * len(points)))
-    distances, neighbours = cloud.tree.query(probes, k=large)
+    distances, neighbours = cloud.tree.query(probes, k=large, workers=available_cores())
     thickness = min(_thickness(points.take(neighbours[:, :size], axis=0)) for size in {small, large})
     return float(np.median(distances[:, 1])), thickness
 
