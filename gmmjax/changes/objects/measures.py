@@ -44,7 +44,7 @@ class MeasureSettings:
     sample: int = 2500
     neighbours: int = 8
     reach: float = 1.25
-    together: int = 4
+    together: int = 3
     least_part: float = 0.1
     faces: int = 24
     support: SupportPlaneSettings = SupportPlaneSettings()
