@@ -31,6 +31,7 @@ from gmmjax.reporting.summary import (
 CONTENT_POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; font-src data:"
 )
+OPTION = re.compile(r"--[a-z][a-z-]*")
 CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
@@ -125,8 +126,8 @@ def _facts(clouds: Pair[PointCloud], names: Pair[str], changes: Changes) -> dict
         "Compared": f"<b><bdi>{escape(names.before)}</bdi></b> ({len(clouds.before):,} points) with "
         f"<b><bdi>{escape(names.after)}</bdi></b> ({len(clouds.after):,} points)",
         "Registration": f'<span class="doubt">{registration}</span>' if doubtful else registration,
-        "Sensor poses": escape(_first_capital((poses_text(changes) or "").removeprefix("Sensor poses: "))),
-        "Not observed": escape(_first_capital((unobserved_text(changes) or "").removeprefix("Not observed "))),
+        "Sensor poses": OPTION.sub(r"<code>\g<0></code>", escape(_sentence(poses_text(changes), "Sensor poses: "))),
+        "Not observed": escape(_sentence(unobserved_text(changes), "Not observed ")),
         "Resolution": escape(_resolution(changes)),
         "Left out": escape(dropped),
     }
@@ -157,5 +158,7 @@ def _name(cloud: PointCloud, side: str) -> str:
     return PurePath(cloud.source).name if cloud.source else f"the {side} cloud"
 
 
-def _first_capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+def _sentence(text: str | None, beginning: str) -> str:
+    """A sentence without its beginning, which is the heading beside it; empty where there is none."""
+    rest = (text or "").removeprefix(beginning)
+    return rest[:1].upper() + rest[1:]
