@@ -5,7 +5,7 @@ import reprlib
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from types import FrameType
@@ -51,34 +51,32 @@ _collected: ContextVar[list[str] | None] = ContextVar("collected warnings", defa
 _recorded: ContextVar[list[str] | None] = ContextVar("recorded warnings", default=None)
 
 
-@contextmanager
-def collected_warnings() -> Iterator[list[str]]:
+def collected_warnings() -> AbstractContextManager[list[str]]:
     """Collects what `warn` is told in this block and this thread, in place of warning of it.
 
     Yields:
         The messages, which grow while the block runs.
     """
-    messages: list[str] = []
-    token = _collected.set(messages)
-    try:
-        yield messages
-    finally:
-        _collected.reset(token)
+    return _listening(_collected)
 
 
-@contextmanager
-def recorded_warnings() -> Iterator[list[str]]:
+def recorded_warnings() -> AbstractContextManager[list[str]]:
     """Records what `warn` is told in this block and this thread; the warnings are given as well.
 
     Yields:
         The messages, which grow while the block runs.
     """
+    return _listening(_recorded)
+
+
+@contextmanager
+def _listening(listener: ContextVar[list[str] | None]) -> Iterator[list[str]]:
     messages: list[str] = []
-    token = _recorded.set(messages)
+    token = listener.set(messages)
     try:
         yield messages
     finally:
-        _recorded.reset(token)
+        listener.reset(token)
 
 
 def warn(message: str) -> None:

@@ -31,8 +31,19 @@ INVALID = "cartesianInvalidState"
 REPEATED = (*CARTESIAN, *COLORS, INVALID, "sphericalRange", "sphericalAzimuth", "sphericalElevation")
 # Bytes a second that the slowest machine decodes, and bytes that the library takes beside a block of points.
 SLOWEST, WORKING_MEMORY = 1_000_000, 1 << 29
-# How far (standard deviation, as a share of the scan's height) the elevations of a row may be from even steps.
-ROW_TOLERANCE = 0.02
+
+
+@dataclasses.dataclass(frozen=True)
+class StationSettings:
+    """When the pose of a scan is that of the scanner.
+
+    Attributes:
+        unevenness: standard deviation of the elevations from even steps along the rows or columns of the scan, as a
+            fraction of their range, from which on the pose is not that of a turning scanner. Empirical. 0: no scan has
+            views; infinite: merged and moved scans have views from where nobody stood.
+    """
+
+    unevenness: float = 0.02
 
 
 class _Scan(NamedTuple):
@@ -65,7 +76,7 @@ class _Scan(NamedTuple):
         return dict(zip(NORMALS, normals.T, strict=True))
 
 
-def read_e57(path: str | os.PathLike[str]) -> PointCloud:
+def read_e57(path: str | os.PathLike[str], stations: StationSettings = StationSettings()) -> PointCloud:
     """The points of all scans of an E57 file, in the world, in metres.
 
     Colours become bytes; all other fields of the points (intensity, time, row and column of the scan, ...) stay, with
@@ -75,6 +86,7 @@ def read_e57(path: str | os.PathLike[str]) -> PointCloud:
 
     Args:
         path: the file.
+        stations: when the poses of the scans are views.
 
     Returns:
         The cloud, scans and points in the order of the file.
@@ -104,7 +116,7 @@ def read_e57(path: str | os.PathLike[str]) -> PointCloud:
             f"{file}: pye57 cannot read it ({one_line(error).split(' ****')[0]}); the file is damaged, copy or "
             "export it again"
         ) from error
-    return _cloud([scan for scan in scans if len(scan.columns[CARTESIAN[0]])], details, file)
+    return _cloud([scan for scan in scans if len(scan.columns[CARTESIAN[0]])], details, file, stations)
 
 
 def _check(details: dict[str, Any], file: Path) -> None:
@@ -144,7 +156,7 @@ def _scan(blocks: Iterator[bytearray], details: dict[str, Any], file: Path) -> _
     return _Scan(columns, np.eye(4) if pose is None else pose, pose is not None)
 
 
-def _cloud(scans: list[_Scan], details: dict[str, Any], file: Path) -> PointCloud:
+def _cloud(scans: list[_Scan], details: dict[str, Any], file: Path, stations: StationSettings) -> PointCloud:
     places = [scan.places for scan in scans]
     points = np.concatenate([transformed(own, scan.pose) for own, scan in zip(places, scans, strict=True)])
     colors = None
@@ -152,9 +164,8 @@ def _cloud(scans: list[_Scan], details: dict[str, Any], file: Path) -> PointClou
         channels = [np.stack([scan.columns[name] for name in COLORS], axis=1) for scan in scans]
         colors = color_bytes(np.concatenate(channels), str(file))
     cloud = PointCloud.from_rows(points, colors, _fields(scans), str(file))
-    views = None
-    if len(cloud) and all(scan.posed and _is_station(scan, own) for scan, own in zip(scans, places, strict=True)):
-        views = _views(cloud.points, scans)
+    placed = [scan.posed and _is_station(scan, own, stations) for scan, own in zip(scans, places, strict=True)]
+    views = _views(cloud.points, scans) if len(cloud) and all(placed) else None
     return dataclasses.replace(cloud, views=views, unit=UNIT, crs=of_wkt(details["coordinate_metadata"]).crs)
 
 
@@ -181,19 +192,21 @@ def _views(points: Float64[np.ndarray, "n 3"], scans: list[_Scan]) -> SensorView
         return None
 
 
-def _is_station(scan: _Scan, places: Float64[np.ndarray, "n 3"]) -> bool:
+def _is_station(scan: _Scan, places: Float64[np.ndarray, "n 3"], settings: StationSettings) -> bool:
     """Whether elevations grow evenly with the row or the column of the scan, as from the place of a turning scanner."""
     elevations = np.arctan2(places[:, 2], np.hypot(places[:, 0], places[:, 1]))
     indices = [scan.columns[name] for name in ("rowIndex", "columnIndex") if name in scan.columns]
-    return any(_evenly(elevations, index) for index in indices)
+    return any(_unevenness(elevations, index) < settings.unevenness for index in indices)
 
 
-def _evenly(values: np.ndarray, index: np.ndarray) -> bool:
+def _unevenness(values: np.ndarray, index: np.ndarray) -> float:
+    """Standard deviation from the straight line over the index, as a fraction of the line's range."""
     known = np.isfinite(values)
     offsets = index[known] - index[known].mean() if known.any() else np.empty(0)
     spread = float(offsets @ offsets)
     if spread == 0:
-        return False
+        return np.inf
     centred = values[known] - values[known].mean()
     slope = float(offsets @ centred) / spread
-    return float((centred - slope * offsets).std()) < ROW_TOLERANCE * abs(slope) * float(np.ptp(offsets))
+    extent = abs(slope) * float(np.ptp(offsets))
+    return float((centred - slope * offsets).std()) / extent if extent else np.inf

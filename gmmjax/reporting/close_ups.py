@@ -17,7 +17,7 @@ from gmmjax.pair import Pair, each
 from gmmjax.reporting.camera import HALF_HEIGHT, PlotCamera, initial_camera
 from gmmjax.reporting.framing import stretched
 from gmmjax.reporting.palette import KIND_COLORS, color_bytes, luminance
-from gmmjax.reporting.splats import Projected, depth_steps, enclosed, nearest_points
+from gmmjax.reporting.splats import Projected, depth_steps, enclosed, nearest_points, square_edge
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,8 +92,7 @@ class CloseUpSettings:
 
     def square(self, points: int) -> int:
         """Pixels, edge of the squares of a number of points."""
-        edge = np.sqrt(self.covered * self.width * self.height / max(points, 1))
-        return int(np.clip(round(edge), 1, self.largest_square))
+        return square_edge(points, self.covered * self.width * self.height, self.largest_square)
 
 
 class _Side(NamedTuple):

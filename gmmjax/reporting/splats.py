@@ -24,6 +24,17 @@ class Projected(NamedTuple):
         return Projected(*(values[chosen] for values in self))
 
 
+def square_edge(points: int, covered: float, largest: int) -> int:
+    """Pixels, edge of the squares of a number of points.
+
+    Args:
+        points: that are drawn.
+        covered: area of the squares of all points, pixels.
+        largest: edge, at most.
+    """
+    return int(np.clip(round(float(np.sqrt(covered / max(points, 1)))), 1, largest))
+
+
 def nearest_points(points: Projected, square: int, height: int, width: int) -> Int32[np.ndarray, "h w"]:
     """The index of the nearest point whose square covers a pixel, -1 where there is none.
 

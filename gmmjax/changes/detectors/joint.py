@@ -36,7 +36,7 @@ from gmmjax.changes.fit.joint_problem import JointFitSettings, joint_problem
 from gmmjax.changes.fit.restart_fits import JOINT, RestartFits
 from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.changes.objects.found import Found, ObjectSettings, surfaces_found, volume_weights, volumes_found
-from gmmjax.changes.objects.measures import measured
+from gmmjax.changes.objects.measures import with_measures
 from gmmjax.changes.objects.moved import with_moved
 from gmmjax.changes.prepare.checking import CheckedCloud, CheckSettings, check_overlap, check_pair
 from gmmjax.changes.prepare.resolution import WorkingCloud
@@ -128,11 +128,12 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             items, labels = with_moved(items, labels, pair, found.registration_error, self.objects.moved)
             found = found.grown_to(items, labels)
         if not prepared.volumetric:
-            items = measured(items, labels, pair, found.registration_error, self.objects.measures)
+            items = with_measures(items, labels, pair, found.registration_error, self.objects.measures)
         clock.stop()
         emd, diagnostics = mixtures_distance(joint), _diagnostics(prepared, joint, clock)
-        clouds, distance = prepared.checked, None if prepared.volumetric else found.observed(prepared.distance)
-        changes = found.record(clouds, items, labels, emd, self.config, diagnostics, pair.registration, distance)
+        changes = found.record(prepared.checked, items, labels, emd, self.config, diagnostics, pair.registration)
+        if not prepared.volumetric:
+            changes = found.with_distance(changes, prepared.checked, prepared.distance)
         return Outcome(changes, lambda: self._standard_errors(prepared, joint, changes))
 
     def cut_candidates(

@@ -71,10 +71,6 @@ class Found(NamedTuple):
             return self
         return self._replace(changes=self.changes.map(lambda own: own.with_confidence(confidence)))
 
-    def observed(self, values: Pair[np.ndarray]) -> Pair[Float[np.ndarray, " _"]]:
-        """Values of all points, NaN where the other survey did not observe the place."""
-        return each(lambda own, hidden: np.where(hidden, np.float32(np.nan), own), values, self.unobserved)
-
     def merged(self) -> tuple[tuple[Change, ...], Pair[Int[np.ndarray, " _"]]]:
         """The changes of both clouds in one list, and the labels that refer to it."""
         return merged(self.changes)
@@ -104,7 +100,6 @@ class Found(NamedTuple):
         config: DetectionConfig,
         diagnostics: Mapping[str, Any],
         registration: Registration | None = None,
-        distance: Pair[np.ndarray] | None = None,
     ) -> Changes:
         """The record, with a value for each row that the caller gave.
 
@@ -116,16 +111,10 @@ class Found(NamedTuple):
             config: the settings that were used.
             diagnostics: scales, timings and other plain values of this detection.
             registration: of the after cloud; None: none was made.
-            distance: of each point to the surface of the other cloud, NaN where it was not observed; None: it was not
-                measured.
         """
         of_rows = each(lambda cloud, own: cloud.to_rows(own, -1), clouds, labels)
         probability = each(lambda cloud, own: cloud.to_rows(own.probability, 0.0), clouds, self.changes)
         unobserved = each(lambda cloud, own: cloud.to_rows(own, False), clouds, self.unobserved)
-        if distance is None:
-            distance_of_rows: Pair[np.ndarray | None] = Pair(None, None)
-        else:
-            distance_of_rows = each(lambda cloud, own: cloud.to_rows(own, np.nan), clouds, distance)
         changes = Changes(
             labels_before=of_rows.before,
             labels_after=of_rows.after,
@@ -139,11 +128,26 @@ class Found(NamedTuple):
             diagnostics=diagnostics,
             registration=registration or Registration.none(),
             rejected=merged_rejected(self.changes),
-            distance_before=distance_of_rows.before,
-            distance_after=distance_of_rows.after,
         )
         _log(changes)
         return changes
+
+    def with_distance(
+        self, changes: Changes, clouds: Pair[CheckedCloud], distance: Pair[Float[np.ndarray, " _"]]
+    ) -> Changes:
+        """The record with the distance of each row to the surface of the other cloud.
+
+        Args:
+            changes: the record.
+            clouds: whose rows these are.
+            distance: of each point; it becomes NaN where the other survey did not observe the place.
+        """
+
+        def of_rows(cloud: CheckedCloud, own: np.ndarray, hidden: np.ndarray) -> np.ndarray:
+            return cloud.to_rows(np.where(hidden, np.float32(np.nan), own), np.nan)
+
+        rows = each(of_rows, clouds, distance, self.unobserved)
+        return dataclasses.replace(changes, distance_before=rows.before, distance_after=rows.after)
 
 
 def _log(changes: Changes) -> None:

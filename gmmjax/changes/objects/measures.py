@@ -50,7 +50,7 @@ class MeasureSettings:
     support: SupportPlaneSettings = SupportPlaneSettings()
 
 
-def measured(
+def with_measures(
     items: tuple[Change, ...],
     labels: Pair[Int[np.ndarray, " _"]],
     pair: AlignedPair,
@@ -75,9 +75,7 @@ def measured(
     surfaces = pair.surfaces.map(lambda surface: surface.points)
     parts = [_part(_points_of(index, surfaces, working), settings) for index in range(len(items))]
     planes = support_planes(parts, background, noise, settings.support)
-    return tuple(
-        _with_measures(item, own, plane, settings) for item, own, plane in zip(items, points, planes, strict=True)
-    )
+    return tuple(_measured(item, own, plane, settings) for item, own, plane in zip(items, points, planes, strict=True))
 
 
 def _points_of(
@@ -91,7 +89,7 @@ def _part(points: Float64[np.ndarray, "n 3"], settings: MeasureSettings) -> Loca
     return LocalSurface.of(points[evenly_chosen(len(points), settings.sample)])
 
 
-def _with_measures(
+def _measured(
     change: Change, points: Float64[np.ndarray, "n 3"], plane: SupportPlane | None, settings: MeasureSettings
 ) -> Change:
     # Relative to the change, because the coordinates of a survey leave no digits for a volume.
