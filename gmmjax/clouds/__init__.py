@@ -6,6 +6,9 @@ from gmmjax.clouds.atomic import atomic_write as atomic_write
 from gmmjax.clouds.canonical import canonical_order as canonical_order
 from gmmjax.clouds.canonical import first_of_equals as first_of_equals
 from gmmjax.clouds.canonical import morton_order as morton_order
+from gmmjax.clouds.cloud_file import Bounds as Bounds
+from gmmjax.clouds.cloud_file import CloudChunk as CloudChunk
+from gmmjax.clouds.cloud_file import CloudFile as CloudFile
 from gmmjax.clouds.columns import AXES as AXES
 from gmmjax.clouds.columns import cloud_of_columns as cloud_of_columns
 from gmmjax.clouds.columns import field_columns as field_columns
@@ -33,8 +36,11 @@ from gmmjax.clouds.pcd_writing import write_pcd as write_pcd
 from gmmjax.clouds.ply import write_ply as write_ply
 from gmmjax.clouds.point_cloud import PointCloud as PointCloud
 from gmmjax.clouds.reading import READERS as READERS
+from gmmjax.clouds.reading import open_cloud as open_cloud
 from gmmjax.clouds.reading import read_cloud as read_cloud
 from gmmjax.clouds.source_file import SourceFile as SourceFile
+from gmmjax.clouds.survey_files import SurveyFiles as SurveyFiles
+from gmmjax.clouds.survey_files import open_survey as open_survey
 from gmmjax.clouds.temporaries import clear_folders as clear_folders
 from gmmjax.clouds.temporaries import locked_file as locked_file
 from gmmjax.clouds.temporaries import temporary_folder as temporary_folder
