@@ -16,13 +16,13 @@ class SensorOption:
 
     Attributes:
         side: "before" or "after".
-        file: of `--views-*`.
+        files: of `--views-*`; empty: not given.
         positions: of `--sensor-*`: x, y and z of each; None: not given.
         at_origin: whether `--sensor-at-origin` is given.
     """
 
     side: str
-    file: Path | None
+    files: tuple[Path, ...]
     positions: tuple[float, ...] | None
     at_origin: bool
 
@@ -33,7 +33,7 @@ class SensorOption:
             InputError: it is given twice, or a position is incomplete.
         """
         given = {
-            f"--views-{self.side}": self.file is not None,
+            f"--views-{self.side}": bool(self.files),
             f"--sensor-{self.side}": self.positions is not None,
             "--sensor-at-origin": self.at_origin,
         }
@@ -47,6 +47,22 @@ class SensorOption:
                 "position"
             )
 
+    def check_scans(self, scans: int) -> None:
+        """Checks that there is a position for each scan of a survey of several; one scan may have several positions.
+
+        Args:
+            scans: files of the survey.
+
+        Raises:
+            InputError: there are more or fewer positions than scans.
+        """
+        positions = None if self.positions is None else len(self.positions) // 3
+        if scans > 1 and positions not in (None, scans):
+            raise InputError(
+                f"--sensor-{self.side}: {positions} position{'s' * (positions != 1)} for {scans} scans; give X Y Z for "
+                "each of them, in their order"
+            )
+
     def views(self, cloud: "PointCloud") -> "SensorViews | None":
         """The views of the scan; None where the option says nothing.
 
@@ -58,8 +74,8 @@ class SensorOption:
         """
         from gmmjax.clouds import SensorViews, read_views
 
-        if self.file is not None:
-            return read_views(self.file)
+        if self.files:
+            return SensorViews.merged([read_views(file) for file in self.files])
         numbers = (0.0, 0.0, 0.0) if self.at_origin else self.positions
         if numbers is None:
             return None

@@ -48,6 +48,7 @@ from gmmjax.clouds.reading import read_cloud as read_cloud
 from gmmjax.clouds.source_file import SourceFile as SourceFile
 from gmmjax.clouds.survey_files import SurveyFiles as SurveyFiles
 from gmmjax.clouds.survey_files import open_survey as open_survey
+from gmmjax.clouds.survey_files import read_survey as read_survey
 from gmmjax.clouds.temporaries import clear_folders as clear_folders
 from gmmjax.clouds.temporaries import locked_file as locked_file
 from gmmjax.clouds.temporaries import temporary_folder as temporary_folder

@@ -123,6 +123,15 @@ class LabelledCloud:
         else:
             yield from ((cloud, self.found_in(cloud.rows)) for cloud in self.cloud.clouds())
 
+    def by_file(self) -> "list[LabelledCloud]":
+        """Each scan of a survey in memory that was read from several files; none of any other cloud."""
+        if not isinstance(self.cloud, PointCloud):
+            return []
+        return [
+            LabelledCloud(cloud, {name: values[place] for name, values in self.found.items()}, self.transform)
+            for place, cloud in self.cloud.by_file()
+        ]
+
     def write(self, folder: Path, stem: str) -> str:
         """Writes it in the format of its file where that is LAS, LAZ or PCD, else as PLY.
 

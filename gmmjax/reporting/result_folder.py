@@ -1,5 +1,6 @@
 """The folder that `gmmjax detect` writes: the changes for programs, for viewers of clouds and for people."""
 
+import itertools
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,11 +14,12 @@ from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 from gmmjax.reporting.change_files import MAP_FILE, TABLE_FILE, write_map, write_table
 from gmmjax.reporting.html_report import report_html
-from gmmjax.reporting.labelled_cloud import ENDINGS, labelled_clouds
+from gmmjax.reporting.labelled_cloud import ENDINGS, LabelledCloud, labelled_clouds
 
 REPORT_FILE = "report.html"
 CONFIG_FILE = "config.toml"
 LABELLED = "the scan, with label, kind and probability"
+LABELLED_SCANS = "its scans, with label, kind and probability"
 # What each file of a result is, in the order in which they are listed; of the scans, those that there are.
 DESCRIPTIONS: Mapping[str, str] = {
     REPORT_FILE: "open it in a browser",
@@ -28,16 +30,18 @@ DESCRIPTIONS: Mapping[str, str] = {
     **{f"{side}{ending}": LABELLED for side in NAMES for ending in ENDINGS},
     CONFIG_FILE: "the settings, for --config",
 }
-RESULT = FolderKind("result", CHANGES_FILE, "changes", tuple(name for name in DESCRIPTIONS if name != CHANGES_FILE))
+OTHERS = tuple(name for name in DESCRIPTIONS if name != CHANGES_FILE)
+RESULT = FolderKind("result", CHANGES_FILE, "changes", OTHERS, folders=(*NAMES,))
 
 
 def result_files(folder: Path) -> dict[str, str]:
-    """The files of a result that are there, with what they are.
+    """The files of a result that are there, with what they are; the folder of the scans of a survey ends with "/".
 
     Args:
         folder: that `write_result` wrote.
     """
-    return {name: text for name, text in DESCRIPTIONS.items() if (folder / name).is_file()}
+    files = {name: text for name, text in DESCRIPTIONS.items() if (folder / name).is_file()}
+    return files | {f"{side}/": LABELLED_SCANS for side in NAMES if (folder / side).is_dir()}
 
 
 def check_result_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -> None:
@@ -59,7 +63,8 @@ def write_result(
 
     `changes.json` and `labels.npz` (read back by `Changes.load`), `changes.csv`, `changes.geojson`, `report.html` and
     `config.toml`; and both scans with what was found about their points, as `before.las`, `.laz` or `.pcd` where that
-    is what they were read from, else as `before.ply`, with all that their files held. See `LabelledCloud`.
+    is what they were read from, else as `before.ply`, with all that their files held. See `LabelledCloud`. The scans of
+    a survey of several files are each a file in a folder `before` or `after`, with the name of its own.
 
     Args:
         folder: is made where needed; may be empty.
@@ -100,11 +105,30 @@ def write_result_files(folder: Path, before: PointCloud, after: PointCloud, chan
     write_map(folder / MAP_FILE, changes, before.crs)
     labelled = labelled_clouds(Pair(before, after), changes)
     for side, own in zip(NAMES, labelled, strict=True):
-        own.write(folder, side)
+        _write_scans(folder, side, own)
     with atomic_write(folder / REPORT_FILE) as file:
         file.write(report_html(before, after, changes).encode())
     with atomic_write(folder / CONFIG_FILE) as file:
         tomli_w.dump(_portable(changes.config), file)
+
+
+def _write_scans(folder: Path, side: str, labelled: LabelledCloud) -> None:
+    """A scan as a file, or those of a survey of several files as files in a folder."""
+    scans = labelled.by_file()
+    if not scans:
+        labelled.write(folder, side)
+        return
+    (folder / side).mkdir()
+    taken: set[str] = set()
+    for scan in scans:
+        assert scan.file is not None
+        stems = (
+            f"{scan.file.path.stem}{suffix}" for suffix in itertools.chain([""], map("-{}".format, itertools.count(2)))
+        )
+        # Some file systems do not tell upper from lower case.
+        stem = next(stem for stem in stems if stem.lower() not in taken)
+        taken.add(stem.lower())
+        scan.write(folder / side, stem)
 
 
 def _portable(config: DetectionConfig) -> dict[str, Any]:

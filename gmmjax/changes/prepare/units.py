@@ -4,7 +4,7 @@ from jaxtyping import ArrayLike
 
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.clouds import PointCloud
-from gmmjax.errors import InputError, warn
+from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 
 
@@ -19,10 +19,7 @@ def common_unit(clouds: Pair[ArrayLike | PointCloud], config: DetectionConfig) -
         The unit; None where it is not known.
 
     Raises:
-        InputError: the files state two units, and the user gave none.
-
-    Warns:
-        InputWarning: the files state two reference systems.
+        InputError: the files state two units, and the user gave none; or two reference systems.
     """
     units, systems = clouds.map(lambda cloud: _stated(cloud, "unit")), clouds.map(lambda cloud: _stated(cloud, "crs"))
     if config.unit is None and None not in (*units,) and units.before != units.after:
@@ -31,7 +28,7 @@ def common_unit(clouds: Pair[ArrayLike | PointCloud], config: DetectionConfig) -
             "give the unit of both (unit=..., --unit) where a file is wrong"
         )
     if None not in (*systems,) and systems.before != systems.after:
-        warn(
+        raise InputError(
             f"before is in {systems.before} and after in {systems.after}, as their files state: coordinates of two "
             "reference systems cannot be compared; reproject one of them"
         )

@@ -6,7 +6,7 @@ import pytest
 from gmmjax.changes import DetectionConfig, detect_changes
 from gmmjax.changes.prepare.units import common_unit
 from gmmjax.clouds import PointCloud
-from gmmjax.errors import InputError, InputWarning
+from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 
 POINTS = np.random.default_rng(0).normal(size=(300, 3))
@@ -32,8 +32,8 @@ def test_two_units_are_refused():
         stated({"unit": "m"}, {"unit": "ftUS"})
 
 
-def test_two_reference_systems_are_warned_of():
-    with pytest.warns(InputWarning, match="EPSG:25832 and after in EPSG:25833"):
+def test_two_reference_systems_are_refused():
+    with pytest.raises(InputError, match=r"EPSG:25832 and after in EPSG:25833.*reproject one of them"):
         stated({"crs": "EPSG:25832"}, {"crs": "EPSG:25833"})
 
 
