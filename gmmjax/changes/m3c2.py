@@ -89,7 +89,7 @@ def m3c2_distances(
     radius, depth = (_lengths(getattr(settings, name), name, len(core)) for name in ("radius", "depth"))
     error = _lengths(registration_error, "registration_error", len(core), positive=False)
     cylinders = Cylinders(core, _unit(normals, len(core)), radius, depth)
-    return _compared(points.map(lambda own: projections(own, cylinders)), error, settings.standard_errors)
+    return _compared(projections(points, cylinders), error, settings.standard_errors)
 
 
 def _compared(sides: Pair[Projections], error: Float64[np.ndarray, " n"], standard_errors: float) -> M3C2Distances:
