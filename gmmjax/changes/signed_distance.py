@@ -26,15 +26,18 @@ class SignedDistanceSettings:
         neighbours: points in a cylinder, on a flat surface, at the spacing of the sparser cloud there: its radius
             follows. Few: noisy distances, and a level of detection that is itself uncertain; many: small changes are
             averaged with what is beside them.
-        margin: half length of a cylinder, in radii. In the point's own cloud it is that; in the other cloud it goes
-            as far beyond the nearest point. Small: of rough surfaces a part is cut off; large: other surfaces are mixed
-            in.
+        margin: half length of a cylinder in the point's own cloud, in radii. Small: of rough surfaces a part is cut
+            off; large: other surfaces are mixed in, beside edges first.
+        reach: by which the cylinder is longer in the other cloud, in distances to its nearest point, which may lie
+            beside the normal. 0: what has moved by more than the margin is not found; large: what lies behind the
+            surface is mixed in.
         least_points: in a cylinder, of either cloud; with fewer there is no distance. 2: edges of clouds have one, with
             a level of detection that means little.
     """
 
     neighbours: float = 15.0
-    margin: float = 2.0
+    margin: float = 1.5
+    reach: float = 2.0
     least_points: int = 5
 
 
@@ -75,7 +78,7 @@ def signed_distances(
     radii = each(lambda own, side: _radii(own, side, settings), surfaces, differences.local)
     errors = differences.local.map(lambda side: _registration_errors(side, differences.limits))
     near = radii.map(lambda own: settings.margin * own)
-    far = each(lambda own, side: own + side.distance, near, differences.local)
+    far = each(lambda own, side: own + settings.reach * side.distance, near, differences.local)
     # The core points of both clouds at once: each cloud is packed once.
     found = m3c2_distances(
         np.concatenate([surface.points for surface in surfaces]),
