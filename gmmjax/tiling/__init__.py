@@ -1,0 +1,16 @@
+"""Scans of any size, out of core: their points on disk in blocks, and workers that compute each block."""
+
+from gmmjax.tiling.compute import BlockTask as BlockTask
+from gmmjax.tiling.compute import columns_of as columns_of
+from gmmjax.tiling.compute import compute_blocks as compute_blocks
+from gmmjax.tiling.compute import compute_here as compute_here
+from gmmjax.tiling.disk_store import DiskBlockStore as DiskBlockStore
+from gmmjax.tiling.disk_store import block_store as block_store
+from gmmjax.tiling.disk_store import write_block_store as write_block_store
+from gmmjax.tiling.records import BlockRecords as BlockRecords
+from gmmjax.tiling.records import BlockResult as BlockResult
+from gmmjax.tiling.row_columns import RowColumns as RowColumns
+from gmmjax.tiling.tiles import Tile as Tile
+from gmmjax.tiling.tiles import TileSettings as TileSettings
+from gmmjax.tiling.tiles import tiles_of as tiles_of
+from gmmjax.tiling.workers import Workers as Workers
