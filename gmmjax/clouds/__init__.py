@@ -22,6 +22,7 @@ from gmmjax.clouds.columns import cloud_of_columns as cloud_of_columns
 from gmmjax.clouds.columns import field_columns as field_columns
 from gmmjax.clouds.columns import free_name as free_name
 from gmmjax.clouds.columns import require_axes as require_axes
+from gmmjax.clouds.coordinates import as_finite_points as as_finite_points
 from gmmjax.clouds.coordinates import as_points as as_points
 from gmmjax.clouds.files import MOST_SETTINGS as MOST_SETTINGS
 from gmmjax.clouds.files import parse_json as parse_json
