@@ -17,6 +17,9 @@ from gmmjax.clouds.cell_counts import CellCounts as CellCounts
 from gmmjax.clouds.cell_counts import Lattice as Lattice
 from gmmjax.clouds.chunked_cloud import ArrayCloud as ArrayCloud
 from gmmjax.clouds.chunked_cloud import ChunkedCloud as ChunkedCloud
+from gmmjax.clouds.cloud_file import Bounds as Bounds
+from gmmjax.clouds.cloud_file import CloudChunk as CloudChunk
+from gmmjax.clouds.cloud_file import CloudFile as CloudFile
 from gmmjax.clouds.columns import AXES as AXES
 from gmmjax.clouds.columns import cloud_of_columns as cloud_of_columns
 from gmmjax.clouds.columns import field_columns as field_columns
@@ -48,8 +51,11 @@ from gmmjax.clouds.placed_clouds import tree_of as tree_of
 from gmmjax.clouds.ply import write_ply as write_ply
 from gmmjax.clouds.point_cloud import PointCloud as PointCloud
 from gmmjax.clouds.reading import READERS as READERS
+from gmmjax.clouds.reading import open_cloud as open_cloud
 from gmmjax.clouds.reading import read_cloud as read_cloud
 from gmmjax.clouds.source_file import SourceFile as SourceFile
+from gmmjax.clouds.survey_files import SurveyFiles as SurveyFiles
+from gmmjax.clouds.survey_files import open_survey as open_survey
 from gmmjax.clouds.temporaries import clear_folders as clear_folders
 from gmmjax.clouds.temporaries import locked_file as locked_file
 from gmmjax.clouds.temporaries import temporary_folder as temporary_folder

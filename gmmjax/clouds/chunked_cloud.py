@@ -1,52 +1,29 @@
-"""Clouds that are given some points at a time, as often as they are asked for: open files, or arrays."""
+"""Clouds that are given some points at a time, as often as they are asked for: open files, surveys, or arrays."""
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64
 
-
-@runtime_checkable
-class PointChunk(Protocol):
-    """Some points of a cloud, in its order."""
-
-    @property
-    def points(self) -> Float64[np.ndarray, "n 3"]:
-        """Finite coordinates."""
-
-    @property
-    def rows(self) -> Int64[np.ndarray, " n"]:
-        """Number of each point's row in the cloud, ascending over all chunks."""
+from gmmjax.clouds.cloud_file import CHUNK_POINTS, Bounds, CloudChunk
 
 
 @runtime_checkable
 class ChunkedCloud(Protocol):
-    """A cloud that is read in chunks."""
+    """A cloud that is read in chunks, such as a `CloudFile` or `SurveyFiles`."""
 
     @property
     def count(self) -> int:
         """Number of rows, those without a position among them."""
 
     @property
-    def bounds(self) -> Any:
-        """Lowest and highest coordinates `(lower, upper)`, each [3], as they are declared; None: not known."""
+    def bounds(self) -> Bounds | None:
+        """Of the points, as they are declared; None: not known."""
 
-    def chunks(self, size: int = 1_000_000) -> Iterator[PointChunk]:
+    def chunks(self, size: int = CHUNK_POINTS) -> Iterator[CloudChunk]:
         """All points from the first on, at most `size` at a time; no result depends on the size."""
-
-
-class ArrayChunk(NamedTuple):
-    """Some rows of an array.
-
-    Attributes:
-        points: coordinates.
-        rows: their numbers.
-    """
-
-    points: Float64[np.ndarray, "n 3"]
-    rows: Int64[np.ndarray, " n"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -65,12 +42,12 @@ class ArrayCloud:
         return len(self.points)
 
     @property
-    def bounds(self) -> None:
+    def bounds(self) -> Bounds | None:
         """Not known before the points are looked at."""
         return None
 
-    def chunks(self, size: int = 1_000_000) -> Iterator[ArrayChunk]:
+    def chunks(self, size: int = CHUNK_POINTS) -> Iterator[CloudChunk]:
         """All points, at most `size` at a time."""
         for start in range(0, len(self.points), size):
             part = self.points[start : start + size]
-            yield ArrayChunk(part, np.arange(start, start + len(part), dtype=np.int64))
+            yield CloudChunk(part, np.arange(start, start + len(part), dtype=np.int64))

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from gmmjax.clouds import ArrayCloud
+from gmmjax.clouds import ArrayCloud, Bounds
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -12,7 +12,7 @@ class ChunkedArray(ArrayCloud):
     """A cloud in memory that gives its points in chunks of another size, and declares bounds."""
 
     size: int = 7
-    declared: tuple | None = None
+    declared: Bounds | None = None
 
     @property
     def bounds(self):

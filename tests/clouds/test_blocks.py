@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gmmjax.clouds import ArrayCloud, BlockSettings, MemoryBlockStore, PlacedClouds, tree_of
+from gmmjax.clouds import ArrayCloud, BlockSettings, Bounds, MemoryBlockStore, PlacedClouds, tree_of
 from gmmjax.errors import InputError
 from gmmjax.geometry import rotation_about, transformed
 from gmmjax.pair import Pair, each
@@ -134,10 +134,10 @@ def test_declared_bounds_that_are_wrong_are_measured():
     pair = Pair(slope(500, 0), slope(400, 1))
     right = tree_of(PlacedClouds(pair.map(ArrayCloud)), SMALL)
     for declared in (np.zeros((2, 3)), np.array([[2.0, 2.0, 2.0], [3.0, 3.0, 3.0]])):
-        wrong = pair.map(lambda own, box=declared: ChunkedArray(own, 100, tuple(box)))
+        wrong = pair.map(lambda own, box=declared: ChunkedArray(own, 100, Bounds(*box)))
         found = tree_of(PlacedClouds(wrong), SMALL)
         np.testing.assert_array_equal(found.codes, right.codes)
-    exact = pair.map(lambda own: ChunkedArray(own, 100, (own.min(axis=0), own.max(axis=0))))
+    exact = pair.map(lambda own: ChunkedArray(own, 100, Bounds(own.min(axis=0), own.max(axis=0))))
     np.testing.assert_array_equal(tree_of(PlacedClouds(exact), SMALL).codes, right.codes)
 
 
