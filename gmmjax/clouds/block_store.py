@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from gmmjax.clouds.blocks import Block, BlockSettings, BlockTree
-from gmmjax.clouds.placed_clouds import PlacedClouds, StoredPoints, tree_of
+from gmmjax.clouds.blocks import Block, BlockTree
+from gmmjax.clouds.placed_clouds import PlacedClouds, StoredPoints
 from gmmjax.geometry import within_box
 from gmmjax.pair import Pair, each
 
@@ -81,17 +81,14 @@ class AbstractBlockStore(abc.ABC):
 class MemoryBlockStore(AbstractBlockStore):
     """The points of two clouds in memory."""
 
-    def __init__(self, clouds: PlacedClouds, settings: BlockSettings = BlockSettings()):
+    def __init__(self, clouds: PlacedClouds, tree: BlockTree):
         """Sorts the points into blocks.
 
         Args:
             clouds: whose points are taken.
-            settings: of the blocks.
-
-        Raises:
-            InputError: a cloud has no points, or all points are at one place.
+            tree: their blocks, as of `tree_of`.
         """
-        self._tree = tree_of(clouds, settings)
+        self._tree = tree
         self._row_counts = clouds.row_counts
         self._points = clouds.chunks(self._tree.lattice).map(lambda own: _by_block(own, self._tree))
         self._ends = self._tree.counts.map(np.cumsum)

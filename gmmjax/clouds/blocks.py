@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float64, Int64, UInt64
 
 from gmmjax.clouds.canonical import morton_indices
 from gmmjax.clouds.cell_counts import CellCounts, Lattice
+from gmmjax.errors import InputError
 from gmmjax.pair import Pair, each
 
 
@@ -196,6 +197,31 @@ def block_tree(counts: CellCounts, lattice: Lattice, settings: BlockSettings = B
             own = lattice.edge_of(level + 1) / settings.voxels
             sizes = np.where(supported[level + 1], own, sizes[parents])
     return _tree(leaves, lattice, counts.level)
+
+
+def require_overlap(tree: BlockTree) -> None:
+    """Raises an error unless some block has points of both clouds.
+
+    Args:
+        tree: the blocks of two clouds.
+
+    Raises:
+        InputError: the clouds do not overlap.
+    """
+    if tree.common.any():
+        return
+
+    def extent(counts: Int64[np.ndarray, " b"]) -> str:
+        own = counts > 0
+        lower = tree.lowers[own].min(axis=0) + tree.lattice.offset
+        upper = (tree.lowers[own] + tree.edges[own, None]).max(axis=0) + tree.lattice.offset
+        return " x ".join(f"{least:.6g}..{most:.6g}" for least, most in zip(lower, upper, strict=True))
+
+    extents = tree.counts.map(extent)
+    raise InputError(
+        f"before, after: the scans do not overlap (before {extents.before}, after {extents.after}); they may be in "
+        "different coordinate systems: register them first, or give the transform between them"
+    )
 
 
 def _pyramid(counts: CellCounts) -> list[CellCounts]:

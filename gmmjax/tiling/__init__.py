@@ -7,6 +7,10 @@ from gmmjax.tiling.compute import compute_here as compute_here
 from gmmjax.tiling.disk_store import DiskBlockStore as DiskBlockStore
 from gmmjax.tiling.disk_store import block_store as block_store
 from gmmjax.tiling.disk_store import write_block_store as write_block_store
+from gmmjax.tiling.distances import DistanceSettings as DistanceSettings
+from gmmjax.tiling.distances import TiledDistances as TiledDistances
+from gmmjax.tiling.distances import block_distances as block_distances
+from gmmjax.tiling.distances import distances as distances
 from gmmjax.tiling.records import BlockRecords as BlockRecords
 from gmmjax.tiling.records import BlockResult as BlockResult
 from gmmjax.tiling.row_columns import RowColumns as RowColumns

@@ -9,7 +9,8 @@ the store, the block and any further arguments, and returns a `BlockResult`:
         rows = inside.map(lambda own: {"height": own[:, 2] + store.offset[2]})
         return BlockResult({"mean": np.array([len(own) for own in inside])}, rows)
 
-    with block_store(PlacedClouds(Pair(open_cloud("before.las"), open_cloud("after.las")), transform)) as store:
+    clouds = PlacedClouds(Pair(open_cloud("before.las"), open_cloud("after.las")), transform)
+    with block_store(clouds, tree_of(clouds)) as store:
         columns = columns_of(store, {"height": np.float64(np.nan)})
         records = compute_blocks(store, heights, (0.5,), columns=columns)
         records[7].values["mean"]                          # of block 7

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int64
 
-from gmmjax.clouds import AbstractBlockStore, BlockSettings, BlockTree, Lattice, PlacedClouds, StoredPoints, tree_of
+from gmmjax.clouds import AbstractBlockStore, BlockTree, Lattice, PlacedClouds, StoredPoints
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair, each
 from gmmjax.tiling.folder import disk_errors, reserve, working_folder
@@ -90,36 +90,34 @@ class DiskBlockStore(AbstractBlockStore):
 
 @contextmanager
 def block_store(
-    clouds: PlacedClouds, parent: str | os.PathLike[str] | None = None, settings: BlockSettings = BlockSettings()
+    clouds: PlacedClouds, tree: BlockTree, parent: str | os.PathLike[str] | None = None
 ) -> Iterator[DiskBlockStore]:
     """The points of two clouds in blocks on disk, removed when the block of code ends.
 
     Args:
         clouds: both.
+        tree: their blocks, as of `tree_of`.
         parent: folder in which a temporary one is made, on a disk with room for 32 bytes a point; None: the system's
             folder for temporary files.
-        settings: of the blocks.
 
     Raises:
         InputError: as `write_block_store`, or the folder cannot be written.
     """
     with working_folder(parent) as folder:
-        yield write_block_store(clouds, folder, settings)
+        yield write_block_store(clouds, tree, folder)
 
 
-def write_block_store(clouds: PlacedClouds, folder: Path, settings: BlockSettings = BlockSettings()) -> DiskBlockStore:
+def write_block_store(clouds: PlacedClouds, tree: BlockTree, folder: Path) -> DiskBlockStore:
     """Reads two clouds and writes their points block by block.
 
     Args:
-        clouds: read twice, or more often where their bounds are not declared.
+        clouds: both.
+        tree: their blocks, as of `tree_of`.
         folder: that is there.
-        settings: of the blocks.
 
     Raises:
-        InputError: a cloud has no points, all points are at one place, a file cannot be read or changes while it is
-            read, or the disk is full.
+        InputError: a file cannot be read or changed since its blocks were made, or the disk is full.
     """
-    tree = tree_of(clouds, settings)
     needed = sum(int(own.sum()) for own in tree.counts) * _RECORD.itemsize
     with disk_errors(folder, needed):
         _write_index(folder, tree, clouds.row_counts)

@@ -18,7 +18,8 @@ SMALL = BlockSettings(voxels=8, covered=0.05, least_points=8, cells=4, cell_poin
 
 
 def store_of(clouds, settings=SMALL, transform=None):
-    return MemoryBlockStore(PlacedClouds(clouds.map(ArrayCloud), transform), settings)
+    placed = PlacedClouds(clouds.map(ArrayCloud), transform)
+    return MemoryBlockStore(placed, tree_of(placed, settings))
 
 
 @st.composite
