@@ -6,6 +6,7 @@ the points are read or shared out to workers. A block has voxels of one size.
 
 import dataclasses
 import functools
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -95,6 +96,7 @@ class BlockTree:
         voxel_sizes: of each block.
         counts: number of points of either cloud in each block.
         spacings: of neighbouring points of either cloud in each block; NaN without points.
+        extents: lowest and highest corner of the counted cells with points of either cloud, relative to the offset.
     """
 
     lattice: Lattice
@@ -104,6 +106,7 @@ class BlockTree:
     voxel_sizes: Float64[np.ndarray, " b"]
     counts: Pair[Int64[np.ndarray, " b"]]
     spacings: Pair[Float64[np.ndarray, " b"]]
+    extents: Pair[Float64[np.ndarray, "2 3"]]
 
     def __len__(self) -> int:
         return len(self.levels)
@@ -196,7 +199,7 @@ def block_tree(counts: CellCounts, lattice: Lattice, settings: BlockSettings = B
             inside = (inside & divided[level])[parents]
             own = lattice.edge_of(level + 1) / settings.voxels
             sizes = np.where(supported[level + 1], own, sizes[parents])
-    return _tree(leaves, lattice, counts.level)
+    return _tree(leaves, lattice, counts)
 
 
 def require_overlap(tree: BlockTree) -> None:
@@ -211,13 +214,12 @@ def require_overlap(tree: BlockTree) -> None:
     if tree.common.any():
         return
 
-    def extent(counts: Int64[np.ndarray, " b"]) -> str:
-        own = counts > 0
-        lower = tree.lowers[own].min(axis=0) + tree.lattice.offset
-        upper = (tree.lowers[own] + tree.edges[own, None]).max(axis=0) + tree.lattice.offset
-        return " x ".join(f"{least:.6g}..{most:.6g}" for least, most in zip(lower, upper, strict=True))
+    decimals = max(0, 3 - math.ceil(math.log10(tree.lattice.edge)))
 
-    extents = tree.counts.map(extent)
+    def extent(own: Float64[np.ndarray, "2 3"]) -> str:
+        return " x ".join(f"{least:.{decimals}f}..{most:.{decimals}f}" for least, most in (own + tree.lattice.offset).T)
+
+    extents = tree.extents.map(extent)
     raise InputError(
         f"before, after: the scans do not overlap (before {extents.before}, after {extents.after}); they may be in "
         "different coordinate systems: register them first, or give the transform between them"
@@ -334,14 +336,21 @@ def _leaves(
     )
 
 
-def _tree(leaves: list[_Leaves], lattice: Lattice, finest: int) -> BlockTree:
+def _tree(leaves: list[_Leaves], lattice: Lattice, cells: CellCounts) -> BlockTree:
     levels, codes, voxel_sizes = (np.concatenate([own[place] for own in leaves]) for place in range(3))
-    order = np.argsort(codes << (3 * (finest - levels)).astype(np.uint64))
+    order = np.argsort(codes << (3 * (cells.level - levels)).astype(np.uint64))
     counts, spacings = (
         each(lambda *own: np.concatenate(own)[order], *sides)
         for sides in ([own.counts for own in leaves], [own.spacings for own in leaves])
     )
-    return BlockTree(lattice, finest, levels[order], codes[order], voxel_sizes[order], counts, spacings)
+
+    def extent(points: Int64[np.ndarray, " c"]) -> Float64[np.ndarray, "2 3"]:
+        indices = morton_indices(cells.codes[points > 0]).astype(np.float64)
+        corners = np.array([indices.min(axis=1, initial=np.inf), indices.max(axis=1, initial=-np.inf) + 1])
+        return corners * lattice.edge_of(cells.level)
+
+    extents = cells.points.map(extent)
+    return BlockTree(lattice, cells.level, levels[order], codes[order], voxel_sizes[order], counts, spacings, extents)
 
 
 def _weighted_median(values: Float64[np.ndarray, " b"], weights: Int64[np.ndarray, " b"]) -> float:

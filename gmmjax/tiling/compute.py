@@ -27,7 +27,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, wait
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -35,16 +35,14 @@ from gmmjax.batch import AbstractPool, died
 from gmmjax.clouds import AbstractBlockStore, Block
 from gmmjax.errors import ComputationError
 from gmmjax.pair import Pair, each
-from gmmjax.tiling.disk_store import DiskBlockStore, opened_store
-from gmmjax.tiling.records import BlockRecords, BlockResult, RecordPlace, write_record
+from gmmjax.tiling.disk_store import DiskBlockStore
+from gmmjax.tiling.records import BlockRecords, BlockResult, RecordPlace
 from gmmjax.tiling.row_columns import RowColumns
 from gmmjax.tiling.tiles import Tile, TileSettings, tiles_of
+from gmmjax.tiling.worker import BlockTask, compute_tile
 from gmmjax.tiling.workers import Workers
 
 logger = logging.getLogger(__name__)
-
-BlockTask: TypeAlias = Callable[..., BlockResult]
-"""A function of a module that takes a store, a block, and plain further arguments."""
 
 
 def columns_of(store: DiskBlockStore, missing: Mapping[str, np.generic]) -> Pair[RowColumns]:
@@ -110,22 +108,6 @@ def compute_blocks(
         if progress is not None:
             progress(f"{len(records)} of {len(store.tree)} blocks", done / max(int(sizes.sum()), 1))
     return records
-
-
-def compute_tile(
-    store: Path, records: Path, task: BlockTask, arguments: tuple[Any, ...], tile: Tile
-) -> list[RecordPlace]:
-    """What a worker does with a tile: computes each block, and appends the result to a file of its own.
-
-    Args:
-        store: folder of the store.
-        records: folder for the results.
-        task: what is computed.
-        arguments: of the task.
-        tile: the numbers of the blocks.
-    """
-    opened = opened_store(store)
-    return [write_record(records, number, task(opened, opened.tree.block(number), *arguments)) for number in tile]
 
 
 def compute_here(
@@ -216,7 +198,8 @@ class _Driver:
         if self._alone:
             raise ComputationError(
                 "a worker process died twice with the same tile, the second time with nothing else running: most "
-                "likely there is too little memory, or the system ended the process; try a smaller tile size"
+                "likely there is too little memory, or the system ended the process; free some memory, or have "
+                "smaller blocks (BlockSettings.most_points)"
             ) from error
         logger.warning("a worker process died; its tile is computed again")
         self._suspects.append(tile)

@@ -24,7 +24,7 @@ from gmmjax.tiling.folder import disk_errors, reserve, working_folder
 _RECORD = np.dtype([("point", "<f8", (3,)), ("row", "<i8")])
 _POINTS = Pair("before.points", "after.points")
 _INDEX = "blocks.npz"
-_SIDES = ("counts", "spacings")
+_SIDES = ("counts", "spacings", "extents")
 
 
 class DiskBlockStore(AbstractBlockStore):
@@ -207,10 +207,10 @@ def _read_index(folder: Path) -> tuple[BlockTree, Pair[int]]:
         raise InputError(
             f"{folder}: cannot be read ({error.strerror}); all workers must see this folder by the same path"
         ) from error
-    counts, spacings = (Pair(values[f"{name}_before"], values[f"{name}_after"]) for name in _SIDES)
+    counts, spacings, extents = (Pair(values[f"{name}_before"], values[f"{name}_after"]) for name in _SIDES)
     lattice = Lattice(values["offset"], float(values["edge"]))
     levels, codes, voxel_sizes = (values[name] for name in ("levels", "codes", "voxel_sizes"))
-    tree = BlockTree(lattice, int(values["finest"]), levels, codes, voxel_sizes, counts, spacings)
+    tree = BlockTree(lattice, int(values["finest"]), levels, codes, voxel_sizes, counts, spacings, extents)
     return tree, Pair(*map(int, values["rows"]))
 
 

@@ -49,10 +49,10 @@ def disk_errors(folder: Path, needed: int | None = None) -> Iterator[None]:
         yield
     except OSError as error:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        what = "the disk is full" if full else f"cannot be written or read ({error.strerror or one_line(error)})"
         room = f"; {_gigabytes(needed)} are needed" if needed is not None and full else ""
         raise InputError(
-            f"{_of_user(folder)}: {'the disk is full' if full else 'cannot be written'} ({one_line(error)}){room}; "
-            "free some room there, or choose a folder on another disk"
+            f"{_of_user(folder)}: {what}{room}; free some room there, or choose a folder on another disk"
         ) from error
 
 

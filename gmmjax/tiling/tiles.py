@@ -58,5 +58,5 @@ def _check_tile_size(tile_size: float, tree: BlockTree, settings: TileSettings) 
     if tile_size < least:
         raise InputError(
             f"tile_size={tile_size:g} is below {settings.spacings:g} point spacings of the sparser scan; give at least "
-            f"{least:.2g}, or leave it out"
+            f"{1.005 * least:.3g}, or leave it out"
         )
