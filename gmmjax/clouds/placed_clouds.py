@@ -65,16 +65,24 @@ class PlacedClouds:
         return each(placed, self.clouds, self.transforms)
 
 
-def tree_of(clouds: PlacedClouds, settings: BlockSettings = BlockSettings()) -> BlockTree:
+def tree_of(
+    clouds: PlacedClouds, settings: BlockSettings = BlockSettings(), lattice: Lattice | None = None
+) -> BlockTree:
     """The blocks of two clouds; they are read once, or, where their bounds are not declared rightly, up to three times.
 
     Args:
         clouds: both.
         settings: of the blocks.
+        lattice: whose cells the blocks are to be, such as for voxels of a given grid; None: by the clouds' extent.
 
     Raises:
-        InputError: a cloud has no points, or all points are at one place.
+        InputError: a cloud has no points, all points are at one place, or some are outside of the given lattice.
     """
+    if lattice is not None:
+        try:
+            return _counted(clouds, lattice, settings)
+        except _BeyondBoundsError as error:
+            raise InputError("lattice: points are outside of its cube; give a larger one") from error
     if all(own.bounds is not None for own in clouds.clouds):
         lattice = _lattice(clouds, clouds.clouds.map(lambda own: np.array(own.bounds, np.float64)))
         with contextlib.suppress(_BeyondBoundsError):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gmmjax.clouds import ArrayCloud, BlockSettings, Bounds, MemoryBlockStore, PlacedClouds, tree_of
+from gmmjax.clouds import ArrayCloud, BlockSettings, Bounds, Lattice, MemoryBlockStore, PlacedClouds, tree_of
 from gmmjax.errors import InputError
 from gmmjax.geometry import rotation_about, transformed
 from gmmjax.pair import Pair, each
@@ -148,3 +148,13 @@ def test_clouds_without_points_or_of_one_place_are_rejected():
         store_of(Pair(some, none))
     with pytest.raises(InputError, match="all points are at one place"):
         store_of(Pair(some, some))
+
+
+def test_blocks_on_a_given_lattice():
+    pair = Pair(slope(2_000, 0), slope(2_000, 1))
+    placed = PlacedClouds(pair.map(ArrayCloud))
+    tree = tree_of(placed, SMALL, Lattice(np.array([-1.0, -1.0, -1.0]), 16.0))
+    assert (np.log2(tree.edges) % 1 == 0).all()
+    assert (tree.lowers % tree.edges[:, None] == 0).all()
+    with pytest.raises(InputError, match="outside of its cube"):
+        tree_of(placed, SMALL, Lattice(np.zeros(3), 4.0))
