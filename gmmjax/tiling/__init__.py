@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from gmmjax.tiling.compute import compute_blocks as compute_blocks
     from gmmjax.tiling.compute import compute_here as compute_here
     from gmmjax.tiling.disk_store import DiskBlockStore as DiskBlockStore
-    from gmmjax.tiling.disk_store import block_store as block_store
+    from gmmjax.tiling.disk_store import temporary_block_store as temporary_block_store
     from gmmjax.tiling.disk_store import write_block_store as write_block_store
     from gmmjax.tiling.records import BlockRecords as BlockRecords
     from gmmjax.tiling.records import BlockResult as BlockResult

@@ -22,10 +22,10 @@ from gmmjax.clouds import (
     voxel_grid,
 )
 from gmmjax.errors import InputError
-from gmmjax.geometry import PLANE_NEIGHBOURS, LocalSurface
+from gmmjax.geometry import PLANE_NEIGHBOURS, local_planes, nearest_neighbours, within_box
 from gmmjax.pair import Pair, each
 from gmmjax.tiling.compute import columns_of, compute_blocks
-from gmmjax.tiling.disk_store import block_store
+from gmmjax.tiling.disk_store import temporary_block_store
 from gmmjax.tiling.records import BlockResult
 from gmmjax.tiling.row_columns import RowColumns
 from gmmjax.tiling.tiles import TileSettings, tiles_of
@@ -132,7 +132,7 @@ def distances(
     tree = tree_of(clouds, blocks)
     require_overlap(tree)
     tiles_of(tree, tile_size, tiles)
-    with block_store(clouds, tree, folder) as store:
+    with temporary_block_store(clouds, tree, folder) as store:
         columns = columns_of(store, _MISSING)
         relative = positions.map(lambda own: None if own is None else own - store.offset)
         records = compute_blocks(
@@ -166,8 +166,7 @@ def block_distances(
         positions: of either cloud's sensors, relative to the offset; None: normals point upwards.
     """
     cylinder = settings.cylinder(block)
-    around = (PLANE_NEIGHBOURS**0.5 + 1) * block.voxel_size
-    found = store.points_of(block, max(float(np.hypot(cylinder.radius, cylinder.depth)), around))
+    found = store.points_of(block, max(float(np.hypot(cylinder.radius, cylinder.depth)), _reach_of_planes(block)))
     clouds = found.map(lambda own: own.points)
 
     def of_cloud(own: BlockPoints, positions: np.ndarray | None) -> dict[str, np.ndarray]:
@@ -187,12 +186,23 @@ def _normals(
     points: BlockPoints, block: Block, extent: float, positions: np.ndarray | None
 ) -> Float64[np.ndarray, "n 3"]:
     """The normal at each point inside of a block: of the plane through the means of the voxels around its own."""
-    voxels = voxel_grid(points.points - block.lower, block.voxel_size)
-    surface = LocalSurface.of(voxels.points + block.lower)
-    towards = np.array([extent, extent, 3 * extent]) / 2 if positions is None else _nearest(positions, surface.points)
-    away = ((towards - surface.points) * surface.normals).sum(axis=1) < 0
-    normals = np.where(away[:, None], -surface.normals, surface.normals)
-    return normals[voxels.voxel_of_point[points.inside]]
+    reach = _reach_of_planes(block)
+    count = int(points.inside.sum())
+    margin = points.points[count:]
+    near = margin[within_box(margin, block.lower - reach, block.lower + block.edge + reach)]
+    voxels = voxel_grid(np.concatenate([points.points[:count], near]), block.voxel_size)
+    own, voxel = np.unique(voxels.voxel_of_point[:count], return_inverse=True)
+    means = voxels.points[own]
+    neighbours = nearest_neighbours(cKDTree(voxels.points), means, PLANE_NEIGHBOURS)[1]
+    normals = local_planes(voxels.points.take(neighbours, axis=0))[1]
+    towards = np.array([extent, extent, 3 * extent]) / 2 if positions is None else _nearest(positions, means)
+    away = ((towards - means) * normals).sum(axis=1) < 0
+    return np.where(away[:, None], -normals, normals)[voxel]
+
+
+def _reach_of_planes(block: Block) -> float:
+    """How far the voxels that a plane goes through are from the block."""
+    return float((PLANE_NEIGHBOURS**0.5 + 1) * block.voxel_size)
 
 
 def _nearest(positions: np.ndarray, places: Float64[np.ndarray, "m 3"]) -> Float64[np.ndarray, "m 3"]:

@@ -10,7 +10,7 @@ the store, the block and any further arguments, and returns a `BlockResult`:
         return BlockResult({"mean": np.array([len(own) for own in inside])}, rows)
 
     clouds = PlacedClouds(Pair(open_cloud("before.las"), open_cloud("after.las")), transform)
-    with block_store(clouds, tree_of(clouds)) as store:
+    with temporary_block_store(clouds, tree_of(clouds)) as store:
         columns = columns_of(store, {"height": np.float64(np.nan)})
         records = compute_blocks(store, heights, (0.5,), columns=columns)
         records[7].values["mean"]                          # of block 7

@@ -89,7 +89,7 @@ class DiskBlockStore(AbstractBlockStore):
 
 
 @contextmanager
-def block_store(
+def temporary_block_store(
     clouds: PlacedClouds, tree: BlockTree, parent: str | os.PathLike[str] | None = None
 ) -> Iterator[DiskBlockStore]:
     """The points of two clouds in blocks on disk, removed when the block of code ends.

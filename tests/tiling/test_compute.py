@@ -16,10 +16,10 @@ from gmmjax.tiling import (
     RowColumns,
     TileSettings,
     Workers,
-    block_store,
     columns_of,
     compute_blocks,
     compute_here,
+    temporary_block_store,
     tiles_of,
 )
 from tests.clouds.made_clouds import ChunkedArray, slope
@@ -52,7 +52,10 @@ def computed(store, task=heights, arguments=(0.3,), **where):
 
 @pytest.fixture(scope="module")
 def expected(tree, tmp_path_factory):
-    with block_store(placed(), tree, tmp_path_factory.mktemp("expected")) as store, ThreadPoolExecutor(1) as one:
+    with (
+        temporary_block_store(placed(), tree, tmp_path_factory.mktemp("expected")) as store,
+        ThreadPoolExecutor(1) as one,
+    ):
         return computed(store, workers=Workers(executor=one))
 
 
@@ -65,7 +68,7 @@ def expected(tree, tmp_path_factory):
 )
 def test_tiles_workers_and_chunks_change_nothing(tree, expected, tmp_path_factory, size, tile, threads, points):
     folder = tmp_path_factory.mktemp("tiles")
-    with block_store(placed(size), tree, folder) as store, ThreadPoolExecutor(threads) as executor:
+    with temporary_block_store(placed(size), tree, folder) as store, ThreadPoolExecutor(threads) as executor:
         workers, sizes = Workers(executor=executor, capacity=4), TileSettings(points=points, spacings=0.0)
         assert computed(store, tile_size=tile, workers=workers, settings=sizes) == expected
     assert list(folder.iterdir()) == []
@@ -79,7 +82,7 @@ def test_clouds_in_memory_give_the_same(tree, expected):
 
 def test_values_come_to_their_rows(tree, tmp_path):
     clouds = placed(700)
-    with block_store(clouds, tree, tmp_path) as store, ThreadPoolExecutor(2) as executor:
+    with temporary_block_store(clouds, tree, tmp_path) as store, ThreadPoolExecutor(2) as executor:
         columns = columns_of(store, MISSING)
         compute_blocks(store, heights, (0.1,), columns=columns, workers=Workers(executor=executor))
         for own, cloud in zip(columns, clouds.clouds, strict=True):
@@ -99,7 +102,7 @@ def test_rows_that_are_filled_by_nobody_are_missing(tmp_path):
 
 
 def test_a_killed_worker(tree, expected, tmp_path):
-    with block_store(placed(), tree, tmp_path) as store:
+    with temporary_block_store(placed(), tree, tmp_path) as store:
         mark, told = tmp_path / "killed", []
         found = computed(
             store,
@@ -127,7 +130,7 @@ class _Deadly(ThreadPoolExecutor):
 
 def test_a_worker_that_dies_again_with_the_same_tile(tree, tmp_path):
     with pytest.raises(ComputationError, match=r"died twice with the same tile.*smaller blocks"):
-        with block_store(placed(), tree, tmp_path) as store, _Deadly(1) as executor:
+        with temporary_block_store(placed(), tree, tmp_path) as store, _Deadly(1) as executor:
             compute_blocks(store, heights, (0.3,), workers=Workers(executor=executor))
     assert list(tmp_path.iterdir()) == []
 
@@ -135,7 +138,7 @@ def test_a_worker_that_dies_again_with_the_same_tile(tree, tmp_path):
 @pytest.mark.parametrize(("task", "error"), [(fails, InputError), (interrupted, KeyboardInterrupt)])
 def test_what_a_task_raises_ends_the_computation(tree, tmp_path, task, error):
     told = []
-    with pytest.raises(error) as caught, block_store(placed(), tree, tmp_path) as store:
+    with pytest.raises(error) as caught, temporary_block_store(placed(), tree, tmp_path) as store:
         with ThreadPoolExecutor(2) as executor:
             workers = Workers(executor=executor)
             compute_blocks(store, task, workers=workers, progress=lambda *own: told.append(own))
@@ -173,7 +176,7 @@ def test_a_disk_without_room_is_said_before_the_work_begins(tree, tmp_path, monk
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "posix_fallocate", no_room)
-    with pytest.raises(InputError) as caught, block_store(placed(), tree, tmp_path):
+    with pytest.raises(InputError) as caught, temporary_block_store(placed(), tree, tmp_path):
         pass
     assert str(caught.value).startswith(f"{tmp_path}: the disk is full")
     assert "0.2 MB are needed; free some room there, or choose a folder on another disk" in str(caught.value)
@@ -191,7 +194,7 @@ def test_a_disk_that_fills(tree, tmp_path, monkeypatch, suffix):
     monkeypatch.setattr(type(tmp_path), "open", limited)
     monkeypatch.setattr(_FullDisk, "room", 10_000)
     with pytest.raises(InputError, match="the disk is full") as caught, ThreadPoolExecutor(1) as executor:
-        with block_store(placed(), tree, tmp_path) as store:
+        with temporary_block_store(placed(), tree, tmp_path) as store:
             computed(store, workers=Workers(executor=executor))
     assert str(tmp_path) in str(caught.value)
     assert ".gmmjax" not in str(caught.value)
@@ -202,7 +205,7 @@ def test_a_file_that_changes_while_it_is_read(tree, tmp_path):
     for count in (2_900, 3_100):
         with (
             pytest.raises(InputError, match="changed while it was read"),
-            block_store(placed(count=count), tree, tmp_path),
+            temporary_block_store(placed(count=count), tree, tmp_path),
         ):
             pass
     assert list(tmp_path.iterdir()) == []
@@ -211,7 +214,7 @@ def test_a_file_that_changes_while_it_is_read(tree, tmp_path):
 def test_a_folder_that_is_not_there(tree, tmp_path):
     with (
         pytest.raises(InputError, match="missing: cannot be written"),
-        block_store(placed(), tree, tmp_path / "missing"),
+        temporary_block_store(placed(), tree, tmp_path / "missing"),
     ):
         pass
 
