@@ -24,9 +24,16 @@ class Hall:
     height: float
 
 
-def hall_site(random: np.random.Generator, stations: int, changed: bool) -> Site:
-    """A hall that is scanned from so many stations, after from others: close to those before, or anywhere."""
-    u = random.uniform
+def hall_site(random: np.random.Generator, changed: bool, stations: int | None = None) -> Site:
+    """A hall that is scanned from so many stations, after from others: close to those before, or anywhere.
+
+    Args:
+        random: of everything.
+        changed: whether anything changed.
+        stations: None: one to three.
+    """
+    u, drawn = random.uniform, int(random.integers(1, 4))
+    stations = drawn if stations is None else stations
     hall = Hall(u(30, 40), u(12, 20), u(5, 8))
     floor, stage = Floor(hall.length, hall.width, random), Stage(changed)
     before = _stations(hall, floor, stations, random)

@@ -1,29 +1,58 @@
 """The kinds of scenes, each drawn from a seed."""
 
 import zlib
-from collections.abc import Mapping
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
-from gmmjax.errors import InputError
+from gmmjax.errors import check_choice
 from tests.benchmarks.surveyor.halls import hall_site
 from tests.benchmarks.surveyor.slopes import slope_site
-from tests.benchmarks.surveyor.surveys import Errors, SurveyedPair, surveyed
+from tests.benchmarks.surveyor.surveys import Errors, Site, SurveyedPair, surveyed
 
-# One in three scenes has the coordinates of a national grid.
-GRID = (433_120.0, 5_411_760.0, 312.0)
+# The coordinates of one in three scenes are a national grid's, of this reference system.
+GRID, GRID_CODE = (433_120.0, 5_411_760.0, 312.0), 25832
 
 
-class Simulated(Protocol):
-    """Makes a scene of about so many points a side from a seed; its unchanged twin differs only in what changed."""
+class Kind(NamedTuple):
+    """How scenes are made.
 
-    def __call__(self, seed: int, points: int, *, changed: bool = True) -> SurveyedPair:
-        """See the class."""
+    Attributes:
+        site: from everything random, and whether anything changed, to what is surveyed.
+        errors: of putting the clouds together.
+    """
+
+    site: Callable[[np.random.Generator, bool], Site]
+    errors: Errors
+
+
+KINDS: Mapping[str, Kind] = {
+    "hall": Kind(hall_site, Errors()),
+    "slope": Kind(slope_site, Errors(0.002, 0.001, 0.005, 0.002)),
+}
+HELD_OUT: Mapping[str, Kind] = {}
+
+
+def simulated(kind: str, seed: int, points: int, *, changed: bool = True) -> SurveyedPair:
+    """A scene of any kind; its unchanged twin differs in nothing but what changed.
+
+    Args:
+        kind: of `KINDS` or `HELD_OUT`.
+        seed: of everything.
+        points: about so many a side.
+        changed: whether anything did.
+
+    Raises:
+        InputError: an unknown kind.
+    """
+    random = drawn_from(kind, seed)
+    made = kind_of(kind)
+    return surveyed(f"{kind} {seed}", made.site(random, changed), points, made.errors, _offset(seed), random)
 
 
 def hall_scene(seed: int, points: int, stations: int | None = None, changed: bool = True) -> SurveyedPair:
-    """A hall of 30 to 40 m.
+    """A hall of 30 to 40 m with pallets, boxes and pipes.
 
     Args:
         seed: of everything.
@@ -31,43 +60,29 @@ def hall_scene(seed: int, points: int, stations: int | None = None, changed: boo
         stations: of either survey; None: one to three, by the seed.
         changed: whether anything did.
     """
-    random = _random("hall", seed)
-    count = int(random.integers(1, 4))
-    site = hall_site(random, count if stations is None else stations, changed)
-    return surveyed(f"hall {seed}", site, points, Errors(offset=_offset(seed)), random)
+    random = drawn_from("hall", seed)
+    site = hall_site(random, changed, stations)
+    return surveyed(f"hall {seed}", site, points, KINDS["hall"].errors, _offset(seed), random)
 
 
 def slope_scene(seed: int, points: int, changed: bool = True) -> SurveyedPair:
-    """A rock slope of 50 to 200 m, from one or two stations at its foot.
-
-    Args:
-        seed: of everything.
-        points: about so many a side.
-        changed: whether anything did.
-    """
-    random = _random("slope", seed)
-    site = slope_site(random, changed)
-    errors = Errors(0.002, 0.001, 0.005, 0.002, _offset(seed))
-    return surveyed(f"slope {seed}", site, points, errors, random)
+    """A rock slope of 50 to 200 m, from one or two stations at its foot; see `simulated`."""
+    return simulated("slope", seed, points, changed=changed)
 
 
-KINDS: Mapping[str, Simulated] = {"hall": hall_scene, "slope": slope_scene}
-HELD_OUT: Mapping[str, Simulated] = {}
-
-
-def simulated(kind: str, seed: int, points: int, *, changed: bool = True) -> SurveyedPair:
-    """A scene of any kind.
+def kind_of(name: str) -> Kind:
+    """The kind of a name.
 
     Raises:
-        InputError: an unknown kind.
+        InputError: there is none.
     """
     every = {**KINDS, **HELD_OUT}
-    if kind not in every:
-        raise InputError(f"kind: {kind!r} is unknown; choose from {', '.join(every)}")
-    return every[kind](seed, points, changed=changed)
+    check_choice("kind", name, tuple(every))
+    return every[name]
 
 
-def _random(kind: str, seed: int) -> np.random.Generator:
+def drawn_from(kind: str, seed: int) -> np.random.Generator:
+    """What a scene is drawn from."""
     return np.random.default_rng([zlib.crc32(kind.encode()), seed])
 
 

@@ -1,7 +1,7 @@
 """What a scanner returns of a world: noise that grows with range and slant, mixed pixels, lost rays."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -80,12 +80,14 @@ class Scan(NamedTuple):
 
 def scanned(world: World, columns: Columns, beam: Beam, random: np.random.Generator) -> Scan:
     """One scan."""
+    return Scan(*(np.concatenate(own) for own in zip(*scanned_parts(world, columns, beam, random), strict=True)))
+
+
+def scanned_parts(world: World, columns: Columns, beam: Beam, random: np.random.Generator) -> Iterator[Scan]:
+    """One scan, some hundred thousand rays at a time."""
     step = max(1, CHUNK // len(columns.elevations))
-    parts = [
-        _part(world, columns.part(slice(first, first + step)), beam, random)
-        for first in range(0, len(columns.azimuths), step)
-    ]
-    return Scan(*(np.concatenate(own) for own in zip(*parts, strict=True)))
+    for first in range(0, len(columns.azimuths), step):
+        yield _part(world, columns.part(slice(first, first + step)), beam, random)
 
 
 def sees(

@@ -126,22 +126,36 @@ class Errors:
         station_degrees: of its orientation.
         survey: shift of the whole after survey, metres.
         survey_degrees: its turn about the middle of the scene.
-        offset: added to all coordinates: those of a national grid.
     """
 
     station: float = 0.001
     station_degrees: float = 0.002
     survey: float = 0.003
     survey_degrees: float = 0.005
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 # A change is judged where it has this many points that can be.
 LEAST_POINTS = 40
 
 
-def surveyed(name: str, site: Site, points: int, errors: Errors, random: np.random.Generator) -> SurveyedPair:
-    """Surveys the site at both times with about so many points."""
+def surveyed(
+    name: str,
+    site: Site,
+    points: int,
+    errors: Errors,
+    offset: Sequence[float],
+    random: np.random.Generator,
+) -> SurveyedPair:
+    """Surveys the site at both times.
+
+    Args:
+        name: of the pair.
+        site: what is surveyed.
+        points: about so many a side.
+        errors: of putting the clouds together.
+        offset: that is added to all coordinates [3].
+        random: of noise and errors.
+    """
     sides = each(
         lambda world, stations: _survey(world, stations, site.beam, points, random), site.worlds, site.stations
     )
@@ -157,9 +171,12 @@ def surveyed(name: str, site: Site, points: int, errors: Errors, random: np.rand
     )
     truth = each(lambda label, hidden: _judged(np.where(hidden, UNJUDGED, label[0])), labels, unseen)
     middle = scans.before.points.mean(axis=0)
-    motion = Pair(np.eye(4), _motion(errors.survey, errors.survey_degrees, middle, random))
+    motion = Pair(np.eye(4), motion_about(errors.survey, errors.survey_degrees, middle, random))
     moved = each(
-        lambda side, stations, own: _placed(side, stations, own, errors, site, random), sides, site.stations, motion
+        lambda side, stations, own: _placed(side, stations, own, errors, site, offset, random),
+        sides,
+        site.stations,
+        motion,
     )
     return SurveyedPair(
         name,
@@ -174,12 +191,17 @@ def surveyed(name: str, site: Site, points: int, errors: Errors, random: np.rand
 def _survey(
     world: World, stations: Sequence[Station], beam: Beam, points: int, random: np.random.Generator
 ) -> list[Scan]:
-    scans = []
-    for station in stations:
-        trial = station.columns(20_000, random)
-        share = len(scanned(world, trial, beam, random).points) / (len(trial.azimuths) * len(trial.elevations))
-        scans.append(scanned(world, station.columns(points / len(stations) / share, random), beam, random))
-    return scans
+    return [
+        scanned(world, full_columns(world, station, beam, points / len(stations), random), beam, random)
+        for station in stations
+    ]
+
+
+def full_columns(world: World, station: Station, beam: Beam, points: float, random: np.random.Generator) -> Columns:
+    """The rays of a station of which about so many return."""
+    trial = station.columns(20_000, random)
+    share = len(scanned(world, trial, beam, random).points) / (len(trial.azimuths) * len(trial.elevations))
+    return station.columns(points / share, random)
 
 
 def _observed(
@@ -264,20 +286,21 @@ def _placed(
     motion: np.ndarray,
     errors: Errors,
     site: Site,
+    offset: Sequence[float],
     random: np.random.Generator,
 ) -> tuple[np.ndarray, SensorViews]:
     """The points of all stations, each off by a little, and where the stations are believed to stand."""
     points, poses = [], []
     for scan, station in zip(scans, stations, strict=True):
-        own = motion @ _motion(errors.station, errors.station_degrees, station.position, random)
-        points.append(transformed(scan.points, own) + errors.offset)
+        own = motion @ motion_about(errors.station, errors.station_degrees, station.position, random)
+        points.append(transformed(scan.points, own) + np.asarray(offset))
         pose = own @ upright(station.position, float(np.mean(station.azimuths)))
-        pose[:3, 3] += errors.offset
+        pose[:3, 3] += np.asarray(offset)
         poses.append(pose)
     return np.concatenate(points), SensorViews(np.stack(poses), (360.0, site.views_height), site.beam.max_range)
 
 
-def _motion(metres: float, degrees: float, centre: np.ndarray, random: np.random.Generator) -> np.ndarray:
+def motion_about(metres: float, degrees: float, centre: np.ndarray, random: np.random.Generator) -> np.ndarray:
     """Shifted and turned about a place by normal errors of these lengths."""
     direction, axis = random.standard_normal((2, 3))
     turn = Rotation.from_rotvec(np.radians(degrees) * axis / np.sqrt(3)).as_matrix()
