@@ -100,11 +100,13 @@ def accuracy(job: Job) -> list[Line]:
     theirs: dict[tuple[str, str], Line] = {}
     for pair, changed in scenes(job):
         for views, line in ours.items():
+            if views == "given" and pair.views.before is None:
+                continue
             ours[views] = _detected(pair, line, views, changed)
         for setting, own in peer_scores(job.kind, pair) if job.peers else ():
             line = theirs.get(setting) or Line(job.kind, f"{setting.name}: {setting.text}")
             theirs[setting] = line.with_scores(own, unchanged=not changed)
-    return [*ours.values(), *_best(theirs)]
+    return [*(line for line in ours.values() if line.seconds or line.failed), *_best(theirs)]
 
 
 def scenes(job: Job) -> Iterator[tuple[SurveyedPair, bool]]:

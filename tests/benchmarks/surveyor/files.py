@@ -14,6 +14,8 @@ def write_scene(path: Path, pair: SurveyedPair) -> None:
         for side, own in zip(("before", "after"), getattr(pair, field), strict=True):
             arrays[f"{field}_{side}"] = own
     for side, views in zip(("before", "after"), pair.views, strict=True):
+        if views is None:
+            continue
         arrays[f"poses_{side}"] = views.poses
         arrays[f"field_of_view_{side}"] = np.array(views.field_of_view)
         arrays[f"max_range_{side}"] = np.array(views.max_range)

@@ -8,8 +8,10 @@ import numpy as np
 
 from gmmjax.errors import check_choice
 from tests.benchmarks.surveyor.halls import hall_site
+from tests.benchmarks.surveyor.quarries import quarry_site
 from tests.benchmarks.surveyor.slopes import slope_site
 from tests.benchmarks.surveyor.surveys import Errors, Site, SurveyedPair, surveyed
+from tests.benchmarks.surveyor.warehouses import warehouse_site
 
 # The coordinates of one in three scenes are a national grid's, of this reference system.
 GRID, GRID_CODE = (433_120.0, 5_411_760.0, 312.0), 25832
@@ -31,7 +33,10 @@ KINDS: Mapping[str, Kind] = {
     "hall": Kind(hall_site, Errors()),
     "slope": Kind(slope_site, Errors(0.002, 0.001, 0.005, 0.002)),
 }
-HELD_OUT: Mapping[str, Kind] = {}
+HELD_OUT: Mapping[str, Kind] = {
+    "warehouse": Kind(warehouse_site, Errors(0.002, 0.004, 0.003, 0.005)),
+    "quarry": Kind(quarry_site, Errors(0.002, 0.001, 0.005, 0.002)),
+}
 
 
 def simulated(kind: str, seed: int, points: int, *, changed: bool = True) -> SurveyedPair:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import laspy
+import numpy as np
 import psutil
 
 from gmmjax.pair import Pair
@@ -99,7 +100,7 @@ def table(log: Path) -> str:
 
 
 def draw(log: Path, figure: Path) -> None:
-    """Time and memory by the number of points, with the line along which time is linear in them."""
+    """Time and memory by the number of points, with the straight line that fits the CPU time best."""
     import matplotlib
 
     matplotlib.use("agg")
@@ -110,14 +111,17 @@ def draw(log: Path, figure: Path) -> None:
     for options in dict.fromkeys(cost.options for cost in costs):
         own = sorted((cost for cost in costs if cost.options == options), key=lambda cost: cost.points)
         millions = [cost.points / 1e6 for cost in own]
-        line = times.plot(millions, [cost.cpu for cost in own], "o-", label=f"CPU {options}".strip())[0]
-        times.plot(millions, [cost.wall for cost in own], "o:", color=line.get_color(), label=f"wall {options}".strip())
-        memory.plot(millions, [cost.memory for cost in own], "o-", color=line.get_color(), label=options or None)
-    last = max(costs, key=lambda cost: cost.points)
-    ends = [min(cost.points for cost in costs) / 1e6, last.points / 1e6]
-    times.plot(ends, [last.cpu * end / ends[1] for end in ends], color="grey", linestyle="--", label="linear in points")
-    times.set(xscale="log", yscale="log", xlabel="points of both scans, million", ylabel="seconds")
-    memory.set(xscale="log", xlabel="points of both scans, million", ylabel="peak memory, GB", ylim=(0, None))
+        curve = times.plot(millions, [cost.cpu for cost in own], "o-", label=f"CPU {options}".strip())[0]
+        times.plot(
+            millions, [cost.wall for cost in own], "o:", color=curve.get_color(), label=f"wall {options}".strip()
+        )
+        memory.plot(millions, [cost.memory for cost in own], "o-", color=curve.get_color(), label=options or None)
+    slope, fixed = np.polyfit([cost.points / 1e6 for cost in costs], [cost.cpu for cost in costs], 1)
+    ends = np.array([0, max(cost.points for cost in costs) / 1e6])
+    line = f"CPU = {fixed:.0f} s + {slope:.2f} s per million points"
+    times.plot(ends, fixed + slope * ends, color="grey", linestyle="--", label=line)
+    times.set(xlabel="points of both scans, million", ylabel="seconds", xlim=(0, None), ylim=(0, None))
+    memory.set(xlim=(0, None), xlabel="points of both scans, million", ylabel="peak memory, GB", ylim=(0, None))
     for axes in (times, memory):
         axes.grid(alpha=0.3)
     times.legend(fontsize="small")

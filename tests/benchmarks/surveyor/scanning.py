@@ -1,6 +1,7 @@
 """What a scanner returns of a world: noise that grows with range and slant, mixed pixels, lost rays."""
 
 import dataclasses
+import itertools
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -86,8 +87,11 @@ def scanned(world: World, columns: Columns, beam: Beam, random: np.random.Genera
 def scanned_parts(world: World, columns: Columns, beam: Beam, random: np.random.Generator) -> Iterator[Scan]:
     """One scan, some hundred thousand rays at a time."""
     step = max(1, CHUNK // len(columns.elevations))
-    for first in range(0, len(columns.azimuths), step):
-        yield _part(world, columns.part(slice(first, first + step)), beam, random)
+    # Where the scanner begins anew, columns that follow each other are no neighbours.
+    starts = np.flatnonzero(np.abs(np.diff(columns.azimuths)) > 0.5) + 1
+    for begin, end in itertools.pairwise([0, *starts.tolist(), len(columns.azimuths)]):
+        for first in range(begin, end, step):
+            yield _part(world, columns.part(slice(first, min(first + step, end))), beam, random)
 
 
 def sees(

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,6 +14,24 @@ from gmmjax.scenes import upright
 from tests.benchmarks.surveyor.scanning import TERRAIN, Beam, Scan, World, changes_of, scanned, sees
 from tests.benchmarks.surveyor.solids import UNCHANGED, UNJUDGED
 from tests.benchmarks.surveyor.terrain import Columns
+
+
+class Scanner(Protocol):
+    """Something that scans from one place, or along one line."""
+
+    @property
+    def position(self) -> np.ndarray:
+        """Where it is, in the middle."""
+
+    @property
+    def azimuths(self) -> tuple[float, float]:
+        """From where to where it looks, radians."""
+
+    def columns(self, rays: float, random: np.random.Generator) -> Columns:
+        """About so many rays."""
+
+    def seen(self, world: World, places: np.ndarray, slack: float, random: np.random.Generator) -> np.ndarray:
+        """Which places lie on what it sees, or before it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,16 +97,16 @@ class Site:
         lowered: what became of the terrain; None: nothing.
         slack: depth below a surface from which on a place is hidden, metres.
         least_distance: what a changed point is off the other world's surfaces, at least, to be judged, metres.
-        views_height: vertical field of view that the views state, degrees.
+        views: whether the scanners' poses are told.
     """
 
     worlds: Pair[World]
-    stations: Pair[Sequence[Station]]
+    stations: Pair[Sequence[Scanner]]
     beam: Beam
     lowered: Lowered | None = None
     slack: float = 0.02
     least_distance: float = 0.015
-    views_height: float = 179.0
+    views: bool = True
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -102,7 +121,7 @@ class SurveyedPair:
             and another one, thin rims where a change is hardly deeper than the noise, and changes of few points.
         unseen: per point whether the other survey could not see its place.
         source: per point the number of the change that it belongs to, judged or not; -1 for none.
-        views: where the scanners stood.
+        views: where the scanners stood; None: it is not told.
     """
 
     name: str
@@ -110,7 +129,7 @@ class SurveyedPair:
     truth: Pair[np.ndarray]
     unseen: Pair[np.ndarray]
     source: Pair[np.ndarray]
-    views: Pair[SensorViews]
+    views: Pair[SensorViews | None]
 
     @property
     def unchanged(self) -> bool:
@@ -189,7 +208,7 @@ def surveyed(
 
 
 def _survey(
-    world: World, stations: Sequence[Station], beam: Beam, points: int, random: np.random.Generator
+    world: World, stations: Sequence[Scanner], beam: Beam, points: int, random: np.random.Generator
 ) -> list[Scan]:
     return [
         scanned(world, full_columns(world, station, beam, points / len(stations), random), beam, random)
@@ -197,7 +216,7 @@ def _survey(
     ]
 
 
-def full_columns(world: World, station: Station, beam: Beam, points: float, random: np.random.Generator) -> Columns:
+def full_columns(world: World, station: Scanner, beam: Beam, points: float, random: np.random.Generator) -> Columns:
     """The rays of a station of which about so many return."""
     trial = station.columns(20_000, random)
     share = len(scanned(world, trial, beam, random).points) / (len(trial.azimuths) * len(trial.elevations))
@@ -208,7 +227,7 @@ def _observed(
     scan: Scan,
     source: np.ndarray,
     world: World,
-    stations: Sequence[Station],
+    stations: Sequence[Scanner],
     other: World,
     site: Site,
     random: np.random.Generator,
@@ -235,7 +254,7 @@ def _observed(
 
 
 def _seen(
-    places: np.ndarray, stations: Sequence[Station], world: World, slack: float, random: np.random.Generator
+    places: np.ndarray, stations: Sequence[Scanner], world: World, slack: float, random: np.random.Generator
 ) -> np.ndarray:
     visible = np.zeros(len(places), bool)
     for station in stations:
@@ -282,13 +301,13 @@ def _judged(truth: np.ndarray) -> np.ndarray:
 
 def _placed(
     scans: Sequence[Scan],
-    stations: Sequence[Station],
+    stations: Sequence[Scanner],
     motion: np.ndarray,
     errors: Errors,
     site: Site,
     offset: Sequence[float],
     random: np.random.Generator,
-) -> tuple[np.ndarray, SensorViews]:
+) -> tuple[np.ndarray, SensorViews | None]:
     """The points of all stations, each off by a little, and where the stations are believed to stand."""
     points, poses = [], []
     for scan, station in zip(scans, stations, strict=True):
@@ -297,7 +316,9 @@ def _placed(
         pose = own @ upright(station.position, float(np.mean(station.azimuths)))
         pose[:3, 3] += np.asarray(offset)
         poses.append(pose)
-    return np.concatenate(points), SensorViews(np.stack(poses), (360.0, site.views_height), site.beam.max_range)
+    if not site.views:
+        return np.concatenate(points), None
+    return np.concatenate(points), SensorViews(np.stack(poses), (360.0, 179.0), site.beam.max_range)
 
 
 def motion_about(metres: float, degrees: float, centre: np.ndarray, random: np.random.Generator) -> np.ndarray:
