@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import laspy
 import numpy as np
-import psutil
 
 from gmmjax.pair import Pair
+from tests.benchmarks.batch_memory import processes
 from tests.benchmarks.surveyor.large import write_large
 
 
@@ -148,17 +148,16 @@ def read(log: Path) -> list[Cost]:
 def _tree(pid: int) -> tuple[float, dict[int, float]]:
     """Memory of a process and all that it started, GB, and the CPU seconds of each."""
     memory, seconds = 0.0, {}
-    try:
-        root = psutil.Process(pid)
-        own = [root, *root.children(recursive=True)]
-    except psutil.Error:
-        return memory, seconds
-    for process in own:
+    for own in processes(pid):
         try:
-            memory += process.memory_full_info().pss / 1e9
-            seconds[process.pid] = sum(process.cpu_times()[:2])
-        except psutil.Error:
+            rollup = Path(f"/proc/{own}/smaps_rollup").read_text()
+            # The name, in brackets, may hold anything.
+            ticks = Path(f"/proc/{own}/stat").read_text().rpartition(")")[2].split()[11:13]
+        # It has ended.
+        except OSError:
             continue
+        memory += sum(1.024e-6 * int(line.split()[1]) for line in rollup.splitlines() if line.startswith("Pss:"))
+        seconds[own] = sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
     return memory, seconds
 
 
