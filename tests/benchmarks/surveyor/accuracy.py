@@ -11,7 +11,7 @@ from gmmjax.evaluation import Scores
 from gmmjax.pair import Pair
 from tests.benchmarks.surveyor.kinds import simulated
 from tests.benchmarks.surveyor.peers import peer_scores
-from tests.benchmarks.surveyor.scoring import scores
+from tests.benchmarks.surveyor.scoring import mistakes, scores
 from tests.benchmarks.surveyor.surveys import SurveyedPair
 
 Views = Literal["given", "unknown"]
@@ -138,11 +138,14 @@ def _detected(pair: SurveyedPair, line: Line, views: Views, changed: bool) -> Li
         failure = f"{pair.name}, {line.detector}: {type(error).__name__}: {error}"
         return dataclasses.replace(line, failed=(*line.failed, failure))
     seconds = _cpu_seconds() - start
-    own = scores(pair, Pair(found.labels_before, found.labels_after))
+    labels = Pair(found.labels_before, found.labels_after)
+    own = scores(pair, labels)
     state = "changed" if changed else "unchanged"
     print(
         f"{pair.name} {state}, {line.detector}: {own.f1:.3f} / {own.point_f1:.3f}, "
         f"{own.found} of {own.changes} found, {own.false_segments} false, {seconds:.1f} s",
+        *mistakes(pair, labels),
+        sep="\n  ",
         file=sys.stderr,
         flush=True,
     )

@@ -14,7 +14,7 @@ from gmmjax.pair import Pair, each
 from tests.benchmarks.surveyor import HELD_OUT, KINDS, __main__, accuracy, hall_scene, peers, simulated
 from tests.benchmarks.surveyor.accuracy import Line, to_markdown
 from tests.benchmarks.surveyor.scanning import Beam, World, scanned
-from tests.benchmarks.surveyor.scoring import scores
+from tests.benchmarks.surveyor.scoring import mistakes, scores
 from tests.benchmarks.surveyor.solids import UNJUDGED, Thing, box, distances, ellipsoid, first_hits, pipe, pole
 from tests.benchmarks.surveyor.surveys import Station, SurveyedPair
 from tests.benchmarks.surveyor.terrain import Columns, Terrain
@@ -123,6 +123,11 @@ def test_points_that_nobody_can_judge_count_for_nothing():
     # The first segment has ten changed points and fifteen unjudged ones, the second unjudged ones only.
     assert (found.true_segments, found.segments, found.found) == (1, 1, 1)
     assert found.point_f1 == 1.0
+    assert not mistakes(pair, labels)
+    nothing = mistakes(pair, Pair(np.full(100, -1), np.repeat([-1, 2], [20, 10])))
+    assert nothing[0].startswith("before: change 0 missed, 10 points") and nothing[1].startswith(
+        "after: segment 2 is none"
+    )
 
 
 def test_a_table_has_what_failed():
