@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
-from gmmjax.clouds.cloud_file import CHUNK_POINTS, CloudChunk, CloudFile
+from gmmjax.clouds.cloud_file import CHUNK_POINTS, Bounds, CloudChunk, CloudFile
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.clouds.reading import open_cloud, read_opened
 from gmmjax.clouds.source_file import FileRows
@@ -59,6 +59,15 @@ class SurveyFiles:
     def count(self) -> int:
         """Rows of all files, among them those without a position."""
         return sum(file.count for file in self.files)
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """Of the points, where all files declare them."""
+        known = [file.bounds for file in self.files if file.bounds is not None]
+        if len(known) < len(self.files):
+            return None
+        lowers, uppers = zip(*known, strict=True)
+        return Bounds(np.min(lowers, axis=0), np.max(uppers, axis=0))
 
     @property
     def scans(self) -> int:

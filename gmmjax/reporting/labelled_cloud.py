@@ -9,7 +9,7 @@ from typing import get_args
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from gmmjax.changes import Changes, Kind
+from gmmjax.changes import OPTIONAL_FIGURES, Changes, Kind
 from gmmjax.clouds import (
     AXES,
     CHUNK_POINTS,
@@ -42,6 +42,8 @@ DESCRIPTIONS: Mapping[str, str] = {
     "probability": "of belonging to a change",
     "unobserved": "not observed by the other survey",
     "distance": "signed distance to other surface",
+    "level_of_detection": "distance significant at 95 %",
+    "significance": "distance in standard errors",
 }
 # Names of the components of a normal, of the writers of PLY and of the Point Cloud Library.
 NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
@@ -168,15 +170,15 @@ def labelled_clouds(clouds: Pair[PointCloud], changes: Changes) -> Pair[Labelled
     numbers = np.array([0, *(get_args(Kind).index(change.kind) + 1 for change in changes.items)], np.uint8)
 
     def labelled(cloud: PointCloud, side: str, transform: np.ndarray | None) -> LabelledCloud:
-        labels, distance = getattr(changes, f"labels_{side}"), getattr(changes, f"distance_{side}")
+        labels = getattr(changes, f"labels_{side}")
         found = {
             "label": labels.astype(np.int32),
             "kind": numbers[labels + 1],
             "probability": getattr(changes, f"probability_{side}").astype(np.float32),
             "unobserved": getattr(changes, f"unobserved_{side}").astype(np.uint8),
         }
-        if distance is not None:
-            found["distance"] = distance.astype(np.float32)
+        figures = {name: getattr(changes, f"{name}_{side}") for name in OPTIONAL_FIGURES}
+        found |= {name: values.astype(np.float32) for name, values in figures.items() if values is not None}
         return LabelledCloud(cloud, found, transform)
 
     registration = changes.registration

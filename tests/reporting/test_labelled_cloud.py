@@ -29,6 +29,7 @@ from tests.clouds.formats import WRITERS, write_all
 from tests.clouds.las_files import GEOTIFF, las_bytes, parsed, vlr
 
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+FOUND = ["label", "kind", "probability", "unobserved", "distance", "level_of_detection", "significance"]
 MOTION = rigid_transform(QUARTER, np.array([10.0, 0.0, 0.5]))
 
 
@@ -40,6 +41,10 @@ def turned(pair):
         registration=Registration(MOTION, True, 2.0, 0.01, 0.5, 0.9),
         distance_before=np.where(np.arange(400) % 2, np.nan, 0.25),
         distance_after=np.linspace(-1, 1, 500),
+        level_of_detection_before=np.where(np.arange(400) % 2, np.nan, 0.125),
+        level_of_detection_after=np.full(500, 0.01),
+        significance_before=np.where(np.arange(400) % 2, np.nan, 3.92),
+        significance_after=np.linspace(0, 196, 500),
     )
 
 
@@ -81,8 +86,10 @@ def test_ply_keeps_fields_colours_and_normals(pair, ply, turned, tmp_path):
     scan = np.stack([cloud.fields[f"scan_{channel}"] for channel in ("red", "green", "blue")], axis=1)
     np.testing.assert_array_equal(scan, ply.colors)
     np.testing.assert_array_equal(cloud.fields["kind"][[0, 60, 400]], [3, 1, 0])
-    np.testing.assert_allclose(cloud.fields["distance"], turned.distance_after, rtol=1e-6)
-    assert np.isnan(read_cloud(tmp_path / "out" / "before.ply").fields["distance"][1])
+    before = read_cloud(tmp_path / "out" / "before.ply")
+    for name in ("distance", "level_of_detection", "significance"):
+        np.testing.assert_allclose(cloud.fields[name], getattr(turned, f"{name}_after"), rtol=1e-6)
+        assert np.isnan(before.fields[name][1]) and np.isfinite(before.fields[name][0])
 
 
 def test_ply_is_read_by_another_library(pair, ply, turned, tmp_path):
@@ -133,6 +140,7 @@ def test_pcd_is_read_by_another_library(pair, turned, tmp_path):
     cloud = pypcd4.PointCloud.from_path(tmp_path / "out" / "after.pcd")
     np.testing.assert_array_equal(cloud.pc_data["label"], turned.labels_after)
     np.testing.assert_array_equal(cloud.pc_data["ring"], np.arange(500))
+    np.testing.assert_allclose(cloud.pc_data["significance"], turned.significance_after, rtol=1e-6)
 
 
 @pytest.fixture
@@ -159,19 +167,21 @@ def test_las_keeps_all_and_gets_dimensions(pair, turned, las, tmp_path):
     np.testing.assert_array_equal(new["rows"][:, 12:36], old["rows"][:, 12:])
     np.testing.assert_allclose(new["points"], old["points"] @ QUARTER.T + [10, 0, 0.5], atol=0.000501)
     assert new["records"][0] == old["records"][0]
-    for name in ("label", "kind", "probability", "unobserved", "distance"):
+    for name in FOUND:
         np.testing.assert_array_equal(read[name], new["extra"][name.encode()])
     np.testing.assert_array_equal(read.label, turned.labels_after)
     np.testing.assert_array_equal(read.unobserved, turned.unobserved_after)
-    np.testing.assert_allclose(read.distance, turned.distance_after, rtol=1e-6)
+    for name in FOUND[4:]:
+        np.testing.assert_allclose(read[name], getattr(turned, f"{name}_after"), rtol=1e-6)
+    described = {dimension.name: dimension.description for dimension in read.point_format.extra_dimensions}
+    assert described["level_of_detection"] == "distance significant at 95 %"
 
 
 def test_a_result_is_an_input_again(pair, turned, las, tmp_path):
     first = write_result(tmp_path / "first", pair[0], read_cloud(las), turned)
     second = write_result(tmp_path / "second", pair[0], read_cloud(first / "after.las"), turned)
     dimensions = list(laspy.read(second / "after.las").point_format.extra_dimension_names)
-    names = ["label", "kind", "probability", "unobserved", "distance"]
-    assert dimensions == [*(f"input_{name}" for name in names), *names]
+    assert dimensions == [*(f"input_{name}" for name in FOUND), *FOUND]
 
 
 def test_a_file_that_is_gone_gives_ply_and_a_warning(pair, turned, las, tmp_path):
