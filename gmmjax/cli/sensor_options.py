@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from gmmjax.errors import InputError
 
 if TYPE_CHECKING:
-    from gmmjax.clouds import PointCloud, SensorViews
+    from gmmjax.clouds import PointCloud, SensorViews, SurveyFiles
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,16 +63,16 @@ class SensorOption:
                 "each of them, in their order"
             )
 
-    def views(self, cloud: "PointCloud") -> "SensorViews | None":
+    def views(self, cloud: "PointCloud | SurveyFiles") -> "SensorViews | None":
         """The views of the scan; None where the option says nothing.
 
         Args:
-            cloud: the scan, in whose frame and unit the positions are.
+            cloud: the scan or the survey, in whose frame and unit the positions are; files are read in chunks.
 
         Raises:
             InputError: a file or positions that cannot be used.
         """
-        from gmmjax.clouds import SensorViews, read_views
+        from gmmjax.clouds import PointCloud, SensorViews, read_views
 
         if self.files:
             return SensorViews.merged([read_views(file) for file in self.files])
@@ -81,7 +81,10 @@ class SensorOption:
             return None
         positions = [numbers[start : start + 3] for start in range(0, len(numbers), 3)]
         try:
-            return SensorViews.from_positions(cloud.points, positions)
+            if isinstance(cloud, PointCloud):
+                return SensorViews.from_positions(cloud.points, positions)
+            return SensorViews.from_parts(lambda: (chunk.points for chunk in cloud.chunks()), positions)
         except InputError as error:
             name = "at-origin" if self.at_origin else self.side
-            raise InputError(f"--sensor-{name}: {cloud.source}: {error}") from error
+            source = cloud.source if isinstance(cloud, PointCloud) else cloud.title
+            raise InputError(f"--sensor-{name}: {source}: {error}") from error

@@ -1,8 +1,9 @@
 """A scan with what was found about each of its points, in the format of its file and with all that the file held."""
 
 import dataclasses
+import itertools
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import get_args
 
@@ -21,6 +22,7 @@ from gmmjax.clouds import (
     PcdForm,
     PointCloud,
     SourceFile,
+    SurveyFiles,
     free_name,
     read_layout,
     viewpoint_of,
@@ -126,9 +128,9 @@ class LabelledCloud:
             yield from ((cloud, self.found_in(cloud.rows)) for cloud in self.cloud.clouds())
 
     def by_file(self) -> "list[LabelledCloud]":
-        """Each scan of a survey in memory that was read from several files; none of any other cloud."""
-        if not isinstance(self.cloud, PointCloud):
-            return []
+        """Each scan of a survey in memory that was read from several files; any other cloud as it is."""
+        if not isinstance(self.cloud, PointCloud) or not self.cloud.files:
+            return [self]
         return [
             LabelledCloud(cloud, {name: values[place] for name, values in self.found.items()}, self.transform)
             for place, cloud in self.cloud.by_file()
@@ -184,6 +186,57 @@ def labelled_clouds(clouds: Pair[PointCloud], changes: Changes) -> Pair[Labelled
     registration = changes.registration
     transform = registration.transform if registration.applied else None
     return Pair(labelled(clouds.before, "before", None), labelled(clouds.after, "after", transform))
+
+
+def labelled_files(
+    survey: SurveyFiles, found: Mapping[str, np.ndarray], transform: Float64[np.ndarray, "4 4"] | None
+) -> list[LabelledCloud]:
+    """Each scan of a survey in its file.
+
+    Args:
+        survey: the files.
+        found: about each row of the survey, by the names of `DESCRIPTIONS`. Arrays or memory maps.
+        transform: as of `LabelledCloud`.
+    """
+    return [
+        LabelledCloud(file, {name: values[survey.rows_of(index)] for name, values in found.items()}, transform)
+        for index, file in enumerate(survey.files)
+    ]
+
+
+def write_scans(folder: Path, side: str, scans: Sequence[LabelledCloud]) -> list[str]:
+    """Writes a scan as a file, or those of a survey of several as files in a folder, with the names of their own.
+
+    Args:
+        folder: that is there.
+        side: "before" or "after": the name of the file without its ending, or of the folder.
+        scans: at least one, each of which was read from a file where they are several.
+
+    Returns:
+        The names of the files.
+
+    Raises:
+        InputError, OSError: a file cannot be written.
+
+    Warns:
+        InputWarning: as `LabelledCloud.write`.
+    """
+    if len(scans) == 1:
+        return [scans[0].write(folder, side)]
+    (folder / side).mkdir()
+    names, taken = [], set[str]()
+    for scan in scans:
+        assert scan.file is not None
+        stem = _free_stem(scan.file.path.stem, taken)
+        taken.add(stem.lower())
+        names.append(f"{side}/{scan.write(folder / side, stem)}")
+    return names
+
+
+def _free_stem(stem: str, taken: set[str]) -> str:
+    """The stem, with a number where it is taken: some file systems do not tell upper from lower case."""
+    candidates = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
+    return next(name for name in candidates if name.lower() not in taken)
 
 
 def _write_ply(labelled: LabelledCloud, folder: Path, stem: str) -> str:

@@ -1,6 +1,5 @@
 """The folder that `gmmjax detect` writes: the changes for programs, for viewers of clouds and for people."""
 
-import itertools
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,7 +13,7 @@ from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 from gmmjax.reporting.change_files import MAP_FILE, TABLE_FILE, write_map, write_table
 from gmmjax.reporting.html_report import report_html
-from gmmjax.reporting.labelled_cloud import ENDINGS, LabelledCloud, labelled_clouds
+from gmmjax.reporting.labelled_cloud import ENDINGS, labelled_clouds, write_scans
 
 REPORT_FILE = "report.html"
 CONFIG_FILE = "config.toml"
@@ -105,30 +104,11 @@ def write_result_files(folder: Path, before: PointCloud, after: PointCloud, chan
     write_map(folder / MAP_FILE, changes, before.crs)
     labelled = labelled_clouds(Pair(before, after), changes)
     for side, own in zip(NAMES, labelled, strict=True):
-        _write_scans(folder, side, own)
+        write_scans(folder, side, own.by_file())
     with atomic_write(folder / REPORT_FILE) as file:
         file.write(report_html(before, after, changes).encode())
     with atomic_write(folder / CONFIG_FILE) as file:
         tomli_w.dump(_portable(changes.config), file)
-
-
-def _write_scans(folder: Path, side: str, labelled: LabelledCloud) -> None:
-    """A scan as a file, or those of a survey of several files as files in a folder."""
-    scans = labelled.by_file()
-    if not scans:
-        labelled.write(folder, side)
-        return
-    (folder / side).mkdir()
-    taken: set[str] = set()
-    for scan in scans:
-        assert scan.file is not None
-        stems = (
-            f"{scan.file.path.stem}{suffix}" for suffix in itertools.chain([""], map("-{}".format, itertools.count(2)))
-        )
-        # Some file systems do not tell upper from lower case.
-        stem = next(stem for stem in stems if stem.lower() not in taken)
-        taken.add(stem.lower())
-        scan.write(folder / side, stem)
 
 
 def _portable(config: DetectionConfig) -> dict[str, Any]:

@@ -14,16 +14,18 @@ from gmmjax.clouds import (
     FolderKind,
     PointCloud,
     open_cloud,
+    open_survey,
     output_folder,
     read_cloud,
     read_layout,
+    read_survey,
     write_pcd,
     write_ply,
 )
 from gmmjax.errors import InputError, InputWarning
 from gmmjax.geometry.rigid import rigid_transform
 from gmmjax.pair import Pair
-from gmmjax.reporting.labelled_cloud import LabelledCloud, labelled_clouds
+from gmmjax.reporting.labelled_cloud import LabelledCloud, labelled_clouds, labelled_files, write_scans
 from gmmjax.reporting.result_folder import result_files, write_result
 from tests.clouds.formats import WRITERS, write_all
 from tests.clouds.las_files import GEOTIFF, las_bytes, parsed, vlr
@@ -284,3 +286,24 @@ def test_a_disk_that_fills_in_the_middle_of_a_file(files, tmp_path, monkeypatch,
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert not list(tmp_path.iterdir())
+
+
+def test_each_scan_of_a_survey_is_written_as_alone(files, tmp_path):
+    """In memory, from its files, and as the one scan of a result."""
+    paths = [files / name for name in ("a.las", "a.ply", "b.pcd", "a.npy")]
+    survey, cloud = open_survey(paths), read_survey(paths)
+    found = found_about(survey.count)
+    of_points = {key: values[cloud.rows] for key, values in found.items()}
+    for name in ("memory", "files", "alone"):
+        (tmp_path / name).mkdir()
+    names = write_scans(tmp_path / "memory", "after", LabelledCloud(cloud, of_points, MOTION).by_file())
+    assert names == ["after/a.las", "after/a-2.ply", "after/b.pcd", "after/a-3.ply"]
+    assert write_scans(tmp_path / "files", "after", labelled_files(survey, found, MOTION)) == names
+    for index, (name, path) in enumerate(zip(names, paths, strict=True)):
+        rows = survey.rows_of(index)
+        own = {key: values[rows][read_cloud(path).rows] for key, values in found.items()}
+        alone = LabelledCloud(read_cloud(path), own, MOTION)
+        (written,) = write_scans(tmp_path / "alone", f"{index}", alone.by_file())
+        expected = (tmp_path / "alone" / written).read_bytes()
+        assert (tmp_path / "memory" / name).read_bytes() == expected
+        assert (tmp_path / "files" / name).read_bytes() == expected
