@@ -18,7 +18,9 @@ from gmmjax.reporting.labelled_cloud import ENDINGS, labelled_clouds, write_scan
 REPORT_FILE = "report.html"
 CONFIG_FILE = "config.toml"
 LABELLED = "the scan, with label, kind and probability"
-LABELLED_SCANS = "its scans, with label, kind and probability"
+LABELLED_SCANS = "the scans, with label, kind and probability"
+# Of the scans of a survey of several.
+FOLDERS = tuple(f"{side}/" for side in NAMES)
 # What each file of a result is, in the order in which they are listed; of the scans, those that there are.
 DESCRIPTIONS: Mapping[str, str] = {
     REPORT_FILE: "open it in a browser",
@@ -27,9 +29,10 @@ DESCRIPTIONS: Mapping[str, str] = {
     MAP_FILE: "their footprints, for a map",
     LABELS_FILE: "label and probability of every point",
     **{f"{side}{ending}": LABELLED for side in NAMES for ending in ENDINGS},
+    **dict.fromkeys(FOLDERS, LABELLED_SCANS),
     CONFIG_FILE: "the settings, for --config",
 }
-OTHERS = tuple(name for name in DESCRIPTIONS if name != CHANGES_FILE)
+OTHERS = tuple(name for name in DESCRIPTIONS if name not in (CHANGES_FILE, *FOLDERS))
 RESULT = FolderKind("result", CHANGES_FILE, "changes", OTHERS, folders=(*NAMES,))
 
 
@@ -39,8 +42,8 @@ def result_files(folder: Path) -> dict[str, str]:
     Args:
         folder: that `write_result` wrote.
     """
-    files = {name: text for name, text in DESCRIPTIONS.items() if (folder / name).is_file()}
-    return files | {f"{side}/": LABELLED_SCANS for side in NAMES if (folder / side).is_dir()}
+    there = {name: (folder / name).is_dir() if name in FOLDERS else (folder / name).is_file() for name in DESCRIPTIONS}
+    return {name: text for name, text in DESCRIPTIONS.items() if there[name]}
 
 
 def check_result_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -> None:
