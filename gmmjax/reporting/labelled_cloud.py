@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -14,6 +15,7 @@ from gmmjax.changes import OPTIONAL_FIGURES, Changes, Kind
 from gmmjax.clouds import (
     AXES,
     CHUNK_POINTS,
+    EXTRA_TYPES,
     Bounds,
     BoundsError,
     CloudFile,
@@ -65,8 +67,8 @@ class LabelledCloud:
 
     Attributes:
         cloud: as it was given, or the file that it is in.
-        found: what was found, by the names of `DESCRIPTIONS`, at least `label` and `kind`: about each point of a cloud,
-            or about each row of a file, also those without a position. Arrays or memory maps.
+        found: what was found, such as the names of `DESCRIPTIONS`: about each point of a cloud, or about each row of a
+            file, also those without a position. Arrays or memory maps.
         transform: takes it into the frame of the before cloud; None: it is in it.
     """
 
@@ -105,7 +107,7 @@ class LabelledCloud:
 
         The fields are what was found, the scan's own colours as `scan_red` and so on, and its own fields, normals
         turned with it. A field of the scan with the name of another one of these becomes `input_NAME`. The colours are
-        those of the kinds of change, or the scan's own, half way to grey.
+        those of the kinds of change, or the scan's own, half way to grey; the scan's own where no kinds were found.
 
         Args:
             reserved: further names that a field must not have.
@@ -114,7 +116,7 @@ class LabelledCloud:
             yield dataclasses.replace(
                 scan,
                 points=self.placed(scan.points),
-                colors=point_colors(found["kind"], scan.colors),
+                colors=point_colors(found["kind"], scan.colors) if "kind" in found else scan.colors,
                 fields=_fields(scan, found, reserved, self.transform),
             )
 
@@ -135,6 +137,13 @@ class LabelledCloud:
             LabelledCloud(cloud, {name: values[place] for name, values in self.found.items()}, self.transform)
             for place, cloud in self.cloud.by_file()
         ]
+
+    @property
+    def ending(self) -> str:
+        """Of the file that is written."""
+        if self.file is None or self.file.ending not in WRITERS:
+            return ".ply"
+        return LasSource.of(self.file).ending if WRITERS[self.file.ending] is _write_las else self.file.ending
 
     def write(self, folder: Path, stem: str) -> str:
         """Writes it in the format of its file where that is LAS, LAZ or PCD, else as PLY.
@@ -204,6 +213,48 @@ def labelled_files(
     ]
 
 
+def write_scan(
+    path: str | os.PathLike[str],
+    scan: CloudFile,
+    columns: Mapping[str, np.ndarray],
+    transform: Float64[np.ndarray, "4 4"] | None = None,
+) -> Path:
+    """Writes a scan of any size with further values of each point: what `gmmjax detect` does with labels.
+
+    LAS, LAZ and PCD stay what they are, with all that the file holds, as in a result; all others become PLY.
+
+    Args:
+        path: the file to write; a file that is there is replaced.
+        scan: from `open_cloud`.
+        columns: values of each row of the file by name, numbers of 8 to 64 bits. Arrays or memory maps.
+        transform: where the points are written; None: where they are.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: the path has another ending than the format; columns that are not numbers for each row; the scan was
+            changed or is damaged; the file cannot be written, as on a full disk, and is then as it was.
+    """
+    file = Path(path)
+    for name, values in columns.items():
+        if values.shape != (scan.count,) or values.dtype.str[1:] not in EXTRA_TYPES:
+            raise InputError(
+                f"column {name!r} must be whole or real numbers [{scan.count}], one for each row of {scan.path}, not "
+                f"{values.dtype} {list(values.shape)}"
+            )
+    labelled = LabelledCloud(scan, columns, transform)
+    if file.suffix != (ending := labelled.ending):
+        raise InputError(f"{file}: a result of {scan.path.name} is a {ending} file; name it {file.stem}{ending}")
+    try:
+        WRITERS.get(scan.source.ending, _write_ply)(labelled, file.parent, file.stem)
+    except OSError as error:
+        raise InputError(
+            f"{file}: cannot be written ({error.strerror or error}); free some space or choose another folder"
+        ) from error
+    return file
+
+
 def write_scans(folder: Path, side: str, scans: Sequence[LabelledCloud]) -> list[str]:
     """Writes a scan as a file, or those of a survey of several as files in a folder, with the names of their own.
 
@@ -252,7 +303,7 @@ def _write_ply(labelled: LabelledCloud, folder: Path, stem: str) -> str:
 
     name = f"{stem}.ply"
     parts = map(part_of, labelled.parts(("row",) if with_rows else ()))
-    write_ply_parts(folder / name, parts, labelled.points, [COMMENT])
+    write_ply_parts(folder / name, parts, labelled.points, [COMMENT] if "label" in labelled.found else [])
     return name
 
 
@@ -283,14 +334,14 @@ def _write_las(labelled: LabelledCloud, folder: Path, stem: str) -> str:
     name = f"{stem}{source.ending}"
     if isinstance(cloud, PointCloud):
         placed = dataclasses.replace(cloud, points=labelled.placed(cloud.points))
-        write_las(folder / name, source, placed, labelled.found, DESCRIPTIONS)
+        write_las(folder / name, source, placed, labelled.found, _described(labelled))
         return name
 
     def part_of(first: int, coordinates: Float64[np.ndarray, "n 3"]) -> LasPart:
         rows = np.flatnonzero(np.isfinite(coordinates).all(axis=1))
         return LasPart(rows, labelled.placed(coordinates[rows]), labelled.found_in(first + rows))
 
-    described = {own: (values.dtype, DESCRIPTIONS[own]) for own, values in labelled.found.items()}
+    described = {own: (labelled.found[own].dtype, text) for own, text in _described(labelled).items()}
     declared = _declared_bounds(labelled, cloud)
     try:
         bounds = declared if declared is None or source.represents(declared) else _measured_bounds(labelled, cloud)
@@ -298,6 +349,11 @@ def _write_las(labelled: LabelledCloud, folder: Path, stem: str) -> str:
     except BoundsError:
         write_las_blocks(folder / name, source, part_of, described, _measured_bounds(labelled, cloud))
     return name
+
+
+def _described(labelled: LabelledCloud) -> dict[str, str]:
+    """What each of the values that were found is."""
+    return {name: DESCRIPTIONS.get(name, "") for name in labelled.found}
 
 
 def _declared_bounds(labelled: LabelledCloud, file: CloudFile) -> Bounds | None:
@@ -329,7 +385,7 @@ def _fields(
 ) -> dict[str, np.ndarray]:
     """What is written beside the coordinates of some points; see `LabelledCloud.parts`."""
     fields = dict(found)
-    if scan.colors is not None:
+    if scan.colors is not None and "kind" in found:
         fields |= {f"scan_{channel}": scan.colors[:, index] for index, channel in enumerate(CHANNELS)}
     own = _turned(scan.fields, transform)
     names = _written_names(own, {*fields, *reserved})
@@ -378,6 +434,7 @@ def _for_ply(values: np.ndarray, *, as_floats: bool) -> np.ndarray:
 def _beyond_ply(labelled: LabelledCloud) -> set[str]:
     """Names, in the result, of the scan's whole numbers beyond 32 bits: they become float64, which holds 53 of them."""
     cloud = labelled.cloud
+    colored_anew = "kind" in labelled.found
     taken = {*labelled.found, *(("row",) if labelled.points < labelled.rows else ())}
     if isinstance(cloud, PointCloud):
         long = {name: own for name, own in cloud.fields.items() if own.dtype.kind in "iu" and own.dtype.itemsize == 8}
@@ -387,7 +444,7 @@ def _beyond_ply(labelled: LabelledCloud) -> set[str]:
         ranges, source = dict(cloud.measures.whole), str(cloud.path)
         first = next(cloud.clouds(1))
         names, colored = list(first.fields), first.colors is not None
-    written = _written_names(names, {*taken, *(f"scan_{channel}" for channel in CHANNELS if colored)})
+    written = _written_names(names, {*taken, *(f"scan_{channel}" for channel in CHANNELS if colored and colored_anew)})
     beyond = {
         name: limits for name, limits in ranges.items() if min(limits) < -LARGEST_INT - 1 or max(limits) > LARGEST_INT
     }

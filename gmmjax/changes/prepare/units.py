@@ -3,16 +3,16 @@
 from jaxtyping import ArrayLike
 
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.clouds import PointCloud
+from gmmjax.clouds import PointCloud, SurveyFiles
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 
 
-def common_unit(clouds: Pair[ArrayLike | PointCloud], config: DetectionConfig) -> str | None:
+def common_unit(clouds: Pair[ArrayLike | PointCloud | SurveyFiles], config: DetectionConfig) -> str | None:
     """The unit of both clouds: the setting, else what both files state; no coordinate is ever converted.
 
     Args:
-        clouds: coordinates, or a `PointCloud` with the unit and the reference system that its file states.
+        clouds: coordinates, or a cloud or a survey with the unit and the reference system that its files state.
         config: with the unit that the user gave.
 
     Returns:
@@ -35,5 +35,5 @@ def common_unit(clouds: Pair[ArrayLike | PointCloud], config: DetectionConfig) -
     return config.unit or (units.before if units.before == units.after else None)
 
 
-def _stated(cloud: ArrayLike | PointCloud, name: str) -> str | None:
-    return getattr(cloud, name) if isinstance(cloud, PointCloud) else None
+def _stated(cloud: ArrayLike | PointCloud | SurveyFiles, name: str) -> str | None:
+    return getattr(cloud, name) if isinstance(cloud, PointCloud | SurveyFiles) else None
