@@ -166,7 +166,7 @@ def block_distances(
         positions: of either cloud's sensors, relative to the offset; None: normals point upwards.
     """
     cylinder = settings.cylinder(block)
-    found = store.points_of(block, max(float(np.hypot(cylinder.radius, cylinder.depth)), _reach_of_planes(block)))
+    found = store.points_of(block, max(cylinder.reach, _reach_of_planes(block)))
     clouds = found.map(lambda own: own.points)
 
     def of_cloud(own: BlockPoints, positions: np.ndarray | None) -> dict[str, np.ndarray]:
