@@ -2,6 +2,9 @@
 
 import dataclasses
 import functools
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -129,3 +132,33 @@ def test_kernels_take_no_arrays_of_other_lengths():
     numbers = [np.zeros(2) for _ in range(5)]
     with pytest.raises(ValueError, match="one length"):
         kernels.projections(tree, np.zeros((2, 3)), np.zeros((1, 3)), *numbers)
+
+
+WITH_NARROWER_VECTORS = """
+import importlib.util, sys
+import numpy as np
+
+spec = importlib.util.spec_from_file_location("_kernels", sys.argv[1])
+kernels = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(kernels)
+with np.load(sys.argv[2]) as given:
+    points, *cylinders = (given[name] for name in given.files)
+count = len(cylinders[0])
+found = np.zeros(count, np.int64), np.zeros(count), np.zeros(count)
+kernels.projections(kernels.packed_points(points), *cylinders, *found)
+np.savez(sys.argv[2], *found)
+"""
+
+
+@pytest.mark.parametrize("instructions", ["baseline", "avx2"])
+def test_narrower_vectors_find_the_same(instructions, tmp_path):
+    kernels = native.host_kernels()
+    if kernels is None:
+        pytest.skip("the kernels were not built")
+    cloud, cylinders = example(500, 40, seed=11)
+    file, shapes = tmp_path / "arrays.npz", [getattr(cylinders, own.name) for own in dataclasses.fields(cylinders)]
+    np.savez(file, cloud, *shapes)
+    command = [sys.executable, "-c", WITH_NARROWER_VECTORS, kernels.__file__, str(file)]
+    subprocess.run(command, check=True, env=os.environ | {"GMMJAX_INSTRUCTIONS": instructions})
+    with np.load(file) as arrays:
+        assert_same(Projections(*(arrays[name] for name in arrays.files)), projections(cloud, cylinders))
