@@ -48,6 +48,7 @@ from gmmjax.changes.prepare.local_resolution import LocalResolutionSettings
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.changes.progress import Clock, silent
 from gmmjax.changes.registration import Registration
+from gmmjax.changes.signed_distance import SignedDistanceSettings
 from gmmjax.changes.standard_errors import means_of_changes, standard_error
 from gmmjax.clouds import SensorViews
 from gmmjax.errors import warn
@@ -72,6 +73,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         candidates: which points look changed, and how they are gathered.
         evidence: when a candidate is a change.
         objects: which changes are significant, and which of them are one moved object.
+        distances: how the signed distance at each point of a scan is measured.
         resolution: how small the voxels are that scans are compared in after their registration, where they have more
             points than it takes. None: they have the size that the scans were registered at, everywhere.
         examination: in what clouds candidates are examined then.
@@ -84,6 +86,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
     candidates: CandidateSettings = CandidateSettings()
     evidence: EvidenceSettings = EvidenceSettings()
     objects: ObjectSettings = ObjectSettings()
+    distances: SignedDistanceSettings = SignedDistanceSettings()
     resolution: LocalResolutionSettings | None = LocalResolutionSettings()
     examination: LocalExaminationSettings = LocalExaminationSettings()
 
@@ -112,7 +115,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             coarse = pair.surfaces.map(lambda surface: surface.points)
             pair = refined(pair, self.resolution)
             surveys = each(lambda own, surface: dataclasses.replace(own, surface=surface), surveys, pair.surfaces)
-        return AlignedScans(scans, checked, pair, coarse, surveys, problem, verdicts, self.differences)
+        return AlignedScans(scans, checked, pair, coarse, surveys, problem, verdicts, self.differences, self.distances)
 
     def _refines(self, pair: AlignedPair) -> bool:
         """Whether the scans were registered with fewer points than they have, and nobody asked for one voxel size."""
@@ -154,7 +157,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         emd, diagnostics = mixtures_distance(joint), _diagnostics(prepared, joint, clock)
         changes = found.record(prepared.checked, items, labels, emd, self.config, diagnostics, pair.registration)
         if not prepared.volumetric:
-            changes = found.with_distance(changes, prepared.checked, prepared.distance)
+            changes = found.with_figures(changes, prepared.checked, prepared.figures)
         return Outcome(changes, lambda: self._standard_errors(prepared, joint, changes))
 
     def cut_candidates(self, scans: Pair[Scan], *, poses: Sequence[bool]) -> list[list["CutCandidates"]]:
