@@ -38,6 +38,7 @@ from gmmjax.clouds.files import read_toml as read_toml
 from gmmjax.clouds.files import require_file as require_file
 from gmmjax.clouds.filters import crop_box as crop_box
 from gmmjax.clouds.filters import statistical_outliers as statistical_outliers
+from gmmjax.clouds.las_extra_bytes import EXTRA_TYPES as EXTRA_TYPES
 from gmmjax.clouds.las_writing import BoundsError as BoundsError
 from gmmjax.clouds.las_writing import LasPart as LasPart
 from gmmjax.clouds.las_writing import LasSource as LasSource
@@ -64,6 +65,7 @@ from gmmjax.clouds.reading import read_cloud as read_cloud
 from gmmjax.clouds.source_file import SourceFile as SourceFile
 from gmmjax.clouds.survey_files import SurveyFiles as SurveyFiles
 from gmmjax.clouds.survey_files import open_survey as open_survey
+from gmmjax.clouds.survey_files import read_survey as read_survey
 from gmmjax.clouds.temporaries import clear_folders as clear_folders
 from gmmjax.clouds.temporaries import locked_file as locked_file
 from gmmjax.clouds.temporaries import temporary_folder as temporary_folder

@@ -294,8 +294,9 @@ class WholeFile(CloudFile):
 
 def finite_rows(block: RowBlock) -> RowBlock:
     """The rows that have a position."""
-    finite = np.isfinite(block.points).all(axis=1)
-    return block if finite.all() else block.part(np.flatnonzero(finite))
+    finite = np.isfinite(block.points)
+    # Nearly always all are, and to ask for each row takes ten times as long.
+    return block if finite.all() else block.part(np.flatnonzero(finite.all(axis=1)))
 
 
 def native(values: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, BinaryIO
 
 # Decompressed bytes in a frame, at most: what the two processes hold beside the result.
-FRAME = 1 << 26
+FRAME = 1 << 25
 E57_COORDINATES = (
     {"cartesianX", "cartesianY", "cartesianZ"},
     {"sphericalRange", "sphericalAzimuth", "sphericalElevation"},

@@ -89,7 +89,7 @@ class LasPart(NamedTuple):
     Attributes:
         rows: of the block, ascending.
         points: where these points are now.
-        dimensions: their values by name, of one of the types of `las_extra_bytes.TYPES`.
+        dimensions: their values by name, of one of the types of `las_extra_bytes.EXTRA_TYPES`.
     """
 
     rows: Int64[np.ndarray, " n"]
@@ -117,7 +117,7 @@ def write_las(
         path: the file to write.
         source: the file that the cloud was read from.
         cloud: its points, or some of them in their order, where they are now.
-        dimensions: values of each point by name, of one of the types of `las_extra_bytes.TYPES`.
+        dimensions: values of each point by name, of one of the types of `las_extra_bytes.EXTRA_TYPES`.
         descriptions: of each, in ASCII, at most 32 letters.
 
     Raises:

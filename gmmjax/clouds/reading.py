@@ -76,11 +76,20 @@ def read_cloud(path: str | os.PathLike[str]) -> PointCloud:
         InputError: the file is missing, unreadable, damaged, of an unknown format, or has no finite point; the message
             has the file's name, the cause and the remedy.
     """
-    cloud = open_cloud(path).read()
+    return read_opened(open_cloud(path))
+
+
+def read_opened(file: CloudFile) -> PointCloud:
+    """The point cloud in a file that is open.
+
+    Raises:
+        InputError: it is damaged, was changed since, or has no finite point.
+    """
+    cloud = file.read()
     if not len(cloud):
         raise InputError(
-            f"{os.fspath(path)}: every one of its {cloud.rows_dropped} points has NaN or inf coordinates; export the "
-            "cloud again"
+            f"{file.path}: every one of its {cloud.rows_dropped} points has NaN or inf coordinates; export the cloud "
+            "again"
         )
     logger.info("read %r", cloud)
     return cloud

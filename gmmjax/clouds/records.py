@@ -8,7 +8,7 @@ import numpy as np
 from gmmjax.errors import InputError
 
 # Bytes of records that are read at a time: beside the result, the memory that reading takes.
-BLOCK = 1 << 26
+BLOCK = 1 << 25
 
 
 def stored_records(file: Path, offset: int, row_type: np.dtype, count: int, beside: int = 1) -> Iterator[np.ndarray]:

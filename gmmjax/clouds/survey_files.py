@@ -7,11 +7,19 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import UInt8
 
 from gmmjax.clouds.cloud_file import CHUNK_POINTS, Bounds, CloudChunk, CloudFile
-from gmmjax.clouds.reading import open_cloud
+from gmmjax.clouds.point_cloud import PointCloud
+from gmmjax.clouds.reading import open_cloud, read_opened
+from gmmjax.clouds.source_file import FileRows
 from gmmjax.clouds.views import SensorViews
 from gmmjax.errors import InputError, warn
+
+# What a point of a file without colours has beside those of a file with colours: the middle of the range.
+NO_COLOR = 128
+# Files of a survey whose names are all in its title.
+MOST_NAMES = 3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,17 +91,7 @@ class SurveyFiles:
         Warns:
             InputWarning: only some of them say so, and it is not used.
         """
-        known = [file.views for file in self.files]
-        stated = [views for views in known if views is not None]
-        if len(stated) == len(known):
-            return SensorViews.merged(stated)
-        if stated:
-            silent = self.files[known.index(None)].path
-            warn(
-                f"{silent}: does not say where the scanner stood, as other scans of its survey do; none of these "
-                "positions is used. Give the positions of all scans"
-            )
-        return None
+        return self._merged([file.views for file in self.files])
 
     def rows_of(self, index: int) -> slice:
         """The rows of a file among those of the survey.
@@ -122,6 +120,51 @@ class SurveyFiles:
                 yield CloudChunk(points, rows + start, scan)
             scans += file.scans
 
+    def read(self) -> PointCloud:
+        """All points, in memory; colours are grey, and fields NaN, where a file has none and another one has.
+
+        Raises:
+            InputError: as `CloudFile.row_blocks`, or a file has no finite point.
+
+        Warns:
+            InputWarning: as `views`.
+        """
+        clouds = [read_opened(file) for file in self.files]
+        if len(clouds) == 1:
+            return clouds[0]
+        places = [self.rows_of(index) for index in range(len(clouds))]
+        return PointCloud(
+            np.concatenate([cloud.points for cloud in clouds]),
+            np.concatenate([cloud.rows + place.start for cloud, place in zip(clouds, places, strict=True)]),
+            _joined_colors(clouds),
+            _joined_fields(clouds),
+            sum(cloud.rows_dropped for cloud in clouds),
+            self.title,
+            self._merged([cloud.views for cloud in clouds]),
+            self.unit,
+            self.crs,
+            files=tuple(_file_rows(*own) for own in zip(self.files, clouds, places, strict=True)),
+        )
+
+    @property
+    def title(self) -> str:
+        """The names of the files, without their folders."""
+        names = [file.path.name for file in self.files]
+        return ", ".join(names) if len(names) <= MOST_NAMES else f"{names[0]} and {len(names) - 1} more files"
+
+    def _merged(self, known: Sequence[SensorViews | None]) -> SensorViews | None:
+        """The views of all files together."""
+        stated = [views for views in known if views is not None]
+        if len(stated) == len(known):
+            return SensorViews.merged(stated)
+        if stated:
+            silent = self.files[list(known).index(None)].path
+            warn(
+                f"{silent}: does not say where the scanner stood, as other scans of its survey do; none of these "
+                "positions is used. Give the positions of all scans"
+            )
+        return None
+
 
 def open_survey(paths: Sequence[str | os.PathLike[str]]) -> SurveyFiles:
     """The scans of one survey, opened as `open_cloud` does.
@@ -134,6 +177,47 @@ def open_survey(paths: Sequence[str | os.PathLike[str]]) -> SurveyFiles:
             systems.
     """
     return SurveyFiles(tuple(open_cloud(path) for path in paths))
+
+
+def read_survey(paths: Sequence[str | os.PathLike[str]]) -> PointCloud:
+    """The scans of one survey as one cloud, read as `read_cloud` does; its rows are those of the files in their order.
+
+    Each scan of a result of it is written by itself. `PointCloud.by_file` gives the points of each file.
+
+    Args:
+        paths: of the files; they are in one frame and one unit.
+
+    Returns:
+        The cloud; where there is one file, as `read_cloud`. It has views where all files say where the scanner stood.
+
+    Raises:
+        InputError: as `read_cloud` and `open_survey`.
+
+    Warns:
+        InputWarning: only some files say where the scanner stood, and it is not used.
+    """
+    return open_survey(paths).read()
+
+
+def _joined_colors(clouds: Sequence[PointCloud]) -> UInt8[np.ndarray, "n 3"] | None:
+    if all(cloud.colors is None for cloud in clouds):
+        return None
+    return np.concatenate(
+        [np.full((len(cloud), 3), NO_COLOR, np.uint8) if cloud.colors is None else cloud.colors for cloud in clouds]
+    )
+
+
+def _joined_fields(clouds: Sequence[PointCloud]) -> dict[str, np.ndarray]:
+    names = dict.fromkeys(name for cloud in clouds for name in cloud.fields)
+    return {
+        name: np.concatenate([cloud.fields.get(name, np.full(len(cloud), np.nan)) for cloud in clouds])
+        for name in names
+    }
+
+
+def _file_rows(file: CloudFile, cloud: PointCloud, place: slice) -> FileRows:
+    fields = tuple((name, values.dtype.str) for name, values in cloud.fields.items())
+    return FileRows(file.source, (place.start, place.stop), fields, cloud.colors is not None)
 
 
 def _check_stated(files: Sequence[CloudFile], stated: Callable[[CloudFile], str | None], remedy: str) -> None:

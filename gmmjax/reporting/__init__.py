@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from gmmjax.reporting.batch_index import batch_index_html as batch_index_html
     from gmmjax.reporting.html_report import CONTENT_POLICY as CONTENT_POLICY
     from gmmjax.reporting.html_report import report_html as report_html
+    from gmmjax.reporting.labelled_cloud import write_scan as write_scan
     from gmmjax.reporting.mixture_files import read_mixture as read_mixture
     from gmmjax.reporting.mixture_files import write_mixture as write_mixture
     from gmmjax.reporting.page_parts import asset as asset

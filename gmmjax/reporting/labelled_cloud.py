@@ -1,8 +1,11 @@
 """A scan with what was found about each of its points, in the format of its file and with all that the file held."""
 
 import dataclasses
+import itertools
+import mmap
+import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import get_args
 
@@ -13,6 +16,7 @@ from gmmjax.changes import OPTIONAL_FIGURES, Changes, Kind
 from gmmjax.clouds import (
     AXES,
     CHUNK_POINTS,
+    EXTRA_TYPES,
     Bounds,
     BoundsError,
     CloudFile,
@@ -21,6 +25,7 @@ from gmmjax.clouds import (
     PcdForm,
     PointCloud,
     SourceFile,
+    SurveyFiles,
     free_name,
     read_layout,
     viewpoint_of,
@@ -63,8 +68,8 @@ class LabelledCloud:
 
     Attributes:
         cloud: as it was given, or the file that it is in.
-        found: what was found, by the names of `DESCRIPTIONS`, at least `label` and `kind`: about each point of a cloud,
-            or about each row of a file, also those without a position. Arrays or memory maps.
+        found: what was found, such as the names of `DESCRIPTIONS`: about each point of a cloud, or about each row of a
+            file, also those without a position. Arrays or memory maps.
         transform: takes it into the frame of the before cloud; None: it is in it.
     """
 
@@ -95,7 +100,7 @@ class LabelledCloud:
     def found_in(self, rows: Int64[np.ndarray, " n"]) -> dict[str, np.ndarray]:
         """What was found about rows of the file, which ascend."""
         first, last = (int(rows[0]), int(rows[-1]) + 1) if len(rows) else (0, 0)
-        values = {name: np.asarray(own[first:last]) for name, own in self.found.items()}
+        values = {name: _copied(own, first, last) for name, own in self.found.items()}
         return values if last - first == len(rows) else {name: own[rows - first] for name, own in values.items()}
 
     def parts(self, reserved: tuple[str, ...] = ()) -> Iterator[PointCloud]:
@@ -103,7 +108,7 @@ class LabelledCloud:
 
         The fields are what was found, the scan's own colours as `scan_red` and so on, and its own fields, normals
         turned with it. A field of the scan with the name of another one of these becomes `input_NAME`. The colours are
-        those of the kinds of change, or the scan's own, half way to grey.
+        those of the kinds of change, or the scan's own, half way to grey; the scan's own where no kinds were found.
 
         Args:
             reserved: further names that a field must not have.
@@ -112,7 +117,7 @@ class LabelledCloud:
             yield dataclasses.replace(
                 scan,
                 points=self.placed(scan.points),
-                colors=point_colors(found["kind"], scan.colors),
+                colors=point_colors(found["kind"], scan.colors) if "kind" in found else scan.colors,
                 fields=_fields(scan, found, reserved, self.transform),
             )
 
@@ -124,6 +129,22 @@ class LabelledCloud:
                 yield self.cloud.part(place), {name: values[place] for name, values in self.found.items()}
         else:
             yield from ((cloud, self.found_in(cloud.rows)) for cloud in self.cloud.clouds())
+
+    def by_file(self) -> "list[LabelledCloud]":
+        """Each scan of a survey in memory that was read from several files; any other cloud as it is."""
+        if not isinstance(self.cloud, PointCloud) or not self.cloud.files:
+            return [self]
+        return [
+            LabelledCloud(cloud, {name: values[place] for name, values in self.found.items()}, self.transform)
+            for place, cloud in self.cloud.by_file()
+        ]
+
+    @property
+    def ending(self) -> str:
+        """Of the file that is written."""
+        if self.file is None or self.file.ending not in WRITERS:
+            return ".ply"
+        return LasSource.of(self.file).ending if WRITERS[self.file.ending] is _write_las else self.file.ending
 
     def write(self, folder: Path, stem: str) -> str:
         """Writes it in the format of its file where that is LAS, LAZ or PCD, else as PLY.
@@ -177,6 +198,99 @@ def labelled_clouds(clouds: Pair[PointCloud], changes: Changes) -> Pair[Labelled
     return Pair(labelled(clouds.before, "before", None), labelled(clouds.after, "after", transform))
 
 
+def labelled_files(
+    survey: SurveyFiles, found: Mapping[str, np.ndarray], transform: Float64[np.ndarray, "4 4"] | None
+) -> list[LabelledCloud]:
+    """Each scan of a survey in its file.
+
+    Args:
+        survey: the files.
+        found: about each row of the survey, by the names of `DESCRIPTIONS`. Arrays or memory maps.
+        transform: as of `LabelledCloud`.
+    """
+    return [
+        LabelledCloud(file, {name: values[survey.rows_of(index)] for name, values in found.items()}, transform)
+        for index, file in enumerate(survey.files)
+    ]
+
+
+def write_scan(
+    path: str | os.PathLike[str],
+    scan: CloudFile,
+    columns: Mapping[str, np.ndarray],
+    transform: Float64[np.ndarray, "4 4"] | None = None,
+) -> Path:
+    """Writes a scan of any size with further values of each point: what `gmmjax detect` does with labels.
+
+    LAS, LAZ and PCD stay what they are, with all that the file holds, as in a result; all others become PLY.
+
+    Args:
+        path: the file to write; a file that is there is replaced.
+        scan: from `open_cloud`.
+        columns: values of each row of the file by name, numbers of 8 to 64 bits. Arrays or memory maps.
+        transform: where the points are written; None: where they are.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: the path has another ending than the format; columns that are not numbers for each row; the scan was
+            changed or is damaged; the file cannot be written, as on a full disk, and is then as it was.
+    """
+    file = Path(path)
+    for name, values in columns.items():
+        if values.shape != (scan.count,) or values.dtype.str[1:] not in EXTRA_TYPES:
+            raise InputError(
+                f"column {name!r} must be whole or real numbers [{scan.count}], one for each row of {scan.path}, not "
+                f"{values.dtype} {list(values.shape)}"
+            )
+    labelled = LabelledCloud(scan, columns, transform)
+    if file.suffix != (ending := labelled.ending):
+        raise InputError(f"{file}: a result of {scan.path.name} is a {ending} file; name it {file.stem}{ending}")
+    try:
+        WRITERS.get(scan.source.ending, _write_ply)(labelled, file.parent, file.stem)
+    except OSError as error:
+        raise InputError(
+            f"{file}: cannot be written ({error.strerror or error}); free some space or choose another folder"
+        ) from error
+    return file
+
+
+def write_scans(folder: Path, side: str, scans: Sequence[LabelledCloud]) -> list[str]:
+    """Writes a scan as a file, or those of a survey of several as files in a folder, with the names of their own.
+
+    Args:
+        folder: that is there.
+        side: "before" or "after": the name of the file without its ending, or of the folder.
+        scans: at least one, each of which was read from a file where they are several.
+
+    Returns:
+        The names of the files.
+
+    Raises:
+        InputError, OSError: a file cannot be written.
+
+    Warns:
+        InputWarning: as `LabelledCloud.write`.
+    """
+    if len(scans) == 1:
+        return [scans[0].write(folder, side)]
+    (folder / side).mkdir()
+    names, taken = [], set[str]()
+    for scan in scans:
+        assert scan.file is not None
+        stem = _free_stem(scan.file.path.stem, taken)
+        taken.add(stem.lower())
+        names.append(f"{side}/{scan.write(folder / side, stem)}")
+    return names
+
+
+def _free_stem(stem: str, taken: set[str]) -> str:
+    """The stem, with a number where it is taken: some file systems do not tell upper from lower case."""
+    candidates = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
+    return next(name for name in candidates if name.lower() not in taken)
+
+
 def _write_ply(labelled: LabelledCloud, folder: Path, stem: str) -> str:
     with_rows = labelled.points < labelled.rows
     as_floats = _beyond_ply(labelled)
@@ -190,7 +304,7 @@ def _write_ply(labelled: LabelledCloud, folder: Path, stem: str) -> str:
 
     name = f"{stem}.ply"
     parts = map(part_of, labelled.parts(("row",) if with_rows else ()))
-    write_ply_parts(folder / name, parts, labelled.points, [COMMENT])
+    write_ply_parts(folder / name, parts, labelled.points, [COMMENT] if "label" in labelled.found else [])
     return name
 
 
@@ -221,14 +335,14 @@ def _write_las(labelled: LabelledCloud, folder: Path, stem: str) -> str:
     name = f"{stem}{source.ending}"
     if isinstance(cloud, PointCloud):
         placed = dataclasses.replace(cloud, points=labelled.placed(cloud.points))
-        write_las(folder / name, source, placed, labelled.found, DESCRIPTIONS)
+        write_las(folder / name, source, placed, labelled.found, _described(labelled))
         return name
 
     def part_of(first: int, coordinates: Float64[np.ndarray, "n 3"]) -> LasPart:
         rows = np.flatnonzero(np.isfinite(coordinates).all(axis=1))
         return LasPart(rows, labelled.placed(coordinates[rows]), labelled.found_in(first + rows))
 
-    described = {own: (values.dtype, DESCRIPTIONS[own]) for own, values in labelled.found.items()}
+    described = {own: (labelled.found[own].dtype, text) for own, text in _described(labelled).items()}
     declared = _declared_bounds(labelled, cloud)
     try:
         bounds = declared if declared is None or source.represents(declared) else _measured_bounds(labelled, cloud)
@@ -236,6 +350,20 @@ def _write_las(labelled: LabelledCloud, folder: Path, stem: str) -> str:
     except BoundsError:
         write_las_blocks(folder / name, source, part_of, described, _measured_bounds(labelled, cloud))
     return name
+
+
+def _copied(values: np.ndarray, first: int, last: int) -> np.ndarray:
+    """Some of the values in memory; of a memory map nothing else stays there, which would count as ours."""
+    part = np.array(values[first:last])
+    # The changes to a private map (mode "c") are in memory alone.
+    if isinstance(values, np.memmap) and values.mode != "c" and hasattr(mmap, "MADV_DONTNEED"):
+        values._mmap.madvise(mmap.MADV_DONTNEED)  # type: ignore[attr-defined]
+    return part
+
+
+def _described(labelled: LabelledCloud) -> dict[str, str]:
+    """What each of the values that were found is."""
+    return {name: DESCRIPTIONS.get(name, "") for name in labelled.found}
 
 
 def _declared_bounds(labelled: LabelledCloud, file: CloudFile) -> Bounds | None:
@@ -267,7 +395,7 @@ def _fields(
 ) -> dict[str, np.ndarray]:
     """What is written beside the coordinates of some points; see `LabelledCloud.parts`."""
     fields = dict(found)
-    if scan.colors is not None:
+    if scan.colors is not None and "kind" in found:
         fields |= {f"scan_{channel}": scan.colors[:, index] for index, channel in enumerate(CHANNELS)}
     own = _turned(scan.fields, transform)
     names = _written_names(own, {*fields, *reserved})
@@ -316,6 +444,7 @@ def _for_ply(values: np.ndarray, *, as_floats: bool) -> np.ndarray:
 def _beyond_ply(labelled: LabelledCloud) -> set[str]:
     """Names, in the result, of the scan's whole numbers beyond 32 bits: they become float64, which holds 53 of them."""
     cloud = labelled.cloud
+    colored_anew = "kind" in labelled.found
     taken = {*labelled.found, *(("row",) if labelled.points < labelled.rows else ())}
     if isinstance(cloud, PointCloud):
         long = {name: own for name, own in cloud.fields.items() if own.dtype.kind in "iu" and own.dtype.itemsize == 8}
@@ -325,7 +454,7 @@ def _beyond_ply(labelled: LabelledCloud) -> set[str]:
         ranges, source = dict(cloud.measures.whole), str(cloud.path)
         first = next(cloud.clouds(1))
         names, colored = list(first.fields), first.colors is not None
-    written = _written_names(names, {*taken, *(f"scan_{channel}" for channel in CHANNELS if colored)})
+    written = _written_names(names, {*taken, *(f"scan_{channel}" for channel in CHANNELS if colored and colored_anew)})
     beyond = {
         name: limits for name, limits in ranges.items() if min(limits) < -LARGEST_INT - 1 or max(limits) > LARGEST_INT
     }

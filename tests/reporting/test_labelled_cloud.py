@@ -14,16 +14,19 @@ from gmmjax.clouds import (
     FolderKind,
     PointCloud,
     open_cloud,
+    open_survey,
     output_folder,
     read_cloud,
     read_layout,
+    read_survey,
     write_pcd,
     write_ply,
 )
 from gmmjax.errors import InputError, InputWarning
 from gmmjax.geometry.rigid import rigid_transform
 from gmmjax.pair import Pair
-from gmmjax.reporting.labelled_cloud import LabelledCloud, labelled_clouds
+from gmmjax.reporting import write_scan
+from gmmjax.reporting.labelled_cloud import LabelledCloud, labelled_clouds, labelled_files, write_scans
 from gmmjax.reporting.result_folder import result_files, write_result
 from tests.clouds.formats import WRITERS, write_all
 from tests.clouds.las_files import GEOTIFF, las_bytes, parsed, vlr
@@ -283,4 +286,57 @@ def test_a_disk_that_fills_in_the_middle_of_a_file(files, tmp_path, monkeypatch,
                 LabelledCloud(file, found_about(file.count), MOTION).write(folder, "after")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not list(tmp_path.iterdir())
+
+
+def test_each_scan_of_a_survey_is_written_as_alone(files, tmp_path):
+    """In memory, from its files, and as the one scan of a result."""
+    paths = [files / name for name in ("a.las", "a.ply", "b.pcd", "a.npy")]
+    survey, cloud = open_survey(paths), read_survey(paths)
+    found = found_about(survey.count)
+    of_points = {key: values[cloud.rows] for key, values in found.items()}
+    for name in ("memory", "files", "alone"):
+        (tmp_path / name).mkdir()
+    names = write_scans(tmp_path / "memory", "after", LabelledCloud(cloud, of_points, MOTION).by_file())
+    assert names == ["after/a.las", "after/a-2.ply", "after/b.pcd", "after/a-3.ply"]
+    assert write_scans(tmp_path / "files", "after", labelled_files(survey, found, MOTION)) == names
+    for index, (name, path) in enumerate(zip(names, paths, strict=True)):
+        rows = survey.rows_of(index)
+        own = {key: values[rows][read_cloud(path).rows] for key, values in found.items()}
+        alone = LabelledCloud(read_cloud(path), own, MOTION)
+        (written,) = write_scans(tmp_path / "alone", f"{index}", alone.by_file())
+        expected = (tmp_path / "alone" / written).read_bytes()
+        assert (tmp_path / "memory" / name).read_bytes() == expected
+        assert (tmp_path / "files" / name).read_bytes() == expected
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_further_values_of_a_scan(files, tmp_path, name):
+    """Of any names; colours and fields are those of the scan."""
+    file, cloud = open_cloud(files / name), read_cloud(files / name)
+    columns = {"distance": np.arange(file.count, dtype=np.float32), "a": np.arange(file.count, dtype=np.int16)}
+    ending = file.path.suffix if file.path.suffix in (".las", ".laz", ".pcd") else ".ply"
+    again = read_cloud(write_scan(tmp_path / f"out{ending}", file, columns))
+    np.testing.assert_array_equal(again.points, cloud.points)
+    np.testing.assert_array_equal(again.colors, cloud.colors)
+    assert not {"kind", "label", "scan_red"} & set(again.fields)
+    if ending in (".las", ".laz"):
+        values = laspy.read(tmp_path / f"out{ending}")
+        np.testing.assert_array_equal(values["distance"], columns["distance"][cloud.rows])
+    else:
+        np.testing.assert_array_equal(again.fields["distance"], columns["distance"][cloud.rows])
+        np.testing.assert_array_equal(again.fields["a"], columns["a"][cloud.rows])
+        assert ("input_a" in again.fields) == ("a" in cloud.fields)
+
+
+def test_values_that_cannot_be_written(files, tmp_path):
+    file = open_cloud(files / "a.laz")
+    with pytest.raises(InputError, match=r"column 'a' must be whole or real numbers \[57\].* not float64 \[3\]"):
+        write_scan(tmp_path / "out.laz", file, {"a": np.zeros(3)})
+    with pytest.raises(InputError, match=r"not bool \[57\]"):
+        write_scan(tmp_path / "out.laz", file, {"a": np.zeros(57, bool)})
+    with pytest.raises(InputError, match=r"a result of a\.laz is a \.laz file; name it out\.laz"):
+        write_scan(tmp_path / "out.ply", file, {"a": np.zeros(57)})
+    with pytest.raises(InputError, match="nowhere"):
+        write_scan(tmp_path / "nowhere" / "out.laz", file, {"a": np.zeros(57)})
     assert not list(tmp_path.iterdir())
