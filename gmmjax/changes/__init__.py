@@ -103,7 +103,9 @@ if TYPE_CHECKING:
     from gmmjax.changes.progress import Progress as Progress
     from gmmjax.changes.progress import silent as silent
     from gmmjax.changes.registration import Registration as Registration
+    from gmmjax.changes.signed_distance import SignedDistanceSettings as SignedDistanceSettings
     from gmmjax.changes.storage import CHANGES_FILE as CHANGES_FILE
     from gmmjax.changes.storage import LABELS_FILE as LABELS_FILE
+    from gmmjax.changes.storage import OPTIONAL_FIGURES as OPTIONAL_FIGURES
 
 __getattr__, __dir__ = lazy_names(__name__)

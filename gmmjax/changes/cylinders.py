@@ -18,7 +18,6 @@ from scipy.spatial import cKDTree
 from gmmjax import native
 from gmmjax._cores import available_cores
 from gmmjax.clouds import morton_order
-from gmmjax.pair import Pair, each_on_cores
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -81,28 +80,28 @@ Search = Callable[[Cylinders], Projections]
 """Projects the points of a cloud to the axes of the cylinders that they are in; several threads may call it at once."""
 
 
-def projections(clouds: Pair[Float64[np.ndarray, "_ 3"]], cylinders: Cylinders) -> Pair[Projections]:
-    """The points of both clouds in each of the cylinders, projected to its axis.
+def projections(points: Float64[np.ndarray, "m 3"], cylinders: Cylinders) -> Projections:
+    """The points of a cloud in each of the cylinders, projected to its axis.
 
     Coordinates are subtracted from each other in float64 before anything else: those of a country's grid lose nothing.
 
     Args:
-        clouds: finite coordinates, any number.
+        points: finite coordinates, any number.
         cylinders: any number.
     """
-    if not len(cylinders):
-        return clouds.map(lambda _: Projections.of_none(0))
+    if not len(points) or not len(cylinders):
+        return Projections.of_none(len(cylinders))
+    kernels = native.host_kernels()
+    search = _plain_search(points) if kernels is None else _native_search(points, kernels)
     # Neighbours look up the same points, which are still in the cache then.
     order = morton_order(cylinders.centres)
-    cylinders = cylinders.part(order)
-    parts = [cylinders.part(chosen) for chosen in _parts(cylinders)]
-    searches = each_on_cores(_search, clouds)
+    ordered = cylinders.part(order)
+    parts = [ordered.part(chosen) for chosen in _parts(ordered)]
     threads = min(available_cores(), len(parts))
     if threads < 2:
-        return searches.map(lambda search: Projections.joined(map(search, parts), order))
+        return Projections.joined(map(search, parts), order)
     with ThreadPoolExecutor(threads) as pool:
-        found = searches.map(lambda search: pool.map(search, parts))
-        return found.map(lambda own: Projections.joined(own, order))
+        return Projections.joined(pool.map(search, parts), order)
 
 
 def _parts(cylinders: Cylinders, most_spheres: int = 20_000) -> Iterator[slice]:
@@ -110,13 +109,6 @@ def _parts(cylinders: Cylinders, most_spheres: int = 20_000) -> Iterator[slice]:
     last = np.cumsum(cylinders.spheres) // most_spheres
     for start, stop in itertools.pairwise([0, *(np.flatnonzero(np.diff(last)) + 1), len(cylinders)]):
         yield slice(start, stop)
-
-
-def _search(points: Float64[np.ndarray, "m 3"]) -> Search:
-    if not len(points):
-        return lambda cylinders: Projections.of_none(len(cylinders))
-    kernels = native.host_kernels()
-    return _plain_search(points) if kernels is None else _native_search(points, kernels)
 
 
 def _native_search(points: Float64[np.ndarray, "m 3"], kernels: ModuleType) -> Search:

@@ -16,7 +16,7 @@ from jaxtyping import Float, Float64, Int
 from gmmjax.changes.cylinders import Cylinders, Projections, projections
 from gmmjax.clouds import as_finite_points
 from gmmjax.errors import InputError
-from gmmjax.pair import Pair, each
+from gmmjax.pair import Pair, each, each_on_cores
 
 Lengths = float | Float[np.ndarray, " n"]
 """A length for all core points, or one for each, in the unit of the clouds."""
@@ -29,14 +29,14 @@ class M3C2Settings:
     Attributes:
         radius: of the cylinder, in the unit of the clouds: one for all core points, or one for each. Small: few points
             to average over; large: what is smaller than it is averaged away.
-        depth: half length of the cylinder, likewise. Short: a surface that moved further is not found; long: another
-            surface behind it is mixed in.
+        depth: half length of the cylinder, likewise; a `Pair` where it is longer in one of the clouds. Short: a surface
+            that moved further is not found; long: another surface behind it is mixed in.
         standard_errors: from which on a distance is detected; 1.96 is 95 % of a normal distribution. 0: the level of
             detection is 0 everywhere.
     """
 
     radius: Lengths
-    depth: Lengths
+    depth: Lengths | Pair[Lengths]
     standard_errors: float = 1.96
 
 
@@ -86,10 +86,11 @@ def m3c2_distances(
     """
     core = as_finite_points(core_points, "core_points")
     points = each(as_finite_points, clouds, Pair("clouds.before", "clouds.after"))
-    radius, depth = (_lengths(getattr(settings, name), name, len(core)) for name in ("radius", "depth"))
+    axes, radius = _unit(normals, len(core)), _lengths(settings.radius, "radius", len(core))
+    depth = settings.depth if isinstance(settings.depth, Pair) else Pair(settings.depth, settings.depth)
+    cylinders = depth.map(lambda own: Cylinders(core, axes, radius, _lengths(own, "depth", len(core))))
     error = _lengths(registration_error, "registration_error", len(core), positive=False)
-    cylinders = Cylinders(core, _unit(normals, len(core)), radius, depth)
-    return _compared(projections(points, cylinders), error, settings.standard_errors)
+    return _compared(each_on_cores(projections, points, cylinders), error, settings.standard_errors)
 
 
 def _compared(sides: Pair[Projections], error: Float64[np.ndarray, " n"], standard_errors: float) -> M3C2Distances:

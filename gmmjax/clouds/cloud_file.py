@@ -2,6 +2,7 @@
 
 import abc
 import dataclasses
+import functools
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -69,6 +70,20 @@ class RowBlock(NamedTuple):
             None if values is None else values[place] for values in (self.colors, self.scan, self.rows)
         )
         return RowBlock(self.points[place], columns, colors, scan, rows)
+
+
+class Measures(NamedTuple):
+    """What only all points of a file tell.
+
+    Attributes:
+        points: how many rows have a position.
+        colors: the range of their colours, where these are not bytes.
+        whole: lowest and highest value of each column of whole numbers of 64 bits.
+    """
+
+    points: int
+    colors: ColorRange
+    whole: Mapping[str, tuple[int, int]]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -161,11 +176,27 @@ class CloudFile(abc.ABC):
         Raises:
             InputError: as `row_blocks`.
         """
-        colors = ColorRange.of(block.colors for block in self._blocks_to_measure(size))
         for block in self.row_blocks(size):
             kept = finite_rows(block)
             if len(kept.points):
-                yield self._cloud(kept, colors)
+                yield self._cloud(kept)
+
+    @functools.cached_property
+    def measures(self) -> Measures:
+        """What only all points tell: the file is read for it, once."""
+        points, colors = 0, ColorRange()
+        whole: dict[str, tuple[int, int]] = {}
+        for block in self.row_blocks():
+            kept = finite_rows(block)
+            points += len(kept.points)
+            if block.colors is not None and block.colors.dtype != np.uint8:
+                colors = colors.with_channels(block.colors)
+            for name, values in kept.columns.items():
+                if values.dtype.kind in "iu" and values.dtype.itemsize == 8 and values.size:
+                    low, high = int(values.min()), int(values.max())
+                    known = whole.get(name, (low, high))
+                    whole[name] = min(low, known[0]), max(high, known[1])
+        return Measures(points, colors, whole)
 
     def read(self) -> PointCloud:
         """All points, in memory.
@@ -208,19 +239,15 @@ class CloudFile(abc.ABC):
                 "export it again; or free some memory"
             ) from error
 
-    def _blocks_to_measure(self, size: int) -> Iterator[RowBlock]:
-        """The blocks by which the range of colours is known: none where they are bytes."""
-        for block in self.row_blocks(size):
-            if block.colors is None or block.colors.dtype == np.uint8:
-                return
-            yield block
-
-    def _cloud(self, block: RowBlock, colors: ColorRange) -> PointCloud:
+    def _cloud(self, block: RowBlock) -> PointCloud:
         assert block.rows is not None
+        colors = block.colors
+        if colors is not None:
+            colors = color_bytes(colors, str(self.path), None if colors.dtype == np.uint8 else self.measures.colors)
         return PointCloud(
             block.points,
             block.rows,
-            None if block.colors is None else color_bytes(block.colors, str(self.path), colors),
+            colors,
             {name: native(values) for name, values in block.columns.items()},
             source=str(self.path),
             unit=self.unit,

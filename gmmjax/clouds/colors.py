@@ -1,6 +1,5 @@
 """Colours of all the kinds that files hold, as bytes."""
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -22,20 +21,11 @@ class ColorRange(NamedTuple):
     lowest: float = 0.0
     highest: float = 0.0
 
-    @classmethod
-    def of(cls, channels: Iterable[np.ndarray | None]) -> "ColorRange":
-        """The range of the colours of a cloud.
-
-        Args:
-            channels: numbers [N, 3] of some of its points each; None is passed over.
-        """
-        lowest = highest = 0.0
-        for own in channels:
-            if own is not None:
-                numbers = _numbers(own)
-                lowest = min(lowest, float(numbers.min(initial=0.0)))
-                highest = max(highest, float(numbers.max(initial=0.0)))
-        return cls(lowest, highest)
+    def with_channels(self, channels: np.ndarray) -> "ColorRange":
+        """The range of these and of more colours, numbers [N, 3]."""
+        numbers = _numbers(channels)
+        lowest, highest = float(numbers.min(initial=0.0)), float(numbers.max(initial=0.0))
+        return ColorRange(min(self.lowest, lowest), max(self.highest, highest))
 
 
 def color_bytes(channels: np.ndarray, source: str, limits: ColorRange | None = None) -> UInt8[np.ndarray, "n 3"]:
@@ -59,7 +49,7 @@ def color_bytes(channels: np.ndarray, source: str, limits: ColorRange | None = N
     if channels.dtype == np.uint8:
         return np.ascontiguousarray(channels)
     values = _numbers(channels)
-    limits = ColorRange.of([channels]) if limits is None else limits
+    limits = ColorRange().with_channels(channels) if limits is None else limits
     factor, divisor = 1.0, 1.0
     if channels.dtype.kind == "f" and limits.highest <= 1:
         factor = 255.0

@@ -58,14 +58,15 @@ class LasFile(CloudFile):
         header = self.header
         with record_blocks(self.path, header) as blocks:
             for rows in blocks:
-                # Scales of 1e300 make infinite coordinates, which are dropped and counted as everywhere.
-                with np.errstate(over="ignore"):
-                    points = rows["XYZ"] * header.scales + header.offsets
                 classes = rows["classification"]
                 if header.point_format < FIRST_EXTENDED_FORMAT:
                     classes = classes & CLASS_BITS
                 columns = {"intensity": rows["intensity"], "classification": classes}
-                yield RowBlock(points, columns, rows["colors"] if header.point_format in COLOR_OFFSETS else None)
+                yield RowBlock(
+                    header.coordinates(rows["XYZ"]),
+                    columns,
+                    rows["colors"] if header.point_format in COLOR_OFFSETS else None,
+                )
 
 
 def open_las(path: str | os.PathLike[str]) -> LasFile:

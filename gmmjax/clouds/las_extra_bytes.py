@@ -69,15 +69,14 @@ class ExtraBytes:
             renamed.append(_with_text(descriptor, NAME, NAME_LENGTH, new) if new != name else descriptor)
         return ExtraBytes(tuple(renamed))
 
-    def with_dimensions(self, values: Mapping[str, np.ndarray], descriptions: Mapping[str, str]) -> "ExtraBytes":
+    def with_dimensions(self, descriptions: Mapping[str, tuple[np.dtype, str]]) -> "ExtraBytes":
         """The same with more dimensions at the end.
 
         Args:
-            values: by name, of one of the `TYPES`.
-            descriptions: of each, in ASCII, at most 32 letters.
+            descriptions: type of each by name, one of the `TYPES`, and what it is, in ASCII, at most 32 letters.
         """
         more = [
-            _descriptor(name, descriptions[name], TYPES.index(own.dtype.str[1:]) + 1, 0) for name, own in values.items()
+            _descriptor(name, text, TYPES.index(kind.str[1:]) + 1, 0) for name, (kind, text) in descriptions.items()
         ]
         return ExtraBytes((*self.descriptors, *more))
 

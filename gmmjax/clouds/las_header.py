@@ -112,6 +112,16 @@ class LasHeader:
     laszip: LaszipLayout | None
     records: tuple[VariableRecord, ...]
 
+    def coordinates(self, integers: np.ndarray) -> Float64[np.ndarray, "n 3"]:
+        """Coordinates of points.
+
+        Args:
+            integers: X, Y and Z [N, 3] as the file has them.
+        """
+        # Scales of 1e300 make infinite coordinates, which are dropped and counted as everywhere.
+        with np.errstate(over="ignore"):
+            return np.asarray(integers * self.scales + self.offsets)
+
     @property
     def row_type(self) -> np.dtype:
         """What is read of a record: X, Y, Z, intensity, classification, and where there are any, the colours."""

@@ -3,7 +3,7 @@
 import dataclasses
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -120,7 +120,41 @@ def write_ply(
     """
     coordinates = as_finite_points(points, f"{path}: points")
     cloud = PointCloud.from_rows(coordinates, colors, fields, source=str(path))
-    columns = {axis: coordinates[:, index] for index, axis in enumerate(AXES)}
+    write_ply_parts(path, [cloud], len(cloud), comments)
+
+
+def write_ply_parts(
+    path: str | os.PathLike[str], parts: Iterable[PointCloud], count: int, comments: Sequence[str] = ()
+) -> None:
+    """`write_ply` for a cloud that comes in parts, such as one that is larger than the memory.
+
+    Args:
+        path: the file to write.
+        parts: of the cloud, at least one; all with the same fields of the same types.
+        count: points of all parts together.
+        comments: lines for the header.
+
+    Raises:
+        InputError: as `write_ply`, from the parts, or they have another number of points.
+        OSError: from writing, such as a full disk; a file that was there before is left as it was.
+    """
+    written, row_type = 0, None
+    with atomic_write(path) as file:
+        for part in parts:
+            rows = _rows(part, str(path))
+            if row_type is None:
+                row_type = rows.dtype
+                file.write(_header_text(row_type, count, comments, str(path)))
+            assert rows.dtype == row_type
+            file.write(rows.tobytes())
+            written += len(rows)
+        if written != count:
+            raise InputError(f"{path}: {count} points were to be written, and there are {written}; read them again")
+
+
+def _rows(cloud: PointCloud, path: str) -> np.ndarray:
+    """The vertices as they are in the file."""
+    columns = {axis: cloud.points[:, index] for index, axis in enumerate(AXES)}
     if cloud.colors is not None:
         columns |= {channel: cloud.colors[:, index] for index, channel in enumerate(CHANNELS)}
     for name, values in cloud.fields.items():
@@ -129,14 +163,10 @@ def write_ply(
                 f"{path}: field {name!r} cannot be a PLY property; use a new name of letters, digits and _"
             )
         columns[name] = _writable(values, f"{path}: field {name!r}")
-    row_type = np.dtype([(name, values.dtype.newbyteorder("<")) for name, values in columns.items()])
-    rows = np.empty(len(cloud), row_type)
+    rows = np.empty(len(cloud), np.dtype([(name, own.dtype.newbyteorder("<")) for name, own in columns.items()]))
     for name, values in columns.items():
         rows[name] = values
-    header = _header_text(row_type, len(cloud), comments, str(path))
-    with atomic_write(path) as file:
-        file.write(header)
-        file.write(rows.tobytes())
+    return rows
 
 
 def _head(file: Path) -> bytes:

@@ -1,5 +1,6 @@
 """The record that every reader returns."""
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -102,6 +103,16 @@ class PointCloud:
             color_rows = None if color_rows is None else color_rows[rows]
             columns = {name: values[rows] for name, values in columns.items()}
         return cls(coordinates, rows, color_rows, columns, int(len(finite) - len(rows)), source, views)
+
+    def part(self, place: slice) -> "PointCloud":
+        """Some of the points, in their order."""
+        return dataclasses.replace(
+            self,
+            points=self.points[place],
+            rows=self.rows[place],
+            colors=None if self.colors is None else self.colors[place],
+            fields={name: values[place] for name, values in self.fields.items()},
+        )
 
 
 def _check_attributes(colors: np.ndarray | None, fields: Mapping[str, np.ndarray], count: int, prefix: str) -> None:

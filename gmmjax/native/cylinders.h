@@ -1,25 +1,36 @@
-// The points of a cloud in cylinders: a tree of boxes over points in Morton order, and what is asked of it.
+// The points of a cloud in cylinders.
 
 #pragma once
 
 #include <cstdint>
-#include <vector>
 
 namespace gmmjax {
 
 // Points in a leaf of the tree, and boxes in a node.
 constexpr int kLeaf = 16, kBoxes = 8;
 
-struct PackedPoints {
-  // Builds the tree of points [count, 3], which must be finite; there is at least one.
-  PackedPoints(const double* points, int64_t count);
+// A tree of boxes over the points of a cloud.
+struct BoxTree {
+  const double* leaves;         // [leaves, 3, kLeaf]: the points; NaN beyond the last one
+  const double* const* levels;  // [depth], from the leaves' boxes up, of [nodes, 6, kBoxes]: centres, half edges
+  int depth;
+};
 
-  std::vector<double> leaves;               // [leaves, 3, kLeaf]; NaN beyond the last point
-  std::vector<std::vector<double>> levels;  // from the leaves' boxes up [nodes, 6, kBoxes]: centres, half edges
+// Memory for the projections of the points in one cylinder.
+struct Projected {
+  double* values;
+  int64_t capacity;
+
+  Projected();
+  Projected(const Projected&) = delete;
+  ~Projected();
+
+  // Makes it hold so many at least; throws std::bad_alloc.
+  void grow(int64_t capacity);
 };
 
 struct CylinderProblem {
-  const PackedPoints* points;
+  BoxTree tree;
   const double* centres;       // [count, 3]
   const double* axes;          // [count, 3]: unit vectors
   const double* radii;         // [count]
@@ -28,10 +39,11 @@ struct CylinderProblem {
   double* mean;                // [count]: of their projections to the axis, from the centre; NaN of none
   double* variance;            // [count]: of their projections; NaN of fewer than two
   int64_t count;
+  Projected* projected;
 };
 
-#define GMMJAX_DECLARE(set) \
-  namespace set {           \
+#define GMMJAX_DECLARE(set)                         \
+  namespace set {                                   \
   void projections(const CylinderProblem& problem); \
   }
 
@@ -41,8 +53,5 @@ GMMJAX_DECLARE(avx2)
 GMMJAX_DECLARE(avx512)
 #endif
 #undef GMMJAX_DECLARE
-
-// Computes it with this machine's vectors.
-void project(const CylinderProblem& problem);
 
 }  // namespace gmmjax

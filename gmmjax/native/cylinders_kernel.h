@@ -1,9 +1,7 @@
 // The points in cylinders, for one instruction set: eight boxes of the tree, or eight points, at a time.
 
-#include <algorithm>
-#include <cmath>
+#include <cstdint>
 #include <limits>
-#include <vector>
 
 #include "cylinders.h"
 
@@ -18,7 +16,7 @@ inline Numbers absolute(Numbers values) { return values < 0.0 ? -values : values
 
 class Search {
  public:
-  explicit Search(const PackedPoints& points) : points_(points) {}
+  Search(const BoxTree& tree, Projected& projected) : tree_(tree), projected_(projected) {}
 
   // Finds the projections of the points in a cylinder.
   void run(const double* centre, const double* axis, double radius, double half_length) {
@@ -28,35 +26,39 @@ class Search {
     extents_[0] = half_length + slack, extents_[1] = extents_[2] = radius + slack;
     turn();
     count_ = 0;
-    visit(int(points_.levels.size()) - 1, 0);
+    visit(tree_.depth - 1, 0);
   }
 
   int64_t count() const { return count_; }
 
   // The mean of the projections, and the sum of the squared deviations from it.
   void moments(double& mean, double& squares) {
-    projections_.resize(std::max<size_t>(projections_.size(), count_ + kBoxes));
-    const int64_t whole = (count_ + kBoxes - 1) / kBoxes * kBoxes;
-    std::fill(projections_.begin() + count_, projections_.begin() + whole, 0.0);
     Numbers totals{}, deviations{};
-    for (int64_t first = 0; first < whole; first += kBoxes) totals += load(&projections_[first]);
+    const int64_t whole = filled_up(0);
+    for (int64_t first = 0; first < whole; first += kBoxes) totals += load(projected_.values + first);
     mean = sum<double>(totals) / double(count_);
-    std::fill(projections_.begin() + count_, projections_.begin() + whole, mean);
+    filled_up(mean);
     for (int64_t first = 0; first < whole; first += kBoxes) {
-      const Numbers deviation = load(&projections_[first]) - mean;
+      const Numbers deviation = load(projected_.values + first) - mean;
       deviations += deviation * deviation;
     }
     squares = sum<double>(deviations);
   }
 
  private:
+  // Fills the projections up with a value to whole vectors, for which there is room behind the last leaf; their number.
+  int64_t filled_up(double value) {
+    const int64_t whole = (count_ + kBoxes - 1) / kBoxes * kBoxes;
+    for (int64_t place = count_; place < whole; ++place) projected_.values[place] = value;
+    return whole;
+  }
+
   // Two directions at right angles to the axis and to each other: the cylinder lies in a box along the three.
   void turn() {
-    const double x = axis_[0], y = axis_[1], z = axis_[2], sign = std::copysign(1.0, z), scale = -1 / (sign + z);
-    const double directions[3][3] = {{x, y, z},
-                                     {1 + sign * x * x * scale, sign * x * y * scale, -sign * x},
-                                     {x * y * scale, sign + y * y * scale, -y}};
-    std::copy(&directions[0][0], &directions[0][0] + 9, &directions_[0][0]);
+    const double x = axis_[0], y = axis_[1], z = axis_[2], sign = __builtin_copysign(1.0, z), scale = -1 / (sign + z);
+    directions_[0] = {x, y, z};
+    directions_[1] = {1 + sign * x * x * scale, sign * x * y * scale, -sign * x};
+    directions_[2] = {x * y * scale, sign + y * y * scale, -y};
   }
 
   // The boxes of a node that the cylinder may touch: those that no direction separates from it.
@@ -68,20 +70,21 @@ class Search {
     }
     Flags touched = ~Flags{};
     for (int direction = 0; direction < 3; ++direction) {
-      const double* unit = directions_[direction];
-      const Numbers along = unit[0] * offsets[0] + unit[1] * offsets[1] + unit[2] * offsets[2];
-      const Numbers reach = std::abs(unit[0]) * halves[0] + std::abs(unit[1]) * halves[1] + std::abs(unit[2]) * halves[2];
+      const auto [x, y, z] = directions_[direction];
+      const Numbers along = x * offsets[0] + y * offsets[1] + z * offsets[2];
+      const Numbers reach =
+          __builtin_fabs(x) * halves[0] + __builtin_fabs(y) * halves[1] + __builtin_fabs(z) * halves[2];
       touched &= absolute(along) <= reach + extents_[direction];
     }
     return touched;
   }
 
   void visit(int level, int64_t node) {
-    const Flags inside = touched(&points_.levels[level][node * 6 * kBoxes]);
+    const Flags inside = touched(tree_.levels[level] + node * 6 * kBoxes);
     for (int box = 0; box < kBoxes; ++box) {
       if (!inside[box]) continue;
       if (level == 0)
-        collect(&points_.leaves[(node * kBoxes + box) * 3 * kLeaf]);
+        collect(tree_.leaves + (node * kBoxes + box) * 3 * kLeaf);
       else
         visit(level - 1, node * kBoxes + box);
     }
@@ -89,8 +92,8 @@ class Search {
 
   // Appends the projections of those points of a leaf that are in the cylinder.
   void collect(const double* leaf) {
-    if (projections_.size() < size_t(count_) + kLeaf) projections_.resize(2 * projections_.size() + kLeaf);
-    double* const into = projections_.data();
+    if (projected_.capacity < count_ + kLeaf + kBoxes) projected_.grow(2 * projected_.capacity + kLeaf + kBoxes);
+    double* const into = projected_.values;
     for (int first = 0; first < kLeaf; first += kBoxes) {
       const Numbers x = load(leaf + first) - centre_[0], y = load(leaf + kLeaf + first) - centre_[1],
                     z = load(leaf + 2 * kLeaf + first) - centre_[2];
@@ -105,12 +108,17 @@ class Search {
     }
   }
 
-  const PackedPoints& points_;
+  struct Direction {
+    double x, y, z;
+  };
+
+  const BoxTree tree_;
+  Projected& projected_;
   const double* centre_ = nullptr;
   const double* axis_ = nullptr;
   double half_length_ = 0, squared_radius_ = 0;
-  double directions_[3][3], extents_[3];
-  std::vector<double> projections_;
+  Direction directions_[3];
+  double extents_[3];
   int64_t count_ = 0;
 };
 
@@ -118,7 +126,7 @@ class Search {
 
 void projections(const CylinderProblem& problem) {
   constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-  Search search(*problem.points);
+  Search search(problem.tree, *problem.projected);
   for (int64_t index = 0; index < problem.count; ++index) {
     search.run(problem.centres + 3 * index, problem.axes + 3 * index, problem.radii[index], problem.half_lengths[index]);
     const int64_t found = problem.found[index] = search.count();

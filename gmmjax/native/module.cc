@@ -9,8 +9,8 @@
 #include <memory>
 #include <new>
 
-#include "cylinders.h"
 #include "handlers.h"
+#include "packed_points.h"
 
 namespace {
 
@@ -92,8 +92,8 @@ PyObject* projections(PyObject*, PyObject* arguments) {
                         &arrays[5], &arrays[6]))
     return nullptr;
   gmmjax::CylinderProblem problem;
-  problem.points = static_cast<gmmjax::PackedPoints*>(PyCapsule_GetPointer(capsule, kPackedPoints));
-  if (problem.points == nullptr) return nullptr;
+  const auto* points = static_cast<gmmjax::PackedPoints*>(PyCapsule_GetPointer(capsule, kPackedPoints));
+  if (points == nullptr) return nullptr;
   problem.count = arrays[2].len / Py_ssize_t(sizeof(double));
   bool fit = arrays.holds(0, 3 * problem.count) && arrays.holds(1, 3 * problem.count);
   for (int index = 2; index < 7; ++index) fit = fit && arrays.holds(index, problem.count);
@@ -107,7 +107,7 @@ PyObject* projections(PyObject*, PyObject* arguments) {
   bool computed = false;
   Py_BEGIN_ALLOW_THREADS;
   try {
-    gmmjax::project(problem);
+    points->project(problem);
     computed = true;
   } catch (const std::bad_alloc&) {
   }

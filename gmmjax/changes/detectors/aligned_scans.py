@@ -4,7 +4,7 @@ import dataclasses
 import functools
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.change import Changes
@@ -17,7 +17,8 @@ from gmmjax.changes.evidence.view_checks import ViewCheckSettings, usable_views
 from gmmjax.changes.fit.joint_fit import FramedPoints
 from gmmjax.changes.fit.joint_problem import JointProblem
 from gmmjax.changes.prepare.checking import NAMES, CheckedCloud
-from gmmjax.changes.signed_distance import signed_distances
+from gmmjax.changes.prepare.resolution import WorkingCloud
+from gmmjax.changes.signed_distance import PointFigures, SignedDistanceSettings, signed_distances
 from gmmjax.clouds import SensorViews
 from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each
@@ -35,6 +36,7 @@ class AlignedScans:
         problem: the joint mixture that they ask for.
         verdicts: what decides whether a candidate is a change.
         settings: how distances between the clouds are measured.
+        distances: how the signed distance at each point is.
     """
 
     scans: Pair[Scan]
@@ -44,6 +46,7 @@ class AlignedScans:
     problem: JointProblem
     verdicts: Verdicts
     settings: DifferenceSettings
+    distances: SignedDistanceSettings = SignedDistanceSettings()
 
     @property
     def volumetric(self) -> bool:
@@ -67,11 +70,15 @@ class AlignedScans:
         return observed_places(points, self.surveys, self.differences)
 
     @functools.cached_property
-    def distance(self) -> Pair[Float[np.ndarray, " _"]]:
-        """The signed distance at each point of scans, that of its working point."""
+    def figures(self) -> Pair[PointFigures]:
+        """The signed distance at each point of scans, and how significant it is: those of its working point."""
         views = self.surveys.map(lambda survey: survey.views)
-        working = signed_distances(self.pair.surfaces, self.differences, views)
-        return each(lambda own, cloud: own[cloud.member].astype(np.float32), working, self.pair.working.clouds)
+        working = signed_distances(self.pair.points, self.pair.surfaces, self.differences, views, self.distances)
+
+        def of_points(own: PointFigures, cloud: WorkingCloud) -> PointFigures:
+            return PointFigures(*(values.astype(np.float32)[cloud.member] for values in own))
+
+        return each(of_points, working, self.pair.working.clouds)
 
     @functools.cached_property
     def members(self) -> Pair[Int[np.ndarray, " _"]]:

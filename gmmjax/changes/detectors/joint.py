@@ -42,6 +42,7 @@ from gmmjax.changes.prepare.checking import CheckedCloud, CheckSettings, check_o
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.changes.progress import Clock, silent
 from gmmjax.changes.registration import Registration
+from gmmjax.changes.signed_distance import SignedDistanceSettings
 from gmmjax.changes.standard_errors import means_of_changes, standard_error
 from gmmjax.clouds import SensorViews
 from gmmjax.errors import warn
@@ -66,6 +67,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         candidates: which points look changed, and how they are gathered.
         evidence: when a candidate is a change.
         objects: which changes are significant, and which of them are one moved object.
+        distances: how the signed distance at each point of a scan is measured.
     """
 
     prepare: CheckSettings = CheckSettings()
@@ -75,6 +77,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
     candidates: CandidateSettings = CandidateSettings()
     evidence: EvidenceSettings = EvidenceSettings()
     objects: ObjectSettings = ObjectSettings()
+    distances: SignedDistanceSettings = SignedDistanceSettings()
 
     layout, fits_begin, fits_end = JOINT, 0.25, 0.75
 
@@ -96,7 +99,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         pair = self._aligned(checked)
         problem = joint_problem(pair.working, pair.registration, self.config, self.fit)
         surveys = surveys_of(pair, scans, self.evidence.free_space, self.evidence.view_checks)
-        return AlignedScans(scans, checked, pair, surveys, problem, verdicts, self.differences)
+        return AlignedScans(scans, checked, pair, surveys, problem, verdicts, self.differences, self.distances)
 
     def fitted(self, prepared: AlignedScans, restarts: range, report: Callable[[float], None]) -> dict[str, np.ndarray]:
         """Fit; see `AbstractRestartDetector`."""
@@ -133,7 +136,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         emd, diagnostics = mixtures_distance(joint), _diagnostics(prepared, joint, clock)
         changes = found.record(prepared.checked, items, labels, emd, self.config, diagnostics, pair.registration)
         if not prepared.volumetric:
-            changes = found.with_distance(changes, prepared.checked, prepared.distance)
+            changes = found.with_figures(changes, prepared.checked, prepared.figures)
         return Outcome(changes, lambda: self._standard_errors(prepared, joint, changes))
 
     def cut_candidates(

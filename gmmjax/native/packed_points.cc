@@ -1,11 +1,9 @@
-// The tree of boxes over the points of a cloud: points in Morton order, sixteen to a leaf, eight boxes to a node.
-
-#include "cylinders.h"
+#include "packed_points.h"
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <limits>
+#include <new>
 #include <utility>
 
 #include "instructions.h"
@@ -103,27 +101,43 @@ std::vector<double> nodes_of(const std::vector<Extent>& extents) {
 PackedPoints::PackedPoints(const double* points, int64_t count) {
   const std::vector<Coded> order = morton_order(points, count);
   std::vector<Extent> extents((count + kLeaf - 1) / kLeaf);
-  leaves.assign(extents.size() * 3 * kLeaf, kNothing);
+  leaves_.assign(extents.size() * 3 * kLeaf, kNothing);
   for (int64_t place = 0; place < count; ++place) {
     const double* point = points + 3 * order[place].second;
     extents[place / kLeaf].add(point, point);
-    double* into = &leaves[place / kLeaf * 3 * kLeaf + place % kLeaf];
+    double* into = &leaves_[place / kLeaf * 3 * kLeaf + place % kLeaf];
     for (int axis = 0; axis < 3; ++axis) into[axis * kLeaf] = point[axis];
   }
-  levels.push_back(nodes_of(extents));
+  levels_.push_back(nodes_of(extents));
   while (extents.size() > kBoxes) {
     std::vector<Extent> above((extents.size() + kBoxes - 1) / kBoxes);
     for (size_t box = 0; box < extents.size(); ++box)
       above[box / kBoxes].add(extents[box].lower.data(), extents[box].upper.data());
     extents.swap(above);
-    levels.push_back(nodes_of(extents));
+    levels_.push_back(nodes_of(extents));
   }
 }
 
-void project(const CylinderProblem& problem) {
+void PackedPoints::project(CylinderProblem problem) const {
   using Kernel = void (*)(const CylinderProblem&);
   static const Kernel kernel = GMMJAX_VERSION(Kernel, projections);
+  std::vector<const double*> levels;
+  for (const std::vector<double>& level : levels_) levels.push_back(level.data());
+  Projected projected;
+  problem.tree = {leaves_.data(), levels.data(), int(levels.size())};
+  problem.projected = &projected;
   kernel(problem);
+}
+
+Projected::Projected() : values(nullptr), capacity(0) {}
+
+Projected::~Projected() { delete[] values; }
+
+void Projected::grow(int64_t least) {
+  double* const larger = new double[least];
+  std::copy(values, values + capacity, larger);
+  delete[] values;
+  values = larger, capacity = least;
 }
 
 }  // namespace gmmjax
