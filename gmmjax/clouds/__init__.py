@@ -14,11 +14,11 @@ from gmmjax.clouds.blocks import require_overlap as require_overlap
 from gmmjax.clouds.canonical import canonical_order as canonical_order
 from gmmjax.clouds.canonical import first_of_equals as first_of_equals
 from gmmjax.clouds.canonical import morton_order as morton_order
-from gmmjax.clouds.cloud_file import CHUNK_POINTS as CHUNK_POINTS
 from gmmjax.clouds.cell_counts import CellCounts as CellCounts
 from gmmjax.clouds.cell_counts import Lattice as Lattice
 from gmmjax.clouds.chunked_cloud import ArrayCloud as ArrayCloud
 from gmmjax.clouds.chunked_cloud import ChunkedCloud as ChunkedCloud
+from gmmjax.clouds.cloud_file import CHUNK_POINTS as CHUNK_POINTS
 from gmmjax.clouds.cloud_file import Bounds as Bounds
 from gmmjax.clouds.cloud_file import CloudChunk as CloudChunk
 from gmmjax.clouds.cloud_file import CloudFile as CloudFile

@@ -3,7 +3,7 @@
 import contextlib
 import dataclasses
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -40,10 +40,12 @@ class PlacedClouds:
     Attributes:
         clouds: both, each in a frame of its own.
         transform: rigid transform that takes the after cloud into the frame of the before cloud; None: they are in one.
+        progress: called with a message and the share of the rows that were read, each time that both clouds are read.
     """
 
     clouds: Pair[ChunkedCloud]
     transform: Float64[np.ndarray, "4 4"] | None = None
+    progress: Callable[[str, float], None] | None = None
 
     @property
     def row_counts(self) -> Pair[int]:
@@ -57,12 +59,17 @@ class PlacedClouds:
 
     def chunks(self, lattice: Lattice) -> Pair[Iterator[StoredPoints]]:
         """The points of either cloud relative to the lattice's offset, some at a time."""
+        total = max(sum(self.row_counts), 1)
 
-        def placed(cloud: ChunkedCloud, transform: Float64[np.ndarray, "4 4"] | None) -> Iterator[StoredPoints]:
+        def placed(
+            cloud: ChunkedCloud, transform: Float64[np.ndarray, "4 4"] | None, before: int
+        ) -> Iterator[StoredPoints]:
             for chunk in cloud.chunks():
                 yield StoredPoints(_relative(chunk.points, transform, lattice.offset), chunk.rows)
+                if self.progress is not None and len(chunk.rows):
+                    self.progress("reading the scans", (before + int(chunk.rows[-1]) + 1) / total)
 
-        return each(placed, self.clouds, self.transforms)
+        return each(placed, self.clouds, self.transforms, Pair(0, self.row_counts.before))
 
 
 def tree_of(

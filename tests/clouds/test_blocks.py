@@ -150,6 +150,13 @@ def test_clouds_without_points_or_of_one_place_are_rejected():
         store_of(Pair(some, some))
 
 
+def test_reading_tells_how_far_it_is():
+    told = []
+    pair = Pair(slope(300, 0), slope(200, 1)).map(lambda own: ChunkedArray(own, 100))
+    tree_of(PlacedClouds(pair, progress=lambda message, share: told.append(share)), SMALL)
+    assert told == [0.2, 0.4, 0.6, 0.8, 1.0]
+
+
 def test_blocks_on_a_given_lattice():
     pair = Pair(slope(2_000, 0), slope(2_000, 1))
     placed = PlacedClouds(pair.map(ArrayCloud))
