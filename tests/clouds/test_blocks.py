@@ -92,6 +92,15 @@ def test_voxels_are_as_fine_as_the_sparser_cloud_supports_there():
     assert store.tree.spacing.before == pytest.approx(np.sqrt(120 / 60_000), rel=0.8)
 
 
+def test_few_points_have_large_voxels():
+    few = np.random.default_rng(0).uniform(size=(400, 3)) * [1, 1, 0]
+    (only,) = store_of(Pair(few, few[:300]), BlockSettings()).blocks
+    # Four points in a voxel, or more: as many as a power of two gives.
+    assert 4 <= 300 * only.voxel_size**2 < 16
+    dense = np.random.default_rng(0).uniform(size=(40_000, 3)) * [1, 1, 0]
+    assert store_of(Pair(dense, dense), BlockSettings()).blocks[0].voxel_size == pytest.approx(1 / 64, rel=1e-3)
+
+
 def test_a_block_with_many_points_is_divided_and_keeps_its_voxels():
     dense, sparse = slope(40_000, 0), slope(300, 1)
     whole = store_of(Pair(dense, sparse))
