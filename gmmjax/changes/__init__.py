@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from gmmjax.changes.detectors import TransportDetector as TransportDetector
     from gmmjax.changes.detectors.greedy_removal import Removals as Removals
     from gmmjax.changes.detectors.greedy_removal import remove_changed as remove_changed
+    from gmmjax.changes.detectors.joint import CutCandidates as CutCandidates
     from gmmjax.changes.detectors.joint import UnpairedChanges as UnpairedChanges
     from gmmjax.changes.detectors.unmatched_mass import Unmatched as Unmatched
     from gmmjax.changes.detectors.unmatched_mass import unmatched_shares as unmatched_shares
