@@ -37,7 +37,7 @@ from gmmjax.errors import ComputationError
 from gmmjax.pair import Pair, each
 from gmmjax.tiling.disk_store import DiskBlockStore
 from gmmjax.tiling.records import BlockRecords, BlockResult, RecordPlace
-from gmmjax.tiling.row_columns import RowColumns
+from gmmjax.tiling.row_columns import FilledInBatches, RowColumns
 from gmmjax.tiling.tiles import Tile, TileSettings, tiles_of
 from gmmjax.tiling.worker import BlockTask, compute_tile
 from gmmjax.tiling.workers import Workers
@@ -98,15 +98,17 @@ def compute_blocks(
     records = BlockRecords(folder)
     sizes = store.tree.counts.before + store.tree.counts.after
     logger.info("%d blocks in %d tiles", len(store.tree), len(tiles))
-    done = 0
+    done, filling = 0, None if columns is None else columns.map(FilledInBatches)
     for places in _results(tiles, (store.folder, folder, task, tuple(arguments)), workers):
         for place in places:
             records.add(place)
-            if columns is not None:
-                _fill(columns, store, records[place.number], place.number)
+            if filling is not None:
+                _fill(filling, store, records[place.number], place.number)
             done += int(sizes[place.number])
         if progress is not None:
             progress(f"{len(records)} of {len(store.tree)} blocks", done / max(int(sizes.sum()), 1))
+    if filling is not None:
+        filling.map(FilledInBatches.flush)
     return records
 
 
@@ -124,8 +126,8 @@ def compute_here(
         yield block, task(store, block, *arguments)
 
 
-def _fill(columns: Pair[RowColumns], store: DiskBlockStore, result: BlockResult, number: int) -> None:
-    for own, inside, values in zip(columns, store.inside(number), result.rows, strict=True):
+def _fill(filling: Pair[FilledInBatches], store: DiskBlockStore, result: BlockResult, number: int) -> None:
+    for own, inside, values in zip(filling, store.inside(number), result.rows, strict=True):
         own.fill(inside.rows, values)
 
 
