@@ -54,7 +54,7 @@ class BlockSettings:
     finest_voxel: float = 0.0
     most_points: float = 1e6
     cell_points: float = 8.0
-    most_cells: int = 2_000_000
+    most_cells: int = 1_000_000
 
 
 class Block(NamedTuple):

@@ -12,7 +12,7 @@ from jaxtyping import Float64, Int64
 from gmmjax.clouds.blocks import BlockSettings, BlockTree, block_tree
 from gmmjax.clouds.cell_counts import Lattice, count_cells
 from gmmjax.clouds.chunked_cloud import ChunkedCloud
-from gmmjax.clouds.cloud_file import CloudChunk
+from gmmjax.clouds.cloud_file import CHUNK_POINTS, CloudChunk
 from gmmjax.clouds.read_both import read_both
 from gmmjax.errors import InputError
 from gmmjax.geometry import transformed
@@ -67,7 +67,8 @@ class PlacedClouds:
         def placed(
             cloud: ChunkedCloud, transform: Float64[np.ndarray, "4 4"] | None, side: int
         ) -> Iterator[StoredPoints]:
-            for chunk in cloud.chunks():
+            # Half of the usual size: both clouds are read at the same time.
+            for chunk in cloud.chunks(CHUNK_POINTS // 2):
                 yield StoredPoints(_relative(chunk.points, transform, lattice.offset), chunk.rows)
                 if self.progress is not None and len(chunk.rows):
                     read[side] = int(chunk.rows[-1]) + 1
@@ -98,7 +99,7 @@ def tree_of(
         lattice = _lattice(clouds, clouds.clouds.map(lambda own: np.array(own.bounds, np.float64)))
         with contextlib.suppress(_BeyondBoundsError):
             return _counted(clouds, lattice, settings)
-    chunks = clouds.clouds.map(lambda own: own.chunks())
+    chunks = clouds.clouds.map(lambda own: own.chunks(CHUNK_POINTS // 2))
     lattice = _lattice(clouds, read_both(_measured_bounds, chunks, _NAMES))
     if not 0 < lattice.edge < np.inf:
         raise InputError("before, after: all points are at one place; give scans of more than one point")
