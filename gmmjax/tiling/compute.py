@@ -7,13 +7,13 @@ the store, the block and any further arguments, and returns a `BlockResult`:
         points = store.points_of(block, margin)
         inside = points.map(lambda own: own.points[own.inside])
         rows = inside.map(lambda own: {"height": own[:, 2] + store.offset[2]})
-        return BlockResult({"mean": np.array([len(own) for own in inside])}, rows)
+        return BlockResult({"points": np.array([len(own) for own in inside])}, rows)
 
     clouds = PlacedClouds(Pair(open_cloud("before.las"), open_cloud("after.las")), transform)
     with temporary_block_store(clouds, tree_of(clouds)) as store:
         columns = columns_of(store, {"height": np.float64(np.nan)})
         records = compute_blocks(store, heights, (0.5,), columns=columns)
-        records[7].values["mean"]                          # of block 7
+        records[7].values["points"]                        # of block 7
         columns.before.column("height")                    # of all rows of before.las
 
 A task sees nothing but the points of its block and of the margin around it, in an order of their own, so that its
