@@ -7,7 +7,7 @@ depend on what else is computed, or by how many threads.
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from types import ModuleType
 
@@ -17,7 +17,6 @@ from scipy.spatial import cKDTree
 
 from gmmjax import native
 from gmmjax._cores import available_cores
-from gmmjax.clouds import morton_order
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -39,8 +38,8 @@ class Cylinders:
     def __len__(self) -> int:
         return len(self.centres)
 
-    def part(self, chosen: slice | Int[np.ndarray, " m"]) -> "Cylinders":
-        """Some of the cylinders."""
+    def part(self, chosen: slice) -> "Cylinders":
+        """Some of the cylinders, without a copy."""
         return Cylinders(self.centres[chosen], self.axes[chosen], self.radii[chosen], self.half_lengths[chosen])
 
     @property
@@ -69,11 +68,11 @@ class Projections:
         return cls(np.zeros(cylinders, np.int64), np.full(cylinders, np.nan), np.full(cylinders, np.nan))
 
     @classmethod
-    def joined(cls, parts: Iterable["Projections"], order: Int[np.ndarray, " n"]) -> "Projections":
-        """Those of all cylinders, from those of parts that are in another order."""
-        parts, back = list(parts), np.argsort(order)
+    def joined(cls, parts: Iterable["Projections"]) -> "Projections":
+        """Those of all cylinders, one part after the other."""
+        found = list(parts)
         names = (field.name for field in dataclasses.fields(cls))
-        return cls(*(np.concatenate([getattr(part, name) for part in parts])[back] for name in names))
+        return cls(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
 
 
 Search = Callable[[Cylinders], Projections]
@@ -91,24 +90,29 @@ def projections(points: Float64[np.ndarray, "m 3"], cylinders: Cylinders) -> Pro
     """
     if not len(points) or not len(cylinders):
         return Projections.of_none(len(cylinders))
-    kernels = native.host_kernels()
-    search = _plain_search(points) if kernels is None else _native_search(points, kernels)
-    # Neighbours look up the same points, which are still in the cache then.
-    order = morton_order(cylinders.centres)
-    ordered = cylinders.part(order)
-    parts = [ordered.part(chosen) for chosen in _parts(ordered)]
-    threads = min(available_cores(), len(parts))
-    if threads < 2:
-        return Projections.joined(map(search, parts), order)
-    with ThreadPoolExecutor(threads) as pool:
-        return Projections.joined(pool.map(search, parts), order)
+    kernels, cores = native.host_kernels(), available_cores()
+    if kernels is None:
+        search, parts = _plain_search(points), _parts_that_fit(cylinders)
+    else:
+        search, parts = _native_search(points, kernels), _parts_for(cores, len(cylinders))
+    if min(cores, len(parts)) < 2:
+        return Projections.joined(search(cylinders.part(chosen)) for chosen in parts)
+    with ThreadPoolExecutor(min(cores, len(parts))) as pool:
+        return Projections.joined(pool.map(search, [cylinders.part(chosen) for chosen in parts]))
 
 
-def _parts(cylinders: Cylinders, most_spheres: int = 20_000) -> Iterator[slice]:
+def _parts_for(threads: int, cylinders: int, fewest: int = 256) -> list[slice]:
+    """Slices of a number of cylinders for so many threads; fewer than some hundred are not worth a thread."""
+    count = max(1, min(threads, cylinders // fewest))
+    edges = [cylinders * part // count for part in range(count + 1)]
+    return list(itertools.starmap(slice, itertools.pairwise(edges)))
+
+
+def _parts_that_fit(cylinders: Cylinders, most_spheres: int = 20_000) -> list[slice]:
     """Slices of the cylinders with about so many spheres each: what is found in them must fit into memory."""
     last = np.cumsum(cylinders.spheres) // most_spheres
-    for start, stop in itertools.pairwise([0, *(np.flatnonzero(np.diff(last)) + 1), len(cylinders)]):
-        yield slice(start, stop)
+    edges = [0, *(np.flatnonzero(np.diff(last)) + 1), len(cylinders)]
+    return list(itertools.starmap(slice, itertools.pairwise(edges)))
 
 
 def _native_search(points: Float64[np.ndarray, "m 3"], kernels: ModuleType) -> Search:

@@ -39,6 +39,12 @@ class M3C2Settings:
     depth: Lengths | Pair[Lengths]
     standard_errors: float = 1.96
 
+    @property
+    def reach(self) -> float:
+        """The distance from a core point up to which points may be in its cylinder."""
+        depths = tuple(self.depth) if isinstance(self.depth, Pair) else (self.depth,)
+        return max(float(np.hypot(self.radius, depth).max()) for depth in depths)
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class M3C2Distances:

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float64, Int64
 
 from gmmjax.clouds.blocks import Block, BlockTree
 from gmmjax.clouds.placed_clouds import PlacedClouds, StoredPoints
+from gmmjax.clouds.read_both import read_both
 from gmmjax.geometry import within_box
 from gmmjax.pair import Pair, each
 
@@ -90,7 +91,7 @@ class MemoryBlockStore(AbstractBlockStore):
         """
         self._tree = tree
         self._row_counts = clouds.row_counts
-        self._points = clouds.chunks(self._tree.lattice).map(lambda own: _by_block(own, self._tree))
+        self._points = read_both(lambda own: _by_block(own, self._tree), clouds.chunks(self._tree.lattice))
         self._ends = self._tree.counts.map(np.cumsum)
 
     @property

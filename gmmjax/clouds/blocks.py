@@ -54,7 +54,7 @@ class BlockSettings:
     finest_voxel: float = 0.0
     most_points: float = 1e6
     cell_points: float = 8.0
-    most_cells: int = 2_000_000
+    most_cells: int = 1_000_000
 
 
 class Block(NamedTuple):
@@ -190,7 +190,7 @@ def block_tree(counts: CellCounts, lattice: Lattice, settings: BlockSettings = B
     supported = _supported(pyramid, lattice, settings)
     divided = _divided(supported, pyramid, settings)
     inside = np.ones(len(pyramid[0].codes), bool)
-    sizes = np.full(len(pyramid[0].codes), lattice.edge / settings.voxels)
+    sizes = np.full(len(pyramid[0].codes), _size_of_cube(pyramid, lattice, settings))
     leaves = []
     for level in range(len(pyramid)):
         leaves.append(_leaves(level, inside & ~divided[level], sizes, pyramid, lattice, settings))
@@ -243,6 +243,20 @@ def _parents(finer: CellCounts, coarser: CellCounts) -> Int64[np.ndarray, " c"]:
 def _cells_of(level: int, pyramid: list[CellCounts], settings: BlockSettings) -> CellCounts:
     """The cells in which the density in the cubes of a level is looked at."""
     return pyramid[min(level + settings.cells.bit_length() - 1, len(pyramid) - 1)]
+
+
+def _size_of_cube(pyramid: list[CellCounts], lattice: Lattice, settings: BlockSettings) -> float:
+    """The voxel size of the whole cube, which may have too few points for voxels of its own: then it has fewer."""
+    cells = _cells_of(0, pyramid, settings)
+    widest = max(
+        float(
+            _spacing(np.array([float(np.count_nonzero(own))]), own.sum(keepdims=True), lattice.edge_of(cells.level))[0]
+        )
+        for own in cells.points
+    )
+    own = lattice.edge / settings.voxels
+    doublings = np.ceil(np.log2(np.sqrt(settings.points_per_voxel) * widest / own)) if widest > 0 else 0.0
+    return float(own * 2 ** np.clip(doublings, 0, np.log2(settings.voxels)))
 
 
 def _supported(pyramid: list[CellCounts], lattice: Lattice, settings: BlockSettings) -> list[Bool[np.ndarray, " _"]]:

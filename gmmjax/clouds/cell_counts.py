@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float64, Int64, UInt64
 
 from gmmjax.clouds.canonical import morton_codes
+from gmmjax.clouds.read_both import read_both
 from gmmjax.clouds.voxel_grid import AXIS_BITS
 from gmmjax.pair import Pair, each
 
@@ -78,7 +79,7 @@ def count_cells(
         most_cells: that are kept of either cloud; less memory and larger cells the fewer.
         cell_points: of a cell with points, on average of the cloud that has more of them, at least.
     """
-    counters = clouds.map(lambda chunks: _Counter.of(chunks, lattice, most_cells))
+    counters = read_both(lambda chunks: _Counter.of(chunks, lattice, most_cells), clouds)
     level = max(own.level_with(cell_points) for own in counters)
     level = min(level, *(own.level for own in counters))
     for own in counters:

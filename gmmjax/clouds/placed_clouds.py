@@ -3,7 +3,7 @@
 import contextlib
 import dataclasses
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +12,8 @@ from jaxtyping import Float64, Int64
 from gmmjax.clouds.blocks import BlockSettings, BlockTree, block_tree
 from gmmjax.clouds.cell_counts import Lattice, count_cells
 from gmmjax.clouds.chunked_cloud import ChunkedCloud
+from gmmjax.clouds.cloud_file import CHUNK_POINTS, CloudChunk
+from gmmjax.clouds.read_both import read_both
 from gmmjax.errors import InputError
 from gmmjax.geometry import transformed
 from gmmjax.pair import Pair, each
@@ -40,10 +42,13 @@ class PlacedClouds:
     Attributes:
         clouds: both, each in a frame of its own.
         transform: rigid transform that takes the after cloud into the frame of the before cloud; None: they are in one.
+        progress: called with a message and the share of the rows that were read, each time that both clouds are read;
+            from any thread.
     """
 
     clouds: Pair[ChunkedCloud]
     transform: Float64[np.ndarray, "4 4"] | None = None
+    progress: Callable[[str, float], None] | None = None
 
     @property
     def row_counts(self) -> Pair[int]:
@@ -57,12 +62,19 @@ class PlacedClouds:
 
     def chunks(self, lattice: Lattice) -> Pair[Iterator[StoredPoints]]:
         """The points of either cloud relative to the lattice's offset, some at a time."""
+        total, read = max(sum(self.row_counts), 1), {0: 0, 1: 0}
 
-        def placed(cloud: ChunkedCloud, transform: Float64[np.ndarray, "4 4"] | None) -> Iterator[StoredPoints]:
-            for chunk in cloud.chunks():
+        def placed(
+            cloud: ChunkedCloud, transform: Float64[np.ndarray, "4 4"] | None, side: int
+        ) -> Iterator[StoredPoints]:
+            # Half of the usual size: both clouds are read at the same time.
+            for chunk in cloud.chunks(CHUNK_POINTS // 2):
                 yield StoredPoints(_relative(chunk.points, transform, lattice.offset), chunk.rows)
+                if self.progress is not None and len(chunk.rows):
+                    read[side] = int(chunk.rows[-1]) + 1
+                    self.progress("reading the scans", sum(read.values()) / total)
 
-        return each(placed, self.clouds, self.transforms)
+        return each(placed, self.clouds, self.transforms, Pair(0, 1))
 
 
 def tree_of(
@@ -87,7 +99,8 @@ def tree_of(
         lattice = _lattice(clouds, clouds.clouds.map(lambda own: np.array(own.bounds, np.float64)))
         with contextlib.suppress(_BeyondBoundsError):
             return _counted(clouds, lattice, settings)
-    lattice = _lattice(clouds, each(_measured_bounds, clouds.clouds, _NAMES))
+    chunks = clouds.clouds.map(lambda own: own.chunks(CHUNK_POINTS // 2))
+    lattice = _lattice(clouds, read_both(_measured_bounds, chunks, _NAMES))
     if not 0 < lattice.edge < np.inf:
         raise InputError("before, after: all points are at one place; give scans of more than one point")
     return _counted(clouds, lattice, settings)
@@ -115,8 +128,8 @@ def _counted(clouds: PlacedClouds, lattice: Lattice, settings: BlockSettings) ->
     return tree
 
 
-def _measured_bounds(cloud: ChunkedCloud, name: str) -> Float64[np.ndarray, "2 3"]:
-    boxes = [(chunk.points.min(axis=0), chunk.points.max(axis=0)) for chunk in cloud.chunks() if len(chunk.points)]
+def _measured_bounds(chunks: Iterator[CloudChunk], name: str) -> Float64[np.ndarray, "2 3"]:
+    boxes = [(chunk.points.min(axis=0), chunk.points.max(axis=0)) for chunk in chunks if len(chunk.points)]
     if not boxes:
         raise InputError(f"{name}: has no points; give a scan that has some")
     lowers, uppers = zip(*boxes, strict=True)

@@ -39,6 +39,7 @@ struct CylinderProblem {
   double* mean;                // [count]: of their projections to the axis, from the centre; NaN of none
   double* variance;            // [count]: of their projections; NaN of fewer than two
   int64_t count;
+  const int64_t* order;  // [count]: in which they are taken; neighbours look up the same points, which are cached then
   Projected* projected;
 };
 

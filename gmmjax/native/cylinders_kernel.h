@@ -127,7 +127,8 @@ class Search {
 void projections(const CylinderProblem& problem) {
   constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
   Search search(problem.tree, *problem.projected);
-  for (int64_t index = 0; index < problem.count; ++index) {
+  for (int64_t place = 0; place < problem.count; ++place) {
+    const int64_t index = problem.order[place];
     search.run(problem.centres + 3 * index, problem.axes + 3 * index, problem.radii[index], problem.half_lengths[index]);
     const int64_t found = problem.found[index] = search.count();
     double mean = kUnknown, squares = kUnknown;

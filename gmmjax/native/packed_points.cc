@@ -123,7 +123,11 @@ void PackedPoints::project(CylinderProblem problem) const {
   static const Kernel kernel = GMMJAX_VERSION(Kernel, projections);
   std::vector<const double*> levels;
   for (const std::vector<double>& level : levels_) levels.push_back(level.data());
+  std::vector<int64_t> order;
+  if (problem.count > 0)
+    for (const Coded& one : morton_order(problem.centres, problem.count)) order.push_back(one.second);
   Projected projected;
+  problem.order = order.data();
   problem.tree = {leaves_.data(), levels.data(), int(levels.size())};
   problem.projected = &projected;
   kernel(problem);

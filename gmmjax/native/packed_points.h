@@ -15,7 +15,7 @@ class PackedPoints {
   // Of points [count, 3], which must be finite; there is at least one.
   PackedPoints(const double* points, int64_t count);
 
-  // Computes what is asked of these points, with this machine's vectors; the tree and the memory need not be given.
+  // Computes what is asked of these points, with this machine's vectors; tree, order and memory need not be given.
   void project(CylinderProblem problem) const;
 
  private:

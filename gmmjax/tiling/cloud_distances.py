@@ -1,6 +1,7 @@
 """The M3C2 distance at every point of two scans of any size, with its level of detection."""
 
 import dataclasses
+import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -61,13 +62,10 @@ class DistanceSettings:
         if not 0 <= self.registration_error < np.inf:
             raise InputError(f"registration_error={self.registration_error} must be 0 or positive, and finite")
 
-    def cylinder(self, block: Block) -> M3C2Settings:
-        """The cylinders of a block."""
-        radius, depth = self.radius, self.depth
-        return M3C2Settings(
-            radius=self.radius_voxels * block.voxel_size if radius is None else radius,
-            depth=self.depth_voxels * block.voxel_size if depth is None else depth,
-        )
+    def cylinder(self, block: Block) -> tuple[float, float]:
+        """Radius and half length of the cylinders of a block."""
+        radius = self.radius_voxels * block.voxel_size if self.radius is None else self.radius
+        return radius, self.depth_voxels * block.voxel_size if self.depth is None else self.depth
 
 
 class TiledDistances(NamedTuple):
@@ -165,8 +163,8 @@ def block_distances(
         settings: of the cylinders.
         positions: of either cloud's sensors, relative to the offset; None: normals point upwards.
     """
-    cylinder = settings.cylinder(block)
-    found = store.points_of(block, max(float(np.hypot(cylinder.radius, cylinder.depth)), _reach_of_planes(block)))
+    cylinder = M3C2Settings(*settings.cylinder(block))
+    found = store.points_of(block, max(cylinder.reach, _reach_of_planes(block)))
     clouds = found.map(lambda own: own.points)
 
     def of_cloud(own: BlockPoints, positions: np.ndarray | None) -> dict[str, np.ndarray]:

@@ -7,13 +7,13 @@ the store, the block and any further arguments, and returns a `BlockResult`:
         points = store.points_of(block, margin)
         inside = points.map(lambda own: own.points[own.inside])
         rows = inside.map(lambda own: {"height": own[:, 2] + store.offset[2]})
-        return BlockResult({"mean": np.array([len(own) for own in inside])}, rows)
+        return BlockResult({"points": np.array([len(own) for own in inside])}, rows)
 
     clouds = PlacedClouds(Pair(open_cloud("before.las"), open_cloud("after.las")), transform)
     with temporary_block_store(clouds, tree_of(clouds)) as store:
         columns = columns_of(store, {"height": np.float64(np.nan)})
         records = compute_blocks(store, heights, (0.5,), columns=columns)
-        records[7].values["mean"]                          # of block 7
+        records[7].values["points"]                        # of block 7
         columns.before.column("height")                    # of all rows of before.las
 
 A task sees nothing but the points of its block and of the margin around it, in an order of their own, so that its
@@ -37,7 +37,7 @@ from gmmjax.errors import ComputationError
 from gmmjax.pair import Pair, each
 from gmmjax.tiling.disk_store import DiskBlockStore
 from gmmjax.tiling.records import BlockRecords, BlockResult, RecordPlace
-from gmmjax.tiling.row_columns import RowColumns
+from gmmjax.tiling.row_columns import FilledInBatches, RowColumns
 from gmmjax.tiling.tiles import Tile, TileSettings, tiles_of
 from gmmjax.tiling.worker import BlockTask, compute_tile
 from gmmjax.tiling.workers import Workers
@@ -98,15 +98,17 @@ def compute_blocks(
     records = BlockRecords(folder)
     sizes = store.tree.counts.before + store.tree.counts.after
     logger.info("%d blocks in %d tiles", len(store.tree), len(tiles))
-    done = 0
+    done, filling = 0, None if columns is None else columns.map(FilledInBatches)
     for places in _results(tiles, (store.folder, folder, task, tuple(arguments)), workers):
         for place in places:
             records.add(place)
-            if columns is not None:
-                _fill(columns, store, records[place.number], place.number)
+            if filling is not None:
+                _fill(filling, store, records[place.number], place.number)
             done += int(sizes[place.number])
         if progress is not None:
             progress(f"{len(records)} of {len(store.tree)} blocks", done / max(int(sizes.sum()), 1))
+    if filling is not None:
+        filling.map(FilledInBatches.flush)
     return records
 
 
@@ -124,8 +126,8 @@ def compute_here(
         yield block, task(store, block, *arguments)
 
 
-def _fill(columns: Pair[RowColumns], store: DiskBlockStore, result: BlockResult, number: int) -> None:
-    for own, inside, values in zip(columns, store.inside(number), result.rows, strict=True):
+def _fill(filling: Pair[FilledInBatches], store: DiskBlockStore, result: BlockResult, number: int) -> None:
+    for own, inside, values in zip(filling, store.inside(number), result.rows, strict=True):
         own.fill(inside.rows, values)
 
 

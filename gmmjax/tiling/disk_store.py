@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int64
 
-from gmmjax.clouds import AbstractBlockStore, BlockTree, Lattice, PlacedClouds, StoredPoints
+from gmmjax.clouds import AbstractBlockStore, BlockTree, Lattice, PlacedClouds, StoredPoints, read_both
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair, each
 from gmmjax.tiling.folder import disk_errors, reserve, working_folder
@@ -122,13 +122,16 @@ def write_block_store(clouds: PlacedClouds, tree: BlockTree, folder: Path) -> Di
     with disk_errors(folder, needed):
         _write_index(folder, tree, clouds.row_counts)
         writers = each(lambda name, counts: _Writer(folder / name, counts), _POINTS, tree.counts)
+
+    def write(chunks: Iterator[StoredPoints], writer: _Writer) -> None:
+        for chunk in chunks:
+            numbers = tree.blocks_of(chunk.points) if tree.lattice.holds(chunk.points) else None
+            with disk_errors(folder, needed):
+                writer.add(chunk, numbers)
+        writer.finish()
+
     try:
-        for writer, chunks in zip(writers, clouds.chunks(tree.lattice), strict=True):
-            for chunk in chunks:
-                numbers = tree.blocks_of(chunk.points) if tree.lattice.holds(chunk.points) else None
-                with disk_errors(folder, needed):
-                    writer.add(chunk, numbers)
-            writer.finish()
+        read_both(write, clouds.chunks(tree.lattice), writers)
     finally:
         for writer in writers:
             writer.close()

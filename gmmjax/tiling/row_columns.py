@@ -71,3 +71,39 @@ class RowColumns:
             reserve(file.fileno(), self.count * self._types[name].itemsize)
             for start in range(0, self.count, piece):
                 file.write(np.full(min(piece, self.count - start), value).tobytes())
+
+
+class FilledInBatches:
+    """Columns that are filled many rows at a time, in their order: rows that are far apart cost a page each."""
+
+    def __init__(self, columns: RowColumns, batch: int = 1_000_000):
+        """Has nothing to fill yet.
+
+        Args:
+            columns: that are filled.
+            batch: rows that are kept before they are written.
+        """
+        self._columns, self._batch = columns, batch
+        self._parts: list[tuple[Int64[np.ndarray, " n"], Mapping[str, npt.NDArray[np.generic]]]] = []
+
+    def fill(self, rows: Int64[np.ndarray, " n"], values: Mapping[str, npt.NDArray[np.generic]]) -> None:
+        """Sets the values of some rows, at the latest when `flush` is called; all calls name the same columns.
+
+        Args:
+            rows: their numbers.
+            values: of each, for some of the columns.
+        """
+        self._parts.append((rows, values))
+        if sum(len(rows) for rows, _ in self._parts) >= self._batch:
+            self.flush()
+
+    def flush(self) -> None:
+        """Writes what was kept."""
+        if not self._parts:
+            return
+        rows = np.concatenate([own for own, _ in self._parts])
+        order = np.argsort(rows)
+        names = self._parts[0][1]
+        values = {name: np.concatenate([own[name] for _, own in self._parts])[order] for name in names}
+        self._columns.fill(rows[order], values)
+        self._parts = []

@@ -1,6 +1,10 @@
 """The points in cylinders: the kernel, the search with SciPy's tree, and every point compared with every cylinder."""
 
 import dataclasses
+import functools
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -97,7 +101,8 @@ def test_the_same_bit_for_bit_by_any_number_of_threads(search, monkeypatch):
     cloud, cylinders = example(300, 40, seed=5)
     # So slender that they are searched in several parts.
     slender = dataclasses.replace(cylinders, radii=np.full(40, 1e-3), half_lengths=np.full(40, 1.0))
-    assert len(list(module._parts(slender))) > 1
+    assert len(module._parts_that_fit(slender)) > 1
+    monkeypatch.setattr(module, "_parts_for", functools.partial(module._parts_for, fewest=10))
     by = []
     for cores in (1, 3):
         monkeypatch.setattr(module, "available_cores", lambda cores=cores: cores)
@@ -127,3 +132,33 @@ def test_kernels_take_no_arrays_of_other_lengths():
     numbers = [np.zeros(2) for _ in range(5)]
     with pytest.raises(ValueError, match="one length"):
         kernels.projections(tree, np.zeros((2, 3)), np.zeros((1, 3)), *numbers)
+
+
+WITH_NARROWER_VECTORS = """
+import importlib.util, sys
+import numpy as np
+
+spec = importlib.util.spec_from_file_location("_kernels", sys.argv[1])
+kernels = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(kernels)
+with np.load(sys.argv[2]) as given:
+    points, *cylinders = (given[name] for name in given.files)
+count = len(cylinders[0])
+found = np.zeros(count, np.int64), np.zeros(count), np.zeros(count)
+kernels.projections(kernels.packed_points(points), *cylinders, *found)
+np.savez(sys.argv[2], *found)
+"""
+
+
+@pytest.mark.parametrize("instructions", ["baseline", "avx2"])
+def test_narrower_vectors_find_the_same(instructions, tmp_path):
+    kernels = native.host_kernels()
+    if kernels is None:
+        pytest.skip("the kernels were not built")
+    cloud, cylinders = example(500, 40, seed=11)
+    file, shapes = tmp_path / "arrays.npz", [getattr(cylinders, own.name) for own in dataclasses.fields(cylinders)]
+    np.savez(file, cloud, *shapes)
+    command = [sys.executable, "-c", WITH_NARROWER_VECTORS, kernels.__file__, str(file)]
+    subprocess.run(command, check=True, env=os.environ | {"GMMJAX_INSTRUCTIONS": instructions})
+    with np.load(file) as arrays:
+        assert_same(Projections(*(arrays[name] for name in arrays.files)), projections(cloud, cylinders))

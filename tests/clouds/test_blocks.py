@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gmmjax._cores import available_cores
 from gmmjax.clouds import ArrayCloud, BlockSettings, Bounds, Lattice, MemoryBlockStore, PlacedClouds, tree_of
 from gmmjax.errors import InputError
 from gmmjax.geometry import rotation_about, transformed
@@ -92,6 +93,15 @@ def test_voxels_are_as_fine_as_the_sparser_cloud_supports_there():
     assert store.tree.spacing.before == pytest.approx(np.sqrt(120 / 60_000), rel=0.8)
 
 
+def test_few_points_have_large_voxels():
+    few = np.random.default_rng(0).uniform(size=(400, 3)) * [1, 1, 0]
+    (only,) = store_of(Pair(few, few[:300]), BlockSettings()).blocks
+    # Four points in a voxel, or more: as many as a power of two gives.
+    assert 4 <= 300 * only.voxel_size**2 < 16
+    dense = np.random.default_rng(0).uniform(size=(40_000, 3)) * [1, 1, 0]
+    assert store_of(Pair(dense, dense), BlockSettings()).blocks[0].voxel_size == pytest.approx(1 / 64, rel=1e-3)
+
+
 def test_a_block_with_many_points_is_divided_and_keeps_its_voxels():
     dense, sparse = slope(40_000, 0), slope(300, 1)
     whole = store_of(Pair(dense, sparse))
@@ -148,6 +158,37 @@ def test_clouds_without_points_or_of_one_place_are_rejected():
         store_of(Pair(some, none))
     with pytest.raises(InputError, match="all points are at one place"):
         store_of(Pair(some, some))
+
+
+def test_a_cloud_that_cannot_be_read_stops_the_other_one():
+    read = []
+
+    class Endless(ChunkedArray):
+        def chunks(self, size=1_000_000):
+            while True:
+                read.append(size)
+                yield from super().chunks(size)
+
+    class Broken(ChunkedArray):
+        def chunks(self, size=1_000_000):
+            yield from super().chunks(size)
+            raise InputError("scan.las: is cut off")
+
+    for pair in (Pair(Endless, Broken), Pair(Broken, Endless)):
+        clouds = pair.map(lambda kind: kind(slope(300, 0), 100))
+        # On a single core one is read after the other, and an endless one has no end.
+        if available_cores() > 1:
+            with pytest.raises(InputError, match="cut off"):
+                tree_of(PlacedClouds(clouds), SMALL)
+            assert read
+
+
+def test_reading_tells_how_far_it_is():
+    told = []
+    pair = Pair(slope(300, 0), slope(200, 1)).map(lambda own: ChunkedArray(own, 100))
+    tree_of(PlacedClouds(pair, progress=lambda message, share: told.append(share)), SMALL)
+    assert sorted(told)[-1] == 1.0
+    assert len(told) == 5
 
 
 def test_blocks_on_a_given_lattice():

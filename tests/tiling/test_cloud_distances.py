@@ -1,15 +1,16 @@
 """M3C2 distances at all points of two scans that are read in chunks."""
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
-from gmmjax.clouds import BlockSettings, PlacedClouds, open_cloud, write_ply
+from gmmjax.clouds import BlockSettings, PlacedClouds, open_cloud, tree_of, write_ply
 from gmmjax.errors import InputError
 from gmmjax.geometry import rotation_about, transformed
 from gmmjax.pair import Pair
-from gmmjax.tiling import DistanceSettings, Workers, distances
+from gmmjax.tiling import DistanceSettings, Workers, distances, temporary_block_store
 from tests.clouds.made_clouds import ChunkedArray, slope
 
 BLOCKS = BlockSettings(voxels=16, cells=4, cell_points=1.0)
@@ -85,6 +86,20 @@ def test_files_and_the_sense_of_the_sensor(tmp_path):
         with distances(clouds, settings=DistanceSettings(radius=0.4, depth=1.0), **named) as result:
             sunk = result.columns.before.column("distance")[np.hypot(*(points.before[:, :2] - 5).T) < 1]
             assert np.median(sunk) == pytest.approx(-RISE, abs=0.03)
+
+
+def test_a_file_that_is_cut_off_in_its_middle(tmp_path):
+    points, folder = pair(), tmp_path / "work"
+    folder.mkdir()
+    files = Pair(tmp_path / "before.ply", tmp_path / "after.npy")
+    write_ply(files.before, points.before)
+    np.save(files.after, points.after)
+    clouds = PlacedClouds(files.map(open_cloud))
+    tree = tree_of(clouds, BLOCKS)
+    os.truncate(files.after, 60_000)
+    with pytest.raises(InputError, match=r"after\.npy: "), temporary_block_store(clouds, tree, folder):
+        pass
+    assert list(folder.iterdir()) == []
 
 
 def test_what_cannot_be_compared(tmp_path):

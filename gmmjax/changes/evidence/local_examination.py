@@ -5,6 +5,7 @@ examined in clouds that have its resolution as far as it matters, and the coarse
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
@@ -168,8 +169,13 @@ def candidates_by_resolution(
     """
     resolutions = each(lambda own, cloud: _resolutions(own, cloud, settings), candidates, scene.clouds)
     for resolution in sorted({value for own in resolutions for value in own.values()}):
-        chosen = resolutions.map(lambda own, value=resolution: [number for number in own if own[number] == value])
+        chosen = resolutions.map(functools.partial(_numbers_at, resolution))
         yield _at_resolution(resolution, chosen, candidates, scene, evidence, settings)
+
+
+def _numbers_at(resolution: float, of_candidates: dict[int, float]) -> list[int]:
+    """The numbers of the candidates of one resolution."""
+    return [number for number, own in of_candidates.items() if own == resolution]
 
 
 def _resolutions(own: Candidates, cloud: WorkingCloud, settings: LocalExaminationSettings) -> dict[int, float]:

@@ -5,6 +5,7 @@ for a whole scene is too coarse near the scanner, or leaves holes far from it.
 """
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +34,8 @@ class LocalResolutionSettings:
         least_dimension: box-counting dimension of the points of a cube, at least. 1: lines are taken for surfaces.
         most_dimension: the same, at most. 3: voxels are smaller than the noise.
         least_in_cube: number of points of the denser cloud in a cube, at least; of fewer its dimension is not known.
+        most_voxels: of either cloud; with more, the smallest ones are doubled. A bound on time and memory: a million of
+            them take about ten seconds and a gigabyte. Fewer: dense scans are compared at less than their resolution.
         rare: a cloud with less than this fraction of the points of the other one in a cube does not count there. 0: a
             stray point of one cloud keeps the resolution of the other one from being used.
     """
@@ -43,6 +46,7 @@ class LocalResolutionSettings:
     least_dimension: float = 1.3
     most_dimension: float = 2.6
     least_in_cube: int = 50
+    most_voxels: int = 2_000_000
     rare: float = 0.1
 
 
@@ -85,8 +89,32 @@ def locally_reduced(
     halvings = max(0, min(settings.halvings, int(np.floor(most - 1e-6))))
     finest = voxel_size / 2**halvings
     indices = offsets.map(lambda own: (own / finest).astype(np.int64))
-    levels = _levels(indices, halvings, settings)
+    levels = _bounded(indices, _levels(indices, halvings, settings), settings.most_voxels)
     return each(lambda *own: _working_cloud(corner, finest, *own), offsets, indices, levels)
+
+
+def _bounded(
+    indices: Pair[Int[np.ndarray, "_ 3"]], levels: Pair[Int[np.ndarray, " _"]], most: int
+) -> Pair[Int[np.ndarray, " _"]]:
+    """The levels, the lowest raised until neither cloud has more voxels."""
+    least = 0
+    while max(each(_count, indices, levels)) > most:
+        least += 1
+        levels = levels.map(functools.partial(np.maximum, least))
+    return levels
+
+
+def _count(indices: Int[np.ndarray, "n 3"], levels: Int[np.ndarray, " n"]) -> int:
+    """The number of occupied voxels."""
+    return sum(len(np.unique(_of_level(indices, levels, level)[1])) for level in np.unique(levels).tolist())
+
+
+def _of_level(
+    indices: Int[np.ndarray, "n 3"], levels: Int[np.ndarray, " n"], level: int
+) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+    """The rows of the points of one level, and the key of the voxel of each."""
+    rows = np.flatnonzero(levels == level)
+    return rows, _Indices(indices[rows], rows).key(level)
 
 
 def _levels(
@@ -141,9 +169,9 @@ def _working_cloud(
         list[np.ndarray](),
         list[np.ndarray](),
     )
-    for level in np.unique(levels):
-        rows = np.flatnonzero(levels == level)
-        keys, place = np.unique(_Indices(indices[rows], rows).key(int(level)), return_inverse=True)
+    for level in np.unique(levels).tolist():
+        rows, own = _of_level(indices, levels, level)
+        keys, place = np.unique(own, return_inverse=True)
         mass = np.bincount(place).astype(float)
         member[rows] = place + sum(len(own) for own in masses)
         means.append(np.stack([np.bincount(place, offsets[rows, axis]) for axis in range(3)], axis=1) / mass[:, None])

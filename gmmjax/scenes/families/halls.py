@@ -48,7 +48,7 @@ def dense_halls(random: np.random.Generator) -> SurveyedScene:
     things = one_of(
         pallet, pallet, _crate, box, box, _pipe, _pipe, _plank, cart, stack, drum, machine, clutter, shelves, tripod
     )
-    rays = int(np.exp(random.uniform(np.log(150_000), np.log(700_000))))
+    rays = int(np.exp(random.uniform(np.log(150_000), np.log(500_000))))
     solids, recordings = _surveyed(random, things, int(random.integers(8, 30)), rays)
     return surveyed_scene(solids, recordings, Frame.drawn(random, shift=0.05, degrees=0.2), hidden_by=0.04)
 

@@ -34,12 +34,12 @@ def terrain(random: np.random.Generator) -> SurveyedScene:
 
 
 def dense_terrain(random: np.random.Generator) -> SurveyedScene:
-    """The same slopes at ten times as many points, rough in more detail, with changes as thin as 5 cm on long ones.
+    """The same slopes at several times as many points, with changes as thin as 5 cm on long ones, too.
 
     Args:
         random: of everything.
     """
-    return _surveyed(random, nodes=601, rays=random.uniform(4.0, 14.0), thickness=240.0)
+    return _surveyed(random, nodes=161, rays=random.uniform(3.0, 8.0), thickness=240.0)
 
 
 def _surveyed(random: np.random.Generator, nodes: int, rays: float, thickness: float) -> SurveyedScene:
