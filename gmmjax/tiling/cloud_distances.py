@@ -1,7 +1,6 @@
 """The M3C2 distance at every point of two scans of any size, with its level of detection."""
 
 import dataclasses
-import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
