@@ -98,6 +98,7 @@ if TYPE_CHECKING:
     from gmmjax.changes.prepare.resolution import working_pair as working_pair
     from gmmjax.changes.prepare.separate_clouds import default_components as default_components
     from gmmjax.changes.prepare.separate_clouds import reduced as reduced
+    from gmmjax.changes.prepare.units import common_unit as common_unit
     from gmmjax.changes.presentation import GivenCloud as GivenCloud
     from gmmjax.changes.presentation import Presented as Presented
     from gmmjax.changes.presentation import presented as presented

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial import cKDTree
 
-from gmmjax.changes import M3C2Settings, m3c2_distances
+from gmmjax.changes import DetectionConfig, M3C2Settings, common_unit, m3c2_distances
 from gmmjax.clouds import (
     AbstractBlockStore,
     Block,
@@ -122,10 +122,12 @@ def distances(
         The distances.
 
     Raises:
-        InputError: scans without points, or that do not overlap, a tile size below ten point spacings, a file that
-            cannot be read, a folder that cannot be written, or a full disk.
+        InputError: scans without points, that do not overlap, or whose files state two units or reference systems; a
+            tile size below ten point spacings, a file that cannot be read, a folder that cannot be written, or a full
+            disk.
         ComputationError: a worker died twice with the same tile, or there are no workers any more.
     """
+    common_unit(clouds.clouds, DetectionConfig())
     tree = tree_of(clouds, blocks)
     require_overlap(tree)
     tiles_of(tree, tile_size, tiles)

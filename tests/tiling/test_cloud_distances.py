@@ -1,6 +1,7 @@
 """M3C2 distances at all points of two scans that are read in chunks."""
 
 import os
+import struct
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -11,6 +12,7 @@ from gmmjax.errors import InputError
 from gmmjax.geometry import rotation_about, transformed
 from gmmjax.pair import Pair
 from gmmjax.tiling import DistanceSettings, Workers, distances, temporary_block_store
+from tests.clouds.las_files import GEOTIFF, las_bytes, vlr
 from tests.clouds.made_clouds import ChunkedArray, slope
 
 BLOCKS = BlockSettings(voxels=16, cells=4, cell_points=1.0)
@@ -100,6 +102,14 @@ def test_a_file_that_is_cut_off_in_its_middle(tmp_path):
     with pytest.raises(InputError, match=r"after\.npy: "), temporary_block_store(clouds, tree, folder):
         pass
     assert list(folder.iterdir()) == []
+
+
+def test_files_that_state_two_reference_systems(tmp_path):
+    for name, keys in (("a", GEOTIFF), ("b", GEOTIFF.replace(struct.pack("<H", 25832), struct.pack("<H", 25833)))):
+        (tmp_path / f"{name}.las").write_bytes(las_bytes(2, 3, vlrs=(vlr(b"LASF_Projection", 34735, keys),)))
+    clouds = PlacedClouds(Pair(open_cloud(tmp_path / "a.las"), open_cloud(tmp_path / "b.las")))
+    with pytest.raises(InputError, match="reproject one of them"), distances(clouds):
+        pass
 
 
 def test_what_cannot_be_compared(tmp_path):

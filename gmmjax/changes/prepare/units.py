@@ -1,18 +1,18 @@
 """The unit and the coordinate reference system that two clouds have in common."""
 
-from jaxtyping import ArrayLike
+from typing import Any
 
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.clouds import PointCloud, SurveyFiles
+from gmmjax.clouds import CloudFile, PointCloud, SurveyFiles
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 
 
-def common_unit(clouds: Pair[ArrayLike | PointCloud | SurveyFiles], config: DetectionConfig) -> str | None:
+def common_unit(clouds: Pair[Any], config: DetectionConfig) -> str | None:
     """The unit of both clouds: the setting, else what both files state; no coordinate is ever converted.
 
     Args:
-        clouds: coordinates, or a cloud or a survey with the unit and the reference system that its files state.
+        clouds: coordinates, or a cloud, a file or a survey with the unit and the reference system that its files state.
         config: with the unit that the user gave.
 
     Returns:
@@ -35,5 +35,5 @@ def common_unit(clouds: Pair[ArrayLike | PointCloud | SurveyFiles], config: Dete
     return config.unit or (units.before if units.before == units.after else None)
 
 
-def _stated(cloud: ArrayLike | PointCloud | SurveyFiles, name: str) -> str | None:
-    return getattr(cloud, name) if isinstance(cloud, PointCloud | SurveyFiles) else None
+def _stated(cloud: Any, name: str) -> str | None:
+    return getattr(cloud, name) if isinstance(cloud, PointCloud | CloudFile | SurveyFiles) else None
