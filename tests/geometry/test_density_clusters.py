@@ -75,10 +75,10 @@ def test_one_radius_for_each_point_is_the_same_as_one_for_all():
 
 
 def test_a_cluster_goes_on_where_its_points_get_sparser():
-    """A strip whose second half has a tenth of the points; no single radius holds it together and its neighbour apart."""
+    """A strip whose second half has a tenth of the points."""
     dense = np.column_stack([np.linspace(0, 1, 1_000), np.zeros(1_000)])
     sparse = np.column_stack([np.linspace(1.01, 2, 100), np.zeros(100)])
-    beside = dense + [0.0, 0.01]
+    beside = dense + np.array([0.0, 0.01])
     points = np.concatenate([dense, sparse, beside])
     radius = np.concatenate([np.full(1_000, 0.005), np.full(100, 0.05), np.full(1_000, 0.005)])
     labels = density_clusters(points, radius, 4)

@@ -66,13 +66,16 @@ def test_scan_lines_with_gaps_between_them_are_no_surface():
     """Far from a scanner its points follow each other in lines that are much farther apart."""
     lines = np.stack(np.meshgrid(np.arange(0, 8, 0.005), np.arange(0, 8, 0.3), indexing="ij"), axis=-1).reshape(-1, 2)
     points = np.column_stack([lines, np.zeros(len(lines))])
-    clouds = locally_reduced(Pair(points, points + [0.002, 0.1, 0.0]), SIZE)
+    clouds = locally_reduced(Pair(points, points + np.array([0.002, 0.1, 0.0])), SIZE)
     assert np.median(clouds.before.sizes) >= SIZE / 2
 
 
 def test_voxels_are_not_smaller_than_the_noise():
-    clouds = [locally_reduced(Pair(*(floor(s, 60_000, (0, 0), (3, 3), noise) for s in (7, 8))), 0.4) for noise in (1e-4, 0.1)]
-    precise, noisy = (float(np.median(own.before.sizes)) for own in clouds)
+    def size(noise):
+        points = Pair(*(floor(seed, 60_000, (0, 0), (3, 3), noise) for seed in (7, 8)))
+        return float(np.median(locally_reduced(points, 0.4).before.sizes))
+
+    precise, noisy = size(1e-4), size(0.1)
     assert precise < 0.05 < noisy
 
 
