@@ -48,6 +48,7 @@ def parser() -> argparse.ArgumentParser:
     own.add_argument("--log", type=Path, required=True, help="CSV that a line is added to for each run")
     own.add_argument("--options", default="", help="of `gmmjax detect`, in one word: '--options=--workers 2'")
     own.add_argument("--figure", type=Path, help="PNG, drawn from the log")
+    own.add_argument("--wall", action="store_true", help="the figure has the time on the clock, too")
     own.add_argument("--out", type=Path, help="file that the table is written to")
     own.set_defaults(run=run_scaling)
     return result
@@ -83,7 +84,7 @@ def run_scaling(arguments: argparse.Namespace) -> None:
     options = shlex.split(arguments.options)
     scaling.scaling(arguments.sizes, arguments.folder, arguments.log, options, arguments.kind)
     if arguments.figure:
-        scaling.draw(arguments.log, arguments.figure)
+        scaling.draw(arguments.log, arguments.figure, wall=arguments.wall)
     text = f"{conditions()}\n\n{scaling.table(arguments.log)}"
     print(text)
     if arguments.out:

@@ -99,8 +99,14 @@ def table(log: Path) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in rows) + "\n"
 
 
-def draw(log: Path, figure: Path) -> None:
-    """Time and memory by the number of points, with the straight line that fits the CPU time best."""
+def draw(log: Path, figure: Path, *, wall: bool) -> None:
+    """Time and memory by the number of points, with the straight line that fits the CPU time best.
+
+    Args:
+        log: of the runs.
+        figure: PNG.
+        wall: whether the time on the clock is drawn, too: where nothing else was running.
+    """
     import matplotlib
 
     matplotlib.use("agg")
@@ -112,9 +118,9 @@ def draw(log: Path, figure: Path) -> None:
         own = sorted((cost for cost in costs if cost.options == options), key=lambda cost: cost.points)
         millions = [cost.points / 1e6 for cost in own]
         curve = times.plot(millions, [cost.cpu for cost in own], "o-", label=f"CPU {options}".strip())[0]
-        times.plot(
-            millions, [cost.wall for cost in own], "o:", color=curve.get_color(), label=f"wall {options}".strip()
-        )
+        if wall:
+            label = f"wall {options}".strip()
+            times.plot(millions, [cost.wall for cost in own], "o:", color=curve.get_color(), label=label)
         memory.plot(millions, [cost.memory for cost in own], "o-", color=curve.get_color(), label=options or None)
     slope, fixed = np.polyfit([cost.points / 1e6 for cost in costs], [cost.cpu for cost in costs], 1)
     ends = np.array([0, max(cost.points for cost in costs) / 1e6])
