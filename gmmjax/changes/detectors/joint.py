@@ -128,7 +128,8 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             items, labels = with_moved(items, labels, pair, found.registration_error, self.objects.moved)
             found = found.grown_to(items, labels)
         if not prepared.volumetric:
-            items = with_measures(items, labels, pair, found.registration_error, self.objects.measures)
+            error, measures = found.registration_error, self.objects.measures
+            items = with_measures(items, labels, pair, error, prepared.distance, measures)
         clock.stop()
         emd, diagnostics = mixtures_distance(joint), _diagnostics(prepared, joint, clock)
         changes = found.record(prepared.checked, items, labels, emd, self.config, diagnostics, pair.registration)

@@ -1,0 +1,266 @@
+"""Which volume a change has, and what is measured of it: that between two surfaces, or that of a closed object."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Float64, Int
+from scipy.spatial import cKDTree
+
+from gmmjax.changes.align.alignment import AlignedPair
+from gmmjax.changes.change import Change, GainOrLoss, VolumeMethod
+from gmmjax.changes.objects.hull_volume import HullVolumeSettings, hull_measures
+from gmmjax.changes.objects.support_plane import SupportPlane
+from gmmjax.changes.objects.surface_volume import (
+    ChangeSurface,
+    HeightAbove,
+    SurfaceMap,
+    SurfaceVolumeSettings,
+    window_reach,
+)
+from gmmjax.geometry import LocalSurface, evenly_chosen, nearest_neighbours, within_box
+from gmmjax.pair import Pair, each
+
+
+@dataclasses.dataclass(frozen=True)
+class VolumeSettings:
+    """Which volume a change has.
+
+    All values are empirical: they come from development on the scenes of `tests/benchmarks/volumes`.
+
+    Attributes:
+        aligned: least cosine between the normal of a change's point and that of the other scan's surface below it, of
+            what lies on that surface. 0: every object does.
+        on_surface: fraction of a change's points, at least, that lie on the surface of the other scan, for the volume
+            to be that between both surfaces. 0: it always is; above 1: it is always that of the hull.
+        below: distance along the surface, in spacings of the other scan, up to which it has a surface below a point.
+            0: no change has; infinite: the surface is taken to go on below a change that nobody saw the ground of.
+        same: fraction of the points of a change, at least, that lie in front of or behind those of a change of the
+            other scan, of which it is the other surface: both have one volume. Above 1: it is counted twice.
+        most_points: points of a scan about a change, at most: a bound on the memory.
+        surfaces: how the volume between two surfaces is measured.
+        hulls: how that of a closed object is.
+    """
+
+    aligned: float = 0.7
+    on_surface: float = 0.5
+    below: float = 3.0
+    same: float = 0.5
+    most_points: int = 2_000_000
+    surfaces: SurfaceVolumeSettings = SurfaceVolumeSettings()
+    hulls: HullVolumeSettings = HullVolumeSettings()
+
+
+class MeasuredPart(NamedTuple):
+    """The points of a change that it is measured by.
+
+    Attributes:
+        points: without outliers, relative to the mean of the change.
+        after: whether they are of the after scan.
+        plane: that it stands on, where there is one.
+    """
+
+    points: Float64[np.ndarray, "n 3"]
+    after: bool
+    plane: SupportPlane | None
+
+
+class _Quantity(NamedTuple):
+    """What a `Change` records of its volume."""
+
+    area: float | None = None
+    volume: float | None = None
+    volume_error: float | None = None
+    volume_registration_error: float | None = None
+    volume_method: VolumeMethod | None = None
+    gain_or_loss: GainOrLoss | None = None
+    volume_counted_in: int | None = None
+
+
+class _Place(NamedTuple):
+    """A change above the surface of the other scan.
+
+    Attributes:
+        mean: of the change, which all coordinates are relative to.
+        part: of the change.
+        surface: its points with their normals.
+        reference: the surface of the other scan about it.
+        outward: mean normal of the reference below it, to the outer side.
+        on_surface: whether it lies on that surface.
+        bare: whether the other scan saw that surface.
+        gained: whether there is more now.
+    """
+
+    mean: Float64[np.ndarray, " 3"]
+    part: MeasuredPart
+    surface: LocalSurface
+    reference: LocalSurface
+    outward: Float64[np.ndarray, " 3"]
+    on_surface: bool
+    bare: bool
+    gained: bool
+
+
+def with_volumes(
+    items: Sequence[Change],
+    parts: Sequence[MeasuredPart],
+    labels: Pair[Int[np.ndarray, " _"]],
+    pair: AlignedPair,
+    distance: Pair[Float[np.ndarray, " _"]],
+    registration_error: float,
+    settings: VolumeSettings = VolumeSettings(),
+) -> tuple[Change, ...]:
+    """The changes with their area and their volume.
+
+    Args:
+        items: the changes of both clouds.
+        parts: of each of them.
+        labels: the change of each point of the clouds, or -1.
+        pair: both clouds, registered.
+        distance: signed distance of each point to the other surface; NaN where there is none.
+        registration_error: of the pair, standard deviation.
+        settings: how they are measured.
+    """
+    places = []
+    for index, (item, part) in enumerate(zip(items, parts, strict=True)):
+        own_labels, own_distance = (labels.after, distance.after) if part.after else (labels.before, distance.before)
+        own = own_distance[own_labels == index]
+        places.append(_place(item, part, pair, float(np.nanmedian(own)) if np.isfinite(own).any() else None, settings))
+    counted_in = _counted_in(places, settings)
+    found = []
+    for index, item in enumerate(items):
+        if counted_in[index] is not None:
+            quantity = _Quantity(volume_counted_in=counted_in[index])
+        else:
+            quantity = _quantity(index, places, counted_in, pair, registration_error, settings)
+        found.append(dataclasses.replace(item, **quantity._asdict()))
+    return tuple(found)
+
+
+def _place(
+    item: Change, part: MeasuredPart, pair: AlignedPair, distance: float | None, settings: VolumeSettings
+) -> _Place:
+    """A change above the surface of the other scan, which is cut out about it."""
+    other = pair.surfaces.before if part.after else pair.surfaces.after
+    reach = window_reach(part.points, settings.surfaces)
+    lower, upper = part.points.min(axis=0) - reach, part.points.max(axis=0) + reach
+    rows = within_box(other.points, lower + item.mean, upper + item.mean)
+    if not len(rows):
+        rows = np.array([int(other.nearest(item.mean[None])[0])])
+    reference = LocalSurface.of(other.points[rows] - item.mean)
+    surface = LocalSurface.of(part.points[evenly_chosen(len(part.points), settings.surfaces.sample)])
+    nearest = reference.nearest(surface.points)
+    below = reference.normals[nearest]
+    outward = np.linalg.eigh(below.T @ below)[1][:, -1]
+    # Towards the after surface where that lies on the outer side; where nothing is known, what appeared was added.
+    rises = part.after if distance is None or distance == 0 else distance > 0
+    heights = HeightAbove(reference, outward, settings.surfaces).of(surface.points)
+    if (float(np.median(heights)) > 0) != (rises == part.after):
+        outward = -outward
+    across = np.linalg.svd(outward[None])[2][1:]
+    beside = cKDTree(reference.points @ across.T).query(surface.points @ across.T)[0]
+    bare = bool(np.mean(beside <= settings.below * reference.spacing(nearest)) >= settings.on_surface)
+    aligned = bool(np.mean(np.abs((surface.normals * below).sum(axis=1)) >= settings.aligned) >= settings.on_surface)
+    gained = rises if aligned and bare else part.after
+    return _Place(item.mean, part, surface, reference, outward, aligned and bare, bare, gained)
+
+
+def _counted_in(places: Sequence[_Place], settings: VolumeSettings) -> list[int | None]:
+    """For each change the change of the other scan that is the other surface of the same volume, if there is one.
+
+    The old and the new surface of what was eroded may both be found changed. The larger one has the volume.
+    """
+    sizes = [len(place.part.points) for place in places]
+    areas = [size * float(np.median(place.surface.spacing(np.arange(len(place.surface)))) ** 2) for size, place in zip(sizes, places, strict=True)]
+    order = sorted(range(len(places)), key=lambda index: (-areas[index], index))
+    found: list[int | None] = [None] * len(places)
+    for rank, index in enumerate(order):
+        for larger in order[:rank]:
+            if found[larger] is None and _is_other_surface(places[index], places[larger], settings):
+                found[index] = larger
+                break
+    return found
+
+
+def _is_other_surface(own: _Place, other: _Place, settings: VolumeSettings) -> bool:
+    """Whether a change is the other surface of a change of the other scan."""
+    if own.part.after == other.part.after or own.gained != other.gained or not (own.on_surface and other.on_surface):
+        return False
+    across = np.linalg.svd(other.outward[None])[2][1:]
+    points, others = own.surface.points + (own.mean - other.mean), other.surface.points
+    reach = 2 * float(np.median(other.surface.spacing(np.arange(len(others)))))
+    distance, nearest = cKDTree(others @ across.T).query(points @ across.T, distance_upper_bound=reach)
+    near = np.isfinite(distance)
+    # In front of it or behind it by less than it is wide.
+    depth = np.abs((points[near] - others[nearest[near]]) @ other.outward)
+    width = float(np.ptp(others @ across.T, axis=0).max())
+    return bool((depth <= width).sum() >= settings.same * len(points))
+
+
+def _quantity(
+    index: int,
+    places: Sequence[_Place],
+    counted_in: Sequence[int | None],
+    pair: AlignedPair,
+    registration_error: float,
+    settings: VolumeSettings,
+) -> _Quantity:
+    place, found = places[index], None
+    if place.bare:
+        own = [other for other in range(len(places)) if other == index or counted_in[other] == index]
+        change = _change_surface(index, own, places, pair, settings)
+        found = SurfaceMap.of(change, registration_error, settings.surfaces)
+    if found is None or not place.on_surface:
+        return _hull_quantity(place, found, registration_error, settings)
+    volume = found.volume(settings.surfaces)
+    errors = volume.error, volume.registration_error
+    return _Quantity(volume.area, abs(volume.gain), *errors, "surface", _effect(volume.gain >= 0))
+
+
+def _effect(gained: bool) -> GainOrLoss:
+    return "gain" if gained else "loss"
+
+
+def _change_surface(
+    index: int, own: Sequence[int], places: Sequence[_Place], pair: AlignedPair, settings: VolumeSettings
+) -> ChangeSurface:
+    """A change with those that are counted in it, and what both scans show there."""
+    place = places[index]
+    points = np.concatenate([places[one].part.points + (places[one].mean - place.mean) for one in own])
+    reach = window_reach(points, settings.surfaces)
+    lower, upper = points.min(axis=0) - reach, points.max(axis=0) + reach
+    others = [other.part.points + (other.mean - place.mean) for one, other in enumerate(places) if one not in own]
+    beside = np.concatenate([np.empty((0, 3)), *others])
+
+    def cut(cloud: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "m 3"]:
+        rows = within_box(cloud, lower + place.mean, upper + place.mean)
+        return cloud[rows[evenly_chosen(len(rows), settings.most_points)]] - place.mean
+
+    return ChangeSurface(
+        points, pair.points.map(cut), beside[within_box(beside, lower, upper)], place.reference, place.outward
+    )
+
+
+def _hull_quantity(
+    place: _Place, found: SurfaceMap | None, registration_error: float, settings: VolumeSettings
+) -> _Quantity:
+    """The volume of a closed object."""
+    points, plane = place.part.points, place.part.plane
+    feet, up = np.empty((0, 3)), place.outward
+    if found is not None:
+        above = HeightAbove(place.reference, place.outward, settings.surfaces)
+        cloud = found.change.clouds.after if place.part.after else found.change.clouds.before
+        heights = above.of(points)
+        # What touches the ground looks unchanged, and so may what lies about the rest of the object.
+        least, most = settings.surfaces.certain * place.reference.thickness, float(heights.max())
+        points = np.concatenate([points, found.standing(cloud, above.of(cloud), least, most)])
+        feet = points - np.maximum(above.of(points), 0)[:, None] * place.outward
+    elif plane is not None:
+        up = plane.up
+        feet = points - plane.above(points + place.mean)[:, None] * up
+    spacing = float(np.median(place.surface.spacing(np.arange(len(place.surface)))))
+    volume = hull_measures(points, feet, up, spacing, registration_error, settings.hulls)
+    if volume is None:
+        return _Quantity()
+    return _Quantity(*volume, "hull", _effect(place.part.after))
