@@ -25,6 +25,7 @@ from gmmjax.changes.storage import (
     read_record,
     write_record,
 )
+from gmmjax.changes.total_volumes import VolumeTotals, volume_totals
 from gmmjax.errors import InputError, one_line, shown
 from gmmjax.geometry import OrientedBox
 from gmmjax.pair import Pair
@@ -340,6 +341,12 @@ class Changes:
         paired = sum(change.kind == "moved" and change.partner is not None for change in self.items)
         return {**counts, "moved": counts["moved"] - paired // 2}
 
+    def volume_totals(self) -> VolumeTotals | None:
+        """The volume that was gained and lost in all, with its uncertainty; None where no change has a volume."""
+        if all(change.volume is None for change in self.items):
+            return None
+        return volume_totals(self.items)
+
     def to_dataframe(self) -> Any:
         """The changes as a `pandas.DataFrame`, a row each, with their labels as the index.
 
@@ -393,10 +400,12 @@ class Changes:
 
         Diagnostics that are not finite are None, such as a residual where no two points could be compared.
         """
+        totals = self.volume_totals()
         return {
             "schema_version": SCHEMA_VERSION,
             "changes": [change.to_dict() for change in self.items],
             "rejected": [candidate.to_dict() for candidate in self.rejected],
+            "volumes": None if totals is None else totals.to_dict(),
             "emd": self.emd,
             "registration": self.registration.to_dict(),
             "points_before": len(self.labels_before),

@@ -182,7 +182,8 @@ class SurfaceMap(NamedTuple):
         change: with what both scans show there.
         grid: the cells.
         across: unit vectors along them.
-        difference: by how much the after scan is above the before scan, without the offset; NaN where one has no points.
+        difference: by how much the after scan is above the before scan, without the offset; NaN where one of them has
+            no points.
         offset: what both scans differ by in the surroundings.
         counts: of the points of the change.
         labelled: the cells with points of the change, gaps between them closed.
@@ -259,141 +260,13 @@ class SurfaceMap(NamedTuple):
             registration_error=common,
         )
 
-    def standing(
-        self, cloud: Float64[np.ndarray, "n 3"], heights: Float64[np.ndarray, " n"], least: float, most: float
-    ) -> Float64[np.ndarray, "m 3"]:
-        """The points of a scan that stand in the cells of the change.
-
-        Args:
-            cloud: about it.
-            heights: above the surface of the other scan.
-            least: height of what stands there, at least.
-            most: and at most.
-        """
-        cells = self.grid.cells(cloud @ self.across.T)
-        return cloud[(cells >= 0) & self.core.ravel()[cells] & (heights >= least) & (heights <= most)]
-
 
 def _widest(core: Bool[np.ndarray, "r c"], settings: SurfaceVolumeSettings) -> int:
     """Width of the rim, at most, in cells."""
     return max(1, int(settings.widest_rim * np.sqrt(core.sum() / np.pi)))
 
 
-def window_reach(
-    points: Float64[np.ndarray, "n 3"], settings: SurfaceVolumeSettings = SurfaceVolumeSettings()
-) -> float:
-    """How far around the points of a change both scans are looked at: its rim and its surroundings.
-
-    Args:
-        points: of the change.
-        settings: of their widths.
-    """
-    diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
-    spacing = _spacing(points, points, settings)
-    return (settings.widest_rim + settings.surroundings) / 2 * diagonal + 8 * settings.cell * spacing
-
-
-class _Grid(NamedTuple):
-    """Cells in the plane of a change."""
-
-    lower: Float64[np.ndarray, " 2"]
-    edge: float
-    shape: tuple[int, int]
-
-    def cells(self, places: Float64[np.ndarray, "n 2"], parts: int = 1) -> Int[np.ndarray, " n"]:
-        """The number of the cell of each place, or of the part of a cell; -1 outside."""
-        indices = np.floor((places - self.lower) / (self.edge / parts)).astype(int)
-        rows, columns = (parts * length for length in self.shape)
-        inside = ((indices >= 0) & (indices < [rows, columns])).all(axis=1)
-        return np.where(inside, indices[:, 0] * columns + indices[:, 1], -1)
-
-    def counts(self, places: Float64[np.ndarray, "n 2"]) -> Int[np.ndarray, "r c"]:
-        """How many places each cell has."""
-        cells = self.cells(places)
-        return np.bincount(cells[cells >= 0], minlength=self.shape[0] * self.shape[1]).reshape(self.shape)
-
-    def means(
-        self, places: Float64[np.ndarray, "n 2"], values: Float64[np.ndarray, " n"], parts: int
-    ) -> Float64[np.ndarray, "r c"]:
-        """The mean over the parts of each cell of their mean values; NaN where there are none."""
-        cells = self.cells(places, parts)
-        inside, count = cells >= 0, self.shape[0] * self.shape[1] * parts**2
-        cells, values = cells[inside], values[inside]
-        number = np.bincount(cells, minlength=count)
-        sums = np.bincount(cells, values, minlength=count)
-        part = np.divide(sums, number, out=np.zeros(count), where=number > 0)
-        blocks = (self.shape[0], parts, self.shape[1], parts)
-        filled = (number > 0).reshape(blocks).sum(axis=(1, 3))
-        total = part.reshape(blocks).sum(axis=(1, 3))
-        return np.divide(total, filled, out=np.full(self.shape, np.nan), where=filled > 0)
-
-
-class _Offset(NamedTuple):
-    """What both scans differ by where nothing changed.
-
-    Attributes:
-        value: the difference.
-        error: its standard error, common to all cells.
-        density: variance of the mean difference of an area, times the area.
-        freedom: degrees of freedom of these.
-    """
-
-    value: float
-    error: float
-    density: float
-    freedom: float
-
-
-def surface_volume(
-    change: ChangeSurface, registration_error: float, settings: SurfaceVolumeSettings = SurfaceVolumeSettings()
-) -> SurfaceVolume | None:
-    """The volume between both surfaces over a change, its rim included; None where they cannot be compared.
-
-    The uncertainty is made of the noise of the cells, which averages out; of the difference between both scans where
-    nothing changed, which does not; of cells where one of the scans has no points; and of the rim.
-
-    Args:
-        change: with what both scans show there.
-        registration_error: of the pair, standard deviation; what is expected before the surroundings are looked at.
-        settings: how it is measured.
-    """
-    across = np.linalg.svd(change.outward[None])[2][1:]
-    grid = _grid(change, across, settings)
-    if grid is None:
-        return None
-    difference = _differences(change, across, grid, settings)
-    counts, foreign = grid.counts(change.points @ across.T), grid.counts(change.others @ across.T) > 0
-    core = ndimage.binary_fill_holes(ndimage.binary_closing(counts > 0, SQUARE)) & ~(foreign & (counts == 0))
-    if not (core & np.isfinite(difference)).any():
-        return None
-    # Distance from the labelled cells, in cells. What is nearer to another change is of that one.
-    distance = ndimage.distance_transform_edt(~core)
-    if foreign.any():
-        foreign = (ndimage.distance_transform_edt(~foreign) <= distance) & ~core
-    radius = np.sqrt(core.sum() / np.pi)
-    widest = max(1, int(settings.widest_rim * radius))
-    around = (distance > widest + 1) & (distance <= widest + 1 + max(3.0, settings.surroundings * radius)) & ~foreign
-    offset = _offset(difference, around, core.sum(), registration_error, settings)
-    difference = difference - offset.value
-    grown = _grown(difference, core, foreign | (distance > widest), offset, settings)
-    footprint, left_out = _with_rim(difference, grown, foreign, widest, settings)
-    filled, gaps = _filled(difference, footprint)
-    noise = max(_noise(difference, footprint), offset.density * footprint.sum())
-    area, quantile = grid.edge**2, float(stats.t.ppf((1 + settings.confidence) / 2, offset.freedom))
-    common = float(quantile * area * footprint.sum() * offset.error)
-    independent = quantile * area * np.sqrt(noise + gaps + left_out**2)
-    share = _labelled_share(change, across, grid, counts, settings)
-    return SurfaceVolume(
-        area=float(area * (share * core).sum()),
-        gain=float(area * (filled[footprint].sum() + hidden / 2)),
-        error=float(np.hypot(common, independent)),
-        registration_error=common,
-    )
-
-
-def _grid(
-    change: ChangeSurface, across: Float64[np.ndarray, "2 3"], settings: SurfaceVolumeSettings
-) -> _Grid | None:
+def _grid(change: ChangeSurface, across: Float64[np.ndarray, "2 3"], settings: SurfaceVolumeSettings) -> _Grid | None:
     """Cells that reach over the change and its surroundings; None where it has no extent."""
     places = change.points @ across.T
     lower, upper = places.min(axis=0), places.max(axis=0)
@@ -606,12 +479,27 @@ def _filled(
     near = values[nearest_neighbours(cKDTree(known), cells, count)[1]]
     means = near.mean(axis=1)
     between = _interpolated(difference, missing)
+    values = np.where(np.isfinite(between), between, means)
+    spread = np.maximum(near.std(axis=1), np.abs(values - means))
+    if np.nansum(difference[footprint]) < 0:
+        # What the rim of a pit hides lies below the line of sight, on which the differences fall evenly.
+        deepest = _deepest(near, ndimage.label(missing, SQUARE)[0][missing])
+        room = np.maximum(values - deepest, 0)
+        values, spread = values - room / 2, np.maximum(spread, room / np.sqrt(12))
     filled = difference.copy()
-    filled[missing] = np.where(np.isfinite(between), between, means)
+    filled[missing] = values
     # Of one gap all is wrong together: by how its neighbours differ, or it from them.
-    spread = np.maximum(near.std(axis=1), np.abs(filled[missing] - means))
     of_gaps = np.bincount(ndimage.label(missing, SQUARE)[0][missing], spread)
     return filled, float((of_gaps**2).sum())
+
+
+def _deepest(near: Float64[np.ndarray, "m k"], gaps: Int[np.ndarray, " m"]) -> Float64[np.ndarray, " m"]:
+    """For each missing cell the middle of the deepest half of what lies about its gap."""
+    found = np.zeros(len(near))
+    for gap in np.unique(gaps):
+        own = gaps == gap
+        found[own] = np.quantile(near[own], 0.25)
+    return found
 
 
 def _interpolated(

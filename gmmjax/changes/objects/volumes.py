@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int
+from jaxtyping import Float, Float64, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.align.alignment import AlignedPair
@@ -19,8 +19,8 @@ from gmmjax.changes.objects.surface_volume import (
     SurfaceVolumeSettings,
     window_reach,
 )
-from gmmjax.geometry import LocalSurface, evenly_chosen, nearest_neighbours, within_box
-from gmmjax.pair import Pair, each
+from gmmjax.geometry import LocalSurface, evenly_chosen, within_box
+from gmmjax.pair import Pair
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,10 +30,8 @@ class VolumeSettings:
     All values are empirical: they come from development on the scenes of `tests/benchmarks/volumes`.
 
     Attributes:
-        aligned: least cosine between the normal of a change's point and that of the other scan's surface below it, of
-            what lies on that surface. 0: every object does.
-        on_surface: fraction of a change's points, at least, that lie on the surface of the other scan, for the volume
-            to be that between both surfaces. 0: it always is; above 1: it is always that of the hull.
+        on_surface: fraction of a change's points, at least, that have a surface of the other scan below them, for the
+            volume to be that between both surfaces. 0: it always is; above 1: it is always that of the hull.
         below: distance along the surface, in spacings of the other scan, up to which it has a surface below a point.
             0: no change has; infinite: the surface is taken to go on below a change that nobody saw the ground of.
         same: fraction of the points of a change, at least, that lie in front of or behind those of a change of the
@@ -43,7 +41,6 @@ class VolumeSettings:
         hulls: how that of a closed object is.
     """
 
-    aligned: float = 0.7
     on_surface: float = 0.5
     below: float = 3.0
     same: float = 0.5
@@ -84,11 +81,10 @@ class _Place(NamedTuple):
     Attributes:
         mean: of the change, which all coordinates are relative to.
         part: of the change.
-        surface: its points with their normals.
+        surface: some of its points with their normals.
         reference: the surface of the other scan about it.
         outward: mean normal of the reference below it, to the outer side.
-        on_surface: whether it lies on that surface.
-        bare: whether the other scan saw that surface.
+        on_surface: whether the other scan saw that surface below it.
         gained: whether there is more now.
     """
 
@@ -98,8 +94,12 @@ class _Place(NamedTuple):
     reference: LocalSurface
     outward: Float64[np.ndarray, " 3"]
     on_surface: bool
-    bare: bool
     gained: bool
+
+    @property
+    def spacing(self) -> float:
+        """Of the points of the surface."""
+        return float(np.median(self.surface.spacing(np.arange(len(self.surface)))))
 
 
 def with_volumes(
@@ -154,16 +154,14 @@ def _place(
     below = reference.normals[nearest]
     outward = np.linalg.eigh(below.T @ below)[1][:, -1]
     # Towards the after surface where that lies on the outer side; where nothing is known, what appeared was added.
-    rises = part.after if distance is None or distance == 0 else distance > 0
+    gained = part.after if distance is None or distance == 0 else distance > 0
     heights = HeightAbove(reference, outward, settings.surfaces).of(surface.points)
-    if (float(np.median(heights)) > 0) != (rises == part.after):
+    if (float(np.median(heights)) > 0) != (gained == part.after):
         outward = -outward
     across = np.linalg.svd(outward[None])[2][1:]
     beside = cKDTree(reference.points @ across.T).query(surface.points @ across.T)[0]
-    bare = bool(np.mean(beside <= settings.below * reference.spacing(nearest)) >= settings.on_surface)
-    aligned = bool(np.mean(np.abs((surface.normals * below).sum(axis=1)) >= settings.aligned) >= settings.on_surface)
-    gained = rises if aligned and bare else part.after
-    return _Place(item.mean, part, surface, reference, outward, aligned and bare, bare, gained)
+    on_surface = bool(np.mean(beside <= settings.below * reference.spacing(nearest)) >= settings.on_surface)
+    return _Place(item.mean, part, surface, reference, outward, on_surface, gained if on_surface else part.after)
 
 
 def _counted_in(places: Sequence[_Place], settings: VolumeSettings) -> list[int | None]:
@@ -171,8 +169,7 @@ def _counted_in(places: Sequence[_Place], settings: VolumeSettings) -> list[int 
 
     The old and the new surface of what was eroded may both be found changed. The larger one has the volume.
     """
-    sizes = [len(place.part.points) for place in places]
-    areas = [size * float(np.median(place.surface.spacing(np.arange(len(place.surface)))) ** 2) for size, place in zip(sizes, places, strict=True)]
+    areas = [len(place.surface) * place.spacing**2 for place in places]
     order = sorted(range(len(places)), key=lambda index: (-areas[index], index))
     found: list[int | None] = [None] * len(places)
     for rank, index in enumerate(order):
@@ -189,8 +186,7 @@ def _is_other_surface(own: _Place, other: _Place, settings: VolumeSettings) -> b
         return False
     across = np.linalg.svd(other.outward[None])[2][1:]
     points, others = own.surface.points + (own.mean - other.mean), other.surface.points
-    reach = 2 * float(np.median(other.surface.spacing(np.arange(len(others)))))
-    distance, nearest = cKDTree(others @ across.T).query(points @ across.T, distance_upper_bound=reach)
+    distance, nearest = cKDTree(others @ across.T).query(points @ across.T, distance_upper_bound=2 * other.spacing)
     near = np.isfinite(distance)
     # In front of it or behind it by less than it is wide.
     depth = np.abs((points[near] - others[nearest[near]]) @ other.outward)
@@ -207,12 +203,12 @@ def _quantity(
     settings: VolumeSettings,
 ) -> _Quantity:
     place, found = places[index], None
-    if place.bare:
+    if place.on_surface:
         own = [other for other in range(len(places)) if other == index or counted_in[other] == index]
         change = _change_surface(index, own, places, pair, settings)
         found = SurfaceMap.of(change, registration_error, settings.surfaces)
-    if found is None or not place.on_surface:
-        return _hull_quantity(place, found, registration_error, settings)
+    if found is None:
+        return _hull_quantity(place, registration_error, settings)
     volume = found.volume(settings.surfaces)
     errors = volume.error, volume.registration_error
     return _Quantity(volume.area, abs(volume.gain), *errors, "surface", _effect(volume.gain >= 0))
@@ -242,25 +238,15 @@ def _change_surface(
     )
 
 
-def _hull_quantity(
-    place: _Place, found: SurfaceMap | None, registration_error: float, settings: VolumeSettings
-) -> _Quantity:
-    """The volume of a closed object."""
-    points, plane = place.part.points, place.part.plane
-    feet, up = np.empty((0, 3)), place.outward
-    if found is not None:
-        above = HeightAbove(place.reference, place.outward, settings.surfaces)
-        cloud = found.change.clouds.after if place.part.after else found.change.clouds.before
-        heights = above.of(points)
-        # What touches the ground looks unchanged, and so may what lies about the rest of the object.
-        least, most = settings.surfaces.certain * place.reference.thickness, float(heights.max())
-        points = np.concatenate([points, found.standing(cloud, above.of(cloud), least, most)])
-        feet = points - np.maximum(above.of(points), 0)[:, None] * place.outward
-    elif plane is not None:
+def _hull_quantity(place: _Place, registration_error: float, settings: VolumeSettings) -> _Quantity:
+    """The volume of an object of which nobody saw what it stands on."""
+    points, plane, up = place.part.points, place.part.plane, place.outward
+    feet = np.empty((0, 3))
+    if plane is not None:
         up = plane.up
         feet = points - plane.above(points + place.mean)[:, None] * up
-    spacing = float(np.median(place.surface.spacing(np.arange(len(place.surface)))))
+    spacing = place.spacing * np.sqrt(len(place.surface) / len(points))
     volume = hull_measures(points, feet, up, spacing, registration_error, settings.hulls)
     if volume is None:
         return _Quantity()
-    return _Quantity(*volume, "hull", _effect(place.part.after))
+    return _Quantity(*volume, "hull", _effect(place.gained))
