@@ -15,7 +15,7 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import QhullError, cKDTree
 
 from gmmjax.geometry import LocalSurface, evenly_chosen, nearest_neighbours
-from gmmjax.pair import Pair
+from gmmjax.pair import Pair, each
 
 # The four neighbours of a cell.
 CROSS = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], float)
@@ -46,7 +46,10 @@ class SurfaceVolumeSettings:
         certain: cells beyond the labelled points, whose difference with their neighbours exceeds this number of
             standard errors, are of the change like those that are labelled. 0: noise beside it is; infinite: what
             the detection has missed of it is left to the rim.
+        reach: distance of such cells from the labelled ones, at most, in half extents of the change. 0: there are none;
+            large: much is looked at that has nothing to do with it.
         widest_rim: width of the rim, at most, in radii of the change. 0: there is none.
+        clear: distance from the change, in cells, from which on its surroundings begin. 0: its rim is in them.
         surroundings: width of the unchanged surroundings by which the change is measured, in its radii. 0: none, and
             the registration error is that of the pair.
         blocks: the surroundings are divided into blocks of the area of the change by this number, whose means differ by
@@ -66,8 +69,10 @@ class SurfaceVolumeSettings:
     steepest: float = 0.3
     beyond: float = 1.0
     rim: float = 1.0
-    certain: float = 3.0
-    widest_rim: float = 1.5
+    certain: float = 4.0
+    reach: float = 2.0
+    widest_rim: float = 0.6
+    clear: float = 2.0
     surroundings: float = 0.8
     blocks: int = 4
     fewest_blocks: int = 5
@@ -96,18 +101,36 @@ class ChangeSurface(NamedTuple):
     """A change with what both scans show about its place. Coordinates are relative to the change.
 
     Attributes:
-        points: of the change, without outliers.
+        labelled: points of the change, without outliers, in either scan; of one that is found in one scan only the
+            other one has none.
         clouds: all points of both scans about its place.
         others: points of the other changes of both scans about its place.
         reference: the other scan's surface about its place.
         outward: unit normal of that surface, to the outer side.
     """
 
-    points: Float64[np.ndarray, "n 3"]
+    labelled: Pair[Float64[np.ndarray, "_ 3"]]
     clouds: Pair[Float64[np.ndarray, "_ 3"]]
     others: Float64[np.ndarray, "m 3"]
     reference: LocalSurface
     outward: Float64[np.ndarray, " 3"]
+
+    @property
+    def points(self) -> Float64[np.ndarray, "n 3"]:
+        """Of the change, in both scans."""
+        return np.concatenate([*self.labelled])
+
+    def across(self) -> Float64[np.ndarray, "2 3"]:
+        """Unit vectors in its plane, along and across its longest extent: they turn with the change."""
+        points = self.points
+        axes = np.linalg.svd(self.outward[None])[2][1:]
+        places = points @ axes.T
+        places = places - places.mean(axis=0)
+        first = np.linalg.eigh(places.T @ places)[1][:, -1] @ axes
+        # Towards the longer tail.
+        along = places @ (axes @ first)
+        first = first if (along**3).sum() >= 0 else -first
+        return np.stack([first, np.cross(self.outward, first)])
 
 
 def window_reach(
@@ -121,7 +144,7 @@ def window_reach(
     """
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
     spacing = _spacing(points, points, settings)
-    return (settings.widest_rim + settings.surroundings) / 2 * diagonal + 8 * settings.cell * spacing
+    return (settings.reach + settings.surroundings) / 2 * diagonal + 8 * settings.cell * spacing
 
 
 class _Grid(NamedTuple):
@@ -212,7 +235,7 @@ class SurfaceMap(NamedTuple):
             registration_error: of the pair, standard deviation; what is expected before the surroundings are looked at.
             settings: how it is made.
         """
-        across = np.linalg.svd(change.outward[None])[2][1:]
+        across = change.across()
         grid = _grid(change, across, settings)
         if grid is None:
             return None
@@ -225,15 +248,16 @@ class SurfaceMap(NamedTuple):
         distance = ndimage.distance_transform_edt(~core)
         if foreign.any():
             foreign = (ndimage.distance_transform_edt(~foreign) <= distance) & ~core
-        radius = np.sqrt(core.sum() / np.pi)
-        widest = _widest(core, settings)
-        width = max(3.0, settings.surroundings * radius)
-        around = (distance > widest + 1) & (distance <= widest + 1 + width) & ~foreign
-        difference = _without_spikes(difference, core, around, settings)
-        offset = _offset(difference, around, core.sum(), registration_error, settings)
-        difference = difference - offset.value
-        grown = _grown(difference, core, foreign | (distance > widest), offset, settings)
-        return cls(change, grid, across, difference, offset, counts, core, grown, foreign)
+        beside = (distance > settings.clear) & ~foreign
+        difference = _without_spikes(difference, core, beside, settings)
+        offset = _offset(difference, beside, core.sum(), registration_error, settings)
+        grown = _grown(difference - offset.value, core, foreign, offset, settings)
+        # Once more, in the surroundings of all of it.
+        width = max(settings.clear, settings.surroundings * np.sqrt(grown.sum() / np.pi))
+        distance = ndimage.distance_transform_edt(~grown) - _widest(grown, settings)
+        around = (distance > settings.clear) & (distance <= settings.clear + width) & ~foreign
+        offset = _offset(difference, around, grown.sum(), registration_error, settings)
+        return cls(change, grid, across, difference - offset.value, offset, counts, core, grown, foreign)
 
     def volume(self, settings: SurfaceVolumeSettings = SurfaceVolumeSettings()) -> SurfaceVolume:
         """The volume between both surfaces over the change, its thin rim included.
@@ -280,7 +304,7 @@ def _grid(change: ChangeSurface, across: Float64[np.ndarray, "2 3"], settings: S
     extent = float((upper - lower).max())
     if not 0 < edge < np.inf or extent == 0:
         return None
-    margin = (settings.widest_rim + settings.surroundings) * extent / 2 + 6 * edge
+    margin = (settings.reach + settings.surroundings) * extent / 2 + 6 * edge
     size = upper - lower + 2 * margin
     edge = max(edge, float(np.sqrt(size.prod() / settings.most_cells)))
     rows, columns = (int(np.ceil(length / edge)) for length in size)
@@ -308,12 +332,15 @@ def _differences(
     lower, upper = min(float(own.min()), 0.0), max(float(own.max()), 0.0)
     margin = settings.beyond * (upper - lower)
 
-    def map_of(cloud: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "r c"]:
+    def map_of(cloud: Float64[np.ndarray, "n 3"], labelled: Float64[np.ndarray, "m 3"]) -> Float64[np.ndarray, "r c"]:
         places, values = cloud @ across.T, heights.of(cloud)
         near = (values >= lower - margin) & (values <= upper + margin)
-        return grid.means(places[near], values[near], settings.parts)
+        found = grid.means(places[near], values[near], settings.parts)
+        # What is seen below an overhang, such as the floor under a table, is not the surface of the change.
+        whole = ndimage.binary_erosion(grid.counts(labelled @ across.T) > 0, SQUARE)
+        return np.where(whole, grid.means(labelled @ across.T, heights.of(labelled), settings.parts), found)
 
-    maps = change.clouds.map(map_of)
+    maps = each(map_of, change.clouds, change.labelled)
     return maps.after - maps.before
 
 

@@ -223,7 +223,11 @@ def _change_surface(
 ) -> ChangeSurface:
     """A change with those that are counted in it, and what both scans show there."""
     place = places[index]
-    points = np.concatenate([places[one].part.points + (places[one].mean - place.mean) for one in own])
+    moved = [(places[one].part.after, places[one].part.points + (places[one].mean - place.mean)) for one in own]
+    labelled = Pair(False, True).map(
+        lambda after: np.concatenate([np.empty((0, 3)), *(part for side, part in moved if side == after)])
+    )
+    points = np.concatenate([*labelled])
     reach = window_reach(points, settings.surfaces)
     lower, upper = points.min(axis=0) - reach, points.max(axis=0) + reach
     others = [other.part.points + (other.mean - place.mean) for one, other in enumerate(places) if one not in own]
@@ -234,7 +238,7 @@ def _change_surface(
         return cloud[rows[evenly_chosen(len(rows), settings.most_points)]] - place.mean
 
     return ChangeSurface(
-        points, pair.points.map(cut), beside[within_box(beside, lower, upper)], place.reference, place.outward
+        labelled, pair.points.map(cut), beside[within_box(beside, lower, upper)], place.reference, place.outward
     )
 
 

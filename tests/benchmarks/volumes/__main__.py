@@ -18,7 +18,7 @@ from gmmjax import DetectionConfig, InputWarning, detect_changes
 from gmmjax.changes import volume_totals
 from tests.benchmarks.volumes.scenes import HELD_OUT, KINDS, VolumeScene, scene_of
 
-DEVELOPMENT_SEED, REPORTED_SEED = 1000, 70_000
+DEVELOPMENT_SEED, REPORTED_SEED = 1000, 80_000
 
 
 class Result(NamedTuple):
@@ -104,7 +104,7 @@ def table(results: Sequence[Result]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", type=int, default=160, help="how many, of all kinds in turn")
+    parser.add_argument("--scenes", type=int, default=104, help="how many, of all kinds in turn")
     parser.add_argument("--seed", type=int, help="of the first one")
     parser.add_argument("--development", action="store_true", help="the kinds and seeds of development")
     parser.add_argument("--out", type=Path, help="a file for the results as JSON")
