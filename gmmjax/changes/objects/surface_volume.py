@@ -240,8 +240,10 @@ class SurfaceMap(NamedTuple):
         if grid is None:
             return None
         difference = _differences(change, across, grid, settings)
-        counts, foreign = grid.counts(change.points @ across.T), grid.counts(change.others @ across.T) > 0
-        core = ndimage.binary_fill_holes(ndimage.binary_closing(counts > 0, SQUARE)) & ~(foreign & (counts == 0))
+        # A cell on the border of two changes is of the one that has more points there.
+        counts, others = (grid.counts(points @ across.T) for points in (change.points, change.others))
+        foreign = others > counts
+        core = ndimage.binary_fill_holes(ndimage.binary_closing((counts > 0) & ~foreign, SQUARE)) & ~foreign
         if not (core & np.isfinite(difference)).any():
             return None
         # Distance from the labelled cells, in cells. What is nearer to another change is of that one.
@@ -250,13 +252,13 @@ class SurfaceMap(NamedTuple):
             foreign = (ndimage.distance_transform_edt(~foreign) <= distance) & ~core
         beside = (distance > settings.clear) & ~foreign
         difference = _without_spikes(difference, core, beside, settings)
-        offset = _offset(difference, beside, core.sum(), registration_error, settings)
+        offset = _offset(difference, beside, int(core.sum()), registration_error, settings)
         grown = _grown(difference - offset.value, core, foreign, offset, settings)
         # Once more, in the surroundings of all of it.
         width = max(settings.clear, settings.surroundings * np.sqrt(grown.sum() / np.pi))
         distance = ndimage.distance_transform_edt(~grown) - _widest(grown, settings)
         around = (distance > settings.clear) & (distance <= settings.clear + width) & ~foreign
-        offset = _offset(difference, around, grown.sum(), registration_error, settings)
+        offset = _offset(difference, around, int(grown.sum()), registration_error, settings)
         return cls(change, grid, across, difference - offset.value, offset, counts, core, grown, foreign)
 
     def volume(self, settings: SurfaceVolumeSettings = SurfaceVolumeSettings()) -> SurfaceVolume:
@@ -503,7 +505,7 @@ def _filled(
         return difference, 0.0
     known = np.argwhere(footprint & np.isfinite(difference))
     values, cells = difference[tuple(known.T)], np.argwhere(missing)
-    near = values[nearest_neighbours(cKDTree(known), cells, count)[1]]
+    near = values[nearest_neighbours(cKDTree(known), cells.astype(float), count)[1]]
     means = near.mean(axis=1)
     between = _interpolated(difference, missing)
     values = np.where(np.isfinite(between), between, means)

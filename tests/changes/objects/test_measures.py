@@ -47,7 +47,8 @@ def measured_crate(crate, motion=np.eye(3), shift=np.zeros(3), settings=MeasureS
     pair = aligned(Pair(before, np.concatenate([floor, points])), "never")
     labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(floor), len(points)]))
     change = change_of(points, "appeared", 0.9, 5.0)
-    return with_measures((change,), labels, pair, 0.001, settings)[0]
+    nowhere = labels.map(lambda own: np.full(len(own), np.nan, np.float32))
+    return with_measures((change,), labels, pair, 0.001, nowhere, settings)[0]
 
 
 def test_a_crate_that_three_sides_were_seen_of_has_its_size_and_its_volume(crate):
