@@ -123,5 +123,3 @@ def test_a_change_of_repeated_points_has_no_volume():
     before, _ = ground(np.random.default_rng(5))
     change = ChangeSurface(Pair(NOTHING, point), Pair(before, point), NOTHING, LocalSurface.of(before), UP)
     assert SurfaceMap.of(change, 0.005) is None
-
-
