@@ -43,7 +43,7 @@ def write_geotiff(path: str | os.PathLike[str], found: ChangeMap) -> None:
     check_rasterio()
     import rasterio
     from rasterio.io import MemoryFile
-    from rasterio.transform import from_origin
+    from rasterio.transform import Affine
 
     rows, columns = found.distance.shape
     profile = {
@@ -56,7 +56,7 @@ def write_geotiff(path: str | os.PathLike[str], found: ChangeMap) -> None:
         "compress": "deflate",
         "predictor": 3,
         "tiled": True,
-        "transform": from_origin(found.left, found.top, found.cell, found.cell),
+        "transform": Affine(found.cell, 0.0, found.left, 0.0, -found.cell, found.top),
         "crs": _reference_system(path, found.crs),
     }
     with warnings.catch_warnings():
