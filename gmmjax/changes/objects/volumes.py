@@ -32,6 +32,9 @@ class VolumeSettings:
     Attributes:
         on_surface: fraction of a change's points, at least, that have a surface of the other scan below them, for the
             volume to be that between both surfaces. 0: it always is; above 1: it is always that of the hull.
+        aligned: cosine, at least, between the normals of a point of a change and of the surface below it, of a layer on
+            that surface; of a layer the signed distance tells whether it is a gain, of an object whether it came. 0:
+            it always does, and a box before a wall may be taken for a part of the wall that receded.
         below: distance along the surface, in spacings of the other scan, up to which it has a surface below a point.
             0: no change has; infinite: the surface is taken to go on below a change that nobody saw the ground of.
         same: fraction of the points of a change, at least, that lie in front of or behind those of a change of the
@@ -42,6 +45,7 @@ class VolumeSettings:
     """
 
     on_surface: float = 0.5
+    aligned: float = 0.7
     below: float = 3.0
     same: float = 0.5
     most_points: int = 2_000_000
@@ -153,8 +157,9 @@ def _place(
     nearest = reference.nearest(surface.points)
     below = reference.normals[nearest]
     outward = np.linalg.eigh(below.T @ below)[1][:, -1]
-    # Towards the after surface where that lies on the outer side; where nothing is known, what appeared was added.
-    gained = part.after if distance is None or distance == 0 else distance > 0
+    # Towards the after surface where that lies on the outer side; else what appeared was added.
+    layer = np.mean(np.abs((surface.normals * below).sum(axis=1)) >= settings.aligned) >= settings.on_surface
+    gained = distance > 0 if layer and distance else part.after
     heights = HeightAbove(reference, outward, settings.surfaces).of(surface.points)
     if (float(np.median(heights)) > 0) != (gained == part.after):
         outward = -outward
