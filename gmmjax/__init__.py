@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from gmmjax.clouds import PointCloud as PointCloud
     from gmmjax.clouds import SensorViews as SensorViews
     from gmmjax.clouds import read_cloud as read_cloud
+    from gmmjax.clouds import read_survey as read_survey
     from gmmjax.clouds import read_views as read_views
     from gmmjax.errors import ComputationError as ComputationError
     from gmmjax.errors import InputError as InputError
@@ -40,7 +41,7 @@ _NAMES = {
     "changes": (
         *("Change", "Changes", "Contribution", "DetectionConfig", "Explanation", "RejectedCandidate", "detect_changes"),
     ),
-    "clouds": ("PointCloud", "SensorViews", "read_cloud", "read_views"),
+    "clouds": ("PointCloud", "SensorViews", "read_cloud", "read_survey", "read_views"),
     "errors": ("ComputationError", "InputError", "InputWarning"),
     "mixtures": ("Fit", "FitSettings", "FitStatus", "GaussianMixture", "Prior", "fit_mixture"),
     "transport": ("TransportResult", "TransportStatus", "earth_movers_distance"),

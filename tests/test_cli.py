@@ -20,7 +20,7 @@ from gmmjax import _compilation_cache as compilation_cache
 from gmmjax.changes import Changes
 from gmmjax.cli import main
 from gmmjax.cli.application import COMMANDS as PROGRAMS
-from gmmjax.clouds import read_cloud, write_ply
+from gmmjax.clouds import read_cloud, write_pcd, write_ply
 from gmmjax.evaluation import read_pair
 from gmmjax.reporting import read_mixture
 from tests.changes.explained import explanation, rejected
@@ -91,6 +91,67 @@ def test_detect_finds_what_appeared(result):
     assert [change.kind for change in changes.items] == ["appeared"]
     assert (changes.labels_after[600:] == 0).mean() > 0.95
     assert (changes.labels_before == -1).all()
+
+
+@pytest.fixture(scope="module")
+def surveys(tmp_path_factory):
+    """The same pair of clouds as of `scans`, each as two scans: of one name, in two folders, and of two formats."""
+    folder = tmp_path_factory.mktemp("surveys")
+    before, after = clouds()
+    (folder / "b").mkdir()
+    np.save(folder / "scan <1>.npy", np.insert(before[:250], 3, np.nan, axis=0))
+    np.save(folder / "b" / "Scan <1>.npy", before[250:])
+    write_ply(folder / "after.ply", after[:300], fields={"intensity": np.arange(300, dtype=np.int16)})
+    write_pcd(folder / "after.pcd", after[300:], fields={"ring": np.arange(450, dtype=np.uint8)})
+    return [folder / "scan <1>.npy", folder / "b" / "Scan <1>.npy"], [folder / "after.ply", folder / "after.pcd"]
+
+
+def test_surveys_of_several_scans_are_one_cloud_each(result, surveys, tmp_path):
+    """What is found is that of the whole clouds; each scan is written by itself."""
+    folder = tmp_path / "out"
+    words = ["detect", "--before", *surveys[0], "--after", *surveys[1], "--out", folder, "--quiet", *DETECT]
+    assert main([str(word) for word in words]) == 0
+    whole, changes = Changes.load(result), Changes.load(folder)
+    np.testing.assert_array_equal(changes.labels_after, whole.labels_after)
+    np.testing.assert_array_equal(changes.probability_before, whole.probability_before)
+    names = ["before/scan <1>.ply", "before/Scan <1>-2.ply", "after/after.ply", "after/after-2.pcd"]
+    assert {str(path.relative_to(folder)) for path in folder.glob("*/*")} == {*names}
+    read = [read_cloud(folder / name) for name in names]
+    assert read[0].fields["row"].tolist() == [0, 1, 2, *range(4, 251)] and "row" not in read[1].fields
+    labels = np.concatenate([cloud.fields["label"] for cloud in read[2:]])
+    np.testing.assert_array_equal(labels, changes.labels_after)
+    assert read[2].fields["intensity"].dtype == np.int16 and "ring" not in read[2].fields
+    np.testing.assert_array_equal(read[3].fields["ring"], np.arange(450, dtype=np.uint8))
+    assert changes.diagnostics["after"]["source"] == "after.ply, after.pcd"
+
+
+def test_a_survey_replaces_a_result_and_is_replaced(scans, surveys, tmp_path, capsys):
+    several = ["--before", *surveys[0], "--after", *surveys[1]]
+    for given in (scans, several, scans):
+        words = ["detect", *given, "--out", tmp_path / "out", *DETECT, "--overwrite"]
+        assert main([str(word) for word in words]) == 0
+        printed = capsys.readouterr().out
+        assert ("before/" in printed) == (tmp_path / "out" / "before").is_dir() == (given is several)
+        assert (tmp_path / "out" / "before.ply").exists() == (given is scans)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("A", "give either two scans as BEFORE AFTER, or"),
+        ("A B --before A B", "and not some of both"),
+        ("--before A B", "--before FILE ... --after FILE ..."),
+        ("A --after A B", "and not some of both"),
+        ("--before A A --after B", "is given twice as a scan of one survey"),
+        ("--before A B --after B --sensor-before 1 2 3", "1 position for 2 scans; give X Y Z for each of them"),
+        ("--before A B --after B --sensor-before 1 2 3 4 5 6 7 8 9", "3 positions for 2 scans"),
+    ],
+)
+def test_scans_that_are_given_wrongly(scans, tmp_path, capsys, words, message):
+    files = {"A": scans[0], "B": scans[1]}
+    said = failed(["detect", *(files.get(word, word) for word in words.split()), "--out", tmp_path / "out"], capsys)
+    assert message in said
+    assert not (tmp_path / "out").exists()
 
 
 def test_flags_and_their_values_reach_the_settings(result):

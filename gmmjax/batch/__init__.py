@@ -16,6 +16,11 @@ from gmmjax.batch.manifest import pairs_in_folders as pairs_in_folders
 from gmmjax.batch.manifest import read_manifest as read_manifest
 from gmmjax.batch.pair_record import PairRecord as PairRecord
 from gmmjax.batch.pools import AbstractPool as AbstractPool
+from gmmjax.batch.pools import ClusterPool as ClusterPool
+from gmmjax.batch.pools import ExecutorPool as ExecutorPool
+from gmmjax.batch.pools import LocalPool as LocalPool
+from gmmjax.batch.pools import check_workers as check_workers
+from gmmjax.batch.pools import died as died
 from gmmjax.batch.rows import ChangeRow as ChangeRow
 from gmmjax.batch.rows import ConvergenceRow as ConvergenceRow
 from gmmjax.batch.rows import ObjectRow as ObjectRow

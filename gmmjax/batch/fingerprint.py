@@ -78,7 +78,7 @@ def fingerprint_of_memory(content: PointCloud | SensorViews) -> Fingerprint:
         colors = np.empty(0, np.uint8) if content.colors is None else content.colors
         arrays = {"points": content.points, "rows": content.rows, "colors": colors}
         arrays |= {f"field {name}": values for name, values in content.fields.items()}
-        stated = content.unit, content.crs, content.file
+        stated = content.unit, content.crs, content.file, *content.files
     digest = hashlib.sha256(repr(stated).encode())
     for name, array in arrays.items():
         digest.update(f"{name} {array.dtype.str} {array.shape} ".encode())

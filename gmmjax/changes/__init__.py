@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from gmmjax.changes.detectors import TransportDetector as TransportDetector
     from gmmjax.changes.detectors.greedy_removal import Removals as Removals
     from gmmjax.changes.detectors.greedy_removal import remove_changed as remove_changed
+    from gmmjax.changes.detectors.joint import CutCandidates as CutCandidates
     from gmmjax.changes.detectors.joint import UnpairedChanges as UnpairedChanges
     from gmmjax.changes.detectors.unmatched_mass import Unmatched as Unmatched
     from gmmjax.changes.detectors.unmatched_mass import unmatched_shares as unmatched_shares
@@ -73,6 +74,9 @@ if TYPE_CHECKING:
     from gmmjax.changes.fit.joint_problem import JointFitSettings as JointFitSettings
     from gmmjax.changes.fit.joint_problem import joint_problem as joint_problem
     from gmmjax.changes.fit.restart_fits import RestartFits as RestartFits
+    from gmmjax.changes.m3c2 import M3C2Distances as M3C2Distances
+    from gmmjax.changes.m3c2 import M3C2Settings as M3C2Settings
+    from gmmjax.changes.m3c2 import m3c2_distances as m3c2_distances
     from gmmjax.changes.objects.cloud_changes import change_of as change_of
     from gmmjax.changes.objects.found import KINDS as KINDS
     from gmmjax.changes.objects.found import ObjectSettings as ObjectSettings
@@ -102,8 +106,10 @@ if TYPE_CHECKING:
     from gmmjax.changes.progress import Progress as Progress
     from gmmjax.changes.progress import silent as silent
     from gmmjax.changes.registration import Registration as Registration
+    from gmmjax.changes.signed_distance import SignedDistanceSettings as SignedDistanceSettings
     from gmmjax.changes.storage import CHANGES_FILE as CHANGES_FILE
     from gmmjax.changes.storage import LABELS_FILE as LABELS_FILE
+    from gmmjax.changes.storage import OPTIONAL_FIGURES as OPTIONAL_FIGURES
     from gmmjax.changes.total_volumes import VolumeTotals as VolumeTotals
     from gmmjax.changes.total_volumes import volume_totals as volume_totals
 

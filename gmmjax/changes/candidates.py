@@ -22,6 +22,8 @@ class CandidateSettings:
         core_probability: of the nearly sure points that clusters are made of. At the threshold: a slight
             misregistration chains half a scene to one cluster.
         smallest_core: number of such points that a candidate has, at least.
+        smallest_local_core: the same where voxels are as small as the scans allow at each place. Fewer: noise makes
+            candidates; 20: what the scans show with a dozen points is lost.
         cluster_radius: within which such points are neighbours, in spacings (the radius of DBSCAN).
         cluster_neighbours: of a core point, itself counted (the minimum of DBSCAN).
         growth: a candidate takes in points that reach the threshold within this many radii.
@@ -30,9 +32,15 @@ class CandidateSettings:
     first_distance: float = 0.3
     core_probability: float = 0.9
     smallest_core: int = 20
+    smallest_local_core: int = 10
     cluster_radius: float = 5.0
     cluster_neighbours: int = 8
     growth: float = 2.0
+
+    @property
+    def local(self) -> "CandidateSettings":
+        """The same where voxels are as small as the scans allow at each place."""
+        return dataclasses.replace(self, smallest_core=self.smallest_local_core)
 
 
 class Candidates(NamedTuple):
@@ -68,6 +76,7 @@ def candidates_of(
     observed: Pair[Int8[np.ndarray, " _"] | None] = Pair(None, None),
     threshold: float = 0.5,
     settings: CandidateSettings = CandidateSettings(),
+    sizes: Pair[Float[np.ndarray, " _"] | None] = Pair(None, None),
 ) -> Pair[Candidates]:
     """The candidates of both clouds.
 
@@ -78,17 +87,29 @@ def candidates_of(
         observed: what the other survey observed at the place of each point; None: its views are not known.
         threshold: probability from which on a point belongs to a candidate.
         settings: which points look changed.
+        sizes: of the voxel of each point, where they differ from place to place; None: the spacing of the pair is
+            everywhere.
     """
     limits = differences.limits
 
     def of_cloud(
-        points: np.ndarray, difference: LocalDifference, excess: RestartValues, observed: np.ndarray | None
+        points: np.ndarray,
+        difference: LocalDifference,
+        excess: RestartValues,
+        observed: np.ndarray | None,
+        sizes: np.ndarray | None,
     ) -> Candidates:
-        looks_changed = mean_probability(excess, probability_by_difference(difference, limits, settings))
-        labels = clusters_by_observation(points, looks_changed, observed, limits.spacing, threshold, settings)
+        by_difference = probability_by_difference(difference, limits, settings)
+        spacing: float | np.ndarray
+        if sizes is None:
+            spacing, own, looks_changed = limits.spacing, settings, mean_probability(excess, by_difference)
+        else:
+            # The mixture's Gaussians are far larger than what the finest voxels show.
+            spacing, own, looks_changed = sizes, settings.local, by_difference
+        labels = clusters_by_observation(points, looks_changed, observed, spacing, threshold, own)
         return Candidates(points, difference, excess, looks_changed, labels, observed)
 
-    return each_on_cores(of_cloud, points, differences.local, excess, observed)
+    return each_on_cores(of_cloud, points, differences.local, excess, observed, sizes)
 
 
 def probability_by_difference(
@@ -130,7 +151,7 @@ def clusters_by_observation(
     points: Float[np.ndarray, "n 3"],
     probability: Float[np.ndarray, " n"],
     observed: Int8[np.ndarray, " n"] | None,
-    spacing: float,
+    spacing: float | Float[np.ndarray, " n"],
     threshold: float = 0.5,
     settings: CandidateSettings = CandidateSettings(),
 ) -> Int[np.ndarray, " n"]:
@@ -143,19 +164,19 @@ def clusters_by_observation(
         points: of one cloud.
         probability: that each is changed.
         observed: what the other survey observed at each place, negative for nothing; None: not known.
-        spacing: of neighbouring points.
+        spacing: of neighbouring points, at each point or everywhere.
         threshold: probability from which on a point belongs to a cluster.
         settings: of the clusters.
 
     Returns:
         For each point -1, or the number of its cluster.
     """
-    labels = np.full(len(points), -1)
+    labels, spacings = np.full(len(points), -1), np.broadcast_to(spacing, len(points))
     groups: list[Bool[np.ndarray, " n"]] = [np.ones(len(points), bool)]
     if observed is not None:
         groups = [observed >= 0, observed < 0]
     for group in groups:
-        own = clusters_with_core(points[group], probability[group], spacing, threshold, settings)
+        own = clusters_with_core(points[group], probability[group], spacings[group], threshold, settings)
         labels[group] = np.where(own >= 0, own + labels.max(initial=-1) + 1, -1)
     return labels
 
@@ -163,7 +184,7 @@ def clusters_by_observation(
 def clusters_with_core(
     points: Float[np.ndarray, "n 3"],
     probability: Float[np.ndarray, " n"],
-    spacing: float,
+    spacing: float | Float[np.ndarray, " n"],
     threshold: float = 0.5,
     settings: CandidateSettings = CandidateSettings(),
 ) -> Int[np.ndarray, " n"]:
@@ -172,23 +193,23 @@ def clusters_with_core(
     Args:
         points: of one cloud.
         probability: that each is changed.
-        spacing: of neighbouring points.
+        spacing: of neighbouring points, at each point or everywhere.
         threshold: probability from which on a point belongs to a cluster.
         settings: of the clusters.
 
     Returns:
         For each point -1, or the number of its cluster.
     """
-    radius = settings.cluster_radius * spacing
+    radius = settings.cluster_radius * np.broadcast_to(spacing, len(points))
     labels = np.full(len(points), -1)
     core = np.flatnonzero(probability >= max(settings.core_probability, threshold))
-    labels[core] = density_clusters(points[core], radius, settings.cluster_neighbours)
+    labels[core] = density_clusters(points[core], radius[core], settings.cluster_neighbours)
     counts = np.bincount(labels[labels >= 0], minlength=1)
     labels[np.isin(labels, np.flatnonzero(counts < settings.smallest_core))] = -1
     core, others = np.flatnonzero(labels >= 0), np.flatnonzero((labels < 0) & (probability >= threshold))
     if len(core):
-        tree, reach, workers = cKDTree(points[core]), settings.growth * radius, workers_for(len(others))
-        distances, nearest = tree.query(points[others], distance_upper_bound=reach, workers=workers)
-        near = np.isfinite(distances)
+        tree, reach, workers = cKDTree(points[core]), settings.growth * radius[others], workers_for(len(others))
+        distances, nearest = tree.query(points[others], distance_upper_bound=reach.max(initial=0.0), workers=workers)
+        near = distances < reach
         labels[others[near]] = labels[core[nearest[near]]]
     return labels

@@ -284,10 +284,16 @@ class Changes:
             status of every fit, seconds. Plain numbers, strings, lists and dictionaries.
         registration: of the after cloud to the before cloud, and how sure it is.
         rejected: what looked changed in one of the clouds and is no change, most probable first.
-        distance_before: per point the signed distance to the surface of the after cloud, along its normal, in the unit
-            of the clouds: positive where the after surface lies on the outer side. NaN where there is nothing to
-            compare with. None where it was not measured: in clouds that fill volumes.
+        distance_before: per point the signed distance to the surface of the after cloud, along the normal, by M3C2's
+            definition, in the unit of the clouds: positive where the after surface lies on the outer side. NaN where
+            there is nothing to compare with. None where it was not measured: in clouds that fill volumes.
         distance_after: per point of the after cloud the signed distance from the surface of the before cloud to it.
+        level_of_detection_before: per point the distance from which on a difference is significant at 95 %, by the
+            scatter of both surfaces there and the registration error. NaN and None as for the distance.
+        level_of_detection_after: the same for the after cloud.
+        significance_before: per point the absolute distance in standard errors: beyond the level of detection it is
+            more than 1.96. NaN and None as for the distance.
+        significance_after: the same for the after cloud.
         warnings: what the user was warned of during the detection.
         unit: of the coordinates, such as "m"; None where it is not known.
         clouds: both clouds as they were given to `detect_changes`, by reference: what `report`, `plot` and notebooks
@@ -308,6 +314,10 @@ class Changes:
     rejected: tuple[RejectedCandidate, ...] = ()
     distance_before: Float[np.ndarray, " n0"] | None = None
     distance_after: Float[np.ndarray, " n1"] | None = None
+    level_of_detection_before: Float[np.ndarray, " n0"] | None = None
+    level_of_detection_after: Float[np.ndarray, " n1"] | None = None
+    significance_before: Float[np.ndarray, " n0"] | None = None
+    significance_after: Float[np.ndarray, " n1"] | None = None
     warnings: tuple[str, ...] = ()
     unit: str | None = None
     clouds: Pair[GivenCloud] | None = dataclasses.field(default=None, repr=False, compare=False)

@@ -78,8 +78,9 @@ class DetectionConfig:
             None: those that come with the package. Of "joint".
         max_points: maximum number of voxels that each cloud is reduced to before a separate fit, and of points that one
             restart of "joint" is fitted to. All points get labels nevertheless.
-        voxel_size: edge of the voxels. None: the smallest that leaves at most `max_points` (50,000 for "joint") in
-            either cloud; clouds with fewer points are not reduced.
+        voxel_size: edge of the voxels, the same everywhere. None: the smallest that leaves at most `max_points` (50,000
+            for the registration and the mixture of "joint") in either cloud; clouds with fewer points are not reduced.
+            "joint" then compares scans in voxels as small as both allow at each place.
         outlier_neighbours: neighbours that the outlier filter looks at; 0 switches it off. Of separate fits; "joint"
             has a component for stray points.
         outlier_ratio: a point is an outlier, and kept out of the fit, when its mean distance to those neighbours is

@@ -76,6 +76,7 @@ class LocalDifference(NamedTuple):
         error: registration error there; None: that of the pair.
         counterpart: the point of the other cloud whose surface is compared with.
         signed_offset: of the local mean from that surface, positive on the side that its normal points to.
+        own_spacing: of the cloud's own points there, where it differs from place to place; None: that of the pair.
     """
 
     distance: Float[np.ndarray, " n"]
@@ -86,6 +87,7 @@ class LocalDifference(NamedTuple):
     error: Float[np.ndarray, " n"] | None = None
     counterpart: Int[np.ndarray, " n"] | None = None
     signed_offset: Float[np.ndarray, " n"] | None = None
+    own_spacing: Float[np.ndarray, " n"] | None = None
 
 
 class DetectionLimits(NamedTuple):
@@ -116,7 +118,9 @@ class DetectionLimits(NamedTuple):
     def local_distance(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
         """The limit of the distance of each point, larger where the other cloud is sparser, thicker or farther off."""
         settings, error = self.settings, self.registration_error if difference.error is None else difference.error
-        of_pair = max(settings.spacings * self.spacing, settings.distances * self.median_distance)
+        of_pair: float | np.ndarray = max(settings.spacings * self.spacing, settings.distances * self.median_distance)
+        if difference.own_spacing is not None:
+            of_pair = settings.spacings * difference.own_spacing
         of_other = np.maximum(settings.spacings * difference.spacing, settings.thicknesses * difference.thickness)
         return np.maximum(of_pair, np.maximum(settings.offsets * error, of_other))
 
@@ -134,7 +138,10 @@ class Differences(NamedTuple):
 
 
 def differences_between(
-    surfaces: Pair[LocalSurface], spacing: float, settings: DifferenceSettings = DifferenceSettings()
+    surfaces: Pair[LocalSurface],
+    spacing: float,
+    settings: DifferenceSettings = DifferenceSettings(),
+    own_spacing: Pair[Float[np.ndarray, " _"] | None] = Pair(None, None),
 ) -> Differences:
     """The differences of two registered clouds from each other.
 
@@ -142,8 +149,10 @@ def differences_between(
         surfaces: of both clouds.
         spacing: of neighbouring points, in the sparser cloud.
         settings: of the limits.
+        own_spacing: at each point, where it differs from place to place; None: that of the pair is everywhere.
     """
     local = each_on_cores(local_difference, surfaces, surfaces.swapped)
+    local = each(lambda side, own: side._replace(own_spacing=own), local, own_spacing)
     limits = detection_limits(local, spacing, settings)
     about = limits.registration_error, limits.distance, limits.offset
     logger.info("differences: registration error %.4g; certain from distance %.4g and offset %.4g on", *about)
@@ -201,14 +210,23 @@ def detection_limits(
 
 def _in_overlap(side: LocalDifference, spacing: float, settings: DifferenceSettings) -> Bool[np.ndarray, " n"]:
     """The points of the overlap of both clouds, or all points where that is too small."""
-    common = side.distance <= settings.overlap * np.maximum(side.spacing, spacing)
+    own_spacing = spacing if side.own_spacing is None else side.own_spacing
+    common = side.distance <= settings.overlap * np.maximum(side.spacing, own_spacing)
     return common if common.mean() >= settings.least_overlap else np.ones(len(common), bool)
+
+
+def _unsure(side: LocalDifference, limits: DetectionLimits) -> Bool[np.ndarray, " n"]:
+    """The points that are no sure change."""
+    if side.own_spacing is None:
+        return np.asarray((side.distance <= limits.distance) & (side.offset <= limits.offset))
+    within = (side.distance <= limits.local_distance(side)) & (side.offset <= limits.local_offset(side))
+    return np.asarray(within)
 
 
 def _with_error(own: LocalSurface, side: LocalDifference, limits: DetectionLimits) -> LocalDifference:
     """The differences of a cloud with the registration error at each point: the median offset of the region around."""
     settings = limits.settings
-    unsure = np.flatnonzero((side.distance <= limits.distance) & (side.offset <= limits.offset))
+    unsure = np.flatnonzero(_unsure(side, limits))
     if len(unsure) < settings.region:
         return side
     tree = cKDTree(own.points[unsure])

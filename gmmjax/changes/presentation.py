@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike
 
+from gmmjax.changes.storage import OPTIONAL_FIGURES
 from gmmjax.clouds import PointCloud, atomic_write
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
@@ -68,7 +69,7 @@ def presented(changes: "Changes", before: GivenCloud | None = None, after: Given
 
 def _of_rows(changes: "Changes", time: str, rows: np.ndarray) -> "Changes":
     """The changes with the labels of some rows of one cloud: those that have a position."""
-    names = [f"{name}_{time}" for name in ("labels", "probability", "unobserved", "distance")]
+    names = [f"{name}_{time}" for name in ("labels", "probability", "unobserved", *OPTIONAL_FIGURES)]
     arrays = {name: getattr(changes, name) for name in names}
     kept: dict[str, Any] = {name: None if values is None else values[rows] for name, values in arrays.items()}
     return dataclasses.replace(changes, **kept)

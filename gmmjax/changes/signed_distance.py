@@ -1,16 +1,18 @@
 """The signed distance between two scans at each point: by how much, and to which side, the surface has moved there.
 
-The distance is that between local means along the normal of the other cloud's surface, as of M3C2 (Lague, Brodu and
-Leroux 2013, section 3); a normal points to the side that the surface was scanned from.
+It is M3C2's (`m3c2`), at the points of both scans and along the normals of their surfaces, which point to the side that
+the surface was scanned from.
 """
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Bool, Float, Float64
 from scipy.spatial import cKDTree
 
-from gmmjax.changes.differences import Differences, LocalDifference
+from gmmjax.changes.differences import DetectionLimits, Differences, LocalDifference
+from gmmjax.changes.m3c2 import M3C2Distances, M3C2Settings, m3c2_distances
 from gmmjax.clouds import SensorViews
 from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each
@@ -18,56 +20,105 @@ from gmmjax.pair import Pair, each
 
 @dataclasses.dataclass(frozen=True)
 class SignedDistanceSettings:
-    """Where a point has a surface to be compared with.
+    """The cylinders about the points of two scans, and where there are too few points to compare.
 
     Attributes:
-        reach: distance along the other cloud's surface, in its point spacings, from a point's projection to the nearest
-            point there, at most: the part of M3C2's cylinder. Infinite: beyond an edge the distance is that to the
-            continued plane.
+        neighbours: points in a cylinder, on a flat surface, at the spacing of the sparser cloud there: its radius
+            follows. Few: noisy distances, and a level of detection that is itself uncertain; many: small changes are
+            averaged with what is beside them.
+        margin: half length of a cylinder in the point's own cloud, in radii. Small: of rough surfaces a part is cut
+            off; large: other surfaces are mixed in, beside edges first.
+        reach: by which the cylinder is longer in the other cloud, in distances to its nearest point, which may lie
+            beside the normal. 0: what has moved by more than the margin is not found; large: what lies behind the
+            surface is mixed in.
+        least_points: in a cylinder, of either cloud; with fewer there is no distance. 2: edges of clouds have one, with
+            a level of detection that means little.
     """
 
-    reach: float = 3.0
+    neighbours: float = 15.0
+    margin: float = 1.5
+    reach: float = 2.0
+    least_points: int = 5
+
+
+class PointFigures(NamedTuple):
+    """What M3C2 says of each point of a cloud: see `Changes`; NaN where there is nothing to compare with.
+
+    Attributes:
+        distance: signed.
+        level_of_detection: at 95 %.
+        significance: in standard errors.
+    """
+
+    distance: Float[np.ndarray, " n"]
+    level_of_detection: Float[np.ndarray, " n"]
+    significance: Float[np.ndarray, " n"]
 
 
 def signed_distances(
+    clouds: Pair[Float64[np.ndarray, "_ 3"]],
     surfaces: Pair[LocalSurface],
     differences: Differences,
     views: Pair[SensorViews | None],
     settings: SignedDistanceSettings = SignedDistanceSettings(),
-) -> Pair[Float[np.ndarray, " _"]]:
-    """The distance from the before to the after surface at each point of either cloud, in the unit of the clouds.
+) -> Pair[PointFigures]:
+    """The distance from the before to the after surface at each working point of either cloud, in the clouds' unit.
 
     Positive where the after surface lies on the outer side of the before one: towards the sensor, or, where no views
     are known, towards a point high above the middle of the cloud, along z.
 
     Args:
-        surfaces: of both clouds, registered.
-        differences: of them from each other.
+        clouds: all points of both clouds, registered.
+        surfaces: of the working points, which are the core points.
+        differences: of these from each other.
         views: where the sensor stood, in the before frame; None: not known.
-        settings: where there is something to compare with.
-
-    Returns:
-        A distance for each point, NaN where the other cloud has no surface to compare with.
+        settings: of the cylinders.
     """
-    senses = each(_senses, surfaces, views)
+    normals = each(_outward_normals, surfaces, views)
+    radii = each(lambda own, side: _radii(own, side, settings), surfaces, differences.local)
+    errors = differences.local.map(lambda side: _registration_errors(side, differences.limits))
+    near = radii.map(lambda own: settings.margin * own)
+    far = each(lambda own, side: own + settings.reach * side.distance, near, differences.local)
+    # The core points of both clouds at once: each cloud is packed once.
+    found = m3c2_distances(
+        np.concatenate([surface.points for surface in surfaces]),
+        np.concatenate([*normals]),
+        clouds,
+        M3C2Settings(np.concatenate([*radii]), Pair(np.r_[near.before, far.after], np.r_[far.before, near.after])),
+        np.concatenate([*errors]),
+    )
+    count = len(surfaces.before)
+    return Pair(slice(count), slice(count, None)).map(lambda rows: _figures(found, rows, settings.least_points))
 
-    def of_cloud(own: LocalDifference, senses: Float64[np.ndarray, " m"]) -> np.ndarray:
-        assert own.counterpart is not None and own.signed_offset is not None
-        along_surface = np.sqrt(np.maximum(own.distance**2 - own.offset**2, 0))
-        compared = along_surface <= settings.reach * own.spacing
-        return np.where(compared, senses[own.counterpart] * own.signed_offset, np.nan)
 
-    found = each(of_cloud, differences.local, senses.swapped)
-    # Of a point of the before cloud it is the after surface that lies on the other side.
-    return Pair(-found.before, found.after)
+def _figures(found: M3C2Distances, rows: slice, least_points: int) -> PointFigures:
+    """Those of some core points, where either cloud has enough points."""
+    enough: Bool[np.ndarray, " n"] = np.minimum(*found.count)[rows] >= least_points
+    figures = found.distance, found.level_of_detection, found.significance
+    return PointFigures(*(np.where(enough, values[rows], np.nan) for values in figures))
 
 
-def _senses(surface: LocalSurface, views: SensorViews | None) -> Float64[np.ndarray, " n"]:
-    """1 where a normal points to where the surface was scanned from, -1 where it points away from it."""
+def _radii(
+    surface: LocalSurface, difference: LocalDifference, settings: SignedDistanceSettings
+) -> Float64[np.ndarray, " n"]:
+    """Of the cylinders, by the larger of both clouds' spacings at each point."""
+    spacing = np.maximum(surface.spacing(np.arange(len(surface))), difference.spacing)
+    return np.asarray(np.sqrt(settings.neighbours / np.pi) * spacing)
+
+
+def _registration_errors(difference: LocalDifference, limits: DetectionLimits) -> Float64[np.ndarray, " n"]:
+    if difference.error is not None:
+        return difference.error
+    return np.full(len(difference.distance), limits.registration_error)
+
+
+def _outward_normals(surface: LocalSurface, views: SensorViews | None) -> Float64[np.ndarray, "n 3"]:
+    """The normals, each turned to the side that its surface was scanned from."""
     if views is None:
         lower, upper = surface.tree.mins, surface.tree.maxes
         towards = (lower + upper) / 2 + np.array([0.0, 0.0, (upper - lower).max()])
     else:
         positions = views.poses[:, :3, 3]
         towards = positions[cKDTree(positions).query(surface.points)[1]]
-    return np.where(((towards - surface.points) * surface.normals).sum(axis=1) < 0, -1.0, 1.0)
+    inward = ((towards - surface.points) * surface.normals).sum(axis=1) < 0
+    return np.where(inward[:, None], -surface.normals, surface.normals)

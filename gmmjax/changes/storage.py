@@ -19,7 +19,8 @@ LABELS_FILE = "labels.npz"
 POINT_KINDS = (("labels", "i", "a whole number"), ("probability", "f", "a number"), ("unobserved", "b", "a bool"))
 POINT_ARRAYS = tuple(f"{name}_{time}" for name, *_ in POINT_KINDS for time in ("before", "after"))
 # Arrays that a record may be without.
-OPTIONAL_ARRAYS = ("distance_before", "distance_after")
+OPTIONAL_FIGURES = ("distance", "level_of_detection", "significance")
+OPTIONAL_ARRAYS = tuple(f"{name}_{time}" for name in OPTIONAL_FIGURES for time in ("before", "after"))
 REMEDY = "run the detection again"
 
 
@@ -86,8 +87,9 @@ def _read_labels(file: Path) -> dict[str, np.ndarray]:
         probability = arrays[f"probability_{time}"]
         if not ((probability >= 0) & (probability <= 1 + 1e-6)).all():
             raise InputError(f"{file}: probability_{time} must lie between 0 and 1; {REMEDY}")
-        distance = arrays.get(f"distance_{time}")
-        if distance is not None and (distance.dtype.kind != "f" or distance.shape != (count,)):
-            found = f"{distance.dtype} {list(distance.shape)}"
-            raise InputError(f"{file}: distance_{time} must be a number for each point, not {found}; {REMEDY}")
+        for name in OPTIONAL_FIGURES:
+            values = arrays.get(f"{name}_{time}")
+            if values is not None and (values.dtype.kind != "f" or values.shape != (count,)):
+                found = f"{values.dtype} {list(values.shape)}"
+                raise InputError(f"{file}: {name}_{time} must be a number for each point, not {found}; {REMEDY}")
     return arrays

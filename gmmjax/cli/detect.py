@@ -1,4 +1,4 @@
-"""`gmmjax detect BEFORE AFTER --out DIR`."""
+"""`gmmjax detect BEFORE AFTER --out DIR`, or `--before FILE ... --after FILE ...` for surveys of several scans."""
 
 import dataclasses
 import functools
@@ -16,7 +16,7 @@ from gmmjax.cli.flags import flags_of
 from gmmjax.cli.log import shown_log
 from gmmjax.cli.sensor_options import SensorOption
 from gmmjax.errors import InputError
-from gmmjax.pair import Pair
+from gmmjax.pair import Pair, each
 
 # What the values of settings are called in the help.
 VALUES = {
@@ -41,13 +41,15 @@ def command(arguments: Sequence[str]) -> Callable[..., int]:
 
 
 def detect(
-    before: Annotated[Positional[Path], tyro.conf.arg(metavar="BEFORE")],
-    after: Annotated[Positional[Path], tyro.conf.arg(metavar="AFTER")],
+    scan_before: Annotated[Positional[Path | None], tyro.conf.arg(metavar="BEFORE")] = None,
+    scan_after: Annotated[Positional[Path | None], tyro.conf.arg(metavar="AFTER")] = None,
     *,
+    before: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = (),
+    after: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = (),
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
     config: Annotated[Path | None, tyro.conf.arg(metavar="FILE.toml")] = None,
-    views_before: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    views_after: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    views_before: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = (),
+    views_after: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = (),
     sensor_at_origin: bool = False,
     sensor_before: Annotated[tuple[float, ...] | None, tyro.conf.arg(metavar="X Y Z")] = None,
     sensor_after: Annotated[tuple[float, ...] | None, tyro.conf.arg(metavar="X Y Z")] = None,
@@ -63,22 +65,24 @@ def detect(
     """Find what changed between two scans: a list, labels for all points, a report.
 
     Reads PLY, PCD, XYZ, ASC, PTS, CSV, NPY, NPZ, LAS, LAZ and E57. Both scans must be in the same unit and in about
-    the same frame.
+    the same frame. Where a survey has several scans, in one frame, give them with --before and --after.
 
     Args:
-        before: the scan at the first time.
-        after: the scan at the second time.
+        scan_before: the scan at the first time.
+        scan_after: the scan at the second time.
+        before: the scans of the first survey, in place of BEFORE.
+        after: the scans of the second survey, in place of AFTER.
         out: folder for the results; created if missing.
         config: TOML file with settings, such as the config.toml of an earlier result; options override it.
-        views_before: poses of the sensor during the first scan, JSON or NPZ with poses, field_of_view and max_range. A
-            change must then lie where the other scan saw free space. By default they are taken from the file, if it is
-            a PCD file of an ordered frame.
-        views_after: the same for the second scan.
+        views_before: poses of the sensor during the first survey, JSON or NPZ with poses, field_of_view and max_range;
+            those of several files are joined. A change must then lie where the other scan saw free space. By default
+            they are taken from the scans, if these are E57 files with poses or PCD files of ordered frames.
+        views_after: the same for the second survey.
         sensor_at_origin: both scans were taken from the origin of their coordinates. Field of view and range are read
             from the points.
         sensor_before: position of the scanner during the first scan, in place of --views-before; three more numbers
-            for each further position.
-        sensor_after: the same for the second scan, in its own coordinates.
+            for each further position. Of several scans one position each, in their order.
+        sensor_after: the same for the second survey, in its own coordinates.
         explain: also print why each change is one and why each rejected candidate is not: the facts that decided, with
             their contributions in log odds. With a LABEL, only for that change. The report and changes.json always
             have them.
@@ -95,16 +99,18 @@ def detect(
     """
     del config  # Its settings are the defaults of the flags already: see `command`.
     from gmmjax.changes import detect_changes
-    from gmmjax.clouds import read_cloud
+    from gmmjax.clouds import read_survey
     from gmmjax.reporting import check_upright, console
     from gmmjax.reporting.result_folder import check_result_folder, result_files, write_result
 
     detection = DetectionConfig(**dataclasses.asdict(settings))
     only = explained_label(explain)
-    sensors = (
+    files = given_files(Pair(scan_before, scan_after), Pair(before, after))
+    sensors = Pair(
         SensorOption("before", views_before, sensor_before, sensor_at_origin),
         SensorOption("after", views_after, sensor_after, sensor_at_origin),
     )
+    each(lambda sensor, own: sensor.check_scans(len(own)), sensors, files)
     check_result_folder(out, overwrite=overwrite)
     if plot is not None:
         from gmmjax.plotting import check_figure_file
@@ -121,23 +127,28 @@ def detect(
         console.progress_bar(quiet=quiet or verbose > 0) as progress,
     ):
         progress("Reading the clouds", 0.0)
-        clouds = read_cloud(before), read_cloud(after)
+        clouds = files.map(read_survey)
         if map_2d is not None:
-            check_upright(clouds[1].points)
-        views = [sensor.views(cloud) for sensor, cloud in zip(sensors, clouds, strict=True)]
+            check_upright(clouds.after.points)
+        views = each(lambda sensor, cloud: sensor.views(cloud), sensors, clouds)
         changes = detect_changes(
-            *clouds, config=detection, views_before=views[0], views_after=views[1], progress=progress
+            clouds.before,
+            clouds.after,
+            config=detection,
+            views_before=views.before,
+            views_after=views.after,
+            progress=progress,
         )
         progress("Writing the results", 1.0)
-        write_result(out, *clouds, changes, overwrite=overwrite)
+        write_result(out, clouds.before, clouds.after, changes, overwrite=overwrite)
         if plot is not None:
             from gmmjax.plotting import overview_figure, write_figure
 
-            write_figure(plot, overview_figure(changes, Pair(*clouds)))
+            write_figure(plot, overview_figure(changes, clouds))
         if map_2d is not None:
             from gmmjax.plotting import write_map
 
-            write_map(map_2d, changes, Pair(*clouds))
+            write_map(map_2d, changes, clouds)
     known = only is None or only < len(changes)
     if print_json:
         console.print_json(changes)
@@ -151,6 +162,27 @@ def detect(
         labels = ", ".join(map(str, range(len(changes)))) or "none"
         raise InputError(f"--explain {only}: no change has this label; the labels are: {labels}")
     return 0
+
+
+def given_files(scans: Pair[Path | None], surveys: Pair[tuple[Path, ...]]) -> Pair[tuple[Path, ...]]:
+    """The files of both surveys.
+
+    Args:
+        scans: BEFORE and AFTER.
+        surveys: of `--before` and `--after`.
+
+    Raises:
+        InputError: neither both scans nor both surveys are given, or some of either.
+    """
+    given = [scan for scan in scans if scan is not None]
+    if not given and surveys.before and surveys.after:
+        return surveys
+    if len(given) == 2 and not surveys.before and not surveys.after:
+        return Pair(*((scan,) for scan in given))
+    raise InputError(
+        "give either two scans as BEFORE AFTER, or all scans of two surveys as --before FILE ... --after FILE ..., and "
+        "not some of both"
+    )
 
 
 def completed(arguments: Sequence[str]) -> list[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from gmmjax.errors import InputError
 
 if TYPE_CHECKING:
-    from gmmjax.clouds import PointCloud, SensorViews
+    from gmmjax.clouds import PointCloud, SensorViews, SurveyFiles
 
 
 @dataclasses.dataclass(frozen=True)
@@ -16,13 +16,13 @@ class SensorOption:
 
     Attributes:
         side: "before" or "after".
-        file: of `--views-*`.
+        files: of `--views-*`; empty: not given.
         positions: of `--sensor-*`: x, y and z of each; None: not given.
         at_origin: whether `--sensor-at-origin` is given.
     """
 
     side: str
-    file: Path | None
+    files: tuple[Path, ...]
     positions: tuple[float, ...] | None
     at_origin: bool
 
@@ -33,7 +33,7 @@ class SensorOption:
             InputError: it is given twice, or a position is incomplete.
         """
         given = {
-            f"--views-{self.side}": self.file is not None,
+            f"--views-{self.side}": bool(self.files),
             f"--sensor-{self.side}": self.positions is not None,
             "--sensor-at-origin": self.at_origin,
         }
@@ -47,25 +47,44 @@ class SensorOption:
                 "position"
             )
 
-    def views(self, cloud: "PointCloud") -> "SensorViews | None":
+    def check_scans(self, scans: int) -> None:
+        """Checks that there is a position for each scan of a survey of several; one scan may have several positions.
+
+        Args:
+            scans: files of the survey.
+
+        Raises:
+            InputError: there are more or fewer positions than scans.
+        """
+        positions = None if self.positions is None else len(self.positions) // 3
+        if scans > 1 and positions not in (None, scans):
+            raise InputError(
+                f"--sensor-{self.side}: {positions} position{'s' * (positions != 1)} for {scans} scans; give X Y Z for "
+                "each of them, in their order"
+            )
+
+    def views(self, cloud: "PointCloud | SurveyFiles") -> "SensorViews | None":
         """The views of the scan; None where the option says nothing.
 
         Args:
-            cloud: the scan, in whose frame and unit the positions are.
+            cloud: the scan or the survey, in whose frame and unit the positions are; files are read in chunks.
 
         Raises:
             InputError: a file or positions that cannot be used.
         """
-        from gmmjax.clouds import SensorViews, read_views
+        from gmmjax.clouds import PointCloud, SensorViews, read_views
 
-        if self.file is not None:
-            return read_views(self.file)
+        if self.files:
+            return SensorViews.merged([read_views(file) for file in self.files])
         numbers = (0.0, 0.0, 0.0) if self.at_origin else self.positions
         if numbers is None:
             return None
         positions = [numbers[start : start + 3] for start in range(0, len(numbers), 3)]
         try:
-            return SensorViews.from_positions(cloud.points, positions)
+            if isinstance(cloud, PointCloud):
+                return SensorViews.from_positions(cloud.points, positions)
+            return SensorViews.from_parts(lambda: (chunk.points for chunk in cloud.chunks()), positions)
         except InputError as error:
             name = "at-origin" if self.at_origin else self.side
-            raise InputError(f"--sensor-{name}: {cloud.source}: {error}") from error
+            source = cloud.source if isinstance(cloud, PointCloud) else cloud.title
+            raise InputError(f"--sensor-{name}: {source}: {error}") from error

@@ -1,5 +1,7 @@
 """Reading clouds from NumPy's .npy and .npz files, never from pickles."""
 
+import dataclasses
+import math
 import os
 import warnings
 from collections.abc import Iterator, Sequence
@@ -8,15 +10,60 @@ from pathlib import Path
 
 import numpy as np
 
+from gmmjax.clouds.cloud_file import CloudFile, RowBlock
+from gmmjax.clouds.coordinates import as_points
 from gmmjax.clouds.files import require_file
 from gmmjax.clouds.point_cloud import PointCloud
+from gmmjax.clouds.records import stored_records
+from gmmjax.clouds.source_file import SourceFile
 from gmmjax.errors import InputError, one_line
 
 MOST_COLUMNS = 64
 """More columns than this are a transposed array rather than scalars of a point."""
 
 
-def read_npy(path: str | os.PathLike[str]) -> PointCloud:
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class NpyFile(CloudFile):
+    """An .npy file of numbers [N, columns], or of [H, W, columns] row by row.
+
+    Attributes:
+        dtype: of the numbers.
+        columns: how many a point has.
+        offset: bytes before them.
+        by_column: whether they lie column by column (Fortran's order), as in a transposed array.
+    """
+
+    dtype: np.dtype
+    columns: int
+    offset: int
+    by_column: bool
+
+    def blocks(self) -> Iterator[RowBlock]:
+        """All points, some at a time.
+
+        Raises:
+            InputError: the file is cut off.
+        """
+        for table in self._tables():
+            points = as_points(table[:, :3], f"{self.path}: points")
+            yield RowBlock(points, {f"column_{index}": table[:, index] for index in range(3, self.columns)})
+
+    def _tables(self) -> Iterator[np.ndarray]:
+        if not self.by_column:
+            row_type = np.dtype((np.void, self.columns * self.dtype.itemsize))
+            blocks = stored_records(self.path, self.offset, row_type, self.count)
+            yield from (rows.view(self.dtype).reshape(len(rows), self.columns) for rows in blocks)
+            return
+        length = self.count * self.dtype.itemsize
+        columns = [
+            stored_records(self.path, self.offset + index * length, self.dtype, self.count, self.columns)
+            for index in range(self.columns)
+        ]
+        for parts in zip(*columns, strict=True):
+            yield np.stack(parts, axis=1)
+
+
+def open_npy(path: str | os.PathLike[str]) -> NpyFile | PointCloud:
     """The points of an .npy file.
 
     Args:
@@ -24,23 +71,56 @@ def read_npy(path: str | os.PathLike[str]) -> PointCloud:
             [H, W, 3], which is flattened row by row.
 
     Returns:
-        The cloud, rows in the order of the array.
+        The file, of which the header is read; or, where it is an ordered cloud that lies column by column, its points.
 
     Raises:
         InputError: the file cannot be read, holds pickled objects, or has another shape.
     """
     file = require_file(path)
+    written = SourceFile.of(file)
+    layout = _array_layout(file)
+    if layout is not None:
+        shape, by_column, dtype, offset = layout
+        count = math.prod(shape[:-1])
+        if offset + count * shape[-1] * dtype.itemsize <= written.size and not (by_column and len(shape) == 3):
+            return NpyFile(
+                path=file,
+                source=written,
+                count=count,
+                dtype=dtype,
+                columns=shape[-1],
+                offset=offset,
+                by_column=by_column,
+            )
+    # NumPy says what is wrong with all others.
     loaded = load_arrays(file)
     if isinstance(loaded, dict):
         raise InputError(f"{file}: is an .npz archive; rename it to .npz")
     return _cloud(loaded, file, {})
 
 
+def _array_layout(file: Path) -> tuple[tuple[int, ...], bool, np.dtype, int] | None:
+    """Shape, order by columns, type and offset of an array of points; None where the header is of nothing such."""
+    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    with file.open("rb") as stream, warnings.catch_warnings():
+        # NumPy warns of headers of Python 2 and of numbers in them that no Python writes.
+        warnings.simplefilter("ignore")
+        try:
+            shape, by_column, dtype = readers[np.lib.format.read_magic(stream)](stream)
+        # A damaged header may raise whatever Python's parser does.
+        except Exception:
+            return None
+        usual = dtype.kind in "fiu" and len(shape) in (2, 3) and all(isinstance(size, int) for size in shape)
+        if not usual or min(shape) < 0 or not 3 <= shape[-1] <= MOST_COLUMNS:
+            return None
+        return shape, by_column, dtype, stream.tell()
+
+
 def read_npz(path: str | os.PathLike[str]) -> PointCloud:
     """The points of an .npz file.
 
     Args:
-        path: the file, with the array `points` (as in `read_npy`), if need be `colors` (uint8 [N, 3]); other arrays [N]
+        path: the file, with the array `points` (as in `open_npy`), if need be `colors` (uint8 [N, 3]); other arrays [N]
             become fields, and arrays of other shapes are passed over.
 
     Returns:

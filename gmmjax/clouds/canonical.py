@@ -47,8 +47,26 @@ def morton_order(points: Float64[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
     unmirrored = _unmirrored(points)
     offsets = unmirrored - unmirrored.min(axis=0)
     extent = max(float(offsets.max()), np.finfo(np.float64).tiny)
-    x, y, z = (_spread_bits((offsets[:, axis] / extent * (2**21 - 1)).astype(np.uint64)) for axis in range(3))
-    return np.argsort((x << np.uint64(2)) | (y << np.uint64(1)) | z, kind="stable")
+    return np.argsort(morton_codes((offsets.T / extent * (2**21 - 1)).astype(np.uint64)), kind="stable")
+
+
+def morton_codes(indices: UInt64[np.ndarray, "3 n"]) -> UInt64[np.ndarray, " n"]:
+    """Morton's number of each cell of a grid: the bits of its indices in turn, three bits fewer for the cell around it.
+
+    Args:
+        indices: of the cells along x, y and z, below 2^21.
+    """
+    x, y, z = (_spread_bits(own) for own in indices)
+    return (x << np.uint64(2)) | (y << np.uint64(1)) | z
+
+
+def morton_indices(codes: UInt64[np.ndarray, " n"]) -> UInt64[np.ndarray, "3 n"]:
+    """The indices of cells along x, y and z by Morton's numbers.
+
+    Args:
+        codes: as of `morton_codes`.
+    """
+    return np.stack([_gathered_bits(codes >> np.uint64(2 - axis)) for axis in range(3)])
 
 
 def _unmirrored(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
@@ -62,6 +80,15 @@ def _spread_bits(numbers: UInt64[np.ndarray, " n"]) -> UInt64[np.ndarray, " n"]:
     """The lower 21 bits of the numbers, each followed by two zeros."""
     for shift, mask in MORTON_MASKS:
         numbers = (numbers | (numbers << np.uint64(shift))) & np.uint64(mask)
+    return numbers
+
+
+def _gathered_bits(numbers: UInt64[np.ndarray, " n"]) -> UInt64[np.ndarray, " n"]:
+    """Every third bit of the numbers, beginning with the lowest."""
+    masks = [mask for _, mask in reversed(MORTON_MASKS)]
+    numbers = numbers & np.uint64(masks[0])
+    for (shift, _), mask in zip(reversed(MORTON_MASKS), [*masks[1:], 0x1FFFFF], strict=True):
+        numbers = (numbers | (numbers >> np.uint64(shift))) & np.uint64(mask)
     return numbers
 
 

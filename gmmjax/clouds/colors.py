@@ -1,5 +1,7 @@
 """Colours of all the kinds that files hold, as bytes."""
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import UInt8
 
@@ -8,7 +10,25 @@ from gmmjax.errors import InputError
 CHANNELS = ("red", "green", "blue")
 
 
-def color_bytes(channels: np.ndarray, source: str) -> UInt8[np.ndarray, "n 3"]:
+class ColorRange(NamedTuple):
+    """The lowest and the highest colour of a cloud, which tell what its numbers mean.
+
+    Attributes:
+        lowest: of all channels; NaN counts as 0.
+        highest: of all channels.
+    """
+
+    lowest: float = 0.0
+    highest: float = 0.0
+
+    def with_channels(self, channels: np.ndarray) -> "ColorRange":
+        """The range of these and of more colours, numbers [N, 3]."""
+        numbers = _numbers(channels)
+        lowest, highest = float(numbers.min(initial=0.0)), float(numbers.max(initial=0.0))
+        return ColorRange(min(self.lowest, lowest), max(self.highest, highest))
+
+
+def color_bytes(channels: np.ndarray, source: str, limits: ColorRange | None = None) -> UInt8[np.ndarray, "n 3"]:
     """Red, green and blue as bytes.
 
     Bytes stay. Other integers stay when none is above 255 (many writers put bytes into 16-bit columns) and are divided
@@ -18,6 +38,7 @@ def color_bytes(channels: np.ndarray, source: str) -> UInt8[np.ndarray, "n 3"]:
     Args:
         channels: numbers [N, 3].
         source: the file, for the message.
+        limits: of the whole cloud, where these are some of its points; None: these are all.
 
     Returns:
         The colours [N, 3].
@@ -27,16 +48,21 @@ def color_bytes(channels: np.ndarray, source: str) -> UInt8[np.ndarray, "n 3"]:
     """
     if channels.dtype == np.uint8:
         return np.ascontiguousarray(channels)
-    with np.errstate(invalid="ignore"):
-        values = np.nan_to_num(channels.astype(np.float64), nan=0.0, posinf=np.inf, neginf=-np.inf)
-    highest = values.max(initial=0.0)
-    if channels.dtype.kind == "f" and highest <= 1:
-        values = values * 255
-    elif channels.dtype.kind != "f" and highest > 255:
-        values = values / 257
-    if values.min(initial=0.0) < 0 or values.max(initial=0.0) > 255:
+    values = _numbers(channels)
+    limits = ColorRange().with_channels(channels) if limits is None else limits
+    factor, divisor = 1.0, 1.0
+    if channels.dtype.kind == "f" and limits.highest <= 1:
+        factor = 255.0
+    elif channels.dtype.kind != "f" and limits.highest > 255:
+        divisor = 257.0
+    if limits.lowest < 0 or limits.highest * factor / divisor > 255:
         raise InputError(
-            f"{source}: colours run from {channels.min()} to {channels.max()}; "
+            f"{source}: colours run from {limits.lowest:g} to {limits.highest:g}; "
             "write them as 0 to 255, as 0 to 65535 or as shares from 0 to 1"
         )
-    return np.rint(values).astype(np.uint8)
+    return np.rint(values * factor / divisor).astype(np.uint8)
+
+
+def _numbers(channels: np.ndarray) -> np.ndarray:
+    with np.errstate(invalid="ignore"):
+        return np.nan_to_num(channels.astype(np.float64), nan=0.0, posinf=np.inf, neginf=-np.inf)

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 import numpy as np
 from jaxtyping import Float64
 
+from gmmjax.clouds.cloud_file import RowBlock, native
 from gmmjax.clouds.colors import CHANNELS, color_bytes
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.errors import InputError
@@ -32,6 +33,26 @@ def require_axes(names: Iterable[str], source: str) -> None:
         )
 
 
+def block_of_columns(columns: Mapping[str, np.ndarray], source: str) -> RowBlock:
+    """Rows of x, y, z; red, green, blue where all three are there; everything else is a column.
+
+    Args:
+        columns: numbers [N] by name.
+        source: the file.
+
+    Raises:
+        InputError: a coordinate is missing.
+    """
+    require_axes(columns, source)
+    # Signalling NaN, which damaged bytes may be, is NaN all the same.
+    with np.errstate(invalid="ignore"):
+        points = np.stack([columns[axis].astype(np.float64) for axis in AXES], axis=1)
+    colored = all(channel in columns for channel in CHANNELS)
+    colors = np.stack([columns[channel] for channel in CHANNELS], axis=1) if colored else None
+    used = {*AXES, *CHANNELS} if colored else set(AXES)
+    return RowBlock(points, {name: values for name, values in columns.items() if name not in used}, colors)
+
+
 def cloud_of_columns(columns: Mapping[str, np.ndarray], source: str) -> PointCloud:
     """A cloud of x, y, z; red, green, blue where all three are there; everything else becomes a field.
 
@@ -45,15 +66,11 @@ def cloud_of_columns(columns: Mapping[str, np.ndarray], source: str) -> PointClo
     Raises:
         InputError: a coordinate is missing, or the colours have no known range.
     """
-    require_axes(columns, source)
-    # Signalling NaN, which damaged bytes may be, is NaN all the same.
-    with np.errstate(invalid="ignore"):
-        points = np.stack([columns[axis].astype(np.float64) for axis in AXES], axis=1)
-    colored = all(channel in columns for channel in CHANNELS)
-    colors = color_bytes(np.stack([columns[channel] for channel in CHANNELS], axis=1), source) if colored else None
-    used = {*AXES, *CHANNELS} if colored else set(AXES)
-    fields = {name: native(values) for name, values in columns.items() if name not in used}
-    return PointCloud.from_rows(points, colors, fields, source)
+    block = block_of_columns(columns, source)
+    colors = None if block.colors is None else color_bytes(block.colors, source)
+    return PointCloud.from_rows(
+        block.points, colors, {name: native(values) for name, values in block.columns.items()}, source
+    )
 
 
 def field_columns(name: str, block: np.ndarray) -> dict[str, np.ndarray]:
@@ -74,11 +91,6 @@ def field_columns(name: str, block: np.ndarray) -> dict[str, np.ndarray]:
     if count == 1:
         return {name: block[:, 0]}
     return {f"{name}_{index}": block[:, index] for index in range(count)}
-
-
-def native(values: np.ndarray) -> np.ndarray:
-    """The same numbers, contiguous and in the machine's byte order."""
-    return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
 
 
 def cast_column(values: Float64[np.ndarray, "..."], dtype: np.dtype, name: str, source: str) -> np.ndarray:

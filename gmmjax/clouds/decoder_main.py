@@ -13,7 +13,11 @@ from collections.abc import Callable, Iterator
 from typing import Any, BinaryIO
 
 # Decompressed bytes in a frame, at most: what the two processes hold beside the result.
-FRAME = 1 << 26
+FRAME = 1 << 25
+E57_COORDINATES = (
+    {"cartesianX", "cartesianY", "cartesianZ"},
+    {"sphericalRange", "sphericalAzimuth", "sphericalElevation"},
+)
 
 
 def main() -> None:
@@ -73,7 +77,7 @@ def decode_mesh(request: dict[str, Any]) -> Iterator[bytes | bytearray]:
 def decode_e57(request: dict[str, Any]) -> Iterator[bytes | bytearray]:
     """What an E57 file says of its scans, in JSON; then their points, float64 [N, fields], a block or more each.
 
-    Only scans with Cartesian coordinates are decoded; each ends with an empty block.
+    Only scans with Cartesian or spherical coordinates are decoded; each ends with an empty block.
     """
     from pye57 import libe57
 
@@ -85,7 +89,7 @@ def decode_e57(request: dict[str, Any]) -> Iterator[bytes | bytearray]:
     system = str(root["coordinateMetadata"].value()) if root.isDefined("coordinateMetadata") else ""
     yield json.dumps({"scans": described, "coordinate_metadata": system}).encode()
     for scan, details in zip(scans, described, strict=True):
-        if {"cartesianX", "cartesianY", "cartesianZ"} <= set(details["fields"]) and details["count"]:
+        if details["count"] and any(axes <= set(details["fields"]) for axes in E57_COORDINATES):
             yield from _scan_blocks(image, scan["points"], details["fields"])
         yield b""
     image.close()

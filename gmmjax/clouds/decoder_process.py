@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,19 +73,11 @@ class DecoderProcess:
             DecodingError: the library raised something.
         """
         process = self._running(request)
-        late = threading.Event()
-
-        def stop() -> None:
-            late.set()
-            process.kill()
-
-        limit = START + request.seconds
-        timer = threading.Timer(limit, stop)
-        timer.start()
+        clock = _Clock(process, START + request.seconds)
         finished = False
         try:
             self._ask(process, request)
-            while (frame := _frame(process)) is not None:
+            while (frame := clock.frame()) is not None:
                 kind, data = frame
                 finished = kind != b"D"
                 if finished:
@@ -92,9 +85,8 @@ class DecoderProcess:
                 yield data
             else:
                 status = process.wait()
-                raise _ended(request, status, limit if late.is_set() else None)
+                raise _ended(request, status, clock.limit if clock.late else None)
         finally:
-            timer.cancel()
             # Half an answer must not be taken for the next one.
             if not finished:
                 self._end()
@@ -151,6 +143,37 @@ class DecoderProcess:
             except OSError:
                 pass
         process.wait()
+
+
+class _Clock:
+    """Ends the process where it takes too long: what counts is the time for which its answer is waited for.
+
+    Attributes:
+        limit: seconds that all frames together may take.
+        late: whether they took longer.
+    """
+
+    def __init__(self, process: subprocess.Popen[bytes], limit: float) -> None:
+        self._process, self._left = process, limit
+        self.limit, self.late = limit, False
+
+    def frame(self) -> tuple[bytes, bytearray] | None:
+        """The next frame, as `_frame`."""
+        timer = threading.Timer(self._left, self._stop)
+        start = time.monotonic()
+        timer.start()
+        try:
+            answer = _frame(self._process)
+        finally:
+            timer.cancel()
+        self._left -= time.monotonic() - start
+        if self._left < 0:
+            self._stop()
+        return None if self.late else answer
+
+    def _stop(self) -> None:
+        self.late = True
+        self._process.kill()
 
 
 def _frame(process: subprocess.Popen[bytes]) -> tuple[bytes, bytearray] | None:

@@ -13,7 +13,7 @@ DESCRIPTOR = 192
 NAME, NAME_LENGTH = 4, 32
 DESCRIPTION, DESCRIPTION_LENGTH = 160, 32
 # The numbers of the types 1 to 10; 11 to 20 are two of them, and 21 to 30 three. Type 0 is any bytes.
-TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8")
+EXTRA_TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8")
 UNDOCUMENTED = "undocumented"
 MOST_UNDOCUMENTED = 255
 
@@ -69,15 +69,15 @@ class ExtraBytes:
             renamed.append(_with_text(descriptor, NAME, NAME_LENGTH, new) if new != name else descriptor)
         return ExtraBytes(tuple(renamed))
 
-    def with_dimensions(self, values: Mapping[str, np.ndarray], descriptions: Mapping[str, str]) -> "ExtraBytes":
+    def with_dimensions(self, descriptions: Mapping[str, tuple[np.dtype, str]]) -> "ExtraBytes":
         """The same with more dimensions at the end.
 
         Args:
-            values: by name, of one of the `TYPES`.
-            descriptions: of each, in ASCII, at most 32 letters.
+            descriptions: type of each by name, one of the `EXTRA_TYPES`, and what it is, in ASCII, at most 32 letters.
         """
         more = [
-            _descriptor(name, descriptions[name], TYPES.index(own.dtype.str[1:]) + 1, 0) for name, own in values.items()
+            _descriptor(name, text, EXTRA_TYPES.index(kind.str[1:]) + 1, 0)
+            for name, (kind, text) in descriptions.items()
         ]
         return ExtraBytes((*self.descriptors, *more))
 
@@ -88,13 +88,13 @@ class ExtraBytes:
 
 def _size(descriptor: bytes) -> int | None:
     """Bytes of a dimension in a point; None where the descriptor is damaged."""
-    if len(descriptor) < DESCRIPTOR or descriptor[2] > 3 * len(TYPES):
+    if len(descriptor) < DESCRIPTOR or descriptor[2] > 3 * len(EXTRA_TYPES):
         return None
     kind, options = descriptor[2], descriptor[3]
     if kind == 0:
         return options
-    numbers, index = divmod(kind - 1, len(TYPES))
-    return (numbers + 1) * np.dtype(TYPES[index]).itemsize
+    numbers, index = divmod(kind - 1, len(EXTRA_TYPES))
+    return (numbers + 1) * np.dtype(EXTRA_TYPES[index]).itemsize
 
 
 def _descriptor(name: str, description: str, kind: int, options: int) -> bytes:

@@ -93,6 +93,8 @@ class LasHeader:
         offset: where they begin.
         scales: of x, y and z.
         offsets: added to x, y and z.
+        lower: lowest x, y and z, as declared.
+        upper: highest x, y and z, as declared.
         laszip: None where the points are not compressed.
         records: the variable-length records, between header and points.
     """
@@ -105,8 +107,24 @@ class LasHeader:
     offset: int
     scales: Float64[np.ndarray, "3"]
     offsets: Float64[np.ndarray, "3"]
+    lower: Float64[np.ndarray, "3"]
+    upper: Float64[np.ndarray, "3"]
     laszip: LaszipLayout | None
     records: tuple[VariableRecord, ...]
+
+    def coordinates(self, integers: np.ndarray) -> Float64[np.ndarray, "n 3"]:
+        """Coordinates of points.
+
+        Args:
+            integers: X, Y and Z [N, 3] as the file has them.
+        """
+        coordinates = np.empty(integers.shape)
+        # Scales of 1e300 make infinite coordinates, which are dropped and counted as everywhere.
+        with np.errstate(over="ignore"):
+            # Axis by axis: NumPy is twice as fast along rows.
+            for axis in range(3):
+                coordinates[:, axis] = integers[:, axis] * self.scales[axis] + self.offsets[axis]
+        return coordinates
 
     @property
     def row_type(self) -> np.dtype:
@@ -159,6 +177,7 @@ def read_header(stream: BinaryIO, size: int, file: Path) -> LasHeader:
     scales, offsets = (np.array(struct.unpack_from("<3d", header, place)) for place in (131, 155))
     if not (np.isfinite(scales).all() and np.isfinite(offsets).all() and (scales != 0).all()):
         raise InputError(f"{file}: has scales {scales.tolist()} and offsets {offsets.tolist()}; {DAMAGED}")
+    upper, lower = np.array(struct.unpack_from("<6d", header, 179)).reshape(3, 2).T
     vlrs = tuple(_vlrs(stream, header_size, offset, records, file))
     laszip = None
     if compressed and count:
@@ -167,7 +186,18 @@ def read_header(stream: BinaryIO, size: int, file: Path) -> LasHeader:
         available = (size - offset) // record_length
         raise InputError(f"{file}: declares {count} points, {available} are there; {FEW_RECORDS}")
     return LasHeader(
-        minor, header_size, known_format, record_length, count, offset, scales, offsets, laszip, records=vlrs
+        minor=minor,
+        size=header_size,
+        point_format=known_format,
+        record_length=record_length,
+        count=count,
+        offset=offset,
+        scales=scales,
+        offsets=offsets,
+        lower=lower,
+        upper=upper,
+        laszip=laszip,
+        records=vlrs,
     )
 
 

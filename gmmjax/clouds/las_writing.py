@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from gmmjax.clouds.atomic import atomic_write
+from gmmjax.clouds.cloud_file import Bounds
 from gmmjax.clouds.las import record_blocks
 from gmmjax.clouds.las_extra_bytes import EXTRA_BYTES_RECORD, EXTRA_BYTES_USER, ExtraBytes
 from gmmjax.clouds.las_header import (
@@ -72,10 +73,31 @@ class LasSource:
         """Whether it is written as LAZ: where it is one, and lazrs writes its format without loss."""
         return self.header.laszip is not None and self.header.point_format not in WAVEFORM_FORMATS
 
+    def represents(self, bounds: Bounds) -> bool:
+        """Whether the file's scale and offset can represent all points in a box."""
+        return bool(_fits(*bounds, self.header.scales, self.header.offsets).all())
+
     @property
     def ending(self) -> str:
         """Of the file that is written."""
         return ".laz" if self.compressed else ".las"
+
+
+class LasPart(NamedTuple):
+    """Points of a block of a file that are to be written.
+
+    Attributes:
+        rows: of the block, ascending.
+        points: where these points are now.
+        dimensions: their values by name, of one of the types of `las_extra_bytes.EXTRA_TYPES`.
+    """
+
+    rows: Int64[np.ndarray, " n"]
+    points: Float64[np.ndarray, "n 3"]
+    dimensions: Mapping[str, np.ndarray]
+
+
+PartOf = Callable[[int, Float64[np.ndarray, "n 3"]], LasPart]
 
 
 def write_las(
@@ -95,7 +117,7 @@ def write_las(
         path: the file to write.
         source: the file that the cloud was read from.
         cloud: its points, or some of them in their order, where they are now.
-        dimensions: values of each point by name, of one of the types of `las_extra_bytes.TYPES`.
+        dimensions: values of each point by name, of one of the types of `las_extra_bytes.EXTRA_TYPES`.
         descriptions: of each, in ASCII, at most 32 letters.
 
     Raises:
@@ -107,15 +129,55 @@ def write_las(
     """
     if (np.diff(cloud.rows) <= 0).any() or cloud.rows[-1] >= source.header.count:
         raise InputError(f"{source.file}: does not hold the points of the cloud in their order; read it again")
-    layout = _layout(source, dimensions, descriptions)
-    encoding = _encoding(source.header, cloud.points)
+
+    def part_of(first: int, coordinates: Float64[np.ndarray, "n 3"]) -> LasPart:
+        place = slice(*map(int, np.searchsorted(cloud.rows, [first, first + len(coordinates)])))
+        values = {name: own[place] for name, own in dimensions.items()}
+        return LasPart(cloud.rows[place] - first, cloud.points[place], values)
+
+    bounds = Bounds(cloud.points.min(axis=0), cloud.points.max(axis=0))
+    described = {name: (values.dtype, descriptions[name]) for name, values in dimensions.items()}
+    write_las_blocks(path, source, part_of, described, bounds)
+
+
+def write_las_blocks(
+    path: Path,
+    source: LasSource,
+    part_of: PartOf,
+    descriptions: Mapping[str, tuple[np.dtype, str]],
+    bounds: Bounds | None,
+) -> None:
+    """`write_las`, a block of the file at a time, for files of any size.
+
+    Args:
+        path: the file to write.
+        source: the file that the points are read from.
+        part_of: what is written of a block of the file, of its first row and its coordinates.
+        descriptions: type of each dimension, and what it is, in ASCII, at most 32 letters.
+        bounds: of all points that are written, where they are now; None: where they are in the file.
+
+    Raises:
+        InputError: the file was changed, or is damaged.
+        BoundsError: a point outside the bounds, which the file's numbers cannot represent.
+        OSError: from writing, such as a full disk; `path` is then as it was.
+
+    Warns:
+        InputWarning: as `write_las`.
+    """
+    header = source.header
+    layout = _layout(source, descriptions)
+    encoding = _Encoding(header.scales, header.offsets, True) if bounds is None else _encoding(header, bounds)
     with source.file.open("rb") as original, atomic_write(path) as file:
         _write_front(file, original, source, layout)
-        written = _write_points(file, source, layout, encoding, cloud, dimensions)
+        written = _write_points(file, source, layout, encoding, part_of)
         places = _write_extended(file, original, source, moved=not written.unmoved)
         head = _patched_header(original, source, layout, encoding, written, places)
         file.seek(0)
         file.write(head)
+
+
+class BoundsError(InputError):
+    """Points lie outside the bounds that were declared for them."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +186,7 @@ class _Layout:
 
     Attributes:
         extra: what the extra bytes are.
+        added: the type of those that are new, by name.
         kept: the records that stay.
         laszip: the record of the compression; None where there is none.
         record_length: bytes of a point.
@@ -131,6 +194,7 @@ class _Layout:
     """
 
     extra: ExtraBytes
+    added: np.dtype
     kept: tuple[VariableRecord, ...]
     laszip: bytes | None
     record_length: int
@@ -179,7 +243,7 @@ def _is_extra(record: VariableRecord) -> bool:
     return (record.user, record.number) == (EXTRA_BYTES_USER, EXTRA_BYTES_RECORD)
 
 
-def _layout(source: LasSource, dimensions: Mapping[str, np.ndarray], descriptions: Mapping[str, str]) -> _Layout:
+def _layout(source: LasSource, descriptions: Mapping[str, tuple[np.dtype, str]]) -> _Layout:
     header = source.header
     available = header.record_length - RECORD_SIZES[header.point_format]
     described = next((record for record in (*header.records, *source.extended) if _is_extra(record)), None)
@@ -193,8 +257,9 @@ def _layout(source: LasSource, dimensions: Mapping[str, np.ndarray], description
             f"{source.file}: describes {left_out} extra dimension(s) that its points have no bytes for, or that are "
             "damaged; they are left out of the result"
         )
-    extra = own.avoiding(dimensions).with_dimensions(dimensions, descriptions)
-    record_length = header.record_length + sum(values.dtype.itemsize for values in dimensions.values())
+    extra = own.avoiding(descriptions).with_dimensions(descriptions)
+    added = np.dtype([(name, kind.newbyteorder("<")) for name, (kind, _) in descriptions.items()])
+    record_length = header.record_length + added.itemsize
     if len(extra.content()) > MOST_BYTES or record_length > MOST_BYTES:
         raise InputError(f"{source.file}: has no room for further dimensions; export it with fewer extra bytes")
     kept = tuple(
@@ -213,7 +278,7 @@ def _layout(source: LasSource, dimensions: Mapping[str, np.ndarray], description
     offset = header.size + sum(records) + _gap(header)
     if offset >= 2**32:
         raise InputError(f"{source.file}: has no room for further records before its points; export it again")
-    return _Layout(extra, kept, laszip, record_length, offset)
+    return _Layout(extra, added, kept, laszip, record_length, offset)
 
 
 def _gap(header: LasHeader) -> int:
@@ -221,9 +286,9 @@ def _gap(header: LasHeader) -> int:
     return header.offset - max((record.end for record in header.records), default=header.size)
 
 
-def _encoding(header: LasHeader, points: Float64[np.ndarray, "n 3"]) -> _Encoding:
+def _encoding(header: LasHeader, bounds: Bounds) -> _Encoding:
     """The file's own scale and offset where they can represent the points; else others, as like them as can be."""
-    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = bounds
     if _fits(low, high, header.scales, header.offsets).all():
         return _Encoding(header.scales, header.offsets, True)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -262,25 +327,23 @@ def _record(user: bytes, number: int, description: str, content: bytes) -> bytes
     return struct.pack("<H16sHH32s", 0, user, number, len(content), description.encode()) + content
 
 
-def _write_points(
-    file: BinaryIO,
-    source: LasSource,
-    layout: _Layout,
-    encoding: _Encoding,
-    cloud: PointCloud,
-    dimensions: Mapping[str, np.ndarray],
-) -> _Written:
-    extra_type = np.dtype([(name, values.dtype.newbyteorder("<")) for name, values in dimensions.items()])
-    limits = np.iinfo(np.int32)
+def _write_points(file: BinaryIO, source: LasSource, layout: _Layout, encoding: _Encoding, part_of: PartOf) -> _Written:
+    header, limits = source.header, np.iinfo(np.int32)
     written = _Written(0, encoding.kept, np.zeros(16, np.int64), np.full(3, limits.max), np.full(3, limits.min))
-    return_bits = 15 if source.header.point_format >= FIRST_EXTENDED_FORMAT else 7
-    with _sink(file, layout.laszip) as sink, record_blocks(source.file, source.header) as blocks:
-        for kept, place in _kept_rows(blocks, cloud):
-            xyz = np.ascontiguousarray(kept[:, :12]).view("<i4")
-            places = _placed(xyz, cloud.points[place], source.header, encoding, written)
-            extra = np.empty(len(kept), extra_type)
-            for name, values in dimensions.items():
-                extra[name] = values[place]
+    return_bits = 15 if header.point_format >= FIRST_EXTENDED_FORMAT else 7
+    first = 0
+    with _sink(file, layout.laszip) as sink, record_blocks(source.file, header) as blocks:
+        for block in blocks:
+            part = part_of(first, header.coordinates(block["XYZ"]))
+            first += len(block)
+            if not len(part.rows):
+                continue
+            kept = _bytes_of(block)
+            kept = kept if len(part.rows) == len(kept) else kept[part.rows]
+            places = _placed(kept, part.points, source, encoding, written)
+            extra = np.empty(len(kept), layout.added)
+            for name in layout.added.names or ():
+                extra[name] = part.dimensions[name]
             rows = np.concatenate([_bytes_of(places), kept[:, 12:], _bytes_of(extra)], axis=1)
             written.returns += np.bincount(rows[:, 14] & return_bits, minlength=16)
             written.count += len(rows)
@@ -292,26 +355,28 @@ def _bytes_of(rows: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), -1)
 
 
-def _kept_rows(blocks: Iterator[np.ndarray], cloud: PointCloud) -> Iterator[tuple[np.ndarray, slice]]:
-    """The bytes of the points of the cloud [N, length], and which points these are."""
-    start = 0
-    for block in blocks:
-        first, last = np.searchsorted(cloud.rows, [start, start + len(block)])
-        if last > first:
-            own, rows = cloud.rows[first:last] - start, _bytes_of(block)
-            yield (rows if len(own) == len(rows) else rows[own]), slice(int(first), int(last))
-        start += len(block)
-
-
 def _placed(
-    xyz: np.ndarray, points: Float64[np.ndarray, "n 3"], header: LasHeader, encoding: _Encoding, written: _Written
+    kept: np.ndarray, points: Float64[np.ndarray, "n 3"], source: LasSource, encoding: _Encoding, written: _Written
 ) -> np.ndarray:
-    """The integers of the points' coordinates."""
-    with np.errstate(over="ignore"):
-        unmoved = (xyz * header.scales + header.offsets == points).all(axis=1)
+    """The integers of the points' coordinates.
+
+    Args:
+        kept: the bytes of the points in the file.
+        points: where they are now.
+        source: the file.
+        encoding: how coordinates become integers.
+        written: is told what is written.
+
+    Raises:
+        BoundsError: there are no integers for them.
+    """
+    xyz = np.ascontiguousarray(kept[:, :12]).view("<i4")
+    unmoved = (source.header.coordinates(xyz) == points).all(axis=1)
     whole = np.rint((points - encoding.offsets) / encoding.scales)
     if encoding.kept:
         whole[unmoved] = xyz[unmoved]
+    if (whole.min() < -LARGEST - 1) or (whole.max() > LARGEST):
+        raise BoundsError(f"{source.file}: its points lie outside the bounds that it declares")
     written.unmoved &= bool(unmoved.all())
     integers = np.ascontiguousarray(whole.astype("<i4"))
     written.lowest = np.minimum(written.lowest, integers.min(axis=0))

@@ -28,6 +28,7 @@ class FolderKind:
         others: the other files that may be there.
         tree: whether it holds folders and files of any name; whatever is there is then known by the marker alone.
         owned: whether it lies in a folder of ours, so that what is there without a marker is what is left of one.
+        folders: folders that may be there, with files of any name.
     """
 
     name: str
@@ -36,6 +37,7 @@ class FolderKind:
     others: tuple[str, ...]
     tree: bool = False
     owned: bool = False
+    folders: tuple[str, ...] = ()
 
     def is_held_by(self, folder: Path) -> bool:
         """Whether the folder's marker is one of this kind, of any schema version."""
@@ -118,8 +120,9 @@ def _check_contents(folder: Path, kind: FolderKind, overwrite: bool) -> None:
     if not folder.exists():
         raise InputError(f"{folder}: is a link to something that is not there; choose another output folder")
     entries = [entry for entry in folder.iterdir() if not entry.name.startswith(PREFIX)]
-    known = {kind.marker, *kind.others}
-    foreign = [] if kind.tree else sorted(e.name for e in entries if e.name not in known or not e.is_file())
+    files, folders = {kind.marker, *kind.others}, set(kind.folders)
+    known = [e for e in entries if (e.name in files and e.is_file()) or (e.name in folders and e.is_dir())]
+    foreign = [] if kind.tree else sorted(e.name for e in entries if e not in known)
     if entries and not foreign and not kind.owned and not kind.is_held_by(folder):
         foreign = sorted(entry.name for entry in entries)
     if foreign:
@@ -167,7 +170,7 @@ def _move_files(staging: Path, target: Path, kind: FolderKind) -> None:
     retired = staging / PREVIOUS
     new = sorted((path for path in staging.iterdir()), key=lambda path: path.name == kind.marker)
     retired.mkdir()
-    names = (kind.marker, *(sorted(os.listdir(target)) if kind.tree else kind.others))
+    names = (kind.marker, *(sorted(os.listdir(target)) if kind.tree else (*kind.others, *kind.folders)))
     old = [target / name for name in dict.fromkeys(names) if _is_content(target / name)]
     moves = [(path, retired / path.name) for path in old] + [(path, target / path.name) for path in new]
     _write_journal(staging, kind.marker, [path.name for path in old], [path.name for path in new])

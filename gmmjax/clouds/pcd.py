@@ -1,18 +1,24 @@
 """Reading PCD files, the format of the Point Cloud Library (version 0.7)."""
 
 import dataclasses
+import functools
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, UInt8
 
 from gmmjax.clouds import lzf
-from gmmjax.clouds.columns import cast_column, cloud_of_columns, field_columns, require_axes
+from gmmjax.clouds.cloud_file import CloudFile, RowBlock
+from gmmjax.clouds.columns import block_of_columns, cast_column, cloud_of_columns, field_columns, require_axes
 from gmmjax.clouds.files import read_bytes, require_file
 from gmmjax.clouds.number_table import NumberedLines, parse_table
 from gmmjax.clouds.ordered_frame import frame_views, pose_of
 from gmmjax.clouds.point_cloud import PointCloud
+from gmmjax.clouds.records import stored_records
+from gmmjax.clouds.source_file import SourceFile
+from gmmjax.clouds.views import SensorViews
 from gmmjax.errors import InputError
 
 ENCODINGS = ("ascii", "binary", "binary_compressed")
@@ -58,8 +64,49 @@ class PcdHeader:
     width: int | None
     viewpoint: tuple[float, ...]
 
+    @property
+    def point_size(self) -> int:
+        """Bytes of a point that is not compressed."""
+        return sum(field.size for field in self.fields)
 
-def read_pcd(path: str | os.PathLike[str]) -> PointCloud:
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PcdFile(CloudFile):
+    """A PCD file with the encoding binary.
+
+    Attributes:
+        header: of the file.
+    """
+
+    header: PcdHeader
+
+    @functools.cached_property
+    def views(self) -> SensorViews | None:
+        """The view of an ordered frame, which is read for it; see `frame_views`."""
+        return None if self.header.width is None else self.read().views
+
+    def read(self) -> PointCloud:
+        """All points, in memory.
+
+        Raises:
+            InputError: as `row_blocks`, or the memory does not hold them.
+        """
+        return _with_views(self._read(self.row_blocks()), self.header)
+
+    def blocks(self) -> Iterator[RowBlock]:
+        """All points, some at a time.
+
+        Raises:
+            InputError: the file is cut off.
+        """
+        row_type = np.dtype((np.void, self.header.point_size))
+        for rows in stored_records(self.path, self.header.body, row_type, self.count):
+            table = rows.view(np.uint8).reshape(len(rows), row_type.itemsize)
+            blocks = _split_bytes(table, self.header.fields)
+            yield block_of_columns(_columns(self.header, blocks), str(self.path))
+
+
+def open_pcd(path: str | os.PathLike[str]) -> PcdFile | PointCloud:
     """The points of a PCD file: ascii, binary or binary_compressed.
 
     rgb or rgba, packed into four bytes, become colours; the other fields keep their type, and one with COUNT above 1
@@ -73,21 +120,36 @@ def read_pcd(path: str | os.PathLike[str]) -> PointCloud:
         path: the file.
 
     Returns:
-        The cloud, points in the order of the file.
+        The file, of which the header is read; where it is ascii or compressed, its points in the order of the file.
 
     Raises:
         InputError: the file cannot be read, is no PCD, is cut off, or has no x, y, z.
     """
-    data, source = read_bytes(path), str(path)
-    header = parse_header(data, source)
+    file, source = require_file(path), str(path)
+    written = SourceFile.of(file)
+    with file.open("rb") as stream:
+        header = parse_header(stream.read(LONGEST_HEADER), source)
     require_axes((field.name for field in header.fields if field.count == 1), source)
-    readers = {"ascii": _ascii_blocks, "binary": _binary_blocks, "binary_compressed": _compressed_blocks}
-    blocks = readers[header.encoding](data, header, source)
+    if header.encoding == "binary":
+        available = max(written.size - header.body, 0) // header.point_size
+        if available < header.points:
+            raise _cut_off(header.points, available, source)
+        return PcdFile(path=file, source=written, count=header.points, header=header)
+    blocks_of = _ascii_blocks if header.encoding == "ascii" else _compressed_blocks
+    blocks = blocks_of(read_bytes(file), header, source)
+    return _with_views(cloud_of_columns(_columns(header, blocks), source), header)
+
+
+def _columns(header: PcdHeader, blocks: list[np.ndarray]) -> dict[str, np.ndarray]:
+    """The columns of a table of all fields."""
     columns: dict[str, np.ndarray] = {}
     for field, block in zip(header.fields, blocks, strict=True):
         if field.name != PADDING:
             columns |= field_columns(field.name, block)
-    cloud = cloud_of_columns(columns, source)
+    return columns
+
+
+def _with_views(cloud: PointCloud, header: PcdHeader) -> PointCloud:
     if header.width is None:
         return cloud
     return dataclasses.replace(cloud, views=frame_views(cloud.points, cloud.rows, header.width, header.viewpoint))
@@ -236,15 +298,6 @@ def _ascii_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.ndarra
     ]
 
 
-def _binary_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.ndarray]:
-    point_size = sum(field.size for field in header.fields)
-    available = (len(data) - header.body) // point_size
-    if available < header.points:
-        raise _cut_off(header.points, available, source)
-    rows = np.frombuffer(data, np.uint8, header.points * point_size, header.body).reshape(header.points, point_size)
-    return _split_bytes(rows, header.fields)
-
-
 def _compressed_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.ndarray]:
     """Blocks of one field each; writers other than the Point Cloud Library's may store the padding too."""
     if len(data) < header.body + 8:
@@ -256,7 +309,7 @@ def _compressed_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.n
             f"{source}: declares {header.points} points in {compressed} compressed bytes, {len(data) - start} bytes "
             "are there; the file is cut off, copy it again"
         )
-    with_padding = sum(field.size for field in header.fields)
+    with_padding = header.point_size
     without_padding = sum(field.size for field in header.fields if field.name != PADDING)
     if size not in (header.points * with_padding, header.points * without_padding):
         raise InputError(

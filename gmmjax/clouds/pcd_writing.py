@@ -1,8 +1,10 @@
 """Writing clouds and ordered depth frames as PCD, the format of the Point Cloud Library (version 0.7)."""
 
+import dataclasses
+import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +15,7 @@ from gmmjax.clouds.atomic import atomic_write
 from gmmjax.clouds.columns import AXES
 from gmmjax.clouds.coordinates import as_finite_points
 from gmmjax.clouds.ordered_frame import QUATERNION_TOLERANCE
+from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.errors import InputError
 
 AT_ORIGIN = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
@@ -53,18 +56,89 @@ def write_pcd(
     else:
         grid = as_finite_points(array, f"{path}: points").shape[:1]
     coordinates = array if array.dtype in (np.float32, np.float64) else array.astype(np.float64)
-    columns = {axis: coordinates[..., index] for index, axis in enumerate(AXES)}
-    if colors is not None:
-        columns[COLORS] = _packed(np.asarray(colors), grid, str(path))
-    for name, values in (fields or {}).items():
-        columns[name] = _checked_field(name, np.asarray(values), grid, columns, str(path))
-    rows = np.empty(grid, np.dtype([(name, values.dtype.newbyteorder("<")) for name, values in columns.items()]))
-    for name, values in columns.items():
-        rows[name] = values
-    header = _header_text(rows, _checked_viewpoint(viewpoint, str(path)))
+    rows = _rows(coordinates, colors, fields or {}, grid, str(path))
+    header = _header_text(rows.dtype, grid, _checked_viewpoint(viewpoint, str(path)))
     with atomic_write(path) as file:
         file.write(header)
         file.write(rows.tobytes())
+
+
+@dataclasses.dataclass(frozen=True)
+class PcdForm:
+    """How a cloud that comes in parts is written.
+
+    Attributes:
+        shape: how many points; or rows and columns of an ordered frame, whose parts have the numbers of their pixels as
+            rows, and whose other pixels are NaN, or 0 in columns of whole numbers.
+        viewpoint: as of `write_pcd`.
+        dtype: of the coordinates, float32 or float64.
+        empty: whole numbers that pixels without a return have in place of 0, by the names of the fields.
+    """
+
+    shape: tuple[int, ...]
+    viewpoint: tuple[float, ...] = AT_ORIGIN
+    dtype: np.dtype = np.dtype(np.float64)
+    empty: Mapping[str, int] = dataclasses.field(default_factory=dict)
+
+
+def write_pcd_parts(path: str | os.PathLike[str], parts: Iterable[PointCloud], form: PcdForm) -> None:
+    """`write_pcd` for a cloud that comes in parts, such as one that is larger than the memory.
+
+    Args:
+        path: the file to write.
+        parts: of the cloud, at least one, in the order of their rows; all with the same fields of the same types.
+        form: how they are written.
+
+    Raises:
+        InputError: as `write_pcd`, from the parts, or they have another number of points.
+        OSError: from writing, such as a full disk; a file that was there before is left as it was.
+    """
+    written, no_return = 0, None
+    with atomic_write(path) as file:
+        for part in parts:
+            rows = _rows(part.points.astype(form.dtype), part.colors, part.fields, (len(part),), str(path))
+            if no_return is None:
+                no_return = _no_return(rows.dtype, form.empty)
+                file.write(_header_text(rows.dtype, form.shape, _checked_viewpoint(form.viewpoint, str(path))))
+            if len(form.shape) == 2:
+                image = np.repeat(no_return, int(part.rows[-1]) + 1 - written)
+                image[part.rows - written] = rows
+                rows = image
+            file.write(rows.tobytes())
+            written += len(rows)
+        left = math.prod(form.shape) - written
+        if no_return is None or left < 0 or (left and len(form.shape) == 1):
+            raise InputError(
+                f"{path}: not all of {math.prod(form.shape)} points are there to be written; read them again"
+            )
+        file.write(np.repeat(no_return, left).tobytes())
+
+
+def _rows(
+    coordinates: np.ndarray,
+    colors: npt.ArrayLike | None,
+    fields: Mapping[str, npt.ArrayLike],
+    grid: tuple[int, ...],
+    source: str,
+) -> np.ndarray:
+    """The points as they are in the file."""
+    columns = {axis: coordinates[..., index] for index, axis in enumerate(AXES)}
+    if colors is not None:
+        columns[COLORS] = _packed(np.asarray(colors), grid, source)
+    for name, values in fields.items():
+        columns[name] = _checked_field(name, np.asarray(values), grid, columns, source)
+    rows = np.empty(grid, np.dtype([(name, values.dtype.newbyteorder("<")) for name, values in columns.items()]))
+    for name, values in columns.items():
+        rows[name] = values
+    return rows
+
+
+def _no_return(row_type: np.dtype, empty: Mapping[str, int]) -> np.ndarray:
+    """A pixel without a return, as one row."""
+    row = np.zeros(1, row_type)
+    for name, (kind, *_) in (row_type.fields or {}).items():
+        row[name] = np.nan if kind.kind == "f" else empty.get(name, 0)
+    return row
 
 
 def viewpoint_of(pose: Float64[np.ndarray, "4 4"]) -> tuple[float, ...]:
@@ -111,20 +185,20 @@ def _checked_viewpoint(viewpoint: tuple[float, ...], source: str) -> list[float]
     return [float(number) for number in numbers]
 
 
-def _header_text(rows: np.ndarray, viewpoint: list[float]) -> bytes:
-    assert rows.dtype.fields is not None
-    kinds = [kind for kind, *_ in rows.dtype.fields.values()]
-    height, width = rows.shape if rows.ndim == 2 else (1, len(rows))
+def _header_text(row_type: np.dtype, shape: tuple[int, ...], viewpoint: list[float]) -> bytes:
+    assert row_type.fields is not None
+    kinds = [kind for kind, *_ in row_type.fields.values()]
+    height, width = shape if len(shape) == 2 else (1, *shape)
     lines = {
         "VERSION": "0.7",
-        "FIELDS": " ".join(rows.dtype.fields),
+        "FIELDS": " ".join(row_type.fields),
         "SIZE": " ".join(str(kind.itemsize) for kind in kinds),
         "TYPE": " ".join(kind.kind.upper() for kind in kinds),
         "COUNT": " ".join("1" for _ in kinds),
         "WIDTH": str(width),
         "HEIGHT": str(height),
         "VIEWPOINT": " ".join(f"{number:.17g}" for number in viewpoint),
-        "POINTS": str(rows.size),
+        "POINTS": str(height * width),
         "DATA": "binary",
     }
     text = "# .PCD v0.7 - Point Cloud Data file format\n" + "".join(f"{key} {value}\n" for key, value in lines.items())

@@ -1,23 +1,30 @@
 """Reading the vertices of PLY files, and writing clouds as PLY."""
 
+import dataclasses
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from gmmjax.clouds.atomic import atomic_write
+from gmmjax.clouds.cloud_file import CloudFile, RowBlock
 from gmmjax.clouds.colors import CHANNELS
-from gmmjax.clouds.columns import AXES, cast_column, cloud_of_columns, require_axes
+from gmmjax.clouds.columns import AXES, block_of_columns, cast_column, cloud_of_columns, require_axes
 from gmmjax.clouds.coordinates import as_finite_points
-from gmmjax.clouds.files import read_bytes
+from gmmjax.clouds.files import read_bytes, require_file
 from gmmjax.clouds.number_table import NumberedLines, parse_table
-from gmmjax.clouds.ply_header import Element, PlyHeader, parse_header
+from gmmjax.clouds.ply_header import END, Element, PlyHeader, parse_header
 from gmmjax.clouds.point_cloud import PointCloud
+from gmmjax.clouds.records import stored_records
+from gmmjax.clouds.source_file import SourceFile
 from gmmjax.errors import InputError
 
+# Bytes of the longest header that is read without the rest of the file.
+LONGEST_HEADER = 1 << 20
 WRITTEN_TYPES = {
     "i1": "char",
     "u1": "uchar",
@@ -30,7 +37,29 @@ WRITTEN_TYPES = {
 }
 
 
-def read_ply(path: str | os.PathLike[str]) -> PointCloud:
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class PlyFile(CloudFile):
+    """A binary PLY file.
+
+    Attributes:
+        vertex: the element of its points.
+        offset: bytes before them.
+    """
+
+    vertex: Element
+    offset: int
+
+    def blocks(self) -> Iterator[RowBlock]:
+        """All vertices, some at a time.
+
+        Raises:
+            InputError: the file is cut off.
+        """
+        for rows in stored_records(self.path, self.offset, self.vertex.row_type, self.count):
+            yield block_of_columns({prop.name: rows[prop.name] for prop in self.vertex.properties}, str(self.path))
+
+
+def open_ply(path: str | os.PathLike[str]) -> PlyFile | PointCloud:
     """The vertices of a PLY file: ascii or binary of either byte order, a cloud or a mesh.
 
     red, green and blue become colours, other scalar properties become fields in their declared type; faces and other
@@ -40,13 +69,14 @@ def read_ply(path: str | os.PathLike[str]) -> PointCloud:
         path: the file.
 
     Returns:
-        The cloud, vertices in the order of the file.
+        The file, of which the header is read; where it is ascii, its points in the order of the file.
 
     Raises:
         InputError: the file cannot be read, is no PLY, is cut off, or has no x, y, z.
     """
-    data, source = read_bytes(path), str(path)
-    header = parse_header(data, source)
+    file, source = require_file(path), str(path)
+    written = SourceFile.of(file)
+    header = parse_header(_head(file), source)
     index = header.vertex_index
     if index < 0:
         names = ", ".join(element.name for element in header.elements) or "nothing"
@@ -56,8 +86,13 @@ def read_ply(path: str | os.PathLike[str]) -> PointCloud:
     if vertex.has_lists:
         lists = ", ".join(prop.name for prop in vertex.properties if prop.length is not None)
         raise InputError(f"{source}: vertices have list properties ({lists}); export them without these")
-    read_columns = _ascii_columns if header.encoding == "ascii" else _binary_columns
-    return cloud_of_columns(read_columns(data, header, index, source), source)
+    if header.encoding == "ascii":
+        return cloud_of_columns(_ascii_columns(read_bytes(file), header, index, source), source)
+    offset = _vertex_offset(file, header, index)
+    available = max(written.size - offset, 0) // vertex.row_type.itemsize
+    if available < vertex.count:
+        raise _cut_off(vertex.count, available, source)
+    return PlyFile(path=file, source=written, count=vertex.count, vertex=vertex, offset=offset)
 
 
 def write_ply(
@@ -85,7 +120,41 @@ def write_ply(
     """
     coordinates = as_finite_points(points, f"{path}: points")
     cloud = PointCloud.from_rows(coordinates, colors, fields, source=str(path))
-    columns = {axis: coordinates[:, index] for index, axis in enumerate(AXES)}
+    write_ply_parts(path, [cloud], len(cloud), comments)
+
+
+def write_ply_parts(
+    path: str | os.PathLike[str], parts: Iterable[PointCloud], count: int, comments: Sequence[str] = ()
+) -> None:
+    """`write_ply` for a cloud that comes in parts, such as one that is larger than the memory.
+
+    Args:
+        path: the file to write.
+        parts: of the cloud, at least one; all with the same fields of the same types.
+        count: points of all parts together.
+        comments: lines for the header.
+
+    Raises:
+        InputError: as `write_ply`, from the parts, or they have another number of points.
+        OSError: from writing, such as a full disk; a file that was there before is left as it was.
+    """
+    written, row_type = 0, None
+    with atomic_write(path) as file:
+        for part in parts:
+            rows = _rows(part, str(path))
+            if row_type is None:
+                row_type = rows.dtype
+                file.write(_header_text(row_type, count, comments, str(path)))
+            assert rows.dtype == row_type
+            file.write(rows.tobytes())
+            written += len(rows)
+        if written != count:
+            raise InputError(f"{path}: {count} points were to be written, and there are {written}; read them again")
+
+
+def _rows(cloud: PointCloud, path: str) -> np.ndarray:
+    """The vertices as they are in the file."""
+    columns = {axis: cloud.points[:, index] for index, axis in enumerate(AXES)}
     if cloud.colors is not None:
         columns |= {channel: cloud.colors[:, index] for index, channel in enumerate(CHANNELS)}
     for name, values in cloud.fields.items():
@@ -94,27 +163,30 @@ def write_ply(
                 f"{path}: field {name!r} cannot be a PLY property; use a new name of letters, digits and _"
             )
         columns[name] = _writable(values, f"{path}: field {name!r}")
-    row_type = np.dtype([(name, values.dtype.newbyteorder("<")) for name, values in columns.items()])
-    rows = np.empty(len(cloud), row_type)
+    rows = np.empty(len(cloud), np.dtype([(name, own.dtype.newbyteorder("<")) for name, own in columns.items()]))
     for name, values in columns.items():
         rows[name] = values
-    header = _header_text(row_type, len(cloud), comments, str(path))
-    with atomic_write(path) as file:
-        file.write(header)
-        file.write(rows.tobytes())
+    return rows
 
 
-def _binary_columns(data: bytes, header: PlyHeader, index: int, source: str) -> dict[str, np.ndarray]:
+def _head(file: Path) -> bytes:
+    """The beginning of a file with its header, and all of the file where that has no end."""
+    with file.open("rb") as stream:
+        head = stream.read(LONGEST_HEADER)
+        # The end of what was read may look like the end of the header.
+        whole = END.search(head, 0, len(head) - 2) if len(head) == LONGEST_HEADER else True
+        return head if whole else head + stream.read()
+
+
+def _vertex_offset(file: Path, header: PlyHeader, index: int) -> int:
+    """Bytes before the vertices."""
+    before = header.elements[:index]
+    # Lists are of any length: the rows have to be gone through.
+    data = read_bytes(file) if any(element.has_lists for element in before) else b""
     offset = header.body
-    for element in header.elements[:index]:
-        offset = _after_element(data, offset, element, header.encoding, source)
-    vertex = header.elements[index]
-    row_type = vertex.row_type
-    available = max(len(data) - offset, 0) // row_type.itemsize
-    if available < vertex.count:
-        raise _cut_off(vertex.count, available, source)
-    rows = np.frombuffer(data, row_type, vertex.count, offset)
-    return {prop.name: rows[prop.name] for prop in vertex.properties}
+    for element in before:
+        offset = _after_element(data, offset, element, header.encoding, str(file))
+    return offset
 
 
 def _after_element(data: bytes, offset: int, element: Element, encoding: str, source: str) -> int:

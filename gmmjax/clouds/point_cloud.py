@@ -1,6 +1,7 @@
 """The record that every reader returns."""
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy.typing as npt
 from jaxtyping import Float64, Int64, UInt8
 
 from gmmjax.clouds.coordinates import as_points
-from gmmjax.clouds.source_file import SourceFile
+from gmmjax.clouds.source_file import FileRows, SourceFile
 from gmmjax.clouds.views import SensorViews
 from gmmjax.errors import InputError
 
@@ -30,6 +31,7 @@ class PointCloud:
         unit: of the coordinates, such as "m", where the file says so; else None.
         crs: coordinate reference system of the points, such as "EPSG:25832", where the file says so; else None.
         file: what `read_cloud` read, so that a result can be written with all that it held; else None.
+        files: what `read_survey` read, one after the other, where it was several files; else empty.
 
     Raises:
         InputError: arrays whose shapes or types disagree with the above.
@@ -45,6 +47,7 @@ class PointCloud:
     unit: str | None = None
     crs: str | None = None
     file: SourceFile | None = None
+    files: tuple[FileRows, ...] = ()
 
     def __post_init__(self) -> None:
         prefix = _prefix(self.source)
@@ -64,6 +67,7 @@ class PointCloud:
         parts += [f"fields {', '.join(map(repr, self.fields))}"] if self.fields else []
         parts += [f"{self.rows_dropped:,} rows dropped"] if self.rows_dropped else []
         parts += [f"{len(self.views)} views"] if self.views is not None else []
+        parts += [f"{len(self.files)} files"] if self.files else []
         return f"<PointCloud: {', '.join(parts)}{'' if self.source is None else f'; {self.source!r}'}>"
 
     @classmethod
@@ -102,6 +106,40 @@ class PointCloud:
             color_rows = None if color_rows is None else color_rows[rows]
             columns = {name: values[rows] for name, values in columns.items()}
         return cls(coordinates, rows, color_rows, columns, int(len(finite) - len(rows)), source, views)
+
+    def by_file(self) -> Iterator[tuple[slice, "PointCloud"]]:
+        """The points of each of the `files`, with the rows, colours and fields of that file, and where they are here.
+
+        Points, values and their number may have been changed since they were read; the rows must be ascending.
+        """
+        for own in self.files:
+            place = slice(*map(int, np.searchsorted(self.rows, own.rows)))
+            part = self.part(place)
+            fields = {name: part.fields[name].astype(kind) for name, kind in own.fields if name in part.fields}
+            yield (
+                place,
+                dataclasses.replace(
+                    part,
+                    rows=part.rows - own.rows[0],
+                    colors=part.colors if own.colored else None,
+                    fields=fields,
+                    rows_dropped=own.rows[1] - own.rows[0] - len(part),
+                    source=str(own.file.path),
+                    views=None,
+                    file=own.file,
+                    files=(),
+                ),
+            )
+
+    def part(self, place: slice) -> "PointCloud":
+        """Some of the points, in their order."""
+        return dataclasses.replace(
+            self,
+            points=self.points[place],
+            rows=self.rows[place],
+            colors=None if self.colors is None else self.colors[place],
+            fields={name: values[place] for name, values in self.fields.items()},
+        )
 
 
 def _check_attributes(colors: np.ndarray | None, fields: Mapping[str, np.ndarray], count: int, prefix: str) -> None:

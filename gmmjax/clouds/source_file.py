@@ -46,3 +46,20 @@ class SourceFile:
         """
         if SourceFile.of(self.path) != self:
             raise InputError(f"{self.path}: was changed since it was read; run the detection again")
+
+
+@dataclass(frozen=True)
+class FileRows:
+    """What one file gave to a cloud of several.
+
+    Attributes:
+        file: that was read.
+        rows: first row of the file among those of the cloud, and the one after its last.
+        fields: names of its own fields, with their types as NumPy writes them.
+        colored: whether it has colours.
+    """
+
+    file: SourceFile
+    rows: tuple[int, int]
+    fields: tuple[tuple[str, str], ...]
+    colored: bool

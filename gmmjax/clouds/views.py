@@ -1,5 +1,6 @@
 """Where the sensor stood and what it could see from there."""
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -123,27 +124,63 @@ class SensorViews:
         Raises:
             InputError: positions that are not finite or too far from the points to be theirs; no points.
         """
-        coordinates, places = as_finite_points(points), _checked_positions(positions)
-        if not len(coordinates):
-            raise InputError("sensor positions: the cloud has no points to read the field of view from")
-        _check_distances(coordinates, places, settings.farthest)
-        cameras, elevation, reach = [], 0.0, 0.0
-        for place in places:
-            offsets = coordinates - place
-            ranges = np.linalg.norm(offsets, axis=1)
-            reach = max(reach, float(ranges.max()) * MARGIN)
-            # What is at the sensor itself, such as missing returns at the origin, is in no direction.
-            directions = offsets[ranges > 0] / ranges[ranges > 0, None]
-            cameras.append(_camera(directions, settings.camera_angle))
-            elevation = max(elevation, float(np.abs(directions[:, 2]).max(initial=0.0)))
-        looking = [camera for camera in cameras if camera is not None]
-        if len(looking) == len(places):
-            rotations, tangents = (np.stack(part) for part in zip(*looking, strict=True))
+        coordinates = as_finite_points(points)
+        return cls.from_parts(lambda: [coordinates], positions, settings)
+
+    @classmethod
+    def from_parts(
+        cls,
+        parts: Callable[[], Iterable[Float64[np.ndarray, "n 3"]]],
+        positions: npt.ArrayLike,
+        settings: PositionSettings = PositionSettings(),
+    ) -> "SensorViews":
+        """As `from_positions`, for a cloud that is given in parts, such as one that is larger than the memory.
+
+        Args:
+            parts: gives the cloud's points, finite [N, 3], in parts; called twice or three times.
+            positions: of the sensor [V, 3], or [3] for a single one, in the frame and unit of the points.
+            settings: when a sensor is a camera, and when a position is too far away.
+
+        Raises:
+            InputError: positions that are not finite or too far from the points to be theirs; no points.
+        """
+        places = _checked_positions(positions)
+        _check_distances(parts(), places, settings.farthest)
+        directions = [_Directions(place) for place in places]
+        for points in parts():
+            for own in directions:
+                own.add(points)
+        reach = max(own.reach for own in directions) * MARGIN
+        cameras = _cameras(parts(), directions, settings.camera_angle)
+        if cameras is not None:
+            rotations, tangents = (np.stack(part) for part in zip(*cameras, strict=True))
             angles = 2 * np.degrees(np.arctan(np.maximum(tangents.max(axis=0), 1e-3) * MARGIN))
             return cls(rigid_transform(rotations, places), np.minimum(angles, WIDEST_PINHOLE - 1), reach)
         level = np.tile(LEVEL, (len(places), 1, 1))
+        elevation = max(own.elevation for own in directions)
         vertical = min(2 * np.degrees(np.arcsin(elevation)) * MARGIN + 1, WIDEST_ELEVATION)
         return cls(rigid_transform(level, places), (360.0, float(vertical)), reach)
+
+    @classmethod
+    def merged(cls, views: Sequence["SensorViews"]) -> "SensorViews":
+        """All views of several scans of one survey, as far and as wide as the farthest and the widest of them.
+
+        Where some are cameras' and others a turning scanner's, all turn, about z: a direction without any point counts
+        as not observed whatever the field of view, so that nothing is taken for seen that was not.
+
+        Args:
+            views: of each scan, in one frame; at least one.
+        """
+        poses, reach = np.concatenate([own.poses for own in views]), max(own.max_range for own in views)
+        width, height = (max(own.field_of_view[axis] for own in views) for axis in range(2))
+        if len({own.turning for own in views}) == 2:
+            poses[:, :3, :3] = np.where(
+                np.repeat([own.turning for own in views], [len(own) for own in views])[:, None, None],
+                poses[:, :3, :3],
+                LEVEL,
+            )
+            height = WIDEST_ELEVATION
+        return cls(poses, (width, height), reach)
 
     def moved(self, transform: Float64[np.ndarray, "4 4"]) -> "SensorViews":
         """The views after a rigid motion of the world: x becomes `transform @ x`."""
@@ -176,13 +213,18 @@ def _checked_positions(positions: Any) -> Float64[np.ndarray, "v 3"]:
     return array
 
 
-def _check_distances(points: Float64[np.ndarray, "n 3"], places: Float64[np.ndarray, "v 3"], farthest: float) -> None:
+def _check_distances(
+    parts: Iterable[Float64[np.ndarray, "n 3"]], places: Float64[np.ndarray, "v 3"], farthest: float
+) -> None:
     """Whether the positions can be those that a cloud was taken from.
 
     Raises:
-        InputError: one of them is too far away.
+        InputError: one of them is too far away, or there are no points.
     """
-    lower, upper = points.min(axis=0), points.max(axis=0)
+    boxes = [np.stack([points.min(axis=0), points.max(axis=0)]) for points in parts if len(points)]
+    if not boxes:
+        raise InputError("sensor positions: the cloud has no points to read the field of view from")
+    lower, upper = np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]
     # A position beyond the range of floats is infinitely far away.
     with np.errstate(over="ignore"):
         size = float(np.linalg.norm(upper - lower))
@@ -197,30 +239,69 @@ def _check_distances(points: Float64[np.ndarray, "n 3"], places: Float64[np.ndar
         )
 
 
-def _camera(
-    directions: Float64[np.ndarray, "n 3"], widest: float
-) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, " 2"]] | None:
-    """The axes of a camera that looks along the mean of some directions, and the tangents of its half angles.
+class _Directions:
+    """What is known of the directions from a position to the points of a cloud.
+
+    Attributes:
+        total: sum of the unit vectors.
+        elevation: largest sine of the angle above or below the horizon.
+        reach: distance of the farthest point.
+    """
+
+    def __init__(self, place: Float64[np.ndarray, "3"]) -> None:
+        self._place = place
+        self.total, self.elevation, self.reach = np.zeros(3), 0.0, 0.0
+
+    def add(self, points: Float64[np.ndarray, "n 3"]) -> None:
+        """Takes some of the points into account."""
+        directions, ranges = self.unit_vectors(points)
+        self.total = self.total + directions.sum(axis=0)
+        self.elevation = max(self.elevation, float(np.abs(directions[:, 2]).max(initial=0.0)))
+        self.reach = max(self.reach, float(ranges.max(initial=0.0)))
+
+    def unit_vectors(
+        self, points: Float64[np.ndarray, "n 3"]
+    ) -> tuple[Float64[np.ndarray, "m 3"], Float64[np.ndarray, " n"]]:
+        """Directions to the points that are not at the position itself, such as missing returns, and all distances."""
+        offsets = points - self._place
+        ranges = np.linalg.norm(offsets, axis=1)
+        return offsets[ranges > 0] / ranges[ranges > 0, None], ranges
+
+    def axes(self) -> Float64[np.ndarray, "3 3"]:
+        """Of a camera that looks along the mean direction: upright where z points up, else with x right and y down."""
+        forward = self.total / np.linalg.norm(self.total)
+        down = np.array([0.0, 0.0, -1.0]) if abs(forward[2]) < 0.7 else np.array([0.0, 1.0, 0.0])
+        right = np.cross(down, forward)
+        right /= np.linalg.norm(right)
+        return np.stack([right, np.cross(forward, right), forward], axis=1)
+
+
+def _cameras(
+    parts: Iterable[Float64[np.ndarray, "n 3"]], directions: list[_Directions], widest: float
+) -> list[tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, " 2"]]] | None:
+    """Axes of the camera at each position, and tangents of its half angles.
 
     Args:
-        directions: unit vectors to the points.
-        widest: largest angle from their mean, degrees.
+        parts: of the points.
+        directions: to all of them, from each position.
+        widest: largest angle of a direction from their mean, degrees.
 
     Returns:
-        None where one of them is further off.
+        None where one of the directions from a position is further off.
     """
-    mean = directions.sum(axis=0)
-    length = float(np.linalg.norm(mean))
-    if length == 0 or (directions @ mean).min() < np.cos(np.radians(widest)) * length:
+    if any(np.linalg.norm(own.total) == 0 for own in directions):
         return None
-    forward = mean / length
-    # Upright where z points up; a camera that looks along z, as into its own frame, has x right and y down.
-    down = np.array([0.0, 0.0, -1.0]) if abs(forward[2]) < 0.7 else np.array([0.0, 1.0, 0.0])
-    right = np.cross(down, forward)
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward], axis=1)
-    inside = directions @ rotation
-    return rotation, np.abs(inside[:, :2] / inside[:, 2:]).max(axis=0)
+    axes = [own.axes() for own in directions]
+    tangents = [np.zeros(2) for _ in directions]
+    for points in parts:
+        for index, own in enumerate(directions):
+            inside = own.unit_vectors(points)[0] @ axes[index]
+            if inside[:, 2].min(initial=1.0) < np.cos(np.radians(widest)):
+                return None
+            tangents[index] = np.maximum(
+                tangents[index], np.abs(inside[:, :2] / inside[:, 2:]).max(axis=0, initial=0.0)
+            )
+    return list(zip(axes, tangents, strict=True))
 
 
 def _checked_poses(poses: Any) -> Float64[np.ndarray, "v 4 4"]:

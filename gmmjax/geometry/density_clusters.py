@@ -1,5 +1,7 @@
 """Density clusters of points: DBSCAN on k-d trees, in memory that does not grow with the points within a radius."""
 
+import itertools
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
@@ -11,16 +13,23 @@ from gmmjax.geometry.neighbours import workers_for
 
 
 def density_clusters(
-    points: Float[np.ndarray, "n d"], radius: float, neighbours: int, *, chunk: int = 500_000
+    points: Float[np.ndarray, "n d"],
+    radius: float | Float[np.ndarray, " n"],
+    neighbours: int,
+    *,
+    chunk: int = 500_000,
 ) -> Int[np.ndarray, " n"]:
     """The clusters of DBSCAN (Ester et al. 1996).
 
     A point with at least `neighbours` points within the radius, itself counted, is a core point; core points within
     the radius of each other are one cluster; other points join that of the nearest core point within the radius.
 
+    The radius may differ from point to point, where the density of the points does. Points of one radius are connected
+    as ever; those of two radii are where one is the nearest of its radius to the other, within the mean of both.
+
     Args:
         points: coordinates.
-        radius: in the unit of the points, positive.
+        radius: in the unit of the points, positive; for each point one of a few values, or the same for all.
         neighbours: points that make a core point.
         chunk: points that are looked up in neighbouring cells at a time: bounds the memory, about 100 bytes each, and
             does not change the clusters.
@@ -31,18 +40,57 @@ def density_clusters(
     labels = np.full(len(points), -1)
     if len(points) < neighbours:
         return labels
+    radii = np.broadcast_to(np.asarray(radius, float), len(points))
     # The distance to the last of the neighbours, not their number: a radius may hold all points of the cloud.
     distances, _ = cKDTree(points).query(points, k=[neighbours], workers=workers_for(len(points)))
-    core = np.flatnonzero(distances[:, 0] <= radius)
+    core = np.flatnonzero(distances[:, 0] <= radii)
     if not len(core):
         return labels
-    labels[core] = _connected(points[core], radius, chunk)
+    labels[core] = _connected_by_radius(points[core], radii[core], chunk)
     others = np.flatnonzero(labels < 0)
     workers = workers_for(len(others))
-    distances, nearest = cKDTree(points[core]).query(points[others], distance_upper_bound=radius, workers=workers)
-    near = np.isfinite(distances)
+    reach = np.nextafter(radii.max(), np.inf)
+    distances, nearest = cKDTree(points[core]).query(points[others], distance_upper_bound=reach, workers=workers)
+    near = distances <= radii[others]
     labels[others[near]] = labels[core[nearest[near]]]
     return labels
+
+
+def _connected_by_radius(
+    points: Float[np.ndarray, "n d"], radii: Float[np.ndarray, " n"], chunk: int
+) -> Int[np.ndarray, " n"]:
+    """The groups of points that are connected, each within its radius, numbered in the order of the points."""
+    values, of_value = np.unique(radii, return_inverse=True)
+    if len(values) == 1:
+        return _connected(points, float(values[0]), chunk)
+    members = [np.flatnonzero(of_value == number) for number in range(len(values))]
+    groups = np.empty(len(points), int)
+    count = 0
+    for rows, value in zip(members, values, strict=True):
+        groups[rows] = count + _connected(points[rows], float(value), chunk)
+        count = int(groups[rows].max()) + 1
+    trees = [cKDTree(points[rows]) for rows in members]
+    links = [
+        groups[np.stack([members[first][own], members[second][nearest]])]
+        for first, second in itertools.permutations(range(len(values)), 2)
+        for own, nearest in [_nearest_within(trees[first], trees[second], float(values[[first, second]].mean()))]
+    ]
+    ends = np.concatenate(links, axis=1)
+    graph = coo_array((np.ones(ends.shape[1], bool), (ends[0], ends[1])), shape=(count, count))
+    return _numbered_in_order(connected_components(graph, directed=False)[1][groups])
+
+
+def _nearest_within(own: cKDTree, other: cKDTree, reach: float) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+    """The points of a tree that have a point of another one within reach, and the nearest one of these."""
+    distances, nearest = other.query(own.data, distance_upper_bound=reach, workers=workers_for(own.n))
+    near = np.flatnonzero(np.isfinite(distances))
+    return near, nearest[near]
+
+
+def _numbered_in_order(groups: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """The groups numbered in the order of their first points."""
+    _, first, members = np.unique(groups, return_index=True, return_inverse=True)
+    return np.asarray(np.argsort(np.argsort(first))[members])
 
 
 def _connected(points: Float[np.ndarray, "n d"], radius: float, chunk: int) -> Int[np.ndarray, " n"]:
@@ -62,9 +110,7 @@ def _connected(points: Float[np.ndarray, "n d"], radius: float, chunk: int) -> I
         links.join(pairs[apart == distance], most_points=1)
     for distance in np.unique(apart):
         links.join(pairs[apart == distance], most_points=len(points))
-    groups = links.groups[cell]
-    _, first, members = np.unique(groups, return_index=True, return_inverse=True)
-    return np.argsort(np.argsort(first))[members]
+    return _numbered_in_order(links.groups[cell])
 
 
 def _neighbouring(cells: Float[np.ndarray, "c d"]) -> tuple[Int[np.ndarray, "p 2"], Float[np.ndarray, " p"]]:

@@ -13,6 +13,8 @@ from gmmjax.geometry.rigid import rotated, transformed
 # Neighbours that a plane goes through, and those whose mean stands for a point: averages see offsets below the noise.
 PLANE_NEIGHBOURS = 16
 MEAN_NEIGHBOURS = 8
+# Points whose neighbourhoods are looked at at a time: a bound on the memory, about 500 bytes each.
+CHUNK = 250_000
 # k points that fill a disc of radius r evenly are r sqrt(pi / k) apart, with a spread of r / sqrt 2 about its centre.
 SPACING_PER_SPREAD = np.sqrt(2 * np.pi / PLANE_NEIGHBOURS)
 
@@ -51,7 +53,12 @@ class LocalSurface:
         tree = cKDTree(points) if tree is None else tree
         indices = nearest_neighbours(tree, points, neighbours)[1]
         # `take` is several times as fast as an index array in brackets.
-        return cls(points, tree, indices, *local_planes(points.take(indices, axis=0)))
+        parts = [
+            local_planes(points.take(indices[first : first + CHUNK], axis=0))
+            for first in range(0, max(len(points), 1), CHUNK)
+        ]
+        centres, normals, variances = (np.concatenate(values) for values in zip(*parts, strict=True))
+        return cls(points, tree, indices, centres, normals, variances)
 
     def __len__(self) -> int:
         return len(self.points)

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from gmmjax.changes import FACTS, Candidate, DetectionConfig, JointDetector, Scan, measured, names_of
+from gmmjax.changes import FACTS, Candidate, CutCandidates, DetectionConfig, JointDetector, Scan, measured, names_of
 from gmmjax.evaluation import LabelledCloud, LabelledPair
-from gmmjax.pair import Pair, each
+from gmmjax.pair import Pair
 
 # What a candidate is; the columns of `Verdict.probabilities`, and last what is one of the two before, not known which.
 CHANGED, UNOBSERVED, UNCHANGED, NOT_CHANGED = range(4)
@@ -85,12 +85,12 @@ def rows_of(pair: LabelledPair, config: DetectionConfig = DetectionConfig()) -> 
     clouds = Pair(pair.before, pair.after)
     scans = clouds.map(lambda cloud: Scan(cloud.points, cloud.views))
     poses = [False, clouds.before.views is not None and clouds.after.views is not None]
-    members, of_poses = JointDetector(config).cut_candidates(scans, poses=poses)
+    of_poses = JointDetector(config).cut_candidates(scans, poses=poses)
     if not of_poses:
         return _no_rows()
-    counts = each(_counts, clouds.map(_truth_of), members)
     unknown, given = of_poses
-    return Pair(_rows_of_both(unknown, counts, poses=False), _rows_of_both(given, counts, poses=True))
+    truths = clouds.map(_truth_of)
+    return Pair(_rows_of_both(unknown, truths, poses=False), _rows_of_both(given, truths, poses=True))
 
 
 def rows_of_scans(
@@ -103,22 +103,25 @@ def rows_of_scans(
         truths: of their points.
         config: of the detection.
     """
-    members, of_poses = JointDetector(config).cut_candidates(scans, poses=[True])
+    of_poses = JointDetector(config).cut_candidates(scans, poses=[True])
     if not of_poses:
         return _no_rows()
-    counts = each(_counts, truths, members)
-    (candidates,) = of_poses
-    return Pair(_rows_of_both(candidates, counts, poses=False), _rows_of_both(candidates, counts, poses=True))
+    (found,) = of_poses
+    return Pair(_rows_of_both(found, truths, poses=False), _rows_of_both(found, truths, poses=True))
 
 
 def _no_rows() -> Pair[CandidateRows]:
     return Pair(CandidateRows.none(poses=False), CandidateRows.none(poses=True))
 
 
-def _rows_of_both(candidates: Pair[list[Candidate]], counts: Pair[_Counts], *, poses: bool) -> CandidateRows:
+def _rows_of_both(found: list[CutCandidates], truths: Pair[PointTruth], *, poses: bool) -> CandidateRows:
     """The rows of the candidates of both clouds."""
-    parts = each(lambda own, counted: _rows(own, counted, poses=poses), candidates, counts)
-    return CandidateRows.joined([*parts], poses=poses)
+    parts = [
+        _rows(pieces, _counts(truth, member), poses=poses)
+        for cut in found
+        for pieces, truth, member in zip(cut.pieces, truths, cut.members, strict=True)
+    ]
+    return CandidateRows.joined(parts, poses=poses)
 
 
 def _truth_of(cloud: LabelledCloud) -> PointTruth:

@@ -1,7 +1,7 @@
-"""Compiled kernels for the CPU: the same answers as the JAX code beside each call, in a fraction of the time.
+"""Compiled kernels for the CPU: the same answers as the plain code beside each call, in a fraction of the time.
 
 They are built when the package is installed with a C++ compiler at hand. Without one, on other devices, and where the
-environment variable `GMMJAX_NATIVE` is 0, everything runs in plain JAX.
+environment variable `GMMJAX_NATIVE` is 0, everything runs in plain JAX, or NumPy and SciPy.
 """
 
 import functools
@@ -9,6 +9,7 @@ import importlib
 import os
 import threading
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any, TypeVar
 
 import jax
@@ -29,15 +30,25 @@ def available() -> bool:
 
 
 @functools.cache
-def _registered() -> bool:
+def host_kernels() -> ModuleType | None:
+    """The kernels for use on NumPy's arrays; None where they were not built, or are switched off."""
     if os.environ.get(SWITCH) == "0":
-        return False
+        return None
     try:
-        _kernels = importlib.import_module("gmmjax.native._kernels")
+        kernels = importlib.import_module("gmmjax.native._kernels")
     except ImportError:
+        return None
+    # A checkout may hold a build of an earlier version.
+    return kernels if hasattr(kernels, "projections") else None
+
+
+@functools.cache
+def _registered() -> bool:
+    kernels = host_kernels()
+    if kernels is None:
         return False
     try:
-        for name, handler in _kernels.targets().items():
+        for name, handler in kernels.targets().items():
             jax.ffi.register_ffi_target(name, handler, platform="cpu")
     except Exception:  # A jaxlib of another interface: what it raises is not documented.
         return False

@@ -10,6 +10,7 @@
 #define GMMJAX_INSTRUCTION_SET avx2
 #include "vectors.h"
 
+#include "cylinders_kernel.h"
 #include "expectation_kernel.h"
 #include "transport_kernel.h"
 #if defined(__clang__)

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from gmmjax.reporting.geotiff import write_geotiff as write_geotiff
     from gmmjax.reporting.html_report import CONTENT_POLICY as CONTENT_POLICY
     from gmmjax.reporting.html_report import report_html as report_html
+    from gmmjax.reporting.labelled_cloud import write_scan as write_scan
     from gmmjax.reporting.map_cells import ChangeMap as ChangeMap
     from gmmjax.reporting.map_cells import ChangeMapSettings as ChangeMapSettings
     from gmmjax.reporting.map_cells import change_map as change_map

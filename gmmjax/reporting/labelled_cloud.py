@@ -1,25 +1,38 @@
 """A scan with what was found about each of its points, in the format of its file and with all that the file held."""
 
 import dataclasses
+import itertools
+import mmap
+import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
-from gmmjax.changes import Changes, Kind
+from gmmjax.changes import OPTIONAL_FIGURES, Changes, Kind
 from gmmjax.clouds import (
     AXES,
+    CHUNK_POINTS,
+    EXTRA_TYPES,
+    Bounds,
+    BoundsError,
+    CloudFile,
+    LasPart,
     LasSource,
+    PcdForm,
     PointCloud,
+    SourceFile,
+    SurveyFiles,
     free_name,
     read_layout,
     viewpoint_of,
     write_las,
-    write_pcd,
-    write_ply,
+    write_las_blocks,
+    write_pcd_parts,
+    write_ply_parts,
 )
 from gmmjax.errors import InputError, warn
 from gmmjax.geometry import transformed
@@ -34,52 +47,104 @@ DESCRIPTIONS: Mapping[str, str] = {
     "probability": "of belonging to a change",
     "unobserved": "not observed by the other survey",
     "distance": "signed distance to other surface",
+    "level_of_detection": "distance significant at 95 %",
+    "significance": "distance in standard errors",
 }
 # Names of the components of a normal, of the writers of PLY and of the Point Cloud Library.
 NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 COMMENT = "written by gmmjax detect: label is -1 where unchanged, else the index of the change in changes.json"
 # Whole numbers up to here are exact in float64.
 EXACT = 2**53
+# PLY's largest whole number.
+LARGEST_INT = 2**31 - 1
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LabelledCloud:
-    """A scan of a result.
+    """A scan of a result, in memory or in its file.
+
+    A scan in its file is read and written some points at a time, so that it may be larger than the memory; what is
+    written is the same.
 
     Attributes:
-        cloud: as it was given.
-        found: what was found about each of its points, by the names of `DESCRIPTIONS`.
-        colors: of each point: the colour of its kind of change, or its own, half way to grey.
+        cloud: as it was given, or the file that it is in.
+        found: what was found, such as the names of `DESCRIPTIONS`: about each point of a cloud, or about each row of a
+            file, also those without a position. Arrays or memory maps.
         transform: takes it into the frame of the before cloud; None: it is in it.
     """
 
-    cloud: PointCloud
+    cloud: PointCloud | CloudFile
     found: Mapping[str, np.ndarray]
-    colors: np.ndarray
     transform: Float64[np.ndarray, "4 4"] | None
 
     @property
-    def points(self) -> Float64[np.ndarray, "n 3"]:
-        """In the frame of the before cloud."""
-        return self.cloud.points if self.transform is None else transformed(self.cloud.points, self.transform)
+    def file(self) -> SourceFile | None:
+        """What the scan was read from."""
+        return self.cloud.file if isinstance(self.cloud, PointCloud) else self.cloud.source
 
-    def fields(self, reserved: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
-        """What was found, the scan's own colours as `scan_red` and so on, and its fields, normals turned with it.
+    @property
+    def points(self) -> int:
+        """How many there are with a position."""
+        return len(self.cloud) if isinstance(self.cloud, PointCloud) else self.cloud.measures.points
 
-        A field of the scan with the name of another one of these becomes `input_NAME`.
+    @property
+    def rows(self) -> int:
+        """How many there are, among them those without a position."""
+        cloud = self.cloud
+        return len(cloud) + cloud.rows_dropped if isinstance(cloud, PointCloud) else cloud.count
+
+    def placed(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+        """Points of the scan in the frame of the before cloud."""
+        return points if self.transform is None else transformed(points, self.transform)
+
+    def found_in(self, rows: Int64[np.ndarray, " n"]) -> dict[str, np.ndarray]:
+        """What was found about rows of the file, which ascend."""
+        first, last = (int(rows[0]), int(rows[-1]) + 1) if len(rows) else (0, 0)
+        values = {name: _copied(own, first, last) for name, own in self.found.items()}
+        return values if last - first == len(rows) else {name: own[rows - first] for name, own in values.items()}
+
+    def parts(self, reserved: tuple[str, ...] = ()) -> Iterator[PointCloud]:
+        """The scan as it is written, some points at a time, in the frame of the before cloud.
+
+        The fields are what was found, the scan's own colours as `scan_red` and so on, and its own fields, normals
+        turned with it. A field of the scan with the name of another one of these becomes `input_NAME`. The colours are
+        those of the kinds of change, or the scan's own, half way to grey; the scan's own where no kinds were found.
 
         Args:
             reserved: further names that a field must not have.
         """
-        fields = dict(self.found)
-        if self.cloud.colors is not None:
-            fields |= {f"scan_{channel}": self.cloud.colors[:, index] for index, channel in enumerate(CHANNELS)}
-        own = _turned(self.cloud.fields, self.transform)
-        for name, values in own.items():
-            plain = _plain(name)
-            taken = {*fields, *reserved, *AXES, *CHANNELS, "rgb", "rgba"}
-            fields[free_name(plain, {*taken, *own}) if plain in taken else plain] = values
-        return fields
+        for scan, found in self._scans():
+            yield dataclasses.replace(
+                scan,
+                points=self.placed(scan.points),
+                colors=point_colors(found["kind"], scan.colors) if "kind" in found else scan.colors,
+                fields=_fields(scan, found, reserved, self.transform),
+            )
+
+    def _scans(self) -> Iterator[tuple[PointCloud, dict[str, np.ndarray]]]:
+        """The scan as it was given, some points at a time, with what was found about them."""
+        if isinstance(self.cloud, PointCloud):
+            for start in range(0, len(self.cloud), CHUNK_POINTS):
+                place = slice(start, start + CHUNK_POINTS)
+                yield self.cloud.part(place), {name: values[place] for name, values in self.found.items()}
+        else:
+            yield from ((cloud, self.found_in(cloud.rows)) for cloud in self.cloud.clouds())
+
+    def by_file(self) -> "list[LabelledCloud]":
+        """Each scan of a survey in memory that was read from several files; any other cloud as it is."""
+        if not isinstance(self.cloud, PointCloud) or not self.cloud.files:
+            return [self]
+        return [
+            LabelledCloud(cloud, {name: values[place] for name, values in self.found.items()}, self.transform)
+            for place, cloud in self.cloud.by_file()
+        ]
+
+    @property
+    def ending(self) -> str:
+        """Of the file that is written."""
+        if self.file is None or self.file.ending not in WRITERS:
+            return ".ply"
+        return LasSource.of(self.file).ending if WRITERS[self.file.ending] is _write_las else self.file.ending
 
     def write(self, folder: Path, stem: str) -> str:
         """Writes it in the format of its file where that is LAS, LAZ or PCD, else as PLY.
@@ -97,7 +162,7 @@ class LabelledCloud:
         Warns:
             InputWarning: what the scan was read from cannot be read again; it is written as PLY.
         """
-        source = self.cloud.file
+        source = self.file
         writer = None if source is None else WRITERS.get(source.ending)
         if writer is not None:
             try:
@@ -117,66 +182,204 @@ def labelled_clouds(clouds: Pair[PointCloud], changes: Changes) -> Pair[Labelled
     numbers = np.array([0, *(get_args(Kind).index(change.kind) + 1 for change in changes.items)], np.uint8)
 
     def labelled(cloud: PointCloud, side: str, transform: np.ndarray | None) -> LabelledCloud:
-        labels, distance = getattr(changes, f"labels_{side}"), getattr(changes, f"distance_{side}")
+        labels = getattr(changes, f"labels_{side}")
         found = {
             "label": labels.astype(np.int32),
             "kind": numbers[labels + 1],
             "probability": getattr(changes, f"probability_{side}").astype(np.float32),
             "unobserved": getattr(changes, f"unobserved_{side}").astype(np.uint8),
         }
-        if distance is not None:
-            found["distance"] = distance.astype(np.float32)
-        return LabelledCloud(cloud, found, point_colors(labels, changes, cloud.colors), transform)
+        figures = {name: getattr(changes, f"{name}_{side}") for name in OPTIONAL_FIGURES}
+        found |= {name: values.astype(np.float32) for name, values in figures.items() if values is not None}
+        return LabelledCloud(cloud, found, transform)
 
     registration = changes.registration
     transform = registration.transform if registration.applied else None
     return Pair(labelled(clouds.before, "before", None), labelled(clouds.after, "after", transform))
 
 
+def labelled_files(
+    survey: SurveyFiles, found: Mapping[str, np.ndarray], transform: Float64[np.ndarray, "4 4"] | None
+) -> list[LabelledCloud]:
+    """Each scan of a survey in its file.
+
+    Args:
+        survey: the files.
+        found: about each row of the survey, by the names of `DESCRIPTIONS`. Arrays or memory maps.
+        transform: as of `LabelledCloud`.
+    """
+    return [
+        LabelledCloud(file, {name: values[survey.rows_of(index)] for name, values in found.items()}, transform)
+        for index, file in enumerate(survey.files)
+    ]
+
+
+def write_scan(
+    path: str | os.PathLike[str],
+    scan: CloudFile,
+    columns: Mapping[str, np.ndarray],
+    transform: Float64[np.ndarray, "4 4"] | None = None,
+) -> Path:
+    """Writes a scan of any size with further values of each point: what `gmmjax detect` does with labels.
+
+    LAS, LAZ and PCD stay what they are, with all that the file holds, as in a result; all others become PLY.
+
+    Args:
+        path: the file to write; a file that is there is replaced.
+        scan: from `open_cloud`.
+        columns: values of each row of the file by name, numbers of 8 to 64 bits. Arrays or memory maps.
+        transform: where the points are written; None: where they are.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: the path has another ending than the format; columns that are not numbers for each row; the scan was
+            changed or is damaged; the file cannot be written, as on a full disk, and is then as it was.
+    """
+    file = Path(path)
+    for name, values in columns.items():
+        if values.shape != (scan.count,) or values.dtype.str[1:] not in EXTRA_TYPES:
+            raise InputError(
+                f"column {name!r} must be whole or real numbers [{scan.count}], one for each row of {scan.path}, not "
+                f"{values.dtype} {list(values.shape)}"
+            )
+    labelled = LabelledCloud(scan, columns, transform)
+    if file.suffix != (ending := labelled.ending):
+        raise InputError(f"{file}: a result of {scan.path.name} is a {ending} file; name it {file.stem}{ending}")
+    try:
+        WRITERS.get(scan.source.ending, _write_ply)(labelled, file.parent, file.stem)
+    except OSError as error:
+        raise InputError(
+            f"{file}: cannot be written ({error.strerror or error}); free some space or choose another folder"
+        ) from error
+    return file
+
+
+def write_scans(folder: Path, side: str, scans: Sequence[LabelledCloud]) -> list[str]:
+    """Writes a scan as a file, or those of a survey of several as files in a folder, with the names of their own.
+
+    Args:
+        folder: that is there.
+        side: "before" or "after": the name of the file without its ending, or of the folder.
+        scans: at least one, each of which was read from a file where they are several.
+
+    Returns:
+        The names of the files.
+
+    Raises:
+        InputError, OSError: a file cannot be written.
+
+    Warns:
+        InputWarning: as `LabelledCloud.write`.
+    """
+    if len(scans) == 1:
+        return [scans[0].write(folder, side)]
+    (folder / side).mkdir()
+    names, taken = [], set[str]()
+    for scan in scans:
+        assert scan.file is not None
+        stem = _free_stem(scan.file.path.stem, taken)
+        taken.add(stem.lower())
+        names.append(f"{side}/{scan.write(folder / side, stem)}")
+    return names
+
+
+def _free_stem(stem: str, taken: set[str]) -> str:
+    """The stem, with a number where it is taken: some file systems do not tell upper from lower case."""
+    candidates = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
+    return next(name for name in candidates if name.lower() not in taken)
+
+
 def _write_ply(labelled: LabelledCloud, folder: Path, stem: str) -> str:
-    rows = {"row": labelled.cloud.rows} if labelled.cloud.rows_dropped else {}
-    fields = labelled.fields(tuple(rows))
-    # The row stands beside what was found, before the fields of the scan.
-    ordered = {**{name: fields[name] for name in labelled.found}, **rows, **fields}
-    stored = {name: _for_ply(values, f"{labelled.cloud.source}: field {name!r}") for name, values in ordered.items()}
+    with_rows = labelled.points < labelled.rows
+    as_floats = _beyond_ply(labelled)
+
+    def part_of(part: PointCloud) -> PointCloud:
+        rows = {"row": part.rows if labelled.rows <= LARGEST_INT else part.rows.astype(np.float64)} if with_rows else {}
+        # The row stands beside what was found, before the fields of the scan.
+        ordered = {**{name: part.fields[name] for name in labelled.found}, **rows, **part.fields}
+        stored = {name: _for_ply(values, as_floats=name in as_floats) for name, values in ordered.items()}
+        return dataclasses.replace(part, fields=stored)
+
     name = f"{stem}.ply"
-    write_ply(folder / name, labelled.points, colors=labelled.colors, fields=stored, comments=[COMMENT])
+    parts = map(part_of, labelled.parts(("row",) if with_rows else ()))
+    write_ply_parts(folder / name, parts, labelled.points, [COMMENT] if "label" in labelled.found else [])
     return name
 
 
 def _write_pcd(labelled: LabelledCloud, folder: Path, stem: str) -> str:
-    cloud = labelled.cloud
-    assert cloud.file is not None
-    cloud.file.require_unchanged()
-    layout = read_layout(cloud.file.path)
+    assert labelled.file is not None
+    labelled.file.require_unchanged()
+    layout = read_layout(labelled.file.path)
     pose = np.eye(4) if layout.pose is None else layout.pose
     moved = pose if labelled.transform is None else labelled.transform @ pose
-    points = labelled.points.astype(layout.dtype if layout.dtype.kind == "f" else np.float64)
-    rows = {"row": cloud.rows} if cloud.rows_dropped and layout.grid is None else {}
-    columns = {"points": points, "colors": labelled.colors} | {
-        f"field {name}": values for name, values in {**rows, **labelled.fields(tuple(rows))}.items()
-    }
-    if layout.grid is not None:
-        columns = {name: _by_pixel(values, cloud.rows, layout.grid, name) for name, values in columns.items()}
-    fields = {name.removeprefix("field "): values for name, values in columns.items() if name.startswith("field ")}
-    write_pcd(
-        folder / f"{stem}.pcd",
-        columns["points"],
+    with_rows = labelled.points < labelled.rows and layout.grid is None
+    form = PcdForm(
+        shape=(labelled.points,) if layout.grid is None else layout.grid,
         viewpoint=viewpoint_of(moved),
-        colors=columns["colors"],
-        fields=fields,
+        dtype=layout.dtype if layout.dtype.kind == "f" else np.dtype(np.float64),
+        empty={"label": -1},
     )
+    parts = (
+        dataclasses.replace(part, fields={"row": part.rows, **part.fields} if with_rows else part.fields)
+        for part in labelled.parts(("row",) if with_rows else ())
+    )
+    write_pcd_parts(folder / f"{stem}.pcd", parts, form)
     return f"{stem}.pcd"
 
 
 def _write_las(labelled: LabelledCloud, folder: Path, stem: str) -> str:
-    cloud = labelled.cloud
-    assert cloud.file is not None
-    source = LasSource.of(cloud.file)
+    assert labelled.file is not None
+    source, cloud = LasSource.of(labelled.file), labelled.cloud
     name = f"{stem}{source.ending}"
-    placed = cloud if labelled.transform is None else dataclasses.replace(cloud, points=labelled.points)
-    write_las(folder / name, source, placed, labelled.found, DESCRIPTIONS)
+    if isinstance(cloud, PointCloud):
+        placed = dataclasses.replace(cloud, points=labelled.placed(cloud.points))
+        write_las(folder / name, source, placed, labelled.found, _described(labelled))
+        return name
+
+    def part_of(first: int, coordinates: Float64[np.ndarray, "n 3"]) -> LasPart:
+        rows = np.flatnonzero(np.isfinite(coordinates).all(axis=1))
+        return LasPart(rows, labelled.placed(coordinates[rows]), labelled.found_in(first + rows))
+
+    described = {own: (labelled.found[own].dtype, text) for own, text in _described(labelled).items()}
+    declared = _declared_bounds(labelled, cloud)
+    try:
+        bounds = declared if declared is None or source.represents(declared) else _measured_bounds(labelled, cloud)
+        write_las_blocks(folder / name, source, part_of, described, bounds)
+    except BoundsError:
+        write_las_blocks(folder / name, source, part_of, described, _measured_bounds(labelled, cloud))
     return name
+
+
+def _copied(values: np.ndarray, first: int, last: int) -> np.ndarray:
+    """Some of the values in memory; of a memory map nothing else stays there, which would count as ours."""
+    part = np.array(values[first:last])
+    # The changes to a private map (mode "c") are in memory alone.
+    if isinstance(values, np.memmap) and values.mode != "c" and hasattr(mmap, "MADV_DONTNEED"):
+        values._mmap.madvise(mmap.MADV_DONTNEED)  # type: ignore[attr-defined]
+    return part
+
+
+def _described(labelled: LabelledCloud) -> dict[str, str]:
+    """What each of the values that were found is."""
+    return {name: DESCRIPTIONS.get(name, "") for name in labelled.found}
+
+
+def _declared_bounds(labelled: LabelledCloud, file: CloudFile) -> Bounds | None:
+    """A box around the box that the file declares, in the frame of the before cloud; None: nothing moves."""
+    if labelled.transform is None or file.bounds is None:
+        return None
+    choices = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1]), axis=-1).reshape(-1, 3)
+    corners = labelled.placed(np.where(choices == 0, file.bounds.lower, file.bounds.upper))
+    return Bounds(corners.min(axis=0), corners.max(axis=0))
+
+
+def _measured_bounds(labelled: LabelledCloud, file: CloudFile) -> Bounds:
+    """The box around the points in the frame of the before cloud."""
+    placed = (labelled.placed(chunk.points) for chunk in file.chunks())
+    boxes = np.stack([np.stack([points.min(axis=0), points.max(axis=0)]) for points in placed])
+    return Bounds(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
 
 
 WRITERS: Mapping[str, Callable[[LabelledCloud, Path, str], str]] = {
@@ -185,6 +388,34 @@ WRITERS: Mapping[str, Callable[[LabelledCloud, Path, str], str]] = {
     ".pcd": _write_pcd,
 }
 ENDINGS = (".ply", *WRITERS)
+
+
+def _fields(
+    scan: PointCloud, found: Mapping[str, np.ndarray], reserved: tuple[str, ...], transform: np.ndarray | None
+) -> dict[str, np.ndarray]:
+    """What is written beside the coordinates of some points; see `LabelledCloud.parts`."""
+    fields = dict(found)
+    if scan.colors is not None and "kind" in found:
+        fields |= {f"scan_{channel}": scan.colors[:, index] for index, channel in enumerate(CHANNELS)}
+    own = _turned(scan.fields, transform)
+    names = _written_names(own, {*fields, *reserved})
+    return fields | {names[name]: values for name, values in own.items()}
+
+
+def _written_names(own: Iterable[str], taken: set[str]) -> dict[str, str]:
+    """What the fields of a scan are called in the result, by their names.
+
+    Args:
+        own: the names.
+        taken: names of what is written beside them.
+    """
+    originals = tuple(own)
+    names: dict[str, str] = {}
+    for name in originals:
+        plain = _plain(name)
+        used = {*taken, *names.values(), *AXES, *CHANNELS, "rgb", "rgba"}
+        names[name] = free_name(plain, {*used, *originals}) if plain in used else plain
+    return names
 
 
 def _turned(fields: Mapping[str, np.ndarray], transform: np.ndarray | None) -> dict[str, np.ndarray]:
@@ -204,20 +435,33 @@ def _plain(name: str) -> str:
     return plain if re.match(r"[A-Za-z]", plain) else f"field_{plain}"
 
 
-def _for_ply(values: np.ndarray, name: str) -> np.ndarray:
-    """The values in a type that PLY has: whole numbers beyond 32 bits as float64, which holds 53 of them."""
-    limits = np.iinfo(np.int32)
-    if values.dtype.kind in "iu" and values.dtype.itemsize == 8 and values.size:
-        low, high = int(values.min()), int(values.max())
+def _for_ply(values: np.ndarray, *, as_floats: bool) -> np.ndarray:
+    """The values in a type that PLY has."""
+    too_long = values.dtype.kind == "f" and values.dtype.itemsize > 8
+    return values.astype(np.float64) if as_floats or too_long else values
+
+
+def _beyond_ply(labelled: LabelledCloud) -> set[str]:
+    """Names, in the result, of the scan's whole numbers beyond 32 bits: they become float64, which holds 53 of them."""
+    cloud = labelled.cloud
+    colored_anew = "kind" in labelled.found
+    taken = {*labelled.found, *(("row",) if labelled.points < labelled.rows else ())}
+    if isinstance(cloud, PointCloud):
+        long = {name: own for name, own in cloud.fields.items() if own.dtype.kind in "iu" and own.dtype.itemsize == 8}
+        ranges = {name: (int(own.min()), int(own.max())) for name, own in long.items() if own.size}
+        names, colored, source = list(cloud.fields), cloud.colors is not None, cloud.source
+    else:
+        ranges, source = dict(cloud.measures.whole), str(cloud.path)
+        first = next(cloud.clouds(1))
+        names, colored = list(first.fields), first.colors is not None
+    written = _written_names(names, {*taken, *(f"scan_{channel}" for channel in CHANNELS if colored and colored_anew)})
+    beyond = {
+        name: limits for name, limits in ranges.items() if min(limits) < -LARGEST_INT - 1 or max(limits) > LARGEST_INT
+    }
+    for name, (low, high) in beyond.items():
         if max(-low, high) > EXACT:
-            warn(f"{name} runs from {low} to {high}, beyond PLY's numbers; it is rounded to float64 in the result")
-        return values if limits.min <= low and high <= limits.max else values.astype(np.float64)
-    return values.astype(np.float64) if values.dtype.kind == "f" and values.dtype.itemsize > 8 else values
-
-
-def _by_pixel(values: np.ndarray, rows: np.ndarray, grid: tuple[int, int], name: str) -> np.ndarray:
-    """Values of the points in the order of the image's pixels; those without a return have NaN, -1 as label, or 0."""
-    empty = np.nan if values.dtype.kind == "f" else -1 if name == "field label" else 0
-    image = np.full((grid[0] * grid[1], *values.shape[1:]), empty, values.dtype)
-    image[rows] = values
-    return image.reshape(*grid, *values.shape[1:])
+            warn(
+                f"{source}: field {written[name]!r} runs from {low} to {high}, beyond PLY's numbers; it is rounded to "
+                "float64 in the result"
+            )
+    return {written[name] for name in beyond}

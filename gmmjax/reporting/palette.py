@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, UInt8
 
-from gmmjax.changes import Changes, Kind
+from gmmjax.changes import Kind
 
 KIND_COLORS: Mapping[Kind, str] = {"appeared": "#009E73", "disappeared": "#D55E00", "moved": "#0072B2"}
 UNCHANGED_COLOR = (150, 152, 156)
@@ -17,20 +17,18 @@ def color_bytes(color: str) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def point_colors(
-    labels: Int[np.ndarray, " n"], changes: Changes, colors: UInt8[np.ndarray, "n 3"] | None
-) -> UInt8[np.ndarray, "n 3"]:
+def point_colors(kinds: UInt8[np.ndarray, " n"], colors: UInt8[np.ndarray, "n 3"] | None) -> UInt8[np.ndarray, "n 3"]:
     """A colour for each point of a cloud: that of its kind of change, or its own, half way to grey, where unchanged.
 
     Args:
-        labels: per point -1 or the index of its change.
-        changes: the changes.
+        kinds: per point 0 where unchanged, else 1 and the index of the kind in `KIND_COLORS`.
         colors: the scan's own colours; None where it has none.
     """
     grey = np.array(UNCHANGED_COLOR, np.uint8)
-    result = np.tile(grey, (len(labels), 1)) if colors is None else greyed(colors)
-    for index, change in enumerate(changes.items):
-        result[labels == index] = color_bytes(KIND_COLORS[change.kind])
+    result = np.tile(grey, (len(kinds), 1)) if colors is None else greyed(colors)
+    of_kinds = np.array([grey, *map(color_bytes, KIND_COLORS.values())], np.uint8)
+    changed = kinds > 0
+    result[changed] = of_kinds[kinds[changed]]
     return result
 
 

@@ -13,11 +13,14 @@ from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 from gmmjax.reporting.change_files import MAP_FILE, TABLE_FILE, write_map, write_table
 from gmmjax.reporting.html_report import report_html
-from gmmjax.reporting.labelled_cloud import ENDINGS, labelled_clouds
+from gmmjax.reporting.labelled_cloud import ENDINGS, labelled_clouds, write_scans
 
 REPORT_FILE = "report.html"
 CONFIG_FILE = "config.toml"
 LABELLED = "the scan, with label, kind and probability"
+LABELLED_SCANS = "the scans, with label, kind and probability"
+# Of the scans of a survey of several.
+FOLDERS = tuple(f"{side}/" for side in NAMES)
 # What each file of a result is, in the order in which they are listed; of the scans, those that there are.
 DESCRIPTIONS: Mapping[str, str] = {
     REPORT_FILE: "open it in a browser",
@@ -26,18 +29,21 @@ DESCRIPTIONS: Mapping[str, str] = {
     MAP_FILE: "their footprints, for a map",
     LABELS_FILE: "label and probability of every point",
     **{f"{side}{ending}": LABELLED for side in NAMES for ending in ENDINGS},
+    **dict.fromkeys(FOLDERS, LABELLED_SCANS),
     CONFIG_FILE: "the settings, for --config",
 }
-RESULT = FolderKind("result", CHANGES_FILE, "changes", tuple(name for name in DESCRIPTIONS if name != CHANGES_FILE))
+OTHERS = tuple(name for name in DESCRIPTIONS if name not in (CHANGES_FILE, *FOLDERS))
+RESULT = FolderKind("result", CHANGES_FILE, "changes", OTHERS, folders=(*NAMES,))
 
 
 def result_files(folder: Path) -> dict[str, str]:
-    """The files of a result that are there, with what they are.
+    """The files of a result that are there, with what they are; the folder of the scans of a survey ends with "/".
 
     Args:
         folder: that `write_result` wrote.
     """
-    return {name: text for name, text in DESCRIPTIONS.items() if (folder / name).is_file()}
+    there = {name: (folder / name).is_dir() if name in FOLDERS else (folder / name).is_file() for name in DESCRIPTIONS}
+    return {name: text for name, text in DESCRIPTIONS.items() if there[name]}
 
 
 def check_result_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -> None:
@@ -59,7 +65,8 @@ def write_result(
 
     `changes.json` and `labels.npz` (read back by `Changes.load`), `changes.csv`, `changes.geojson`, `report.html` and
     `config.toml`; and both scans with what was found about their points, as `before.las`, `.laz` or `.pcd` where that
-    is what they were read from, else as `before.ply`, with all that their files held. See `LabelledCloud`.
+    is what they were read from, else as `before.ply`, with all that their files held. See `LabelledCloud`. The scans of
+    a survey of several files are each a file in a folder `before` or `after`, with the name of its own.
 
     Args:
         folder: is made where needed; may be empty.
@@ -100,7 +107,7 @@ def write_result_files(folder: Path, before: PointCloud, after: PointCloud, chan
     write_map(folder / MAP_FILE, changes, before.crs)
     labelled = labelled_clouds(Pair(before, after), changes)
     for side, own in zip(NAMES, labelled, strict=True):
-        own.write(folder, side)
+        write_scans(folder, side, own.by_file())
     with atomic_write(folder / REPORT_FILE) as file:
         file.write(report_html(before, after, changes).encode())
     with atomic_write(folder / CONFIG_FILE) as file:

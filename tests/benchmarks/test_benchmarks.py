@@ -12,6 +12,7 @@ from tests.benchmarks import (
     checkouts,
     displacements,
     gradients,
+    m3c2,
     numpy_figueiredo_jain,
     peers,
     repeatability,
@@ -189,3 +190,14 @@ def test_a_row_compares_two_checkouts():
     row = checkouts.row("hall", pair, timings, 1.26)
     assert row == "| hall | 1,200 and 5 | 4.00 | 1.00 | 0.25 | 2 appeared | nothing | no | 1.3 |"
     assert row.count("|") == checkouts.HEADER.splitlines()[0].count("|")
+
+
+def test_m3c2_is_given_the_same_as_py4dgeo(tmp_path, monkeypatch):
+    pytest.importorskip("py4dgeo")
+    # It logs to a file in the working directory.
+    monkeypatch.chdir(tmp_path)
+    for case in (m3c2.Case(4000, 200, 0.8, 2.0), m3c2.Case(4000, 200, 0.8, 3.0, offset=5e6)):
+        timings = m3c2.timed(case, 1, {"ours": m3c2.ours, "py4dgeo": m3c2.theirs})
+        *_, distance, level, others = m3c2.row(case, timings).strip("| ").split(" | ")
+        assert float(distance) < 1e-6 and float(level) < 1e-6 and others == "0"
+        assert np.isfinite(timings["ours"].answer.level_of_detection).mean() > 0.9

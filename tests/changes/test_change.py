@@ -34,6 +34,10 @@ def example():
         rejected=(rejected(), rejected("appeared", "not observed", 0.1, 0.2)),
         distance_before=np.r_[np.nan, np.linspace(-0.1, 0.1, 29)],
         distance_after=np.zeros(50),
+        level_of_detection_before=np.r_[np.nan, np.full(29, 0.02)],
+        level_of_detection_after=np.full(50, 0.01, np.float32),
+        significance_before=np.r_[np.nan, np.linspace(9.8, 0, 28), np.inf],
+        significance_after=np.zeros(50),
         warnings=("extents differ",),
         unit="m",
     )
@@ -105,12 +109,12 @@ def test_records_of_before_there_were_explanations_are_loaded(tmp_path):
 
 
 def test_records_without_distances_volumes_and_warnings_are_loaded(tmp_path):
-    file = dataclasses.replace(example(), distance_before=None, distance_after=None).save(tmp_path) / "changes.json"
+    file = dataclasses.replace(example(), **dict.fromkeys(OPTIONAL_ARRAYS)).save(tmp_path) / "changes.json"
     content = json.loads(file.read_text())
     del content["warnings"], content["unit"], content["changes"][0]["volume"]
     file.write_text(json.dumps(content))
     loaded = Changes.load(tmp_path)
-    assert loaded.distance_before is None and loaded.distance_after is None
+    assert all(getattr(loaded, name) is None for name in OPTIONAL_ARRAYS)
     assert (loaded.warnings, loaded.unit, loaded[0].volume) == ((), None, None)
 
 
@@ -212,6 +216,8 @@ def test_records_with_wrong_values_are_refused(tmp_path, replaced, by, message):
         ("unobserved_before", np.zeros(30), r"a bool for each point, not float64 \[30\]"),
         ("unobserved_before", None, "not nothing"),
         ("distance_before", np.zeros(29), r"a number for each point, not float64 \[29\]"),
+        ("level_of_detection_after", np.zeros(50, int), r"a number for each point, not int64 \[50\]"),
+        ("significance_before", np.zeros((30, 1)), r"a number for each point, not float64 \[30, 1\]"),
     ],
 )
 def test_labels_that_do_not_fit_are_refused(tmp_path, name, values, message):

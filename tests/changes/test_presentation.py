@@ -12,6 +12,7 @@ import pytest
 
 from gmmjax import Changes, InputError, PointCloud, SensorViews, detect_changes
 from gmmjax.changes import ChangeColumns, DetectionConfig, Registration, change_columns, presented
+from gmmjax.changes.storage import OPTIONAL_ARRAYS
 from gmmjax.pair import Pair
 from tests.batch.runs import SETTINGS
 from tests.batch.runs import cloud as gaussians
@@ -37,8 +38,7 @@ def changes():
         probability_after=np.ones(40),
         unobserved_before=np.zeros(40, bool),
         unobserved_after=np.zeros(40, bool),
-        distance_before=None,
-        distance_after=None,
+        **dict.fromkeys(OPTIONAL_ARRAYS),
         items=(change("disappeared", before), change("appeared", after, probability=0.999)),
         clouds=Pair(PointCloud.from_rows(before, source="a <b> $x$.ply"), after),
         unit="m",
@@ -122,12 +122,14 @@ def test_rows_without_a_position_keep_the_labels_in_order(changes):
         probability_before=labels / 1.0,
         unobserved_before=labels < 0,
         distance_before=np.arange(42.0),
+        significance_before=np.arange(42.0) * 2,
         clouds=Pair(rows, changes.clouds.after),
     )
     clouds, shown = presented(given)
     np.testing.assert_array_equal(clouds.before.points, boxes().before[::-1])
     assert shown.labels_before.tolist() == [0] * 40 and not shown.unobserved_before.any()
     np.testing.assert_array_equal(shown.distance_before, np.arange(2.0, 42))
+    np.testing.assert_array_equal(shown.significance_before, np.arange(2.0, 42) * 2)
     assert shown.labels_after is given.labels_after
 
 

@@ -5,6 +5,7 @@ from scipy.spatial.transform import Rotation
 from gmmjax.changes.evidence.free_space import Survey
 from gmmjax.changes.evidence.view_checks import check_views
 from gmmjax.clouds import read_cloud
+from gmmjax.clouds.e57 import CARTESIAN
 from gmmjax.errors import InputError
 
 pye57 = pytest.importorskip("pye57")
@@ -92,20 +93,20 @@ def test_fields_that_one_scan_lacks_are_nan_there(tmp_path):
     assert np.isnan(cloud.fields["intensity"]).sum() == ROWS * COLUMNS
 
 
-def structured(path, fields, count):
-    """A file of one scan whose points have any fields, all zero."""
+def structured(path, fields, count, values=None):
+    """A file of one scan whose points have any fields, all zero or the columns of `values`."""
     from pye57 import libe57
 
     file = pye57.E57(str(path), mode="w")
     image = file.image_file
     scan, prototype = libe57.StructureNode(image), libe57.StructureNode(image)
     for name in fields:
-        prototype.set(name, libe57.FloatNode(image, 0.0, libe57.E57_DOUBLE, -10.0, 10.0))
+        prototype.set(name, libe57.FloatNode(image, 0.0, libe57.E57_DOUBLE, -1e3, 1e3))
     points = libe57.CompressedVectorNode(image, prototype, libe57.VectorNode(image, True))
     scan.set("points", points)
     file.data3d.append(scan)
     buffers = libe57.VectorSourceDestBuffer()
-    columns = [np.zeros(max(count, 1)) for _ in fields]
+    columns = [np.zeros(max(count, 1)) for _ in fields] if values is None else list(np.ascontiguousarray(values.T))
     for name, column in zip(fields, columns, strict=True):
         buffers.append(libe57.SourceDestBuffer(image, name, column, len(column), True, True))
     writer = points.writer(buffers)
@@ -116,10 +117,23 @@ def structured(path, fields, count):
     return path
 
 
+def test_spherical_coordinates_are_converted(tmp_path):
+    data, *_ = station()
+    places = np.stack([data[axis] for axis in CARTESIAN], axis=1)
+    reach = np.linalg.norm(places, axis=1)
+    azimuth, elevation = np.arctan2(places[:, 1], places[:, 0]), np.arcsin(places[:, 2] / reach)
+    invalid = (np.arange(len(reach)) % 7 == 0).astype(float)
+    names = ("sphericalRange", "sphericalAzimuth", "sphericalElevation", "sphericalInvalidState", "rowIndex")
+    values = np.stack([reach, azimuth, elevation, invalid, data["rowIndex"]], axis=1)
+    cloud = read_cloud(structured(tmp_path / "a.e57", names, len(values), values))
+    np.testing.assert_allclose(cloud.points, places[invalid == 0], atol=1e-12)
+    assert list(cloud.fields) == ["rowIndex"] and cloud.rows_dropped == int(invalid.sum())
+
+
 def test_what_cannot_be_used_is_said(tmp_path):
-    spherical = structured(tmp_path / "a.e57", ("sphericalRange", "sphericalAzimuth", "sphericalElevation"), 5)
-    with pytest.raises(InputError, match="scan 0 of 1 has no Cartesian coordinates, only: sphericalRange"):
-        read_cloud(spherical)
+    incomplete = structured(tmp_path / "a.e57", ("sphericalRange", "sphericalAzimuth", "intensity"), 5)
+    with pytest.raises(InputError, match="scan 0 of 1 has neither Cartesian nor spherical coordinates, only: sph"):
+        read_cloud(incomplete)
     empty = structured(tmp_path / "b.e57", ("cartesianX", "cartesianY", "cartesianZ"), 0)
     with pytest.raises(InputError, match="its 1 scans have no points"):
         read_cloud(empty)

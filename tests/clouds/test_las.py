@@ -7,7 +7,7 @@ import laspy
 import numpy as np
 import pytest
 
-from gmmjax.clouds import read_cloud
+from gmmjax.clouds import open_cloud, read_cloud
 from gmmjax.clouds.decoder_process import PROGRAM, DecoderProcess
 from gmmjax.errors import InputError
 
@@ -208,3 +208,29 @@ def test_more_points_than_the_memory_holds(laz, write_file):
     struct.pack_into("<I", data, 107, 2**32 - 1)
     with pytest.raises(InputError, match=r"4294967295 points|cannot read it"):
         read_cloud(write_file("a.laz", bytes(data)))
+
+
+def test_what_is_done_between_two_blocks_does_not_count_as_decoding(laz, monkeypatch):
+    elapsed = [0.0]
+    monkeypatch.setattr("gmmjax.clouds.decoder_process.time.monotonic", lambda: elapsed[0])
+    found = 0
+    for chunk in open_cloud(laz).chunks():
+        found += len(chunk.points)
+        elapsed[0] += 1e9
+    assert found == len(read_cloud(laz))
+
+
+def test_reading_that_is_given_up_ends_the_process(laz, monkeypatch):
+    started = []
+
+    class Noted(subprocess.Popen):
+        def __init__(self, *arguments, **named):
+            super().__init__(*arguments, **named)
+            started.append(self)
+
+    monkeypatch.setattr("gmmjax.clouds.decoder_process.subprocess.Popen", Noted)
+    chunks = open_cloud(laz).chunks(10)
+    next(chunks)
+    assert [process.poll() for process in started] == [None]
+    chunks.close()
+    assert [process.poll() is None for process in started] == [False]

@@ -65,3 +65,26 @@ def test_surfaces_further_apart_than_the_radius_are_two_clusters():
     for gap, clusters in ((0.0999, 1), (0.1001, 2)):
         both = np.concatenate([flat, flat + np.array([0, 0, gap])])
         assert density_clusters(both, 0.1, 8).max() + 1 == clusters
+
+
+def test_one_radius_for_each_point_is_the_same_as_one_for_all():
+    points = np.random.default_rng(21).uniform(0, 1, (2_000, 3))
+    of_all = density_clusters(points, 0.06, 5)
+    np.testing.assert_array_equal(density_clusters(points, np.full(2_000, 0.06), 5), of_all)
+    assert of_all.max() > 1
+
+
+def test_a_cluster_goes_on_where_its_points_get_sparser():
+    """A strip whose second half has a tenth of the points; no single radius holds it together and its neighbour apart."""
+    dense = np.column_stack([np.linspace(0, 1, 1_000), np.zeros(1_000)])
+    sparse = np.column_stack([np.linspace(1.01, 2, 100), np.zeros(100)])
+    beside = dense + [0.0, 0.01]
+    points = np.concatenate([dense, sparse, beside])
+    radius = np.concatenate([np.full(1_000, 0.005), np.full(100, 0.05), np.full(1_000, 0.005)])
+    labels = density_clusters(points, radius, 4)
+    assert set(labels[:1_100]) == {0}
+    # The sparse half reaches the strip beside the dense one by its own radius: both are one with it.
+    apart = density_clusters(np.concatenate([dense, beside]), 0.005, 4)
+    assert set(apart) == {0, 1}
+    joined = density_clusters(np.concatenate([dense, sparse]), 0.005, 4)
+    assert (joined[1_000:] == -1).all()

@@ -3,21 +3,36 @@ import dataclasses
 import errno
 import io
 import os
+import struct
 
 import laspy
 import numpy as np
 import pytest
 
 from gmmjax.changes.registration import Registration
-from gmmjax.clouds import PointCloud, read_cloud, read_layout, write_pcd, write_ply
+from gmmjax.clouds import (
+    FolderKind,
+    PointCloud,
+    open_cloud,
+    open_survey,
+    output_folder,
+    read_cloud,
+    read_layout,
+    read_survey,
+    write_pcd,
+    write_ply,
+)
 from gmmjax.errors import InputError, InputWarning
 from gmmjax.geometry.rigid import rigid_transform
 from gmmjax.pair import Pair
-from gmmjax.reporting.labelled_cloud import labelled_clouds
+from gmmjax.reporting import write_scan
+from gmmjax.reporting.labelled_cloud import LabelledCloud, labelled_clouds, labelled_files, write_scans
 from gmmjax.reporting.result_folder import result_files, write_result
+from tests.clouds.formats import WRITERS, write_all
 from tests.clouds.las_files import GEOTIFF, las_bytes, parsed, vlr
 
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+FOUND = ["label", "kind", "probability", "unobserved", "distance", "level_of_detection", "significance"]
 MOTION = rigid_transform(QUARTER, np.array([10.0, 0.0, 0.5]))
 
 
@@ -29,6 +44,10 @@ def turned(pair):
         registration=Registration(MOTION, True, 2.0, 0.01, 0.5, 0.9),
         distance_before=np.where(np.arange(400) % 2, np.nan, 0.25),
         distance_after=np.linspace(-1, 1, 500),
+        level_of_detection_before=np.where(np.arange(400) % 2, np.nan, 0.125),
+        level_of_detection_after=np.full(500, 0.01),
+        significance_before=np.where(np.arange(400) % 2, np.nan, 3.92),
+        significance_after=np.linspace(0, 196, 500),
     )
 
 
@@ -70,8 +89,10 @@ def test_ply_keeps_fields_colours_and_normals(pair, ply, turned, tmp_path):
     scan = np.stack([cloud.fields[f"scan_{channel}"] for channel in ("red", "green", "blue")], axis=1)
     np.testing.assert_array_equal(scan, ply.colors)
     np.testing.assert_array_equal(cloud.fields["kind"][[0, 60, 400]], [3, 1, 0])
-    np.testing.assert_allclose(cloud.fields["distance"], turned.distance_after, rtol=1e-6)
-    assert np.isnan(read_cloud(tmp_path / "out" / "before.ply").fields["distance"][1])
+    before = read_cloud(tmp_path / "out" / "before.ply")
+    for name in ("distance", "level_of_detection", "significance"):
+        np.testing.assert_allclose(cloud.fields[name], getattr(turned, f"{name}_after"), rtol=1e-6)
+        assert np.isnan(before.fields[name][1]) and np.isfinite(before.fields[name][0])
 
 
 def test_ply_is_read_by_another_library(pair, ply, turned, tmp_path):
@@ -122,6 +143,7 @@ def test_pcd_is_read_by_another_library(pair, turned, tmp_path):
     cloud = pypcd4.PointCloud.from_path(tmp_path / "out" / "after.pcd")
     np.testing.assert_array_equal(cloud.pc_data["label"], turned.labels_after)
     np.testing.assert_array_equal(cloud.pc_data["ring"], np.arange(500))
+    np.testing.assert_allclose(cloud.pc_data["significance"], turned.significance_after, rtol=1e-6)
 
 
 @pytest.fixture
@@ -148,19 +170,21 @@ def test_las_keeps_all_and_gets_dimensions(pair, turned, las, tmp_path):
     np.testing.assert_array_equal(new["rows"][:, 12:36], old["rows"][:, 12:])
     np.testing.assert_allclose(new["points"], old["points"] @ QUARTER.T + [10, 0, 0.5], atol=0.000501)
     assert new["records"][0] == old["records"][0]
-    for name in ("label", "kind", "probability", "unobserved", "distance"):
+    for name in FOUND:
         np.testing.assert_array_equal(read[name], new["extra"][name.encode()])
     np.testing.assert_array_equal(read.label, turned.labels_after)
     np.testing.assert_array_equal(read.unobserved, turned.unobserved_after)
-    np.testing.assert_allclose(read.distance, turned.distance_after, rtol=1e-6)
+    for name in FOUND[4:]:
+        np.testing.assert_allclose(read[name], getattr(turned, f"{name}_after"), rtol=1e-6)
+    described = {dimension.name: dimension.description for dimension in read.point_format.extra_dimensions}
+    assert described["level_of_detection"] == "distance significant at 95 %"
 
 
 def test_a_result_is_an_input_again(pair, turned, las, tmp_path):
     first = write_result(tmp_path / "first", pair[0], read_cloud(las), turned)
     second = write_result(tmp_path / "second", pair[0], read_cloud(first / "after.las"), turned)
     dimensions = list(laspy.read(second / "after.las").point_format.extra_dimension_names)
-    names = ["label", "kind", "probability", "unobserved", "distance"]
-    assert dimensions == [*(f"input_{name}" for name in names), *names]
+    assert dimensions == [*(f"input_{name}" for name in FOUND), *FOUND]
 
 
 def test_a_file_that_is_gone_gives_ply_and_a_warning(pair, turned, las, tmp_path):
@@ -198,3 +222,121 @@ def test_a_result_in_another_format_replaces_the_old_files(pair, turned, las, tm
     write_result(folder, pair[0], plain, turned, overwrite=True)
     assert not (folder / "after.las").exists()
     assert (folder / "after.ply").exists()
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("files")
+    write_all(folder)
+    return folder
+
+
+def found_about(count):
+    labels = np.random.default_rng(0).integers(-1, 3, count).astype(np.int32)
+    return {
+        "label": labels,
+        "kind": (labels + 1).astype(np.uint8),
+        "probability": labels.astype(np.float32),
+        "unobserved": (labels > 1).astype(np.uint8),
+        "distance": np.arange(count, dtype=np.float32),
+    }
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("transform", [None, MOTION], ids=["still", "moved"])
+def test_a_file_in_chunks_gives_what_a_cloud_in_memory_gives(files, tmp_path, monkeypatch, name, transform):
+    """Whatever the size of the blocks that are read, of the chunks that are written, and of the results in memory."""
+    cloud, file = read_cloud(files / name), open_cloud(files / name)
+    found = found_about(file.count)
+    of_points = {key: values[cloud.rows] for key, values in found.items()}
+    in_memory = LabelledCloud(cloud, of_points, transform).write(tmp_path, "memory")
+    for key, values in found.items():
+        np.save(tmp_path / f"{key}.npy", values)
+    on_disk = {key: np.load(tmp_path / f"{key}.npy", mmap_mode="r") for key in found}
+    monkeypatch.setattr("gmmjax.clouds.records.BLOCK", 400)
+    monkeypatch.setattr("gmmjax.clouds.cloud_file.CloudFile.clouds.__defaults__", (5,))
+    in_chunks = LabelledCloud(file, on_disk, transform).write(tmp_path, "chunks")
+    assert (tmp_path / in_chunks).read_bytes() == (tmp_path / in_memory).read_bytes()
+
+
+def test_bounds_that_a_file_declares_wrongly(files, tmp_path):
+    """The points do not fit the file's own numbers where its box does: a coarser scale is taken."""
+    data = bytearray((files / "a.las").read_bytes())
+    struct.pack_into("<6d", data, 179, -3e6, -3e6, 5.4e6, 5.4e6, 100.0, 100.0)
+    (tmp_path / "a.las").write_bytes(data)
+    cloud, file = read_cloud(tmp_path / "a.las"), open_cloud(tmp_path / "a.las")
+    motion = rigid_transform(translation=np.array([4e6, 0.0, 0.0]))
+    found = found_about(file.count)
+    names = [LabelledCloud(own, found, motion).write(tmp_path, f"b{place}") for place, own in enumerate((cloud, file))]
+    assert (tmp_path / names[0]).read_bytes() == (tmp_path / names[1]).read_bytes()
+
+
+@pytest.mark.parametrize("name", ["a.las", "a.laz", "a.e57", "a.ply", "a.pcd"])
+def test_a_disk_that_fills_in_the_middle_of_a_file(files, tmp_path, monkeypatch, name):
+    resource = pytest.importorskip("resource")
+    file = open_cloud(files / name)
+    monkeypatch.setattr("gmmjax.clouds.cloud_file.CloudFile.clouds.__defaults__", (5,))
+    kind = FolderKind("result", "marker.json", "changes", ())
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        with pytest.raises(InputError, match="out <1>: cannot be written"):
+            with output_folder(tmp_path / "out <1>", kind) as folder:
+                # Writing beyond it fails as on a full disk.
+                resource.setrlimit(resource.RLIMIT_FSIZE, (700, limits[1]))
+                LabelledCloud(file, found_about(file.count), MOTION).write(folder, "after")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not list(tmp_path.iterdir())
+
+
+def test_each_scan_of_a_survey_is_written_as_alone(files, tmp_path):
+    """In memory, from its files, and as the one scan of a result."""
+    paths = [files / name for name in ("a.las", "a.ply", "b.pcd", "a.npy")]
+    survey, cloud = open_survey(paths), read_survey(paths)
+    found = found_about(survey.count)
+    of_points = {key: values[cloud.rows] for key, values in found.items()}
+    for name in ("memory", "files", "alone"):
+        (tmp_path / name).mkdir()
+    names = write_scans(tmp_path / "memory", "after", LabelledCloud(cloud, of_points, MOTION).by_file())
+    assert names == ["after/a.las", "after/a-2.ply", "after/b.pcd", "after/a-3.ply"]
+    assert write_scans(tmp_path / "files", "after", labelled_files(survey, found, MOTION)) == names
+    for index, (name, path) in enumerate(zip(names, paths, strict=True)):
+        rows = survey.rows_of(index)
+        own = {key: values[rows][read_cloud(path).rows] for key, values in found.items()}
+        alone = LabelledCloud(read_cloud(path), own, MOTION)
+        (written,) = write_scans(tmp_path / "alone", f"{index}", alone.by_file())
+        expected = (tmp_path / "alone" / written).read_bytes()
+        assert (tmp_path / "memory" / name).read_bytes() == expected
+        assert (tmp_path / "files" / name).read_bytes() == expected
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_further_values_of_a_scan(files, tmp_path, name):
+    """Of any names; colours and fields are those of the scan."""
+    file, cloud = open_cloud(files / name), read_cloud(files / name)
+    columns = {"distance": np.arange(file.count, dtype=np.float32), "a": np.arange(file.count, dtype=np.int16)}
+    ending = file.path.suffix if file.path.suffix in (".las", ".laz", ".pcd") else ".ply"
+    again = read_cloud(write_scan(tmp_path / f"out{ending}", file, columns))
+    np.testing.assert_array_equal(again.points, cloud.points)
+    np.testing.assert_array_equal(again.colors, cloud.colors)
+    assert not {"kind", "label", "scan_red"} & set(again.fields)
+    if ending in (".las", ".laz"):
+        values = laspy.read(tmp_path / f"out{ending}")
+        np.testing.assert_array_equal(values["distance"], columns["distance"][cloud.rows])
+    else:
+        np.testing.assert_array_equal(again.fields["distance"], columns["distance"][cloud.rows])
+        np.testing.assert_array_equal(again.fields["a"], columns["a"][cloud.rows])
+        assert ("input_a" in again.fields) == ("a" in cloud.fields)
+
+
+def test_values_that_cannot_be_written(files, tmp_path):
+    file = open_cloud(files / "a.laz")
+    with pytest.raises(InputError, match=r"column 'a' must be whole or real numbers \[57\].* not float64 \[3\]"):
+        write_scan(tmp_path / "out.laz", file, {"a": np.zeros(3)})
+    with pytest.raises(InputError, match=r"not bool \[57\]"):
+        write_scan(tmp_path / "out.laz", file, {"a": np.zeros(57, bool)})
+    with pytest.raises(InputError, match=r"a result of a\.laz is a \.laz file; name it out\.laz"):
+        write_scan(tmp_path / "out.ply", file, {"a": np.zeros(57)})
+    with pytest.raises(InputError, match="nowhere"):
+        write_scan(tmp_path / "nowhere" / "out.laz", file, {"a": np.zeros(57)})
+    assert not list(tmp_path.iterdir())

@@ -15,7 +15,7 @@ from gmmjax.changes.align.surfaces import (
 )
 from gmmjax.changes.align.volumes import VolumeRegistrationSettings, registered_volumes
 from gmmjax.changes.config import RegistrationMode
-from gmmjax.changes.prepare.resolution import WorkingPair, working_pair
+from gmmjax.changes.prepare.resolution import ResolutionSettings, WorkingPair, working_pair
 from gmmjax.changes.registration import Registration
 from gmmjax.geometry import LocalSurface, transformed
 from gmmjax.pair import Pair, each_on_cores
@@ -30,10 +30,12 @@ class AlignSettings:
     Attributes:
         surfaces: of scans.
         volumes: of clouds that fill volumes.
+        resolution: that they are brought into it at.
     """
 
     surfaces: SurfaceRegistrationSettings = SurfaceRegistrationSettings()
     volumes: VolumeRegistrationSettings = VolumeRegistrationSettings()
+    resolution: ResolutionSettings = ResolutionSettings()
 
 
 class AlignedPair(NamedTuple):
@@ -78,7 +80,7 @@ def aligned(
     """
     rough = RoughRegistration.none() if mode == "never" else rough_registration(points, settings.surfaces)
     roughly = Pair(points.before, transformed(points.after, rough.transform)) if rough.moves else points
-    pair = working_pair(roughly, voxel_size)
+    pair = working_pair(roughly, voxel_size, settings.resolution)
     surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), pair.clouds)
     if pair.volumetric:
         registration = registered_volumes(pair, surfaces, mode, seed, settings.volumes)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,15 +13,19 @@ from gmmjax.changes.detectors.detector import Scan
 from gmmjax.changes.differences import Differences, DifferenceSettings, differences_between
 from gmmjax.changes.evidence.examination import observed_places
 from gmmjax.changes.evidence.free_space import FreeSpaceSettings, Survey
+from gmmjax.changes.evidence.local_examination import LocalScene
 from gmmjax.changes.evidence.verdict_file import Verdicts
 from gmmjax.changes.evidence.view_checks import ViewCheckSettings, usable_views
 from gmmjax.changes.fit.joint_fit import FramedPoints
 from gmmjax.changes.fit.joint_problem import JointProblem
+from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.changes.prepare.checking import NAMES, CheckedCloud
-from gmmjax.changes.signed_distance import signed_distances
+from gmmjax.changes.prepare.local_resolution import LocalResolutionSettings, locally_reduced
+from gmmjax.changes.prepare.resolution import WorkingCloud
+from gmmjax.changes.signed_distance import PointFigures, SignedDistanceSettings, signed_distances
 from gmmjax.clouds import SensorViews
 from gmmjax.geometry import LocalSurface
-from gmmjax.pair import Pair, each
+from gmmjax.pair import Pair, each, each_on_cores
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -30,20 +35,24 @@ class AlignedScans:
     Attributes:
         scans: as they were given.
         checked: their clouds.
-        pair: registered.
+        pair: registered, at the resolution that they are compared at.
+        coarse: the points at the resolution that they were registered at, where that is coarser; None: it is the same.
         surveys: with the views that can be used.
         problem: the joint mixture that they ask for.
         verdicts: what decides whether a candidate is a change.
         settings: how distances between the clouds are measured.
+        distances: how the signed distance at each point is.
     """
 
     scans: Pair[Scan]
     checked: Pair[CheckedCloud]
     pair: AlignedPair
+    coarse: Pair[Float[np.ndarray, "_ 3"]] | None
     surveys: Pair[Survey]
     problem: JointProblem
     verdicts: Verdicts
     settings: DifferenceSettings
+    distances: SignedDistanceSettings = SignedDistanceSettings()
 
     @property
     def volumetric(self) -> bool:
@@ -58,7 +67,20 @@ class AlignedScans:
     @functools.cached_property
     def differences(self) -> Differences:
         """Of the working points of scans from each other."""
-        return differences_between(self.pair.surfaces, self.pair.working.spacing, self.settings)
+        surfaces, working = self.pair.surfaces, self.pair.working
+        if self.coarse is None:
+            return differences_between(surfaces, working.spacing, self.settings)
+        spacing = surfaces.map(lambda surface: surface.spacing(np.arange(len(surface))))
+        return differences_between(surfaces, working.spacing, self.settings, spacing)
+
+    def scene(self, excess: Callable[[Float[np.ndarray, "n 3"], bool], RestartValues]) -> LocalScene:
+        """The scans at their own resolution; only where they were registered at a coarser one.
+
+        Args:
+            excess: the posterior of the joint mixture that points are of what only their cloud has.
+        """
+        assert self.coarse is not None
+        return LocalScene(self.pair.working.clouds, self.coarse, self.surveys, self.differences, excess)
 
     @functools.cached_property
     def observed(self) -> Pair[np.ndarray | None]:
@@ -67,21 +89,42 @@ class AlignedScans:
         return observed_places(points, self.surveys, self.differences)
 
     @functools.cached_property
-    def distance(self) -> Pair[Float[np.ndarray, " _"]]:
-        """The signed distance at each point of scans, that of its working point."""
+    def figures(self) -> Pair[PointFigures]:
+        """The signed distance at each point of scans, and how significant it is: those of its working point."""
         views = self.surveys.map(lambda survey: survey.views)
-        working = signed_distances(self.pair.surfaces, self.differences, views)
-        return each(lambda own, cloud: own[cloud.member].astype(np.float32), working, self.pair.working.clouds)
+        working = signed_distances(self.pair.points, self.pair.surfaces, self.differences, views, self.distances)
+
+        def of_points(own: PointFigures, cloud: WorkingCloud) -> PointFigures:
+            return PointFigures(*(values.astype(np.float32)[cloud.member] for values in own))
+
+        return each(of_points, working, self.pair.working.clouds)
 
     @functools.cached_property
     def members(self) -> Pair[Int[np.ndarray, " _"]]:
         """Of each point of either scan the row of its working point, -1 for what was left out."""
         return each(lambda cloud, working: cloud.to_rows(working.member, -1), self.checked, self.pair.working.clouds)
 
+    def without_views(self) -> "AlignedScans":
+        """The same scans, where nobody knows the poses of the sensor."""
+        return dataclasses.replace(self, surveys=self.surveys.map(lambda own: dataclasses.replace(own, views=None)))
+
     def labels_of(self, changes: Changes) -> Pair[Int[np.ndarray, " _"]]:
         """The labels of a record for the points that were compared."""
         labels = Pair(changes.labels_before, changes.labels_after)
         return each(lambda own, cloud: own[cloud.rows], labels, self.checked)
+
+
+def refined(pair: AlignedPair, settings: LocalResolutionSettings) -> AlignedPair:
+    """The pair in voxels as small as both scans allow at each place.
+
+    Args:
+        pair: in voxels of one size.
+        settings: how small they are.
+    """
+    assert pair.working.voxel_size is not None
+    clouds = locally_reduced(pair.points, pair.working.voxel_size, settings)
+    surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), clouds)
+    return pair._replace(working=dataclasses.replace(pair.working, clouds=clouds), surfaces=surfaces)
 
 
 def surveys_of(

@@ -1,6 +1,7 @@
 """Changes by one mixture for both clouds: the pipeline of the default method."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
@@ -11,7 +12,7 @@ from jaxtyping import Int
 from gmmjax.changes.align.alignment import AlignedPair, AlignSettings, aligned
 from gmmjax.changes.candidates import Candidates, CandidateSettings, candidates_of, probability_by_difference
 from gmmjax.changes.change import Change, Changes
-from gmmjax.changes.detectors.aligned_scans import AlignedScans, surveys_of
+from gmmjax.changes.detectors.aligned_scans import AlignedScans, refined, surveys_of
 from gmmjax.changes.detectors.detector import Scan
 from gmmjax.changes.detectors.restart_detector import AbstractRestartDetector, Outcome
 from gmmjax.changes.differences import DifferenceSettings, LocalDifference
@@ -23,7 +24,11 @@ from gmmjax.changes.evidence.examination import (
     measured_candidates,
     unexamined,
 )
-from gmmjax.changes.evidence.free_space import Survey
+from gmmjax.changes.evidence.local_examination import (
+    LocalExaminationSettings,
+    candidates_by_resolution,
+    examined_locally,
+)
 from gmmjax.changes.evidence.verdict_file import Verdicts, read_verdicts, shipped_verdicts
 from gmmjax.changes.fit.joint_fit import (
     JointFits,
@@ -39,9 +44,11 @@ from gmmjax.changes.objects.found import Found, ObjectSettings, surfaces_found, 
 from gmmjax.changes.objects.measures import with_measures
 from gmmjax.changes.objects.moved import with_moved
 from gmmjax.changes.prepare.checking import CheckedCloud, CheckSettings, check_overlap, check_pair
+from gmmjax.changes.prepare.local_resolution import LocalResolutionSettings
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.changes.progress import Clock, silent
 from gmmjax.changes.registration import Registration
+from gmmjax.changes.signed_distance import SignedDistanceSettings
 from gmmjax.changes.standard_errors import means_of_changes, standard_error
 from gmmjax.clouds import SensorViews
 from gmmjax.errors import warn
@@ -66,6 +73,10 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         candidates: which points look changed, and how they are gathered.
         evidence: when a candidate is a change.
         objects: which changes are significant, and which of them are one moved object.
+        distances: how the signed distance at each point of a scan is measured.
+        resolution: how small the voxels are that scans are compared in after their registration, where they have more
+            points than it takes. None: they have the size that the scans were registered at, everywhere.
+        examination: in what clouds candidates are examined then.
     """
 
     prepare: CheckSettings = CheckSettings()
@@ -75,6 +86,9 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
     candidates: CandidateSettings = CandidateSettings()
     evidence: EvidenceSettings = EvidenceSettings()
     objects: ObjectSettings = ObjectSettings()
+    distances: SignedDistanceSettings = SignedDistanceSettings()
+    resolution: LocalResolutionSettings | None = LocalResolutionSettings()
+    examination: LocalExaminationSettings = LocalExaminationSettings()
 
     layout, fits_begin, fits_end = JOINT, 0.25, 0.75
 
@@ -95,8 +109,18 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         clock.start("registration", "Registering the clouds", 0.1)
         pair = self._aligned(checked)
         problem = joint_problem(pair.working, pair.registration, self.config, self.fit)
-        surveys = surveys_of(pair, scans, self.evidence.free_space, self.evidence.view_checks)
-        return AlignedScans(scans, checked, pair, surveys, problem, verdicts, self.differences)
+        surveys, coarse = surveys_of(pair, scans, self.evidence.free_space, self.evidence.view_checks), None
+        if self._refines(pair):
+            assert self.resolution is not None
+            coarse = pair.surfaces.map(lambda surface: surface.points)
+            pair = refined(pair, self.resolution)
+            surveys = each(lambda own, surface: dataclasses.replace(own, surface=surface), surveys, pair.surfaces)
+        return AlignedScans(scans, checked, pair, coarse, surveys, problem, verdicts, self.differences, self.distances)
+
+    def _refines(self, pair: AlignedPair) -> bool:
+        """Whether the scans were registered with fewer points than they have, and nobody asked for one voxel size."""
+        reduced = pair.working.voxel_size is not None and self.config.voxel_size is None
+        return reduced and self.resolution is not None and not pair.working.volumetric
 
     def fitted(self, prepared: AlignedScans, restarts: range, report: Callable[[float], None]) -> dict[str, np.ndarray]:
         """Fit; see `AbstractRestartDetector`."""
@@ -129,17 +153,16 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             found = found.grown_to(items, labels)
         if not prepared.volumetric:
             error, measures = found.registration_error, self.objects.measures
-            items = with_measures(items, labels, pair, error, prepared.distance, measures)
+            distance = prepared.figures.map(lambda own: own.distance)
+            items = with_measures(items, labels, pair, error, distance, measures)
         clock.stop()
         emd, diagnostics = mixtures_distance(joint), _diagnostics(prepared, joint, clock)
         changes = found.record(prepared.checked, items, labels, emd, self.config, diagnostics, pair.registration)
         if not prepared.volumetric:
-            changes = found.with_distance(changes, prepared.checked, prepared.distance)
+            changes = found.with_figures(changes, prepared.checked, prepared.figures)
         return Outcome(changes, lambda: self._standard_errors(prepared, joint, changes))
 
-    def cut_candidates(
-        self, scans: Pair[Scan], *, poses: Sequence[bool]
-    ) -> tuple[Pair[Rows], list[Pair[list[Candidate]]]]:
+    def cut_candidates(self, scans: Pair[Scan], *, poses: Sequence[bool]) -> list[list["CutCandidates"]]:
         """The candidates of two scans with all that facts are measured from: what the verdict is learned from.
 
         Args:
@@ -147,20 +170,25 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             poses: for each set of candidates whether the views are used.
 
         Returns:
-            For each point of either scan the row of its working point, -1 for what was left out; for each of `poses`
-            the candidates of both scans. Neither where the clouds fill volumes.
+            For each of `poses` the candidates of both scans, those of one resolution after the other. None where the
+            clouds fill volumes.
         """
         prepared = self.prepared(scans, Clock(silent))
         if prepared.volumetric:
-            return Pair(np.zeros(0, int), np.zeros(0, int)), []
-        fits, limits = self._joint_fits(prepared), prepared.differences.limits
-        of_poses = []
-        for given in poses:
-            observed = prepared.observed if given else Pair(None, None)
-            surveys = prepared.surveys if given else prepared.pair.surfaces.map(Survey)
-            found = self._candidates(prepared, fits, observed)
-            of_poses.append(measured_candidates(found, surveys, limits, self.evidence))
-        return prepared.members, of_poses
+            return []
+        fits = self._joint_fits(prepared)
+        return [self._cut_candidates(prepared if given else prepared.without_views(), fits) for given in poses]
+
+    def _cut_candidates(self, prepared: AlignedScans, fits: JointFits) -> list["CutCandidates"]:
+        found = self._candidates(prepared, fits, prepared.observed)
+        if prepared.coarse is None:
+            pieces = measured_candidates(found, prepared.surveys, prepared.differences.limits, self.evidence)
+            return [CutCandidates(pieces, prepared.members)]
+        scene = prepared.scene(functools.partial(_of_points, fits))
+        return [
+            CutCandidates(level.pieces, each(_through, prepared.members, level.members))
+            for level in candidates_by_resolution(found, scene, self.evidence, self.examination)
+        ]
 
     def unpaired(self, scans: Pair[Scan]) -> "UnpairedChanges | None":
         """The changes of two scans before moved objects are looked for: what `same_object.json` is learned from.
@@ -200,15 +228,15 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         prepared = self.prepared(scans, Clock(silent))
         if prepared.volumetric:
             return lambda labels: labels
-        found = self._candidates(prepared, self._joint_fits(prepared), prepared.observed)
-        limits, verdicts, threshold = prepared.differences.limits, prepared.verdicts, self.config.threshold
+        fits = self._joint_fits(prepared)
+        found = self._candidates(prepared, fits, prepared.observed)
 
         def left(own: Examined, member: np.ndarray, labels: np.ndarray) -> np.ndarray:
             return np.where((member >= 0) & (own.labels[member] >= 0), labels, -1)
 
         def evident(labels: Pair[np.ndarray]) -> Pair[np.ndarray]:
             segments = each(_with_labels, found, prepared.members, labels)
-            judged = examined(segments, prepared.surveys, limits, verdicts, threshold, self.evidence)
+            judged = self._examined(prepared, fits, segments)
             return each(left, judged, prepared.members, labels)
 
         return evident
@@ -229,18 +257,27 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
     def _found_on_surfaces(self, prepared: AlignedScans, fits: JointFits) -> Found:
         measured, looks_changed = prepared.differences, self._candidates(prepared, fits, prepared.observed)
         if self.config.evidence:
-            verdicts, threshold = prepared.verdicts, self.config.threshold
-            evident = examined(looks_changed, prepared.surveys, measured.limits, verdicts, threshold, self.evidence)
+            evident = self._examined(prepared, fits, looks_changed)
         else:
             evident = unexamined(looks_changed)
         return surfaces_found(prepared.pair, measured, evident, self.objects.surfaces)
+
+    def _examined(self, prepared: AlignedScans, fits: JointFits, candidates: Pair[Candidates]) -> Pair[Examined]:
+        verdicts, threshold = prepared.verdicts, self.config.threshold
+        if prepared.coarse is None:
+            limits = prepared.differences.limits
+            return examined(candidates, prepared.surveys, limits, verdicts, threshold, self.evidence)
+        scene = prepared.scene(functools.partial(_of_points, fits))
+        return examined_locally(candidates, scene, verdicts, threshold, self.evidence, self.examination)
 
     def _candidates(
         self, prepared: AlignedScans, fits: JointFits, observed: Pair[np.ndarray | None]
     ) -> Pair[Candidates]:
         points = prepared.pair.surfaces.map(lambda surface: surface.points)
         excess = each(lambda own, after: _of_points(fits, own, after), points, AFTER)
-        return candidates_of(points, prepared.differences, excess, observed, self.config.threshold, self.candidates)
+        sizes = prepared.pair.working.clouds.map(lambda cloud: cloud.sizes)
+        threshold = self.config.threshold
+        return candidates_of(points, prepared.differences, excess, observed, threshold, self.candidates, sizes)
 
     def _standard_errors(self, prepared: AlignedScans, joint: JointFits, changes: Changes) -> tuple[float | None, ...]:
         """Of the probability by mixture, distance and offset; in volumes of that by components."""
@@ -276,6 +313,18 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         return shipped_verdicts() if path is None else read_verdicts(path)
 
 
+class CutCandidates(NamedTuple):
+    """The candidates of two scans, cut into pieces, that are examined at one resolution.
+
+    Attributes:
+        pieces: of both scans.
+        members: of each point of either scan the row in the cloud that they are pieces of, -1 for what was left out.
+    """
+
+    pieces: Pair[list[Candidate]]
+    members: Pair[Rows]
+
+
 class UnpairedChanges(NamedTuple):
     """The changes of two scans before moved objects are looked for.
 
@@ -297,6 +346,11 @@ class UnpairedChanges(NamedTuple):
 def _of_points(fits: JointFits, points: np.ndarray, after: bool) -> RestartValues:
     """The posterior by the mixtures that each point is of what only its cloud has."""
     return RestartValues(len(fits.steps), lambda restart, rows: point_excess(fits, points[rows], after, restart))
+
+
+def _through(member: Rows, further: Rows) -> Rows:
+    """The rows that the rows of `member` have in `further`, -1 where there is none in either."""
+    return np.where(member >= 0, further[member], -1)
 
 
 def _of_components(fits: JointFits, points: np.ndarray, after: bool) -> RestartValues:

@@ -1,7 +1,7 @@
 """The evidence stage: of each candidate the facts, and from them the verdict whether it is a change."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -178,14 +178,14 @@ def examined(
         InputWarning: a candidate is unlike all that the verdict was learned from.
     """
     pieces = measured_candidates(candidates, surveys, limits, settings)
-    judgements = each(lambda own, cut: _judged(own, cut, verdicts), candidates, pieces)
-    _warn_of_unlike([unlike for own in judgements for unlike in own.unlike], settings)
-    return each(
-        lambda own, cut, judgement: _examined_cloud(own, cut, judgement.explanations, limits, threshold, settings),
-        candidates,
-        pieces,
-        judgements,
-    )
+    judgements = each(lambda own, cut: judgement_of(own, cut, verdicts), candidates, pieces)
+    warn_of_unlike([unlike for own in judgements for unlike in own.unlike], settings)
+
+    def of_cloud(own: Candidates, cut: list[Candidate], judgement: Judgement) -> Examined:
+        of_pieces = [JudgedPiece(piece.rows, piece.number) for piece in cut]
+        return examined_cloud(own, of_pieces, judgement.explanations, limits.spacing, threshold, settings)
+
+    return each(of_cloud, candidates, pieces, judgements)
 
 
 def unexamined(candidates: Pair[Candidates]) -> Pair[Examined]:
@@ -205,19 +205,48 @@ def unexamined(candidates: Pair[Candidates]) -> Pair[Examined]:
     return candidates.map(of_cloud)
 
 
-def _judged(own: Candidates, pieces: list[Candidate], verdicts: Verdicts) -> Judgement:
+class JudgedPiece(NamedTuple):
+    """A piece of a candidate that the verdict was asked about.
+
+    Attributes:
+        rows: of its points in the cloud.
+        number: of the piece.
+    """
+
+    rows: Int[np.ndarray, " m"]
+    number: int
+
+
+def judgement_of(own: Candidates, pieces: list[Candidate], verdicts: Verdicts) -> Judgement:
+    """The verdict on the pieces of the candidates of one cloud.
+
+    Args:
+        own: the candidates.
+        pieces: of them.
+        verdicts: with and without the views of the other survey.
+    """
     verdict = verdicts.poses_unknown if own.observed is None else verdicts.poses_given
     return judged(verdict, [measured(piece) for piece in pieces])
 
 
-def _examined_cloud(
+def examined_cloud(
     own: Candidates,
-    pieces: list[Candidate],
+    pieces: Sequence[JudgedPiece],
     explanations: tuple[Explanation, ...],
-    limits: DetectionLimits,
+    spacing: float | Float[np.ndarray, " n"],
     threshold: float,
     settings: EvidenceSettings,
 ) -> Examined:
+    """The pieces of one cloud that are changes; those that touch are one change.
+
+    Args:
+        own: the candidates.
+        pieces: of them.
+        explanations: of the pieces.
+        spacing: of neighbouring points, at each point or everywhere.
+        threshold: probability from which on a piece is a change.
+        settings: when pieces touch.
+    """
     labels = np.full(len(own.labels), -1)
     unobserved = np.zeros(len(labels), bool) if own.observed is None else own.observed == Observed.unobserved
     rejected = []
@@ -227,7 +256,7 @@ def _examined_cloud(
         else:
             rejected.append((piece.rows, explanation))
             unobserved[piece.rows] |= explanation.unobserved > explanation.unchanged
-    joined = _joined(own, labels, limits, settings.pieces)
+    joined = _joined(own, labels, spacing, settings.pieces)
     unobserved &= joined < 0
     of_changes = [labels[joined == change] for change in range(joined.max(initial=-1) + 1)]
     return Examined(
@@ -241,13 +270,17 @@ def _examined_cloud(
 
 
 def _joined(
-    own: Candidates, labels: Int[np.ndarray, " n"], limits: DetectionLimits, settings: PieceSettings
+    own: Candidates,
+    labels: Int[np.ndarray, " n"],
+    spacing: float | Float[np.ndarray, " n"],
+    settings: PieceSettings,
 ) -> Int[np.ndarray, " n"]:
     """The labels with one number for all pieces that touch: one change may have been cut into several."""
     kept = np.flatnonzero(labels >= 0)
     if not len(kept) or (labels[kept] == labels[kept[0]]).all():
         return renumbered(labels)
-    clusters = density_clusters(own.points[kept], settings.radius * limits.spacing, settings.neighbours)
+    radius = settings.radius * np.broadcast_to(spacing, len(labels))[kept]
+    clusters = density_clusters(own.points[kept], radius, settings.neighbours)
     count = labels.max(initial=-1) + 1
     inside = clusters >= 0
     # A graph of pieces and clusters: what is connected in it is one change.
@@ -269,8 +302,13 @@ def _largest(pieces: Int[np.ndarray, " m"], explanations: tuple[Explanation, ...
     return explanations[int(np.bincount(pieces).argmax())]
 
 
-def _warn_of_unlike(unlike: list[tuple[str, float]], settings: EvidenceSettings) -> None:
-    """Warns where the verdict extrapolates."""
+def warn_of_unlike(unlike: Sequence[tuple[str, float]], settings: EvidenceSettings) -> None:
+    """Warns where the verdict extrapolates.
+
+    Args:
+        unlike: of each judgement the fact that is farthest beyond what was learned, and how far.
+        settings: how far it may be.
+    """
     name, widths = max(unlike, key=lambda own: own[1], default=("", 0.0))
     if widths > settings.unlike:
         warn(

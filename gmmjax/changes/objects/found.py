@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int
+from jaxtyping import Bool, Float64, Int
 
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.change import Change, Changes, Kind, Reason
@@ -22,6 +22,7 @@ from gmmjax.changes.objects.surface_changes import SurfaceChangeSettings, surfac
 from gmmjax.changes.objects.volumetric_changes import VolumetricChangeSettings, restart_weights, volumetric_changes
 from gmmjax.changes.prepare.checking import CheckedCloud
 from gmmjax.changes.registration import Registration
+from gmmjax.changes.signed_distance import PointFigures
 from gmmjax.pair import Pair, each
 
 logger = logging.getLogger(__name__)
@@ -132,22 +133,23 @@ class Found(NamedTuple):
         _log(changes)
         return changes
 
-    def with_distance(
-        self, changes: Changes, clouds: Pair[CheckedCloud], distance: Pair[Float[np.ndarray, " _"]]
-    ) -> Changes:
-        """The record with the distance of each row to the surface of the other cloud.
+    def with_figures(self, changes: Changes, clouds: Pair[CheckedCloud], figures: Pair[PointFigures]) -> Changes:
+        """The record with the distance of each row to the surface of the other cloud, and how significant it is.
 
         Args:
             changes: the record.
             clouds: whose rows these are.
-            distance: of each point; it becomes NaN where the other survey did not observe the place.
+            figures: of each point; they become NaN where the other survey did not observe the place.
         """
 
-        def of_rows(cloud: CheckedCloud, own: np.ndarray, hidden: np.ndarray) -> np.ndarray:
-            return cloud.to_rows(np.where(hidden, np.float32(np.nan), own), np.nan)
+        def of_rows(cloud: CheckedCloud, own: PointFigures, hidden: np.ndarray, side: str) -> dict[str, Any]:
+            return {
+                f"{name}_{side}": cloud.to_rows(np.where(hidden, np.float32(np.nan), values), np.nan)
+                for name, values in own._asdict().items()
+            }
 
-        rows = each(of_rows, clouds, distance, self.unobserved)
-        return dataclasses.replace(changes, distance_before=rows.before, distance_after=rows.after)
+        rows = each(of_rows, clouds, figures, self.unobserved, Pair("before", "after"))
+        return dataclasses.replace(changes, **rows.before, **rows.after)
 
 
 def _log(changes: Changes) -> None:

@@ -45,11 +45,13 @@ class WorkingCloud:
         points: means of the voxels, or the points themselves, equal ones that follow each other once.
         mass: how many points each stands for.
         member: for each point of the cloud the index of its voxel.
+        sizes: edge of each voxel, where they differ from place to place; None: they have one size.
     """
 
     points: Float[np.ndarray, "m 3"]
     mass: Float[np.ndarray, " m"]
     member: Int[np.ndarray, " n"]
+    sizes: Float[np.ndarray, " m"] | None = None
 
     @functools.cached_property
     def tree(self) -> cKDTree:

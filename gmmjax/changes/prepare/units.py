@@ -3,26 +3,23 @@
 from jaxtyping import ArrayLike
 
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.clouds import PointCloud
-from gmmjax.errors import InputError, warn
+from gmmjax.clouds import PointCloud, SurveyFiles
+from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 
 
-def common_unit(clouds: Pair[ArrayLike | PointCloud], config: DetectionConfig) -> str | None:
+def common_unit(clouds: Pair[ArrayLike | PointCloud | SurveyFiles], config: DetectionConfig) -> str | None:
     """The unit of both clouds: the setting, else what both files state; no coordinate is ever converted.
 
     Args:
-        clouds: coordinates, or a `PointCloud` with the unit and the reference system that its file states.
+        clouds: coordinates, or a cloud or a survey with the unit and the reference system that its files state.
         config: with the unit that the user gave.
 
     Returns:
         The unit; None where it is not known.
 
     Raises:
-        InputError: the files state two units, and the user gave none.
-
-    Warns:
-        InputWarning: the files state two reference systems.
+        InputError: the files state two units, and the user gave none; or two reference systems.
     """
     units, systems = clouds.map(lambda cloud: _stated(cloud, "unit")), clouds.map(lambda cloud: _stated(cloud, "crs"))
     if config.unit is None and None not in (*units,) and units.before != units.after:
@@ -31,12 +28,12 @@ def common_unit(clouds: Pair[ArrayLike | PointCloud], config: DetectionConfig) -
             "give the unit of both (unit=..., --unit) where a file is wrong"
         )
     if None not in (*systems,) and systems.before != systems.after:
-        warn(
+        raise InputError(
             f"before is in {systems.before} and after in {systems.after}, as their files state: coordinates of two "
             "reference systems cannot be compared; reproject one of them"
         )
     return config.unit or (units.before if units.before == units.after else None)
 
 
-def _stated(cloud: ArrayLike | PointCloud, name: str) -> str | None:
-    return getattr(cloud, name) if isinstance(cloud, PointCloud) else None
+def _stated(cloud: ArrayLike | PointCloud | SurveyFiles, name: str) -> str | None:
+    return getattr(cloud, name) if isinstance(cloud, PointCloud | SurveyFiles) else None

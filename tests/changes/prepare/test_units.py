@@ -1,13 +1,15 @@
 import dataclasses
+import struct
 
 import numpy as np
 import pytest
 
 from gmmjax.changes import DetectionConfig, detect_changes
 from gmmjax.changes.prepare.units import common_unit
-from gmmjax.clouds import PointCloud
-from gmmjax.errors import InputError, InputWarning
+from gmmjax.clouds import PointCloud, open_survey
+from gmmjax.errors import InputError
 from gmmjax.pair import Pair
+from tests.clouds.las_files import GEOTIFF, las_bytes, vlr
 
 POINTS = np.random.default_rng(0).normal(size=(300, 3))
 
@@ -32,9 +34,18 @@ def test_two_units_are_refused():
         stated({"unit": "m"}, {"unit": "ftUS"})
 
 
-def test_two_reference_systems_are_warned_of():
-    with pytest.warns(InputWarning, match="EPSG:25832 and after in EPSG:25833"):
+def test_two_reference_systems_are_refused():
+    with pytest.raises(InputError, match=r"EPSG:25832 and after in EPSG:25833.*reproject one of them"):
         stated({"crs": "EPSG:25832"}, {"crs": "EPSG:25833"})
+
+
+def test_surveys_in_their_files_are_looked_at_too(tmp_path):
+    for name, keys in (("a", GEOTIFF), ("b", GEOTIFF.replace(struct.pack("<H", 25832), struct.pack("<H", 25833)))):
+        (tmp_path / f"{name}.las").write_bytes(las_bytes(2, 3, vlrs=(vlr(b"LASF_Projection", 34735, keys),)))
+    first, second = (open_survey([tmp_path / f"{name}.las"]) for name in "ab")
+    assert common_unit(Pair(first, first), DetectionConfig()) == "m"
+    with pytest.raises(InputError, match="reproject one of them"):
+        common_unit(Pair(first, second), DetectionConfig())
 
 
 @pytest.mark.parametrize("unit", ["", " m", "=1+1", "m\n", "a name of many letters", "\x1b[31m"])

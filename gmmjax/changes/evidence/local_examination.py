@@ -1,0 +1,315 @@
+"""Candidates of scans whose resolution differs from place to place, each examined at its own resolution.
+
+Facts are measured in spacings of the points, and learned from clouds of one spacing. A candidate is therefore
+examined in clouds that have its resolution as far as it matters, and the coarse one elsewhere.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
+
+from gmmjax.changes.candidates import Candidates, mean_probability, probability_by_difference
+from gmmjax.changes.differences import (
+    DetectionLimits,
+    Differences,
+    LocalDifference,
+    detection_limits,
+    local_difference,
+)
+from gmmjax.changes.evidence.candidate import Candidate
+from gmmjax.changes.evidence.examination import (
+    EvidenceSettings,
+    Examined,
+    JudgedPiece,
+    examined_cloud,
+    judgement_of,
+    measured_candidates,
+    observed_places,
+    warn_of_unlike,
+)
+from gmmjax.changes.evidence.free_space import Survey
+from gmmjax.changes.evidence.verdict_file import Verdicts
+from gmmjax.changes.explanation import Explanation
+from gmmjax.changes.fit.restart_values import RestartValues
+from gmmjax.changes.prepare.resolution import WorkingCloud
+from gmmjax.clouds import voxel_grid
+from gmmjax.geometry import LocalSurface
+from gmmjax.pair import Pair, each, each_on_cores
+
+
+@dataclasses.dataclass(frozen=True)
+class LocalExaminationSettings:
+    """In what clouds candidates are examined.
+
+    Attributes:
+        reach: distance from a candidate, in its own spacings, within which the clouds have its resolution: that within
+            which facts look at points one by one. Smaller: they look at coarse ones.
+        most_points: number of points of a candidate, at most; the spacing of a larger one is doubled until it has no
+            more. A bound on the time: what is as large has as clear facts at half the resolution.
+        least_share: fraction of the points of a larger voxel that are of a candidate, at least, for it to be of it. 0:
+            candidates get thicker by what touches them.
+    """
+
+    reach: float = 65.0
+    most_points: int = 20_000
+    least_share: float = 0.5
+
+
+class LocalScene(NamedTuple):
+    """Two registered scans at their own resolution.
+
+    Attributes:
+        clouds: in voxels as small as the scans allow at each place.
+        coarse: the same scans, the same resolution everywhere.
+        surveys: the surfaces of `clouds`, with their views where they are known.
+        differences: of `clouds` from each other.
+        excess: gives the posterior of the joint mixture that points are of what only their cloud has; the second
+            argument says whether that is the after cloud.
+    """
+
+    clouds: Pair[WorkingCloud]
+    coarse: Pair[Float[np.ndarray, "_ 3"]]
+    surveys: Pair[Survey]
+    differences: Differences
+    excess: Callable[[Float[np.ndarray, "n 3"], bool], RestartValues]
+
+
+class AtResolution(NamedTuple):
+    """The candidates of one resolution.
+
+    Attributes:
+        pieces: that they were cut into; their rows are those of the clouds of this resolution.
+        candidates: of both of these clouds.
+        members: of each voxel of the scene the row in these clouds, -1 where it is out of reach.
+    """
+
+    pieces: Pair[list[Candidate]]
+    candidates: Pair[Candidates]
+    members: Pair[Int[np.ndarray, " _"]]
+
+
+class _Cloud(NamedTuple):
+    """One cloud, of one resolution within reach of some candidates.
+
+    Attributes:
+        points: first those within reach.
+        inside: how many these are.
+        member: of each voxel of the scene the row, -1 where it is out of reach.
+    """
+
+    points: Float[np.ndarray, "n 3"]
+    inside: int
+    member: Int[np.ndarray, " m"]
+
+
+def examined_locally(
+    candidates: Pair[Candidates],
+    scene: LocalScene,
+    verdicts: Verdicts,
+    threshold: float = 0.5,
+    evidence: EvidenceSettings = EvidenceSettings(),
+    settings: LocalExaminationSettings = LocalExaminationSettings(),
+) -> Pair[Examined]:
+    """The candidates of both clouds that are changes, and what was not observed.
+
+    Args:
+        candidates: of the clouds of the scene.
+        scene: what they are candidates of.
+        verdicts: with and without the views of the other survey.
+        threshold: probability from which on a candidate is a change.
+        evidence: how facts are measured.
+        settings: in what clouds.
+
+    Warns:
+        InputWarning: a candidate is unlike all that the verdict was learned from.
+    """
+    found = Pair(_Judged([], []), _Judged([], []))
+    unlike = list[tuple[str, float]]()
+    for level in candidates_by_resolution(candidates, scene, evidence, settings):
+        sides = zip(found, candidates, level.pieces, level.candidates, level.members, strict=True)
+        for own, fine, pieces, at_level, member in sides:
+            judgement = judgement_of(at_level, pieces, verdicts)
+            unlike += judgement.unlike
+            for piece, explanation in zip(pieces, judgement.explanations, strict=True):
+                own.pieces.append(JudgedPiece(_rows_of(piece, at_level, fine, member), len(own.pieces)))
+                own.explanations.append(explanation)
+    warn_of_unlike(unlike, evidence)
+
+    def of_cloud(fine: Candidates, own: _Judged, cloud: WorkingCloud) -> Examined:
+        assert cloud.sizes is not None
+        return examined_cloud(fine, own.pieces, tuple(own.explanations), cloud.sizes, threshold, evidence)
+
+    return each(of_cloud, candidates, found, scene.clouds)
+
+
+class _Judged(NamedTuple):
+    pieces: list[JudgedPiece]
+    explanations: list[Explanation]
+
+
+def candidates_by_resolution(
+    candidates: Pair[Candidates],
+    scene: LocalScene,
+    evidence: EvidenceSettings = EvidenceSettings(),
+    settings: LocalExaminationSettings = LocalExaminationSettings(),
+) -> Iterator[AtResolution]:
+    """The candidates, cut into pieces, with all that facts are measured from, those of the smallest spacing first.
+
+    Args:
+        candidates: of the clouds of the scene.
+        scene: what they are candidates of.
+        evidence: how they are cut.
+        settings: in what clouds they are examined.
+    """
+    resolutions = each(lambda own, cloud: _resolutions(own, cloud, settings), candidates, scene.clouds)
+    for resolution in sorted({value for own in resolutions for value in own.values()}):
+        chosen = resolutions.map(functools.partial(_numbers_at, resolution))
+        yield _at_resolution(resolution, chosen, candidates, scene, evidence, settings)
+
+
+def _numbers_at(resolution: float, of_candidates: dict[int, float]) -> list[int]:
+    """The numbers of the candidates of one resolution."""
+    return [number for number, own in of_candidates.items() if own == resolution]
+
+
+def _resolutions(own: Candidates, cloud: WorkingCloud, settings: LocalExaminationSettings) -> dict[int, float]:
+    """The spacing that each candidate is examined at, by its number: the median size of its voxels, or larger."""
+    assert cloud.sizes is not None
+    found = {}
+    for number in np.unique(own.labels[own.labels >= 0]).tolist():
+        sizes = cloud.sizes[own.labels == number]
+        # On a surface, twice the size is a quarter of the points.
+        doubled = max(0.0, np.ceil(np.log2(len(sizes) / settings.most_points) / 2))
+        found[number] = float(np.quantile(sizes, 0.5, method="lower") * 2.0**doubled)
+    return found
+
+
+def _at_resolution(
+    spacing: float,
+    chosen: Pair[list[int]],
+    candidates: Pair[Candidates],
+    scene: LocalScene,
+    evidence: EvidenceSettings,
+    settings: LocalExaminationSettings,
+) -> AtResolution:
+    """The chosen candidates of either cloud at one spacing."""
+    places = np.concatenate([*each(lambda own, numbers: own.points[np.isin(own.labels, numbers)], candidates, chosen)])
+    # A few places for all points that are near each other.
+    near = cKDTree(voxel_grid(places, settings.reach / 8 * spacing).points)
+    clouds = each(
+        lambda cloud, coarse: _cloud(cloud, coarse, near, settings.reach * spacing, spacing), scene.clouds, scene.coarse
+    )
+    surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points), clouds)
+    differences = _differences(surfaces, clouds, scene.differences, spacing)
+    surveys = each(lambda surface, survey: dataclasses.replace(survey, surface=surface), surfaces, scene.surveys)
+    points = clouds.map(lambda cloud: cloud.points)
+    observed = observed_places(points, surveys, differences)
+    labels = each(lambda own, cloud, at: _labels(own, cloud, at, settings), candidates, scene.clouds, clouds)
+
+    def of_cloud(
+        points: np.ndarray, after: bool, local: LocalDifference, label: np.ndarray, seen: np.ndarray | None
+    ) -> Candidates:
+        excess = scene.excess(points, after)
+        looks_changed = mean_probability(excess, probability_by_difference(local, differences.limits))
+        return Candidates(points, local, excess, looks_changed, label, seen)
+
+    at_level = each(of_cloud, points, Pair(False, True), differences.local, labels, observed)
+    pieces = measured_candidates(at_level, surveys, differences.limits, evidence)
+    own = each(lambda found, label, numbers: _pieces_of(found, label, numbers), pieces, labels, chosen)
+    return AtResolution(own, at_level, clouds.map(lambda cloud: cloud.member))
+
+
+def _cloud(
+    cloud: WorkingCloud, coarse: Float[np.ndarray, "c 3"], near: cKDTree, reach: float, spacing: float
+) -> _Cloud:
+    """The voxels within reach of some places, those smaller than the spacing joined, and the coarse ones beyond."""
+    assert cloud.sizes is not None
+    rows = np.flatnonzero(_within(cloud.points, near, reach))
+    beyond = coarse[~_within(coarse, near, reach)]
+    member = np.full(len(cloud.points), -1)
+    small = cloud.sizes[rows] < spacing * (1 - 1e-9)
+    joined, others = rows[small], rows[~small]
+    grid = voxel_grid(cloud.points[joined], spacing)
+    weight = np.bincount(grid.voxel_of_point, cloud.mass[joined], minlength=len(grid.mass))
+    corner = near.mins
+    moments = [
+        np.bincount(grid.voxel_of_point, cloud.mass[joined] * (cloud.points[joined, axis] - corner[axis]), len(weight))
+        for axis in range(3)
+    ]
+    means = corner + np.stack(moments, axis=1) / weight[:, None]
+    member[joined] = grid.voxel_of_point
+    member[others] = len(means) + np.arange(len(others))
+    return _Cloud(np.concatenate([means, cloud.points[others], beyond]), len(means) + len(others), member)
+
+
+def _within(points: Float[np.ndarray, "n 3"], near: cKDTree, reach: float) -> Bool[np.ndarray, " n"]:
+    return np.asarray(np.isfinite(near.query(points, distance_upper_bound=reach, workers=-1)[0]))
+
+
+def _differences(surfaces: Pair[LocalSurface], clouds: Pair[_Cloud], fine: Differences, spacing: float) -> Differences:
+    """The differences at one spacing, with the registration error that the finest voxels show at each place."""
+    local = each_on_cores(local_difference, surfaces, surfaces.swapped)
+    error = each(lambda own, side: _error(own, side, fine.limits), clouds, fine.local)
+    # Where one of the scans has nothing within reach, all points tell the limits.
+    everywhere = not all(cloud.inside for cloud in clouds)
+    counts = clouds.map(lambda own: len(own.points) if everywhere else own.inside)
+    within = each(_first, local, counts)
+    limits = detection_limits(within, spacing, fine.limits.settings)
+    median = float(np.median(np.concatenate([*each(lambda own, count: own[:count], error, counts)])))
+    limits = _with_registration_error(limits, median)
+    return Differences(each(lambda side, own: side._replace(error=own), local, error), limits)
+
+
+def _first(side: LocalDifference, count: int) -> LocalDifference:
+    """The differences of the first points."""
+    return jax.tree.map(lambda values: values[:count], side)
+
+
+def _error(own: _Cloud, side: LocalDifference, limits: DetectionLimits) -> Float[np.ndarray, " n"]:
+    """The registration error at each point; that of the pair out of reach."""
+    errors = np.full(len(own.points), limits.registration_error)
+    inside = own.member >= 0
+    if side.error is not None:
+        errors[own.member[inside]] = side.error[inside]
+    return errors
+
+
+def _with_registration_error(limits: DetectionLimits, error: float) -> DetectionLimits:
+    settings = limits.settings
+    offset = settings.offsets * error
+    distance = max(settings.spacings * limits.spacing, settings.distances * limits.median_distance, offset)
+    return limits._replace(registration_error=error, offset=offset, distance=distance)
+
+
+def _labels(
+    own: Candidates, cloud: WorkingCloud, at: _Cloud, settings: LocalExaminationSettings
+) -> Int[np.ndarray, " n"]:
+    """The candidate of each point: one that holds enough of its voxel."""
+    inside = at.member >= 0
+    differing = inside & (own.labels >= 0)
+    mass = np.bincount(at.member[inside], cloud.mass[inside], minlength=len(at.points))
+    of_candidates = np.bincount(at.member[differing], cloud.mass[differing], minlength=len(at.points))
+    labels = np.full(len(at.points), -1)
+    labels[at.member[differing]] = own.labels[differing]
+    return np.where(of_candidates >= settings.least_share * mass, labels, -1)
+
+
+def _pieces_of(pieces: list[Candidate], labels: Int[np.ndarray, " n"], numbers: list[int]) -> list[Candidate]:
+    """The pieces of some candidates."""
+    return [piece for piece in pieces if labels[piece.rows[0]] in numbers]
+
+
+def _rows_of(
+    piece: Candidate, at_level: Candidates, own: Candidates, member: Int[np.ndarray, " m"]
+) -> Int[np.ndarray, " _"]:
+    """The voxels of its candidate that a piece stands for."""
+    of_piece = np.zeros(len(at_level.points), bool)
+    of_piece[piece.rows] = True
+    rows = np.flatnonzero((member >= 0) & (own.labels == at_level.labels[piece.rows[0]]))
+    return rows[of_piece[member[rows]]]

@@ -1,0 +1,180 @@
+"""At what resolution two scans are compared at each place: voxels as small as both of them allow there.
+
+The points of a scanner get sparser with the square of the range, and along the ground even faster. One size of voxels
+for a whole scene is too coarse near the scanner, or leaves holes far from it.
+"""
+
+import dataclasses
+import functools
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from gmmjax.changes.prepare.resolution import WorkingCloud
+from gmmjax.pair import Pair, each
+
+# Bits of a voxel's index on an axis: three of them fit a 64-bit integer.
+AXIS_BITS = 21
+
+
+@dataclasses.dataclass(frozen=True)
+class LocalResolutionSettings:
+    """How small the voxels are at each place.
+
+    Space is divided into cubes of as many voxels, which are halved, with their voxels, as long as the smaller voxels
+    still sample surfaces in either cloud. Rows of points along the lines of a scanner, with gaps between them, do not:
+    halving the voxels doubles their number, on a surface it becomes four times as large, in a cloud of noise eight
+    times. The logarithm of that factor to the base of two is the box-counting dimension.
+
+    Attributes:
+        voxels_per_edge: of a cube, a power of two. Fewer: the voxels of a few points differ by chance.
+        halvings: of the size of the voxels of the whole scene, at most. 0: they have one size.
+        least_points: number of points in a voxel, on average, at least. 1: half of the voxels of a surface are empty.
+        least_dimension: box-counting dimension of the points of a cube, at least. 1: lines are taken for surfaces.
+        most_dimension: the same, at most. 3: voxels are smaller than the noise.
+        least_in_cube: number of points of the denser cloud in a cube, at least; of fewer its dimension is not known.
+        most_voxels: of either cloud; with more, the smallest ones are doubled. A bound on time and memory: a million of
+            them take about ten seconds and a gigabyte. Fewer: dense scans are compared at less than their resolution.
+        rare: a cloud with less than this fraction of the points of the other one in a cube does not count there. 0: a
+            stray point of one cloud keeps the resolution of the other one from being used.
+    """
+
+    voxels_per_edge: int = 16
+    halvings: int = 6
+    least_points: float = 1.3
+    least_dimension: float = 1.3
+    most_dimension: float = 2.6
+    least_in_cube: int = 50
+    most_voxels: int = 2_000_000
+    rare: float = 0.1
+
+
+class _Indices(NamedTuple):
+    """The voxel of each point on the finest grid.
+
+    Attributes:
+        of_axes: its indices along the axes.
+        rows: of the points, in their cloud.
+    """
+
+    of_axes: Int[np.ndarray, "n 3"]
+    rows: Int[np.ndarray, " n"]
+
+    def chosen(self, which: Bool[np.ndarray, " n"]) -> "_Indices":
+        return _Indices(self.of_axes[which], self.rows[which])
+
+    def key(self, halved: int) -> Int[np.ndarray, " n"]:
+        """One integer for the voxels that are so many times as large, in powers of two."""
+        x, y, z = (self.of_axes >> halved).T
+        return np.asarray((x << 2 * AXIS_BITS) | (y << AXIS_BITS) | z)
+
+
+def locally_reduced(
+    points: Pair[Float[np.ndarray, "_ 3"]],
+    voxel_size: float,
+    settings: LocalResolutionSettings = LocalResolutionSettings(),
+) -> Pair[WorkingCloud]:
+    """Both clouds in voxels as small as they allow at each place, of the same size in both.
+
+    Args:
+        points: of both clouds, in one frame.
+        voxel_size: edge of the largest voxels, in the unit of the clouds.
+        settings: how small the voxels are.
+    """
+    corner = np.minimum(*points.map(lambda own: own.min(axis=0)))
+    offsets = points.map(lambda own: own - corner)
+    # A stray point far away leaves no indices for small voxels.
+    most = AXIS_BITS - np.log2(max(float(own.max()) for own in offsets) / voxel_size)
+    halvings = max(0, min(settings.halvings, int(np.floor(most - 1e-6))))
+    finest = voxel_size / 2**halvings
+    indices = offsets.map(lambda own: (own / finest).astype(np.int64))
+    levels = _bounded(indices, _levels(indices, halvings, settings), settings.most_voxels)
+    return each(lambda *own: _working_cloud(corner, finest, *own), offsets, indices, levels)
+
+
+def _bounded(
+    indices: Pair[Int[np.ndarray, "_ 3"]], levels: Pair[Int[np.ndarray, " _"]], most: int
+) -> Pair[Int[np.ndarray, " _"]]:
+    """The levels, the lowest raised until neither cloud has more voxels."""
+    least = 0
+    while max(each(_count, indices, levels)) > most:
+        least += 1
+        levels = levels.map(functools.partial(np.maximum, least))
+    return levels
+
+
+def _count(indices: Int[np.ndarray, "n 3"], levels: Int[np.ndarray, " n"]) -> int:
+    """The number of occupied voxels."""
+    return sum(len(np.unique(_of_level(indices, levels, level)[1])) for level in np.unique(levels).tolist())
+
+
+def _of_level(
+    indices: Int[np.ndarray, "n 3"], levels: Int[np.ndarray, " n"], level: int
+) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+    """The rows of the points of one level, and the key of the voxel of each."""
+    rows = np.flatnonzero(levels == level)
+    return rows, _Indices(indices[rows], rows).key(level)
+
+
+def _levels(
+    indices: Pair[Int[np.ndarray, "_ 3"]], halvings: int, settings: LocalResolutionSettings
+) -> Pair[Int[np.ndarray, " _"]]:
+    """How often the finest voxels are doubled at each point."""
+    levels = indices.map(lambda own: np.full(len(own), halvings))
+    left = indices.map(lambda own: _Indices(own, np.arange(len(own))))
+    for level in range(halvings, 0, -1):
+        halved = _can_be_halved(left, level, settings)
+        left = each(lambda own, which: own.chosen(which), left, halved)
+        for of_points, own in zip(levels, left, strict=True):
+            of_points[own.rows] = level - 1
+    return levels
+
+
+def _can_be_halved(left: Pair[_Indices], level: int, settings: LocalResolutionSettings) -> Pair[Bool[np.ndarray, " _"]]:
+    """Which points are in cubes whose voxels of this level can be halved in both clouds."""
+    edge = level + settings.voxels_per_edge.bit_length() - 1
+    keys = left.map(lambda own: own.key(edge))
+    cubes, cube = np.unique(np.concatenate([*keys]), return_inverse=True)
+    of_points = Pair(cube[: len(keys.before)], cube[len(keys.before) :])
+    counts = of_points.map(lambda own: np.bincount(own, minlength=len(cubes)))
+    most = np.maximum(*counts)
+    fit = most >= settings.least_in_cube
+    for own, place, count in zip(left, of_points, counts, strict=True):
+        smaller, larger = (_occupied(own.key(size), place, len(cubes)) for size in (level - 1, level))
+        present = count >= settings.rare * most
+        dimension = np.log2(np.maximum(smaller, 1) / np.maximum(larger, 1))
+        surface = (dimension >= settings.least_dimension) & (dimension <= settings.most_dimension)
+        fit &= ~present | (surface & (count >= settings.least_points * smaller))
+    return of_points.map(lambda own: fit[own])
+
+
+def _occupied(voxels: Int[np.ndarray, " n"], cube: Int[np.ndarray, " n"], count: int) -> Int[np.ndarray, " c"]:
+    """The number of different voxels in each cube."""
+    first = np.unique(voxels, return_index=True)[1]
+    return np.bincount(cube[first], minlength=count)
+
+
+def _working_cloud(
+    corner: Float[np.ndarray, " 3"],
+    finest: float,
+    offsets: Float[np.ndarray, "n 3"],
+    indices: Int[np.ndarray, "n 3"],
+    levels: Int[np.ndarray, " n"],
+) -> WorkingCloud:
+    """The means of the voxels, those of the smallest size first."""
+    member, means, masses, sizes = (
+        np.empty(len(offsets), int),
+        list[np.ndarray](),
+        list[np.ndarray](),
+        list[np.ndarray](),
+    )
+    for level in np.unique(levels).tolist():
+        rows, own = _of_level(indices, levels, level)
+        keys, place = np.unique(own, return_inverse=True)
+        mass = np.bincount(place).astype(float)
+        member[rows] = place + sum(len(own) for own in masses)
+        means.append(np.stack([np.bincount(place, offsets[rows, axis]) for axis in range(3)], axis=1) / mass[:, None])
+        masses.append(mass)
+        sizes.append(np.full(len(keys), finest * 2.0**level))
+    return WorkingCloud(corner + np.concatenate(means), np.concatenate(masses), member, np.concatenate(sizes))

@@ -1,0 +1,123 @@
+"""The points of two clouds, block by block, with those in a margin around a block."""
+
+import abc
+import functools
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+
+from gmmjax.clouds.blocks import Block, BlockTree
+from gmmjax.clouds.placed_clouds import PlacedClouds, StoredPoints
+from gmmjax.clouds.read_both import read_both
+from gmmjax.geometry import within_box
+from gmmjax.pair import Pair, each
+
+
+class BlockPoints(NamedTuple):
+    """The points of a cloud in a block, in the order of their rows, and then those in the margin around it.
+
+    The points in the margin are in the order of the blocks that they are in, and in each in the order of their rows.
+
+    Attributes:
+        points: coordinates relative to the offset.
+        rows: of the cloud that they are from.
+        inside: whether each is in the block itself; every point of a cloud is inside of one block.
+    """
+
+    points: Float64[np.ndarray, "n 3"]
+    rows: Int64[np.ndarray, " n"]
+    inside: Bool[np.ndarray, " n"]
+
+
+class AbstractBlockStore(abc.ABC):
+    """The points of two clouds in the frame of the before cloud, block by block."""
+
+    @property
+    @abc.abstractmethod
+    def tree(self) -> BlockTree:
+        """The blocks."""
+
+    @property
+    @abc.abstractmethod
+    def row_counts(self) -> Pair[int]:
+        """The number of rows of either cloud, those without a position among them."""
+
+    @abc.abstractmethod
+    def inside(self, number: int) -> Pair[StoredPoints]:
+        """The points in a block, in the order of their rows.
+
+        Args:
+            number: of the block.
+        """
+
+    @property
+    def offset(self) -> Float64[np.ndarray, "3"]:
+        """What is to be added to the coordinates, for the frame of the before cloud."""
+        return self.tree.lattice.offset
+
+    @functools.cached_property
+    def blocks(self) -> Sequence[Block]:
+        """All blocks, in the order of their numbers."""
+        return [self.tree.block(number) for number in range(len(self.tree))]
+
+    def points_of(self, block: Block, margin: float) -> Pair[BlockPoints]:
+        """The points in a block, and those around it that are nearer to it than a margin along every axis.
+
+        They are the same, in the same order, however the clouds were read.
+
+        Args:
+            block: one of the blocks.
+            margin: around it, in the unit of the clouds.
+        """
+        lower, upper = block.lower - margin, block.lower + block.edge + margin
+        parts = [self.inside(block.number)]
+        for number in self.tree.near(block, margin):
+            around = self.inside(int(number))
+            parts.append(around.map(lambda own: own.part(within_box(own.points, lower, upper))))
+        return each(lambda *own: _with_margin(own), *parts)
+
+
+class MemoryBlockStore(AbstractBlockStore):
+    """The points of two clouds in memory."""
+
+    def __init__(self, clouds: PlacedClouds, tree: BlockTree):
+        """Sorts the points into blocks.
+
+        Args:
+            clouds: whose points are taken.
+            tree: their blocks, as of `tree_of`.
+        """
+        self._tree = tree
+        self._row_counts = clouds.row_counts
+        self._points = read_both(lambda own: _by_block(own, self._tree), clouds.chunks(self._tree.lattice))
+        self._ends = self._tree.counts.map(np.cumsum)
+
+    @property
+    def tree(self) -> BlockTree:
+        """The blocks."""
+        return self._tree
+
+    @property
+    def row_counts(self) -> Pair[int]:
+        """The number of rows of either cloud."""
+        return self._row_counts
+
+    def inside(self, number: int) -> Pair[StoredPoints]:
+        """The points in a block; see `AbstractBlockStore`."""
+        places = each(
+            lambda ends, counts: slice(ends[number] - counts[number], ends[number]), self._ends, self._tree.counts
+        )
+        return each(lambda points, place: points.part(place), self._points, places)
+
+
+def _with_margin(parts: tuple[StoredPoints, ...]) -> BlockPoints:
+    points, rows = (np.concatenate(own) for own in zip(*parts, strict=True))
+    return BlockPoints(points, rows, np.arange(len(points)) < len(parts[0].points))
+
+
+def _by_block(chunks: Iterable[StoredPoints], tree: BlockTree) -> StoredPoints:
+    """All points of a cloud, in the order of the blocks, and in each in the order of their rows."""
+    points, rows = (np.concatenate(own) for own in zip(*chunks, strict=True))
+    return StoredPoints(points, rows).part(np.argsort(tree.blocks_of(points), kind="stable"))
