@@ -12,9 +12,11 @@ if TYPE_CHECKING:
     from gmmjax.changes.change import Box as Box
     from gmmjax.changes.change import Change as Change
     from gmmjax.changes.change import Changes as Changes
+    from gmmjax.changes.change import GainOrLoss as GainOrLoss
     from gmmjax.changes.change import Kind as Kind
     from gmmjax.changes.change import Reason as Reason
     from gmmjax.changes.change import RejectedCandidate as RejectedCandidate
+    from gmmjax.changes.change import VolumeMethod as VolumeMethod
     from gmmjax.changes.change_table import ChangeColumns as ChangeColumns
     from gmmjax.changes.change_table import ObjectMotion as ObjectMotion
     from gmmjax.changes.change_table import change_columns as change_columns
@@ -109,5 +111,7 @@ if TYPE_CHECKING:
     from gmmjax.changes.storage import CHANGES_FILE as CHANGES_FILE
     from gmmjax.changes.storage import LABELS_FILE as LABELS_FILE
     from gmmjax.changes.storage import OPTIONAL_FIGURES as OPTIONAL_FIGURES
+    from gmmjax.changes.total_volumes import VolumeTotals as VolumeTotals
+    from gmmjax.changes.total_volumes import volume_totals as volume_totals
 
 __getattr__, __dir__ = lazy_names(__name__)

@@ -25,12 +25,15 @@ from gmmjax.changes.storage import (
     read_record,
     write_record,
 )
+from gmmjax.changes.total_volumes import VolumeTotals, volume_totals
 from gmmjax.errors import InputError, one_line, shown
 from gmmjax.geometry import OrientedBox
 from gmmjax.pair import Pair
 
 Kind = Literal["appeared", "disappeared", "moved"]
 Reason = Literal["unchanged", "not observed"]
+VolumeMethod = Literal["surface", "hull"]
+GainOrLoss = Literal["gain", "loss"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,8 +109,21 @@ class Change:
             confidence in the registration is not in it.
         moved_probability: for a moved object, the probability that the partner is the same object; else None, and where
             it was not computed.
-        volume: of the convex hull of its points, down to the plane that it stands on, where there is one; in the cube
+        area: of the surface that changed, or of a closed object that of its outline on what it stands on; in the square
             of the unit of the clouds. None where it was not measured.
+        volume: in the cube of the unit of the clouds; not negative. None where it was not measured, or is that of
+            another change.
+        volume_error: half-width of the 95 % interval of the volume. It is of one object: in the volume between two
+            surfaces also that of places that one of the surveys did not see, of a closed object that of sides that were
+            not seen.
+        volume_registration_error: the part of `volume_error`, half-width likewise, that is due to registration. It is
+            common to all points of the change and does not average out; sums of volumes add it up linearly.
+        volume_method: "surface", between the surfaces of both scans, its thin rim included, for what lies on a surface
+            or was taken from it; "hull", of the convex hull down to what it stands on, for a closed object.
+        gain_or_loss: whether there is more ("gain") or less ("loss") now in the place of the change; a moved object is
+            lost in one place and gained in the other. None where no volume was measured.
+        volume_counted_in: the index of the change that has the volume, where this one is its other surface: of erosion
+            both the old and the new surface may have changed. Else None.
     """
 
     kind: Kind
@@ -121,7 +137,13 @@ class Change:
     transform: Float[np.ndarray, "4 4"] | None = None
     explanation: Explanation | None = None
     moved_probability: float | None = None
+    area: float | None = None
     volume: float | None = None
+    volume_error: float | None = None
+    volume_registration_error: float | None = None
+    volume_method: VolumeMethod | None = None
+    gain_or_loss: GainOrLoss | None = None
+    volume_counted_in: int | None = None
 
     def __repr__(self) -> str:
         return f"<Change: {self.kind}, {_in_short(self)}>"
@@ -140,7 +162,13 @@ class Change:
             "transform": None if self.transform is None else self.transform.tolist(),
             "explanation": None if self.explanation is None else self.explanation.to_dict(),
             "moved_probability": self.moved_probability,
+            "area": self.area,
             "volume": self.volume,
+            "volume_error": self.volume_error,
+            "volume_registration_error": self.volume_registration_error,
+            "volume_method": self.volume_method,
+            "gain_or_loss": self.gain_or_loss,
+            "volume_counted_in": self.volume_counted_in,
         }
 
     @classmethod
@@ -152,8 +180,11 @@ class Change:
         """
         partner, transform = content["partner"], content["transform"]
         # Earlier records have none of these.
-        explanation, volume = content.get("explanation"), content.get("volume")
-        moved_probability = content.get("moved_probability")
+        explanation, moved_probability = content.get("explanation"), content.get("moved_probability")
+        measures = {name: content.get(name) for name in ("area", "volume", "volume_error", "volume_registration_error")}
+        method, effect, counted_in = (
+            content.get(name) for name in ("volume_method", "gain_or_loss", "volume_counted_in")
+        )
         return cls(
             kind=_one_of(content["kind"], get_args(Kind), "kind"),
             probability=float(finite(content["probability"])),
@@ -166,7 +197,10 @@ class Change:
             transform=None if transform is None else finite(transform, (4, 4)),
             explanation=None if explanation is None else Explanation.from_dict(explanation),
             moved_probability=None if moved_probability is None else probability(moved_probability),
-            volume=None if volume is None else float(finite(volume)),
+            **{name: None if value is None else float(finite(value)) for name, value in measures.items()},
+            volume_method=None if method is None else _one_of(method, get_args(VolumeMethod), "volume_method"),
+            gain_or_loss=None if effect is None else _one_of(effect, get_args(GainOrLoss), "gain_or_loss"),
+            volume_counted_in=None if counted_in is None else whole(counted_in),
         )
 
 
@@ -317,6 +351,12 @@ class Changes:
         paired = sum(change.kind == "moved" and change.partner is not None for change in self.items)
         return {**counts, "moved": counts["moved"] - paired // 2}
 
+    def volume_totals(self) -> VolumeTotals | None:
+        """The volume that was gained and lost in all, with its uncertainty; None where no change has a volume."""
+        if all(change.volume is None for change in self.items):
+            return None
+        return volume_totals(self.items)
+
     def to_dataframe(self) -> Any:
         """The changes as a `pandas.DataFrame`, a row each, with their labels as the index.
 
@@ -370,10 +410,12 @@ class Changes:
 
         Diagnostics that are not finite are None, such as a residual where no two points could be compared.
         """
+        totals = self.volume_totals()
         return {
             "schema_version": SCHEMA_VERSION,
             "changes": [change.to_dict() for change in self.items],
             "rejected": [candidate.to_dict() for candidate in self.rejected],
+            "volumes": None if totals is None else totals.to_dict(),
             "emd": self.emd,
             "registration": self.registration.to_dict(),
             "points_before": len(self.labels_before),
@@ -450,3 +492,5 @@ def _check_indices(items: Sequence[Change], arrays: Mapping[str, np.ndarray]) ->
             raise ValueError(f"{name} run from {arrays[name].min()} to {arrays[name].max()}, of {len(items)} changes")
     if any(change.partner is not None and change.partner >= len(items) for change in items):
         raise ValueError(f"a change has a partner beyond the {len(items)} changes")
+    if any(change.volume_counted_in is not None and change.volume_counted_in >= len(items) for change in items):
+        raise ValueError(f"the volume of a change is counted in one beyond the {len(items)} changes")

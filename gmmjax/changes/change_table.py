@@ -44,7 +44,14 @@ class ChangeColumns:
         extent_1: longest edge of its box.
         extent_2: the next one.
         extent_3: the shortest one.
-        volume: in the cube of the unit; None where it was not measured.
+        area: of the surface that changed, or of the outline of an object, in the square of the unit; None where it was
+            not measured.
+        gain_or_loss: "gain" where there is more now, "loss" where there is less; None where no volume was measured.
+        volume: in the cube of the unit, not negative; None where it was not measured, or is counted in another change.
+        volume_error: half-width of its 95 % interval.
+        volume_registration_error: the part of it that registration has, which is common to all changes.
+        volume_method: "surface", between the surfaces of both scans, or "hull", of the convex hull.
+        volume_counted_in: the change that has the volume of this one, of which it is the other surface; else None.
         displacement: of a moved object, how far the centre of its box moved; None where its motion is not known.
         rotation_degrees: of a moved object, the angle that it turned by; None likewise.
     """
@@ -62,7 +69,13 @@ class ChangeColumns:
     extent_1: float
     extent_2: float
     extent_3: float
+    area: float | None
+    gain_or_loss: str | None
     volume: float | None
+    volume_error: float | None
+    volume_registration_error: float | None
+    volume_method: str | None
+    volume_counted_in: int | None
     displacement: float | None
     rotation_degrees: float | None
 
@@ -93,7 +106,13 @@ def _row(changes: "Changes", label: int, change: "Change") -> ChangeColumns:
         extent_1=extent[0],
         extent_2=extent[1],
         extent_3=extent[2],
+        area=change.area,
+        gain_or_loss=change.gain_or_loss,
         volume=change.volume,
+        volume_error=change.volume_error,
+        volume_registration_error=change.volume_registration_error,
+        volume_method=change.volume_method,
+        volume_counted_in=change.volume_counted_in,
         displacement=displacement,
         rotation_degrees=rotation_degrees,
     )
@@ -150,4 +169,6 @@ def _pandas_type(hint: Any) -> str:
     """Whole numbers that may be missing stay whole numbers; other numbers that are missing are NaN."""
     if hint == int | None:
         return "Int64"
+    if hint == str | None:
+        return "string"
     return {int: "int64", str: "string"}.get(hint, "float64")

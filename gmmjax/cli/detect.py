@@ -55,6 +55,7 @@ def detect(
     sensor_after: Annotated[tuple[float, ...] | None, tyro.conf.arg(metavar="X Y Z")] = None,
     explain: Annotated[str | None, tyro.conf.arg(metavar="[LABEL]")] = None,
     plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE.png")] = None,
+    map_2d: Annotated[Path | None, tyro.conf.arg(name="map-2d", metavar="FILE.tif")] = None,
     overwrite: bool = False,
     verbose: Annotated[tyro.conf.UseCounterAction[int], tyro.conf.arg(aliases=["-v"])] = 0,
     quiet: bool = False,
@@ -87,6 +88,9 @@ def detect(
             have them.
         plot: also draw both scans, and the changes from above and from the side, into a .png, .svg or .pdf file; needs
             matplotlib (the extra "plot").
+        map_2d: also write a map seen from above, along z: the signed distance, the probability and the changes as
+            GeoTIFF (.tif; needs rasterio, the extra "map"), or a picture with outlined and numbered changes (.png, .svg
+            or .pdf; needs matplotlib, the extra "plot").
         overwrite: replace a previous result in the output folder.
         verbose: show the log in place of the progress bar; -vv shows details, too.
         quiet: print nothing but errors.
@@ -96,7 +100,7 @@ def detect(
     del config  # Its settings are the defaults of the flags already: see `command`.
     from gmmjax.changes import detect_changes
     from gmmjax.clouds import read_survey
-    from gmmjax.reporting import console
+    from gmmjax.reporting import check_upright, console
     from gmmjax.reporting.result_folder import check_result_folder, result_files, write_result
 
     detection = DetectionConfig(**dataclasses.asdict(settings))
@@ -112,6 +116,10 @@ def detect(
         from gmmjax.plotting import check_figure_file
 
         check_figure_file(plot)
+    if map_2d is not None:
+        from gmmjax.plotting import check_map_file
+
+        check_map_file(map_2d)
     use_compilation_cache()
     with (
         console.shown_warnings(quiet=quiet),
@@ -120,6 +128,8 @@ def detect(
     ):
         progress("Reading the clouds", 0.0)
         clouds = files.map(read_survey)
+        if map_2d is not None:
+            check_upright(clouds.after.points)
         views = each(lambda sensor, cloud: sensor.views(cloud), sensors, clouds)
         changes = detect_changes(
             clouds.before,
@@ -135,6 +145,10 @@ def detect(
             from gmmjax.plotting import overview_figure, write_figure
 
             write_figure(plot, overview_figure(changes, clouds))
+        if map_2d is not None:
+            from gmmjax.plotting import write_map
+
+            write_map(map_2d, changes, clouds)
     known = only is None or only < len(changes)
     if print_json:
         console.print_json(changes)
@@ -142,6 +156,7 @@ def detect(
         console.print_changes(changes, explain=explain is not None and known, only=only)
         console.print_files(out, result_files(out))
         console.print_plot(plot)
+        console.print_plot(map_2d, "Map")
         console.print_report_hint(out / "report.html")
     if not known:
         labels = ", ".join(map(str, range(len(changes)))) or "none"

@@ -1,6 +1,7 @@
 """Geometry of points and scanned surfaces: rigid transforms, ICP, local planes, clusters, depth images."""
 
 from gmmjax.geometry.boxes import OrientedBox as OrientedBox
+from gmmjax.geometry.boxes import hull_area as hull_area
 from gmmjax.geometry.boxes import hull_corners as hull_corners
 from gmmjax.geometry.boxes import hull_volume as hull_volume
 from gmmjax.geometry.boxes import smallest_box as smallest_box

@@ -27,6 +27,13 @@ def hull_volume(points: Float64[np.ndarray, "n 3"]) -> float:
     return 0.0 if hull is None else float(hull.volume)
 
 
+def hull_area(points: Float64[np.ndarray, "n 2"]) -> float:
+    """The area of the convex hull; 0 where the points lie on a line."""
+    hull = _hull(points)
+    # What a hull encloses is its volume, in two dimensions too.
+    return 0.0 if hull is None else float(hull.volume)
+
+
 def hull_corners(points: Float64[np.ndarray, "n d"]) -> Float64[np.ndarray, "m d"]:
     """The corners of the convex hull, in two dimensions counterclockwise; all points where they span none."""
     hull = _hull(points)

@@ -11,7 +11,7 @@ POINTS_FOR_THREADS = 10_000
 
 
 def nearest_neighbours(
-    tree: cKDTree, points: Float[np.ndarray, "n 3"], count: int
+    tree: cKDTree, points: Float[np.ndarray, "n d"], count: int
 ) -> tuple[Float[np.ndarray, "n k"], Int[np.ndarray, "n k"]]:
     """Distances and indices of the nearest points of a tree, the nearest first; k is the count, or all there are."""
     ranks = np.arange(1, min(count, tree.n) + 1)

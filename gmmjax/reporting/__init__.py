@@ -9,9 +9,14 @@ if TYPE_CHECKING:
     from gmmjax.reporting.batch_files import write_history as write_history
     from gmmjax.reporting.batch_files import write_summary as write_summary
     from gmmjax.reporting.batch_index import batch_index_html as batch_index_html
+    from gmmjax.reporting.geotiff import write_geotiff as write_geotiff
     from gmmjax.reporting.html_report import CONTENT_POLICY as CONTENT_POLICY
     from gmmjax.reporting.html_report import report_html as report_html
     from gmmjax.reporting.labelled_cloud import write_scan as write_scan
+    from gmmjax.reporting.map_cells import ChangeMap as ChangeMap
+    from gmmjax.reporting.map_cells import ChangeMapSettings as ChangeMapSettings
+    from gmmjax.reporting.map_cells import change_map as change_map
+    from gmmjax.reporting.map_cells import check_upright as check_upright
     from gmmjax.reporting.mixture_files import read_mixture as read_mixture
     from gmmjax.reporting.mixture_files import write_mixture as write_mixture
     from gmmjax.reporting.page_parts import asset as asset

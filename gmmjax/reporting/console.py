@@ -33,6 +33,7 @@ from gmmjax.reporting.summary import (
     poses_text,
     registration_text,
     unobserved_text,
+    volumes_text,
 )
 
 if TYPE_CHECKING:
@@ -111,7 +112,8 @@ def print_changes(
     console.print(answer(changes), style="bold", highlight=False)
     if changes.items:
         print_whole(_table(changes, console.width))
-    for text in (registration_text(changes), unobserved_text(changes), poses_text(changes)):
+    sentences = volumes_text, registration_text, unobserved_text, poses_text
+    for text in (sentence(changes) for sentence in sentences):
         if text is not None:
             print_sentence(text)
     for side, count in dropped_rows(changes).items():
@@ -129,7 +131,7 @@ def print_sentence(text: str) -> None:
     console = Console()
     width = max(console.width, 20)
     # A number and its unit stay together: a no-break space until the lines are broken.
-    text = re.sub(r"(?<=\d) (?=%|[cm]?m\b)", NO_BREAK, printable(text))
+    text = re.sub(r"(?<=\d) (?=%|[cm]?m[²³]?\b|±)|(?<=±) ", NO_BREAK, printable(text))
     for line in textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False):
         console.print(escape(line.replace(NO_BREAK, " ")), highlight=False, soft_wrap=True)
 
@@ -158,10 +160,10 @@ def print_files(folder: Path, description: dict[str, str]) -> None:
         console.print(f"  {name:<{width}}  [dim]{escape(text)}[/dim]", highlight=False, soft_wrap=True)
 
 
-def print_plot(path: Path | None) -> None:
-    """Where the plot is, if one was asked for."""
+def print_plot(path: Path | None, what: str = "Plot") -> None:
+    """Where the plot is, or another picture, if one was asked for."""
     if path is not None:
-        Console().print(f"\nPlot in [bold]{_shown(path)}[/bold]", highlight=False, soft_wrap=True)
+        Console().print(f"\n{what} in [bold]{_shown(path)}[/bold]", highlight=False, soft_wrap=True)
 
 
 def print_batch(summary: "Summary", *, heading: str | None = None, most: int = 10) -> None:
@@ -410,7 +412,7 @@ def _table(changes: Changes, width: int) -> Table:
     columns["Probability"][0] = "Prob."
     columns["Kind"][1:] = [f"● {text}" for text in columns["Kind"][1:]]
     columns["Size"] = [text.replace(" × ", "×") for text in columns["Size"]]
-    for name in ("Volume", "Points", "Size", "Centre"):
+    for name in ("Points", "Size", "Volume", "Centre"):
         needed = sum(max(map(len, texts)) + GAP for texts in columns.values()) - GAP
         if needed > width or not any(columns[name][1:]):
             del columns[name]

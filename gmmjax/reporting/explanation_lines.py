@@ -13,7 +13,7 @@ from gmmjax.reporting.explanations import (
     verdict_text,
 )
 from gmmjax.reporting.palette import KIND_COLORS
-from gmmjax.reporting.summary import percent, place_cells
+from gmmjax.reporting.summary import measures_text, percent, place_cells
 
 GAP = "  "
 
@@ -58,6 +58,8 @@ def _of_changes(
             continue
         heading = f"{name:<{longest}}{GAP}"
         yield from _wrapped(heading, verdict_text(change.explanation), width, KIND_COLORS[change.kind])
+        if (text := measures_text(change, changes.unit)) is not None:
+            yield from _wrapped(4 * " ", text, width, "")
         yield from _facts(Facts.of(change.explanation, settings.least_log_odds, settings.facts_of_change), width)
 
 

@@ -102,7 +102,8 @@ def _properties(row: ObjectRow, changes: Changes) -> str:
     values |= {
         "Significance": _significance(change),
         "Size": row.size + unit,
-        "Volume": row.volume,
+        "Area": row.area,
+        "Volume": _volume(row, change),
         "Position after" if moved else "Position": row.centre + unit,
         "Points": row.points,
     }
@@ -118,6 +119,14 @@ def _motion(row: ObjectRow, changes: Changes) -> dict[str, str]:
         "Moved by": length_text(distance, changes.unit),
         "Turned by": "" if degrees is None else f"{degrees:.0f}°",
     }
+
+
+def _volume(row: ObjectRow, change: Change) -> str:
+    """With how it was measured."""
+    if change.volume_counted_in is not None:
+        return f"counted in change {change.volume_counted_in}, the other surface of the same place"
+    how = {"surface": "between both surfaces", "hull": "convex hull", None: ""}[change.volume_method]
+    return f"{row.volume}, {how}" if row.volume and how else row.volume
 
 
 def _significance(change: Change) -> str:

@@ -25,6 +25,7 @@ from gmmjax.reporting.summary import (
     poses_text,
     registration_text,
     unobserved_text,
+    volumes_text,
 )
 
 # The browser itself then refuses to load anything from anywhere.
@@ -125,6 +126,7 @@ def _facts(clouds: Pair[PointCloud], names: Pair[str], changes: Changes) -> dict
     return {
         "Compared": f"<b><bdi>{escape(names.before)}</bdi></b> ({len(clouds.before):,} points) with "
         f"<b><bdi>{escape(names.after)}</bdi></b> ({len(clouds.after):,} points)",
+        "Volume": escape(_sentence(volumes_text(changes), "Volume: ")),
         "Registration": f'<span class="doubt">{registration}</span>' if doubtful else registration,
         "Sensor poses": OPTION.sub(r"<code>\g<0></code>", escape(_sentence(poses_text(changes), "Sensor poses: "))),
         "Not observed": escape(_sentence(unobserved_text(changes), "Not observed ")),

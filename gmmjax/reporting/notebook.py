@@ -12,7 +12,7 @@ from gmmjax.changes import Changes
 from gmmjax.clouds import PointCloud
 from gmmjax.pair import Pair
 from gmmjax.reporting.palette import KIND_COLORS
-from gmmjax.reporting.summary import ObjectRow, answer, headings, object_rows, registration_text
+from gmmjax.reporting.summary import ObjectRow, answer, headings, object_rows, registration_text, volumes_text
 from gmmjax.reporting.thumbnails import ThumbnailSettings, thumbnails
 
 
@@ -39,7 +39,7 @@ def changes_html(
         clouds: as they were given to the detection; None: they are not known, and there is no picture.
         settings: what is shown.
     """
-    registration = registration_text(changes)
+    sentences = [text for text in (volumes_text(changes), registration_text(changes)) if text is not None]
     lines = [f'<p style="margin:0 0 .3em"><b>{escape(answer(changes))}</b></p>']
     if clouds is not None:
         lines.append(_pictures(clouds, changes, settings))
@@ -49,8 +49,7 @@ def changes_html(
     if len(rows) > settings.rows:
         left = len(rows) - settings.rows
         lines.append(f'<p style="margin:.3em 0">and {left:,} more: changes.report("report.html") has all.</p>')
-    if registration is not None:
-        lines.append(f'<p style="margin:.3em 0;opacity:.75">{escape(registration)}</p>')
+    lines += [f'<p style="margin:.3em 0;opacity:.75">{escape(text)}</p>' for text in sentences]
     return f'<div style="max-width:60em">{"".join(lines)}</div>'
 
 

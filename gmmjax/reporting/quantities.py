@@ -1,4 +1,4 @@
-"""Numbers in words: probabilities, lengths and volumes with their unit, angles."""
+"""Numbers in words: probabilities, lengths, areas and volumes with their unit, angles."""
 
 import math
 
@@ -52,11 +52,37 @@ def metric_text(values: tuple[float, ...], unit: str | None, joint: str = " to "
     return joint.join(_short(value / metres) for value in values) + f" {name}"
 
 
-def volume_text(value: float, unit: str | None) -> str:
-    """A volume such as "0.35 m³", and below 0.01 m³ "350 cm³"; the plain number where the unit is not known."""
+def area_text(value: float, unit: str | None) -> str:
+    """An area such as "0.35 m²", and below 0.01 m² "35 cm²"; the plain number where the unit is not known."""
     if unit == "m" and 0 < value < 0.01:
-        return f"{number_text(value * 1e6)} cm³"
-    return number_text(value) if unit is None else f"{number_text(value)} {unit}³"
+        return f"{number_text(value * 1e4)} cm²"
+    return number_text(value) if unit is None else f"{number_text(value)} {unit}²"
+
+
+def volume_text(value: float, unit: str | None, error: float | None = None) -> str:
+    """A volume such as "0.35 m³", and below 0.01 m³ "350 cm³"; the plain number where the unit is not known.
+
+    Args:
+        value: in the cube of the unit.
+        unit: of the clouds; None where it is not known.
+        error: half-width of its interval: "17.3 ± 0.4 m³"; None where it is not known.
+    """
+    scale, name = (1e6, " cm³") if unit == "m" and 0 < abs(value) < 0.01 else (1.0, f" {unit}³" if unit else "")
+    text = number_text(value * scale) if error is None else _uncertain_text(value * scale, error * scale)
+    return f"{text}{name}"
+
+
+def _uncertain_text(value: float, error: float) -> str:
+    """A number to the digits that its error leaves, of which one or, where that begins with 1, two are shown."""
+    if error <= 0:
+        return number_text(value)
+    digits = 2 if f"{error:.0e}"[0] == "1" else 1
+    rounded = float(f"{error:.{digits - 1}e}")
+    decimals = digits - 1 - math.floor(math.log10(rounded))
+    if not 1e-6 <= rounded or max(abs(value), rounded) >= 1e9:
+        return f"{value:.3g} ± {rounded:.{digits}g}"
+    places = max(decimals, 0)
+    return f"{round(value, decimals) + 0.0:,.{places}f} ± {rounded:,.{places}f}".replace("-", "−")
 
 
 def degrees_text(angle: float) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.changes import Change, Changes, Kind, RejectedCandidate, object_motion
+from gmmjax.reporting.quantities import area_text as area_text
 from gmmjax.reporting.quantities import degrees_text as degrees_text
 from gmmjax.reporting.quantities import length_text as length_text
 from gmmjax.reporting.quantities import metric_text as metric_text
@@ -31,7 +32,8 @@ class ObjectRow(NamedTuple):
         points: how many of them the scan has.
         centre: mean of its points, in the unit of the clouds.
         size: edges of its box.
-        volume: empty where it was not measured.
+        volume: with a sign for what was gained or lost, unless the object moved; empty where it was not measured.
+        area: likewise, without a sign.
     """
 
     labels: tuple[int, ...]
@@ -43,11 +45,12 @@ class ObjectRow(NamedTuple):
     centre: str
     size: str
     volume: str
+    area: str
 
     @property
     def cells(self) -> tuple[str, ...]:
         """One text for each of `HEADINGS`."""
-        return self[2:]
+        return self[2:-1]
 
 
 def answer(changes: Changes) -> str:
@@ -111,6 +114,54 @@ def unobserved_text(changes: Changes) -> str | None:
     shares = {"before": changes.unobserved_before.mean(), "after": changes.unobserved_after.mean()}
     parts = [f"{share(float(part))} of the {side} cloud" for side, part in shares.items() if part > 0]
     return f"Not observed by the other survey: {' and '.join(parts)}." if parts else None
+
+
+def own_volume_text(change: Change, unit: str | None, *, signed: bool = True) -> str:
+    """The volume of a change, "+17.3 ± 0.4 m³" or "in 3" where it is that of another one; empty where it is not known.
+
+    Args:
+        change: that has it.
+        unit: of the clouds; None where it is not known.
+        signed: whether it has the sign of what was gained or lost.
+    """
+    if change.volume_counted_in is not None:
+        return f"in {change.volume_counted_in}"
+    if change.volume is None:
+        return ""
+    sign = {"gain": "+", "loss": "−", None: ""}[change.gain_or_loss if signed else None]
+    return f"{sign}{volume_text(change.volume, unit, change.volume_error)}"
+
+
+def measures_text(change: Change, unit: str | None) -> str | None:
+    """Area and volume of a change and how they were measured, in words; None where they were not.
+
+    Args:
+        change: that has them.
+        unit: of the clouds; None where it is not known.
+    """
+    if change.volume_counted_in is not None:
+        return f"the other surface of change {change.volume_counted_in}, whose volume it is"
+    if change.area is None or change.volume is None:
+        return None
+    how = "between both surfaces" if change.volume_method == "surface" else "of the convex hull"
+    return f"area {area_text(change.area, unit)}, volume {own_volume_text(change, unit)} {how}"
+
+
+def volumes_text(changes: Changes) -> str | None:
+    """The volume that was gained and lost in all, in a sentence; None where no change has one."""
+    totals = changes.volume_totals()
+    if totals is None:
+        return None
+    parts = []
+    if totals.gained:
+        parts.append(f"{volume_text(totals.gained, changes.unit, totals.gained_error)} gained")
+    if totals.lost:
+        parts.append(f"{volume_text(totals.lost, changes.unit, totals.lost_error)} lost")
+    if len(parts) == 2:
+        sign = "+" if totals.net > 0 else ""
+        parts.append(f"net {sign}{volume_text(totals.net, changes.unit, totals.net_error)}")
+    interval = "95 % intervals" if len(parts) > 1 else "95 % interval"
+    return f"Volume: {', '.join(parts)} ({interval})." if parts else None
 
 
 def registration_text(changes: Changes) -> str | None:
@@ -209,10 +260,11 @@ def place_text(
 def _object_row(changes: Changes, labels: tuple[int, ...], decimals: int) -> ObjectRow:
     own = [changes[label] for label in labels]
     text = motion_text(changes, (labels[0], labels[1])) if len(labels) == 2 else own[0].kind
-    volume = "" if own[-1].volume is None else volume_text(own[-1].volume, changes.unit)
+    volume = own_volume_text(own[-1], changes.unit, signed=len(labels) == 1)
+    area = "" if own[-1].area is None else area_text(own[-1].area, changes.unit)
     probability = percent(max(change.probability for change in own))
     label = ", ".join(map(str, labels))
-    return ObjectRow(labels, own[0].kind, label, text, probability, *place_cells(own[-1], decimals), volume)
+    return ObjectRow(labels, own[0].kind, label, text, probability, *place_cells(own[-1], decimals), volume, area)
 
 
 def _decimals(extent: np.ndarray) -> int:

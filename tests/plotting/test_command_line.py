@@ -45,3 +45,13 @@ def test_a_plot_that_cannot_be_written_is_told_before_the_work(command, scans, t
         captured = capsys.readouterr()
         assert message in captured.err and captured.err.count("\n") == 1 and not captured.out
     assert not (tmp_path / "out").exists()
+
+
+def test_a_map_that_cannot_be_written_is_told_before_the_work(scans, tmp_path, capsys):
+    words = ["detect", *scans, "--out", str(tmp_path / "out")]
+    for name, message in (("x.docx", "matplotlib writes no figures"), ("no/x.png", "missing"), ("no/x.tif", "missing")):
+        if name.endswith(".tif"):
+            pytest.importorskip("rasterio")
+        assert main([*words, "--map-2d", str(tmp_path / name)]) == 2
+        assert message in capsys.readouterr().err.replace("\n", " ")
+    assert not (tmp_path / "out").exists()

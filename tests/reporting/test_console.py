@@ -21,8 +21,8 @@ def test_the_table_fits_the_usual_terminal(pair, capsys):
     ("width", "columns"),
     [
         ("80", ["Label", "Kind", "Prob.", "Points", "Centre", "Size", "Volume"]),
-        ("72", ["Label", "Kind", "Prob.", "Points", "Centre", "Size"]),
-        ("60", ["Label", "Kind", "Prob.", "Centre"]),
+        ("72", ["Label", "Kind", "Prob.", "Centre", "Size", "Volume"]),
+        ("60", ["Label", "Kind", "Prob.", "Centre", "Volume"]),
         ("35", ["Label", "Kind", "Prob."]),
     ],
 )

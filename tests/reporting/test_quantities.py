@@ -1,6 +1,13 @@
 import pytest
 
-from gmmjax.reporting.quantities import degrees_text, length_text, metric_text, number_text, volume_text
+from gmmjax.reporting.quantities import (
+    area_text,
+    degrees_text,
+    length_text,
+    metric_text,
+    number_text,
+    volume_text,
+)
 
 
 @pytest.mark.parametrize(
@@ -55,6 +62,27 @@ def test_metres_are_shown_in_a_readable_unit(values, unit, text):
 )
 def test_volumes_have_their_unit(value, unit, text):
     assert volume_text(value, unit) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (17.29, 0.43, "17.3 ± 0.4 m³"),
+        (12.0, 1.23, "12.0 ± 1.2 m³"),
+        (0.0004, 0.00003, "400 ± 30 cm³"),
+        (1_234_567.0, 23_456.0, "1,230,000 ± 20,000 m³"),
+        (-90.1, 3.2, "−90 ± 3 m³"),
+        (0.3, 0.0, "0.30 m³"),
+        (5.7e9, 4e7, "5.7e+09 ± 4e+07 m³"),
+    ],
+)
+def test_a_volume_has_the_digits_that_its_error_leaves(value, error, text):
+    assert volume_text(value, "m", error) == text
+
+
+def test_areas_have_their_unit():
+    assert [area_text(area, "m") for area in (12.34, 0.0035)] == ["12.3 m²", "35 cm²"]
+    assert area_text(0.2, None) == "0.20"
 
 
 def test_angles_have_a_decimal_below_ten():

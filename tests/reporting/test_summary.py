@@ -16,6 +16,7 @@ from gmmjax.reporting.summary import (
     poses_text,
     registration_text,
     unobserved_text,
+    volumes_text,
 )
 from tests.changes.explained import explanation, rejected
 
@@ -64,6 +65,31 @@ def test_the_place_in_the_before_scan_comes_first(pair):
 def test_coordinates_have_their_unit_in_the_heading(pair):
     assert headings(pair[2]) == HEADINGS
     assert headings(dataclasses.replace(pair[2], unit="mm"))[4:6] == ("Centre (mm)", "Size (mm)")
+
+
+def measured(change, volume, error, gain_or_loss):
+    return dataclasses.replace(
+        change,
+        area=12.0,
+        volume=volume,
+        volume_error=error,
+        volume_registration_error=0.6 * error,
+        volume_method="surface",
+        gain_or_loss=gain_or_loss,
+    )
+
+
+def test_what_was_gained_and_lost_is_told_with_its_uncertainty(pair):
+    items = pair[2].items
+    gains, loss = measured(items[0], 17.29, 0.4, "gain"), measured(items[1], 107.4, 3.0, "loss")
+    other = dataclasses.replace(items[2], volume_counted_in=1)
+    record = dataclasses.replace(pair[2], items=(gains, loss, other), unit="m")
+    assert [row.volume for row in object_rows(record)] == ["+17.3 ± 0.4 m³", "−107 ± 3 m³", "in 1"]
+    text = "Volume: 17.3 ± 0.4 m³ gained, 107 ± 3 m³ lost, net −90 ± 3 m³ (95 % intervals)."
+    assert volumes_text(record) == text
+    only = dataclasses.replace(record, items=(gains, gains))
+    assert volumes_text(only) == "Volume: 34.6 ± 0.7 m³ gained (95 % interval)."
+    assert volumes_text(pair[2]) is None
 
 
 def test_no_change(pair):

@@ -152,7 +152,9 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             items, labels = with_moved(items, labels, pair, found.registration_error, self.objects.moved)
             found = found.grown_to(items, labels)
         if not prepared.volumetric:
-            items = with_measures(items, labels, pair, found.registration_error, self.objects.measures)
+            error, measures = found.registration_error, self.objects.measures
+            distance = prepared.figures.map(lambda own: own.distance)
+            items = with_measures(items, labels, pair, error, distance, measures)
         clock.stop()
         emd, diagnostics = mixtures_distance(joint), _diagnostics(prepared, joint, clock)
         changes = found.record(prepared.checked, items, labels, emd, self.config, diagnostics, pair.registration)

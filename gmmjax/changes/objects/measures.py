@@ -1,20 +1,20 @@
-"""The stage that measures the changes of scans: the box around each one, and its volume."""
+"""The stage that measures the changes of scans: the box around each one, its area and its volume."""
 
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float64, Int
+from jaxtyping import Float, Float64, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.change import Box, Change
 from gmmjax.changes.objects.support_plane import SupportPlane, SupportPlaneSettings, support_planes
+from gmmjax.changes.objects.volumes import MeasuredPart, VolumeSettings, with_volumes
 from gmmjax.geometry import (
     LocalSurface,
     density_clusters,
     evenly_chosen,
     hull_corners,
-    hull_volume,
     nearest_neighbours,
     smallest_box,
     upright_box,
@@ -39,6 +39,7 @@ class MeasureSettings:
         faces: number of faces of the convex hull of a change without a support plane that a box is tried on. Fewer:
             faster, and round objects get larger boxes.
         support: what a change stands on.
+        volumes: how its area and its volume are measured.
     """
 
     sample: int = 2500
@@ -48,6 +49,7 @@ class MeasureSettings:
     least_part: float = 0.1
     faces: int = 24
     support: SupportPlaneSettings = SupportPlaneSettings()
+    volumes: VolumeSettings = VolumeSettings()
 
 
 def with_measures(
@@ -55,9 +57,10 @@ def with_measures(
     labels: Pair[Int[np.ndarray, " _"]],
     pair: AlignedPair,
     noise: float,
+    distance: Pair[Float[np.ndarray, " _"]],
     settings: MeasureSettings = MeasureSettings(),
 ) -> tuple[Change, ...]:
-    """The changes with the smallest box around their points, but for outliers, and the volume of their convex hull.
+    """The changes with the smallest box around their points, but for outliers, their area and their volume.
 
     A change that stands on a plane is measured down to it: what touches the floor looks unchanged, and belongs to the
     object. Its box is upright.
@@ -67,6 +70,7 @@ def with_measures(
         labels: the change of each point of the clouds, or -1.
         pair: both clouds, registered.
         noise: standard deviation of the offset between local means of one surface.
+        distance: signed distance of each point to the other surface; NaN where there is none.
         settings: how they are measured.
     """
     points = [_points_of(index, pair.points, labels) for index in range(len(items))]
@@ -75,7 +79,12 @@ def with_measures(
     surfaces = pair.surfaces.map(lambda surface: surface.points)
     parts = [_part(_points_of(index, surfaces, working), settings) for index in range(len(items))]
     planes = support_planes(parts, background, noise, settings.support)
-    return tuple(_measured(item, own, plane, settings) for item, own, plane in zip(items, points, planes, strict=True))
+    # Relative to the change, because the coordinates of a survey leave no digits for a volume.
+    kept = [_without_outliers(own - item.mean, settings) for item, own in zip(items, points, strict=True)]
+    boxed = [_boxed(item, own, plane, settings) for item, own, plane in zip(items, kept, planes, strict=True)]
+    sides = [bool((labels.after == index).any()) for index in range(len(items))]
+    measured = [MeasuredPart(*part) for part in zip(kept, sides, planes, strict=True)]
+    return with_volumes(boxed, measured, labels, pair, distance, noise, settings.volumes)
 
 
 def _points_of(
@@ -89,11 +98,10 @@ def _part(points: Float64[np.ndarray, "n 3"], settings: MeasureSettings) -> Loca
     return LocalSurface.of(points[evenly_chosen(len(points), settings.sample)])
 
 
-def _measured(
+def _boxed(
     change: Change, points: Float64[np.ndarray, "n 3"], plane: SupportPlane | None, settings: MeasureSettings
 ) -> Change:
-    # Relative to the change, because the coordinates of a survey leave no digits for a volume.
-    corners = hull_corners(_without_outliers(points - change.mean, settings))
+    corners = hull_corners(points)
     if plane is None:
         box = smallest_box(corners, settings.faces)
     else:
@@ -101,9 +109,7 @@ def _measured(
         projections = corners - (corners @ plane.up - height)[:, None] * plane.up
         corners = hull_corners(np.concatenate([corners, projections]))
         box = upright_box(corners, plane.up)
-    return dataclasses.replace(
-        change, box=Box.longest_first(box._replace(centre=box.centre + change.mean)), volume=hull_volume(corners)
-    )
+    return dataclasses.replace(change, box=Box.longest_first(box._replace(centre=box.centre + change.mean)))
 
 
 def _without_outliers(points: Float64[np.ndarray, "n 3"], settings: MeasureSettings) -> Float64[np.ndarray, "m 3"]:

@@ -7,12 +7,15 @@ import pytest
 
 from gmmjax.changes.align.alignment import aligned
 from gmmjax.changes.objects.cloud_changes import change_of
+from gmmjax.changes.objects.hull_volume import HullVolumeSettings
 from gmmjax.changes.objects.measures import MeasureSettings, with_measures
 from gmmjax.changes.objects.support_plane import SupportPlaneSettings
+from gmmjax.changes.objects.volumes import VolumeSettings
 from gmmjax.pair import Pair
 
 CRATE = np.array([0.8, 0.5, 0.6])
 SPACING = 0.03
+MEASURED = {"box", "area", "volume", "volume_error", "volume_registration_error", "volume_method", "gain_or_loss"}
 TURN = np.radians(25)
 ROTATION = np.array([[np.cos(TURN), -np.sin(TURN), 0], [np.sin(TURN), np.cos(TURN), 0], [0, 0, 1]])
 
@@ -38,7 +41,10 @@ def crate():
     random = np.random.default_rng(0)
     floor = np.insert(sheet(4.0, 4.0) - 2, 2, 0.0, axis=1)
     points = (three_sides() - [CRATE[0] / 2, CRATE[1] / 2, 0]) @ ROTATION.T
-    noisy = [own + random.normal(0, 0.001, own.shape) for own in (floor, floor, points)]
+    # Nobody sees the floor below the crate.
+    x, y = np.abs((floor @ ROTATION)[:, :2]).T
+    bare = floor[(x > CRATE[0] / 2) | (y > CRATE[1] / 2)]
+    noisy = [own + random.normal(0, 0.001, own.shape) for own in (floor, bare, points)]
     return noisy
 
 
@@ -47,14 +53,31 @@ def measured_crate(crate, motion=np.eye(3), shift=np.zeros(3), settings=MeasureS
     pair = aligned(Pair(before, np.concatenate([floor, points])), "never")
     labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(floor), len(points)]))
     change = change_of(points, "appeared", 0.9, 5.0)
-    return with_measures((change,), labels, pair, 0.001, settings)[0]
+    nowhere = labels.map(lambda own: np.full(len(own), np.nan, np.float32))
+    return with_measures((change,), labels, pair, 0.001, nowhere, settings)[0]
 
 
 def test_a_crate_that_three_sides_were_seen_of_has_its_size_and_its_volume(crate):
     found = measured_crate(crate)
     np.testing.assert_allclose(found.box.extent, np.sort(CRATE)[::-1], atol=SPACING)
     np.testing.assert_allclose(found.box.centre, [0, 0, CRATE[2] / 2], atol=SPACING)
+    assert found.volume == pytest.approx(np.prod(CRATE), rel=0.15)
+    assert abs(found.volume - np.prod(CRATE)) < found.volume_error < 0.3 * np.prod(CRATE)
+    assert (found.volume_method, found.gain_or_loss) == ("surface", "gain")
+
+
+def test_of_an_object_whose_ground_nobody_saw_the_hull_is_measured(crate):
+    """The other scan has nothing below it: as a change in a gap of that scan."""
+    hull = MeasureSettings(volumes=VolumeSettings(on_surface=1.1))
+    found = measured_crate(crate, settings=hull)
     assert found.volume == pytest.approx(np.prod(CRATE), rel=0.1)
+    assert abs(found.volume - np.prod(CRATE)) < found.volume_error
+    assert (found.volume_method, found.gain_or_loss) == ("hull", "gain")
+    assert found.area == pytest.approx(CRATE[0] * CRATE[1], rel=0.1)
+    # Two sides and the bottom were not seen: with only a side of it seen, less is known.
+    nothing_unseen = dataclasses.replace(hull.volumes, hulls=HullVolumeSettings(seen=1e6))
+    sure = measured_crate(crate, settings=MeasureSettings(volumes=nothing_unseen))
+    assert sure.volume_error < found.volume_error
 
 
 def test_size_and_volume_do_not_depend_on_the_frame(crate):
@@ -73,7 +96,7 @@ def test_outliers_do_not_enlarge_a_change(crate):
     np.testing.assert_allclose(found.box.extent, measured_crate(crate).box.extent, atol=SPACING)
     assert found.point_count == len(points) + len(strays)
     everything = MeasureSettings(least_part=0.0, together=1)
-    assert measured_crate([before, floor, np.concatenate([points, strays])], settings=everything).volume > 1
+    assert measured_crate([before, floor, np.concatenate([points, strays])], settings=everything).box.extent.prod() > 1
 
 
 def test_a_change_of_points_that_are_repeated_is_measured(crate):
@@ -86,11 +109,10 @@ def test_without_a_support_plane_the_box_is_that_of_the_points(crate):
     floating = MeasureSettings(support=SupportPlaneSettings(contact=0.0))
     found = measured_crate(crate, settings=floating)
     np.testing.assert_allclose(np.sort(found.box.extent), np.sort(CRATE - [0, 0, 0.05]), atol=SPACING)
-    assert found.volume < measured_crate(crate).volume
 
 
 def test_nothing_else_of_the_change_is_altered(crate):
     found = measured_crate(crate)
     before = change_of(crate[2], "appeared", 0.9, 5.0)
-    for name in {field.name for field in dataclasses.fields(before)} - {"box", "volume"}:
+    for name in {field.name for field in dataclasses.fields(before)} - MEASURED:
         np.testing.assert_equal(getattr(found, name), getattr(before, name))

@@ -1,0 +1,585 @@
+"""The volume between the surfaces of two scans: of what was deposited on a surface, or eroded from it.
+
+Both scans are gridded in the plane of the change, and their difference is summed over its cells, as a surveyor sums a
+difference of elevation models; the plane may be inclined as a slope or upright as a wall. What both surveys disagree by
+on the unchanged surface around the change is measured there and taken off.
+"""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int
+from scipy import ndimage, stats
+from scipy.interpolate import LinearNDInterpolator
+from scipy.spatial import QhullError, cKDTree
+
+from gmmjax.geometry import LocalSurface, evenly_chosen, nearest_neighbours
+from gmmjax.pair import Pair, each
+
+# The four neighbours of a cell.
+CROSS = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], float)
+SQUARE = np.ones((3, 3), bool)
+
+
+@dataclasses.dataclass(frozen=True)
+class SurfaceVolumeSettings:
+    """How the volume between two surfaces is measured.
+
+    All values are empirical: they come from development on the scenes of `tests/benchmarks/volumes`.
+
+    Attributes:
+        cell: edge of the cells, in point spacings of the sparser scan there. Smaller: cells without points; larger: the
+            outline is coarse.
+        parts: each cell is a grid of this many by this many parts, which count the same however many points they have.
+            1: a scan whose density differs within a cell, as on a steep rim, counts its dense part too much.
+        neighbours: number of neighbours by which the spacing is measured. Fewer: that along the lines of a scanner.
+        sample: number of points, at most, by which it is.
+        planes: number of local planes of the other scan whose mean the heights are measured from, so that a slope
+            within a cell is no noise. 1: the edges between two planes are.
+        steepest: least cosine between the normal of such a plane and that of the change. 0: upright surfaces, such as
+            the trunks on a slope, have heights without bounds.
+        beyond: points this far above or below all that is of the change, in its thickness, belong to something else,
+            such as branches above a slope. Infinite: they are taken for ground.
+        rim: what lies around the labelled points is of the change as long as its mean difference, ring by ring,
+            exceeds this number of standard errors. Infinite: the thin rim, below the limit of detection, is left out.
+        certain: cells beyond the labelled points, whose difference with their neighbours exceeds this number of
+            standard errors, are of the change like those that are labelled. 0: noise beside it is; infinite: what
+            the detection has missed of it is left to the rim.
+        reach: distance of such cells from the labelled ones, at most, in half extents of the change. 0: there are none;
+            large: much is looked at that has nothing to do with it.
+        widest_rim: width of the rim, at most, in radii of the change. 0: there is none.
+        clear: distance from the change, in cells, from which on its surroundings begin. 0: its rim is in them.
+        surroundings: width of the unchanged surroundings by which the change is measured, in its radii. 0: none, and
+            the registration error is that of the pair.
+        blocks: the surroundings are divided into blocks of the area of the change by this number, whose means differ by
+            noise and registration. 1: few blocks, and an uncertain uncertainty.
+        fewest_blocks: number of blocks, at least, by which the surroundings count. It is at least 2.
+        outlying: cells of the surroundings that are this many robust standard deviations off their median are no
+            unchanged surface. Infinite: changes beside the change distort it.
+        confidence: of the interval.
+        most_cells: of the grid, at most: a bound on the memory.
+    """
+
+    cell: float = 2.5
+    parts: int = 2
+    neighbours: int = 16
+    sample: int = 1000
+    planes: int = 4
+    steepest: float = 0.3
+    beyond: float = 1.0
+    rim: float = 1.0
+    certain: float = 4.0
+    reach: float = 2.0
+    widest_rim: float = 0.6
+    clear: float = 2.0
+    surroundings: float = 0.8
+    blocks: int = 4
+    fewest_blocks: int = 5
+    outlying: float = 4.0
+    confidence: float = 0.95
+    most_cells: int = 1_000_000
+
+
+class SurfaceVolume(NamedTuple):
+    """The volume between two surfaces.
+
+    Attributes:
+        area: of the surface that is labelled.
+        gain: what the after surface lies above the before surface; negative where it was lost.
+        error: half-width of its interval.
+        registration_error: the part of it, likewise, that is common to all points.
+    """
+
+    area: float
+    gain: float
+    error: float
+    registration_error: float
+
+
+class ChangeSurface(NamedTuple):
+    """A change with what both scans show about its place. Coordinates are relative to the change.
+
+    Attributes:
+        labelled: points of the change, without outliers, in either scan; of one that is found in one scan only the
+            other one has none.
+        clouds: all points of both scans about its place.
+        others: points of the other changes of both scans about its place.
+        reference: the other scan's surface about its place.
+        outward: unit normal of that surface, to the outer side.
+    """
+
+    labelled: Pair[Float64[np.ndarray, "_ 3"]]
+    clouds: Pair[Float64[np.ndarray, "_ 3"]]
+    others: Float64[np.ndarray, "m 3"]
+    reference: LocalSurface
+    outward: Float64[np.ndarray, " 3"]
+
+    @property
+    def points(self) -> Float64[np.ndarray, "n 3"]:
+        """Of the change, in both scans."""
+        return np.concatenate([*self.labelled])
+
+    def across(self) -> Float64[np.ndarray, "2 3"]:
+        """Unit vectors in its plane, along and across its longest extent: they turn with the change."""
+        points = self.points
+        axes = np.linalg.svd(self.outward[None])[2][1:]
+        places = points @ axes.T
+        places = places - places.mean(axis=0)
+        first = np.linalg.eigh(places.T @ places)[1][:, -1] @ axes
+        # Towards the longer tail.
+        along = places @ (axes @ first)
+        first = first if (along**3).sum() >= 0 else -first
+        return np.stack([first, np.cross(self.outward, first)])
+
+
+def window_reach(
+    points: Float64[np.ndarray, "n 3"], settings: SurfaceVolumeSettings = SurfaceVolumeSettings()
+) -> float:
+    """How far around the points of a change both scans are looked at: its rim and its surroundings.
+
+    Args:
+        points: of the change.
+        settings: of their widths.
+    """
+    diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
+    spacing = _spacing(points, points, settings)
+    return (settings.reach + settings.surroundings) / 2 * diagonal + 8 * settings.cell * spacing
+
+
+class _Grid(NamedTuple):
+    """Cells in the plane of a change."""
+
+    lower: Float64[np.ndarray, " 2"]
+    edge: float
+    shape: tuple[int, int]
+
+    def cells(self, places: Float64[np.ndarray, "n 2"], parts: int = 1) -> Int[np.ndarray, " n"]:
+        """The number of the cell of each place, or of the part of a cell; -1 outside."""
+        indices = np.floor((places - self.lower) / (self.edge / parts)).astype(int)
+        rows, columns = (parts * length for length in self.shape)
+        inside = ((indices >= 0) & (indices < [rows, columns])).all(axis=1)
+        return np.where(inside, indices[:, 0] * columns + indices[:, 1], -1)
+
+    def counts(self, places: Float64[np.ndarray, "n 2"]) -> Int[np.ndarray, "r c"]:
+        """How many places each cell has."""
+        cells = self.cells(places)
+        return np.bincount(cells[cells >= 0], minlength=self.shape[0] * self.shape[1]).reshape(self.shape)
+
+    def means(
+        self, places: Float64[np.ndarray, "n 2"], values: Float64[np.ndarray, " n"], parts: int
+    ) -> Float64[np.ndarray, "r c"]:
+        """The mean over the parts of each cell of their mean values; NaN where there are none."""
+        cells = self.cells(places, parts)
+        inside, count = cells >= 0, self.shape[0] * self.shape[1] * parts**2
+        cells, values = cells[inside], values[inside]
+        number = np.bincount(cells, minlength=count)
+        sums = np.bincount(cells, values, minlength=count)
+        part = np.divide(sums, number, out=np.zeros(count), where=number > 0)
+        blocks = (self.shape[0], parts, self.shape[1], parts)
+        filled = (number > 0).reshape(blocks).sum(axis=(1, 3))
+        total = part.reshape(blocks).sum(axis=(1, 3))
+        return np.divide(total, filled, out=np.full(self.shape, np.nan), where=filled > 0)
+
+
+class _Offset(NamedTuple):
+    """What both scans differ by where nothing changed.
+
+    Attributes:
+        value: the difference.
+        error: its standard error, common to all cells.
+        density: variance of the mean difference of an area, times the area.
+        freedom: degrees of freedom of these.
+    """
+
+    value: float
+    error: float
+    density: float
+    freedom: float
+
+
+class SurfaceMap(NamedTuple):
+    """The difference between both scans about a change, in the cells of its plane.
+
+    Attributes:
+        change: with what both scans show there.
+        grid: the cells.
+        across: unit vectors along them.
+        difference: by how much the after scan is above the before scan, without the offset; NaN where one of them has
+            no points.
+        offset: what both scans differ by in the surroundings.
+        counts: of the points of the change.
+        labelled: the cells with points of the change, gaps between them closed.
+        core: these, and cells beyond them that are as certain.
+        foreign: cells of other changes.
+    """
+
+    change: ChangeSurface
+    grid: _Grid
+    across: Float64[np.ndarray, "2 3"]
+    difference: Float64[np.ndarray, "r c"]
+    offset: _Offset
+    counts: Int[np.ndarray, "r c"]
+    labelled: Bool[np.ndarray, "r c"]
+    core: Bool[np.ndarray, "r c"]
+    foreign: Bool[np.ndarray, "r c"]
+
+    @classmethod
+    def of(
+        cls, change: ChangeSurface, registration_error: float, settings: SurfaceVolumeSettings = SurfaceVolumeSettings()
+    ) -> "SurfaceMap | None":
+        """The map of a change; None where the scans cannot be compared.
+
+        Args:
+            change: with what both scans show there.
+            registration_error: of the pair, standard deviation; what is expected before the surroundings are looked at.
+            settings: how it is made.
+        """
+        across = change.across()
+        grid = _grid(change, across, settings)
+        if grid is None:
+            return None
+        difference = _differences(change, across, grid, settings)
+        # A cell on the border of two changes is of the one that has more points there.
+        counts, others = (grid.counts(points @ across.T) for points in (change.points, change.others))
+        foreign = others > counts
+        core = ndimage.binary_fill_holes(ndimage.binary_closing((counts > 0) & ~foreign, SQUARE)) & ~foreign
+        if not (core & np.isfinite(difference)).any():
+            return None
+        # Distance from the labelled cells, in cells. What is nearer to another change is of that one.
+        distance = ndimage.distance_transform_edt(~core)
+        if foreign.any():
+            foreign = (ndimage.distance_transform_edt(~foreign) <= distance) & ~core
+        beside = (distance > settings.clear) & ~foreign
+        difference = _without_spikes(difference, core, beside, settings)
+        offset = _offset(difference, beside, int(core.sum()), registration_error, settings)
+        grown = _grown(difference - offset.value, core, foreign, offset, settings)
+        # Once more, in the surroundings of all of it.
+        width = max(settings.clear, settings.surroundings * np.sqrt(grown.sum() / np.pi))
+        distance = ndimage.distance_transform_edt(~grown) - _widest(grown, settings)
+        around = (distance > settings.clear) & (distance <= settings.clear + width) & ~foreign
+        offset = _offset(difference, around, int(grown.sum()), registration_error, settings)
+        return cls(change, grid, across, difference - offset.value, offset, counts, core, grown, foreign)
+
+    def volume(self, settings: SurfaceVolumeSettings = SurfaceVolumeSettings()) -> SurfaceVolume:
+        """The volume between both surfaces over the change, its thin rim included.
+
+        The uncertainty is made of the noise of the cells, which averages out; of the difference between both scans
+        where nothing changed, which does not; of cells where one of the scans has no points; and of the rim.
+
+        Args:
+            settings: how it is measured.
+        """
+        difference, offset = self.difference, self.offset
+        footprint, left_out = _with_rim(difference, self.core, self.foreign, _widest(self.core, settings), settings)
+        filled, gaps = _filled(difference, footprint)
+        hidden = _hidden(difference, footprint, self.foreign, _widest(self.core, settings))
+        noise = max(_noise(difference, footprint), offset.density * footprint.sum())
+        area, quantile = self.grid.edge**2, float(stats.t.ppf((1 + settings.confidence) / 2, offset.freedom))
+        common = float(quantile * area * footprint.sum() * offset.error)
+        # Anything between nothing and all that the other lines of sight leave room for.
+        independent = quantile * area * np.sqrt(noise + gaps + left_out**2 + hidden**2 / 12)
+        return SurfaceVolume(
+            area=float(area * (_labelled_share(self, settings) * self.labelled).sum()),
+            gain=float(area * (filled[footprint].sum() + hidden / 2)),
+            error=float(np.hypot(common, independent)),
+            registration_error=common,
+        )
+
+
+def _widest(core: Bool[np.ndarray, "r c"], settings: SurfaceVolumeSettings) -> int:
+    """Width of the rim, at most, in cells."""
+    return max(1, int(settings.widest_rim * np.sqrt(core.sum() / np.pi)))
+
+
+def _grid(change: ChangeSurface, across: Float64[np.ndarray, "2 3"], settings: SurfaceVolumeSettings) -> _Grid | None:
+    """Cells that reach over the change and its surroundings; None where it has no extent."""
+    places = change.points @ across.T
+    lower, upper = places.min(axis=0), places.max(axis=0)
+    # Both scans' points are compared within the bounds of the change.
+    spacings = [_spacing(places, places, settings)]
+    for cloud in change.clouds:
+        own = cloud @ across.T
+        inside = ((own >= lower) & (own <= upper)).all(axis=1)
+        spacings.append(_spacing(own, own[inside], settings))
+    edge = settings.cell * max(spacings)
+    extent = float((upper - lower).max())
+    if not 0 < edge < np.inf or extent == 0:
+        return None
+    margin = (settings.reach + settings.surroundings) * extent / 2 + 6 * edge
+    size = upper - lower + 2 * margin
+    edge = max(edge, float(np.sqrt(size.prod() / settings.most_cells)))
+    rows, columns = (int(np.ceil(length / edge)) for length in size)
+    return _Grid(lower - margin, edge, (rows, columns))
+
+
+def _spacing(
+    places: Float64[np.ndarray, "n d"], asked: Float64[np.ndarray, "m d"], settings: SurfaceVolumeSettings
+) -> float:
+    """The spacing of points on a surface, at some of them; 0 where there are too few."""
+    if len(asked) < 2:
+        return 0.0
+    tree, count = cKDTree(places), min(settings.neighbours, len(places) - 1)
+    chosen = asked[evenly_chosen(len(asked), settings.sample)]
+    reach = nearest_neighbours(tree, chosen, count + 1)[0][:, -1]
+    return float(np.median(reach) * np.sqrt(np.pi / count))
+
+
+def _differences(
+    change: ChangeSurface, across: Float64[np.ndarray, "2 3"], grid: _Grid, settings: SurfaceVolumeSettings
+) -> Float64[np.ndarray, "r c"]:
+    """By how much the after scan is above the before scan in each cell; NaN where one has no points."""
+    heights = HeightAbove(change.reference, change.outward, settings)
+    own = heights.of(change.points)
+    lower, upper = min(float(own.min()), 0.0), max(float(own.max()), 0.0)
+    margin = settings.beyond * (upper - lower)
+
+    def map_of(cloud: Float64[np.ndarray, "n 3"], labelled: Float64[np.ndarray, "m 3"]) -> Float64[np.ndarray, "r c"]:
+        places, values = cloud @ across.T, heights.of(cloud)
+        near = (values >= lower - margin) & (values <= upper + margin)
+        found = grid.means(places[near], values[near], settings.parts)
+        # What is seen below an overhang, such as the floor under a table, is not the surface of the change.
+        whole = ndimage.binary_erosion(grid.counts(labelled @ across.T) > 0, SQUARE)
+        return np.where(whole, grid.means(labelled @ across.T, heights.of(labelled), settings.parts), found)
+
+    maps = each(map_of, change.clouds, change.labelled)
+    return maps.after - maps.before
+
+
+class HeightAbove:
+    """Heights above the local planes of a surface, along the normal of a change."""
+
+    def __init__(
+        self, surface: LocalSurface, outward: Float64[np.ndarray, " 3"], settings: SurfaceVolumeSettings
+    ) -> None:
+        """Heights above a surface.
+
+        Args:
+            surface: at least one point.
+            outward: unit normal of the change.
+            settings: of the planes.
+        """
+        across, steep = np.linalg.svd(outward[None])[2][1:], surface.normals @ outward
+        fair = np.abs(steep) >= settings.steepest
+        # Level where the surface is too steep to have a slope.
+        slopes = np.where(fair[:, None], -(surface.normals @ across.T) / np.where(fair, steep, 1.0)[:, None], 0.0)
+        self._across, self._outward, self._count = across, outward, settings.planes
+        self._places, self._slopes = surface.centres @ across.T, slopes
+        self._heights, self._tree = surface.centres @ outward, cKDTree(surface.centres @ across.T)
+
+    def of(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
+        """The height of each point."""
+        places = points @ self._across.T
+        near = nearest_neighbours(self._tree, places, self._count)[1]
+        offsets = places[:, None] - self._places[near]
+        planes = self._heights[near] + (offsets * self._slopes[near]).sum(axis=2)
+        return np.asarray(points @ self._outward - planes.mean(axis=1))
+
+
+def _without_spikes(
+    difference: Float64[np.ndarray, "r c"],
+    core: Bool[np.ndarray, "r c"],
+    around: Bool[np.ndarray, "r c"],
+    settings: SurfaceVolumeSettings,
+) -> Float64[np.ndarray, "r c"]:
+    """With the median about them for cells, beyond the labelled ones, that stand out: single points off the surface."""
+    off = difference - _smoothed(difference)
+    known = off[around & np.isfinite(off)]
+    if not len(known):
+        return difference
+    spread = float(stats.median_abs_deviation(known, scale="normal"))
+    spikes = (np.abs(off) > settings.outlying * spread) & ~core & (spread > 0)
+    return np.where(spikes, difference - off, difference)
+
+
+def _smoothed(difference: Float64[np.ndarray, "r c"]) -> Float64[np.ndarray, "r c"]:
+    """The median of each cell and its eight neighbours; NaN where none is known."""
+    padded = np.pad(difference, 1, constant_values=np.nan)
+    rows, columns = difference.shape
+    shifted = [padded[row : row + rows, column : column + columns] for row in range(3) for column in range(3)]
+    # Sorted, NaN comes last: the middle of those that are known.
+    ordered = np.sort(np.stack(shifted), axis=0)
+    known = np.isfinite(ordered).sum(axis=0)
+    lower, upper = np.maximum(known - 1, 0) // 2, known // 2
+    values = [np.take_along_axis(ordered, place[None], axis=0)[0] for place in (lower, np.minimum(upper, 8))]
+    return np.where(known > 0, (values[0] + values[1]) / 2, np.nan)
+
+
+def _offset(
+    difference: Float64[np.ndarray, "r c"],
+    around: Bool[np.ndarray, "r c"],
+    area: int,
+    registration_error: float,
+    settings: SurfaceVolumeSettings,
+) -> _Offset:
+    """What both scans differ by in the surroundings, weighed against what is expected of the registration.
+
+    Args:
+        difference: of each cell.
+        around: the cells of the surroundings.
+        area: of the change, in cells.
+        registration_error: that is expected.
+        settings: of the blocks.
+    """
+    nothing = _Offset(0.0, registration_error, 0.0, np.inf)
+    around = around & np.isfinite(difference)
+    if around.sum() < settings.fewest_blocks:
+        return nothing
+    values = difference[around]
+    middle = np.median(values)
+    spread = stats.median_abs_deviation(values, scale="normal")
+    rows, columns = np.nonzero(around)
+    unchanged = np.abs(values - middle) <= settings.outlying * spread
+    edge = max(1.0, np.sqrt(area / settings.blocks))
+    blocks = np.unique(np.stack([rows // edge, columns // edge]), axis=1, return_inverse=True)[1].ravel()[unchanged]
+    values, counts = values[unchanged], np.bincount(blocks)
+    # The smallest pieces of the surroundings say little.
+    large = counts >= max(1.0, counts.max() / 3)
+    if large.sum() < settings.fewest_blocks:
+        return nothing
+    means, weights = (np.bincount(blocks, values) / np.maximum(counts, 1))[large], counts[large]
+    mean = float(np.average(means, weights=weights))
+    freedom = float(len(means) - 1)
+    density = float((weights * (means - mean) ** 2).sum() / freedom)
+    variance, expected = density / weights.sum(), registration_error**2
+    if variance + expected == 0:
+        return _Offset(mean, 0.0, 0.0, freedom)
+    trust = expected / (expected + variance)
+    return _Offset(trust * mean, float(np.sqrt(trust * variance)), density, freedom)
+
+
+def _grown(
+    difference: Float64[np.ndarray, "r c"],
+    core: Bool[np.ndarray, "r c"],
+    excluded: Bool[np.ndarray, "r c"],
+    offset: _Offset,
+    settings: SurfaceVolumeSettings,
+) -> Bool[np.ndarray, "r c"]:
+    """The labelled cells with those beyond them whose difference is as certain, though no point is labelled there."""
+    sense = np.sign(np.nansum(difference[core]))
+    number = ndimage.convolve(np.isfinite(difference).astype(float), SQUARE.astype(float), mode="constant")
+    error = np.sqrt(np.divide(offset.density, number, out=np.full(number.shape, np.inf), where=number > 0))
+    smooth = np.nan_to_num(sense * _smoothed(difference))
+    certain = (smooth > settings.certain * np.hypot(error, offset.error)) & (number > 0) & ~excluded
+    return np.asarray(ndimage.binary_propagation(core, mask=core | certain, structure=SQUARE))
+
+
+def _with_rim(
+    difference: Float64[np.ndarray, "r c"],
+    core: Bool[np.ndarray, "r c"],
+    foreign: Bool[np.ndarray, "r c"],
+    widest: int,
+    settings: SurfaceVolumeSettings,
+) -> tuple[Bool[np.ndarray, "r c"], float]:
+    """The cells of the change with its thin rim, and what the ring after it still holds, in cells.
+
+    Args:
+        difference: of each cell, without the offset.
+        core: the cells that surely changed.
+        foreign: cells of other changes.
+        widest: width of the rim, at most, in cells.
+        settings: where it ends.
+    """
+    sense = np.sign(np.nansum(difference[core]))
+    distance = ndimage.distance_transform_edt(~core)
+    reach, rest = 0, 0.0
+    for ring in range(1, widest + 2):
+        cells = (distance > ring - 1) & (distance <= ring) & ~foreign
+        values = sense * difference[cells & np.isfinite(difference)]
+        if len(values) < 2:
+            break
+        mean, error = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
+        rest = float(cells.sum()) * max(abs(mean), error)
+        if mean <= settings.rim * error or ring > widest:
+            break
+        reach = ring
+    return core | ((distance <= reach) & ~foreign), rest
+
+
+def _filled(
+    difference: Float64[np.ndarray, "r c"], footprint: Bool[np.ndarray, "r c"], count: int = 8
+) -> tuple[Float64[np.ndarray, "r c"], float]:
+    """The differences with the mean of the nearest cells where there is none, and the variance of their sum."""
+    missing = footprint & ~np.isfinite(difference)
+    if not missing.any():
+        return difference, 0.0
+    known = np.argwhere(footprint & np.isfinite(difference))
+    values, cells = difference[tuple(known.T)], np.argwhere(missing)
+    near = values[nearest_neighbours(cKDTree(known), cells.astype(float), count)[1]]
+    means = near.mean(axis=1)
+    between = _interpolated(difference, missing)
+    values = np.where(np.isfinite(between), between, means)
+    spread = np.maximum(near.std(axis=1), np.abs(values - means))
+    if np.nansum(difference[footprint]) < 0:
+        # What the rim of a pit hides lies below the line of sight, on which the differences fall evenly.
+        deepest = _deepest(near, ndimage.label(missing, SQUARE)[0][missing])
+        room = np.maximum(values - deepest, 0)
+        values, spread = values - room / 2, np.maximum(spread, room / np.sqrt(12))
+    filled = difference.copy()
+    filled[missing] = values
+    # Of one gap all is wrong together: by how its neighbours differ, or it from them.
+    of_gaps = np.bincount(ndimage.label(missing, SQUARE)[0][missing], spread)
+    return filled, float((of_gaps**2).sum())
+
+
+def _deepest(near: Float64[np.ndarray, "m k"], gaps: Int[np.ndarray, " m"]) -> Float64[np.ndarray, " m"]:
+    """For each missing cell the middle of the deepest half of what lies about its gap."""
+    found = np.zeros(len(near))
+    for gap in np.unique(gaps):
+        own = gaps == gap
+        found[own] = np.quantile(near[own], 0.25)
+    return found
+
+
+def _interpolated(
+    difference: Float64[np.ndarray, "r c"], missing: Bool[np.ndarray, "r c"]
+) -> Float64[np.ndarray, " m"]:
+    """The missing cells by linear interpolation between those about them; NaN where they are not enclosed."""
+    border = ndimage.binary_dilation(missing, SQUARE, iterations=2) & np.isfinite(difference)
+    try:
+        return np.asarray(LinearNDInterpolator(np.argwhere(border), difference[border])(np.argwhere(missing)))
+    except (QhullError, ValueError):
+        return np.full(int(missing.sum()), np.nan)
+
+
+def _hidden(
+    difference: Float64[np.ndarray, "r c"],
+    footprint: Bool[np.ndarray, "r c"],
+    foreign: Bool[np.ndarray, "r c"],
+    widest: int,
+) -> float:
+    """What may be hidden behind a change, in cells: between its outline and the surface that is seen behind it.
+
+    What a steep side hides lies below the line of sight, on which the differences fall evenly to those behind.
+    """
+    near = ndimage.distance_transform_edt(~footprint) <= widest
+    missing = ~np.isfinite(difference) & ~footprint & ~foreign & near
+    shadow = ndimage.binary_propagation(ndimage.binary_dilation(footprint, SQUARE) & missing, mask=missing)
+    if not shadow.any():
+        return 0.0
+    sense = np.sign(np.nansum(difference[footprint]))
+    sight = np.nan_to_num(_interpolated(difference, shadow))
+    return float(sense * np.maximum(sense * sight, 0).sum())
+
+
+def _noise(difference: Float64[np.ndarray, "r c"], footprint: Bool[np.ndarray, "r c"]) -> float:
+    """The variance of the sum over the cells by how each differs from its neighbours: noise, and the steep rim."""
+    known = np.isfinite(difference)
+    values = np.where(known, difference, 0.0)
+    number = ndimage.convolve(known.astype(float), CROSS, mode="constant")
+    mean = np.divide(
+        ndimage.convolve(values, CROSS, mode="constant"), number, out=np.zeros(values.shape), where=number > 0
+    )
+    chosen = footprint & known & (number > 0)
+    return float(((values - mean)[chosen] ** 2 * number[chosen] / (number[chosen] + 1)).sum())
+
+
+def _labelled_share(found: SurfaceMap, settings: SurfaceVolumeSettings) -> Float64[np.ndarray, "r c"]:
+    """How much of each cell is labelled: inside all of it, at the outline by the parts that have points."""
+    whole = ndimage.binary_erosion(found.counts > 0, SQUARE)
+    parts = found.grid.cells(found.change.points @ found.across.T, settings.parts)
+    filled = np.zeros(settings.parts**2 * found.counts.size)
+    filled[parts[parts >= 0]] = 1
+    rows, columns = found.grid.shape
+    share = filled.reshape(rows, settings.parts, columns, settings.parts).mean(axis=(1, 3))
+    return np.where(whole | (found.counts == 0), 1.0, share)

@@ -1,0 +1,261 @@
+"""Which volume a change has, and what is measured of it: that between two surfaces, or that of a closed object."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Float64, Int
+from scipy.spatial import cKDTree
+
+from gmmjax.changes.align.alignment import AlignedPair
+from gmmjax.changes.change import Change, GainOrLoss, VolumeMethod
+from gmmjax.changes.objects.hull_volume import HullVolumeSettings, hull_measures
+from gmmjax.changes.objects.support_plane import SupportPlane
+from gmmjax.changes.objects.surface_volume import (
+    ChangeSurface,
+    HeightAbove,
+    SurfaceMap,
+    SurfaceVolumeSettings,
+    window_reach,
+)
+from gmmjax.geometry import LocalSurface, evenly_chosen, within_box
+from gmmjax.pair import Pair
+
+
+@dataclasses.dataclass(frozen=True)
+class VolumeSettings:
+    """Which volume a change has.
+
+    All values are empirical: they come from development on the scenes of `tests/benchmarks/volumes`.
+
+    Attributes:
+        on_surface: fraction of a change's points, at least, that have a surface of the other scan below them, for the
+            volume to be that between both surfaces. 0: it always is; above 1: it is always that of the hull.
+        aligned: cosine, at least, between the normals of a point of a change and of the surface below it, of a layer on
+            that surface; of a layer the signed distance tells whether it is a gain, of an object whether it came. 0:
+            it always does, and a box before a wall may be taken for a part of the wall that receded.
+        below: distance along the surface, in spacings of the other scan, up to which it has a surface below a point.
+            0: no change has; infinite: the surface is taken to go on below a change that nobody saw the ground of.
+        same: fraction of the points of a change, at least, that lie in front of or behind those of a change of the
+            other scan, of which it is the other surface: both have one volume. Above 1: it is counted twice.
+        most_points: points of a scan about a change, at most: a bound on the memory.
+        surfaces: how the volume between two surfaces is measured.
+        hulls: how that of a closed object is.
+    """
+
+    on_surface: float = 0.5
+    aligned: float = 0.7
+    below: float = 3.0
+    same: float = 0.5
+    most_points: int = 2_000_000
+    surfaces: SurfaceVolumeSettings = SurfaceVolumeSettings()
+    hulls: HullVolumeSettings = HullVolumeSettings()
+
+
+class MeasuredPart(NamedTuple):
+    """The points of a change that it is measured by.
+
+    Attributes:
+        points: without outliers, relative to the mean of the change.
+        after: whether they are of the after scan.
+        plane: that it stands on, where there is one.
+    """
+
+    points: Float64[np.ndarray, "n 3"]
+    after: bool
+    plane: SupportPlane | None
+
+
+class _Quantity(NamedTuple):
+    """What a `Change` records of its volume."""
+
+    area: float | None = None
+    volume: float | None = None
+    volume_error: float | None = None
+    volume_registration_error: float | None = None
+    volume_method: VolumeMethod | None = None
+    gain_or_loss: GainOrLoss | None = None
+    volume_counted_in: int | None = None
+
+
+class _Place(NamedTuple):
+    """A change above the surface of the other scan.
+
+    Attributes:
+        mean: of the change, which all coordinates are relative to.
+        part: of the change.
+        surface: some of its points with their normals.
+        reference: the surface of the other scan about it.
+        outward: mean normal of the reference below it, to the outer side.
+        on_surface: whether the other scan saw that surface below it.
+        gained: whether there is more now.
+    """
+
+    mean: Float64[np.ndarray, " 3"]
+    part: MeasuredPart
+    surface: LocalSurface
+    reference: LocalSurface
+    outward: Float64[np.ndarray, " 3"]
+    on_surface: bool
+    gained: bool
+
+    @property
+    def spacing(self) -> float:
+        """Of the points of the surface."""
+        return float(np.median(self.surface.spacing(np.arange(len(self.surface)))))
+
+
+def with_volumes(
+    items: Sequence[Change],
+    parts: Sequence[MeasuredPart],
+    labels: Pair[Int[np.ndarray, " _"]],
+    pair: AlignedPair,
+    distance: Pair[Float[np.ndarray, " _"]],
+    registration_error: float,
+    settings: VolumeSettings = VolumeSettings(),
+) -> tuple[Change, ...]:
+    """The changes with their area and their volume.
+
+    Args:
+        items: the changes of both clouds.
+        parts: of each of them.
+        labels: the change of each point of the clouds, or -1.
+        pair: both clouds, registered.
+        distance: signed distance of each point to the other surface; NaN where there is none.
+        registration_error: of the pair, standard deviation.
+        settings: how they are measured.
+    """
+    places = []
+    for index, (item, part) in enumerate(zip(items, parts, strict=True)):
+        own_labels, own_distance = (labels.after, distance.after) if part.after else (labels.before, distance.before)
+        own = own_distance[own_labels == index]
+        places.append(_place(item, part, pair, float(np.nanmedian(own)) if np.isfinite(own).any() else None, settings))
+    counted_in = _counted_in(places, settings)
+    found = []
+    for index, item in enumerate(items):
+        if counted_in[index] is not None:
+            quantity = _Quantity(volume_counted_in=counted_in[index])
+        else:
+            quantity = _quantity(index, places, counted_in, pair, registration_error, settings)
+        found.append(dataclasses.replace(item, **quantity._asdict()))
+    return tuple(found)
+
+
+def _place(
+    item: Change, part: MeasuredPart, pair: AlignedPair, distance: float | None, settings: VolumeSettings
+) -> _Place:
+    """A change above the surface of the other scan, which is cut out about it."""
+    other = pair.surfaces.before if part.after else pair.surfaces.after
+    reach = window_reach(part.points, settings.surfaces)
+    lower, upper = part.points.min(axis=0) - reach, part.points.max(axis=0) + reach
+    rows = within_box(other.points, lower + item.mean, upper + item.mean)
+    if not len(rows):
+        rows = np.array([int(other.nearest(item.mean[None])[0])])
+    reference = LocalSurface.of(other.points[rows] - item.mean)
+    surface = LocalSurface.of(part.points[evenly_chosen(len(part.points), settings.surfaces.sample)])
+    nearest = reference.nearest(surface.points)
+    below = reference.normals[nearest]
+    outward = np.linalg.eigh(below.T @ below)[1][:, -1]
+    # Towards the after surface where that lies on the outer side; else what appeared was added.
+    layer = np.mean(np.abs((surface.normals * below).sum(axis=1)) >= settings.aligned) >= settings.on_surface
+    gained = distance > 0 if layer and distance else part.after
+    heights = HeightAbove(reference, outward, settings.surfaces).of(surface.points)
+    if (float(np.median(heights)) > 0) != (gained == part.after):
+        outward = -outward
+    across = np.linalg.svd(outward[None])[2][1:]
+    beside = cKDTree(reference.points @ across.T).query(surface.points @ across.T)[0]
+    on_surface = bool(np.mean(beside <= settings.below * reference.spacing(nearest)) >= settings.on_surface)
+    return _Place(item.mean, part, surface, reference, outward, on_surface, gained if on_surface else part.after)
+
+
+def _counted_in(places: Sequence[_Place], settings: VolumeSettings) -> list[int | None]:
+    """For each change the change of the other scan that is the other surface of the same volume, if there is one.
+
+    The old and the new surface of what was eroded may both be found changed. The larger one has the volume.
+    """
+    areas = [len(place.surface) * place.spacing**2 for place in places]
+    order = sorted(range(len(places)), key=lambda index: (-areas[index], index))
+    found: list[int | None] = [None] * len(places)
+    for rank, index in enumerate(order):
+        for larger in order[:rank]:
+            if found[larger] is None and _is_other_surface(places[index], places[larger], settings):
+                found[index] = larger
+                break
+    return found
+
+
+def _is_other_surface(own: _Place, other: _Place, settings: VolumeSettings) -> bool:
+    """Whether a change is the other surface of a change of the other scan."""
+    if own.part.after == other.part.after or own.gained != other.gained or not (own.on_surface and other.on_surface):
+        return False
+    across = np.linalg.svd(other.outward[None])[2][1:]
+    points, others = own.surface.points + (own.mean - other.mean), other.surface.points
+    distance, nearest = cKDTree(others @ across.T).query(points @ across.T, distance_upper_bound=2 * other.spacing)
+    near = np.isfinite(distance)
+    # In front of it or behind it by less than it is wide.
+    depth = np.abs((points[near] - others[nearest[near]]) @ other.outward)
+    width = float(np.ptp(others @ across.T, axis=0).max())
+    return bool((depth <= width).sum() >= settings.same * len(points))
+
+
+def _quantity(
+    index: int,
+    places: Sequence[_Place],
+    counted_in: Sequence[int | None],
+    pair: AlignedPair,
+    registration_error: float,
+    settings: VolumeSettings,
+) -> _Quantity:
+    place, found = places[index], None
+    if place.on_surface:
+        own = [other for other in range(len(places)) if other == index or counted_in[other] == index]
+        change = _change_surface(index, own, places, pair, settings)
+        found = SurfaceMap.of(change, registration_error, settings.surfaces)
+    if found is None:
+        return _hull_quantity(place, registration_error, settings)
+    volume = found.volume(settings.surfaces)
+    errors = volume.error, volume.registration_error
+    return _Quantity(volume.area, abs(volume.gain), *errors, "surface", _effect(volume.gain >= 0))
+
+
+def _effect(gained: bool) -> GainOrLoss:
+    return "gain" if gained else "loss"
+
+
+def _change_surface(
+    index: int, own: Sequence[int], places: Sequence[_Place], pair: AlignedPair, settings: VolumeSettings
+) -> ChangeSurface:
+    """A change with those that are counted in it, and what both scans show there."""
+    place = places[index]
+    moved = [(places[one].part.after, places[one].part.points + (places[one].mean - place.mean)) for one in own]
+    labelled = Pair(False, True).map(
+        lambda after: np.concatenate([np.empty((0, 3)), *(part for side, part in moved if side == after)])
+    )
+    points = np.concatenate([*labelled])
+    reach = window_reach(points, settings.surfaces)
+    lower, upper = points.min(axis=0) - reach, points.max(axis=0) + reach
+    others = [other.part.points + (other.mean - place.mean) for one, other in enumerate(places) if one not in own]
+    beside = np.concatenate([np.empty((0, 3)), *others])
+
+    def cut(cloud: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "m 3"]:
+        rows = within_box(cloud, lower + place.mean, upper + place.mean)
+        return cloud[rows[evenly_chosen(len(rows), settings.most_points)]] - place.mean
+
+    return ChangeSurface(
+        labelled, pair.points.map(cut), beside[within_box(beside, lower, upper)], place.reference, place.outward
+    )
+
+
+def _hull_quantity(place: _Place, registration_error: float, settings: VolumeSettings) -> _Quantity:
+    """The volume of an object of which nobody saw what it stands on."""
+    points, plane, up = place.part.points, place.part.plane, place.outward
+    feet = np.empty((0, 3))
+    if plane is not None:
+        up = plane.up
+        feet = points - plane.above(points + place.mean)[:, None] * up
+    spacing = place.spacing * np.sqrt(len(place.surface) / len(points))
+    volume = hull_measures(points, feet, up, spacing, registration_error, settings.hulls)
+    if volume is None:
+        return _Quantity()
+    return _Quantity(*volume, "hull", _effect(place.gained))

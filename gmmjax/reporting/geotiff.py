@@ -1,0 +1,92 @@
+"""Maps as GeoTIFF, which QGIS, ArcGIS and GDAL read, written by rasterio (the extra `map`)."""
+
+import os
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from gmmjax.clouds import atomic_write
+from gmmjax.errors import InputError
+from gmmjax.reporting.map_cells import ChangeMap
+
+BANDS = {
+    "distance": "signed distance of the after surface from the before surface",
+    "probability": "probability that something changed",
+    "label": "change, as in changes.csv; -1: none",
+}
+
+
+def check_rasterio() -> None:
+    """Raises an `InputError` with the remedy, unless rasterio is there."""
+    try:
+        import rasterio  # noqa: F401
+    except ImportError as error:
+        raise InputError("GeoTIFF needs rasterio, which is not installed: pip install 'gmmjax[map]'") from error
+
+
+def write_geotiff(path: str | os.PathLike[str], found: ChangeMap) -> None:
+    """Writes a map as GeoTIFF, whole or not at all: three bands of float32, with NaN where nothing is known.
+
+    Origin and cell are in float64, so that coordinates of a survey lose nothing.
+
+    Args:
+        path: of the file; one that is there is replaced.
+        found: the map.
+
+    Raises:
+        InputError: rasterio is not installed; the file cannot be written.
+
+    Warns:
+        InputWarning: a reference system that GDAL does not know; the file is without one.
+    """
+    check_rasterio()
+    import rasterio
+    from rasterio.io import MemoryFile
+    from rasterio.transform import Affine
+
+    rows, columns = found.distance.shape
+    profile = {
+        "driver": "GTiff",
+        "width": columns,
+        "height": rows,
+        "count": len(BANDS),
+        "dtype": "float32",
+        "nodata": np.nan,
+        "compress": "deflate",
+        "predictor": 3,
+        "tiled": True,
+        "transform": Affine(found.cell, 0.0, found.left, 0.0, -found.cell, found.top),
+        "crs": _reference_system(path, found.crs),
+    }
+    with warnings.catch_warnings():
+        # A scan at the origin with cells of 1 is the identity, which GDAL takes for no place at all.
+        warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+        with MemoryFile() as memory:
+            with memory.open(**profile) as raster:
+                for number, (name, text) in enumerate(BANDS.items(), start=1):
+                    raster.write(getattr(found, name).astype(np.float32), number)
+                    raster.set_band_description(number, f"{name}: {text}")
+                raster.update_tags(unit=found.unit or "", software="gmmjax")
+            content = bytes(memory.getbuffer())
+    try:
+        with atomic_write(path) as file:
+            file.write(content)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _reference_system(path: str | os.PathLike[str], crs: str | None) -> object | None:
+    """As rasterio has it; None, with a warning, where GDAL does not know it."""
+    if crs is None:
+        return None
+    from rasterio.crs import CRS
+    from rasterio.errors import CRSError
+
+    from gmmjax.errors import warn
+
+    try:
+        return CRS.from_user_input(crs)
+    except CRSError:
+        warn(f"{Path(path).name}: {crs} is not known to GDAL; the map is written without a reference system")
+        return None

@@ -1,0 +1,125 @@
+"""The volume between two surfaces, of lenses of ground whose volume is known."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gmmjax.changes.objects.surface_volume import ChangeSurface, SurfaceMap, SurfaceVolumeSettings
+from gmmjax.geometry import LocalSurface
+from gmmjax.pair import Pair
+
+EDGE, POINTS = 8.0, 5000
+RADIUS, THICKNESS, NOISE = 1.5, 0.2, 0.01
+# Of a paraboloid.
+VOLUME = np.pi / 2 * RADIUS**2 * THICKNESS
+UP = np.array([0, 0, 1.0])
+NOTHING = np.empty((0, 3))
+
+
+def ground(random, thickness=0.0, offset=0.0, seen=None):
+    """A hilly floor with a lens on it, or taken from it, and how thick that is at each point."""
+    points = random.uniform([-EDGE / 2, -EDGE / 2, 0], [EDGE / 2, EDGE / 2, 0], (POINTS, 3))
+    if seen is not None:
+        points = points[seen(points)]
+    lens = thickness * np.clip(1 - (points[:, :2] ** 2).sum(axis=1) / RADIUS**2, 0, None)
+    hills = 0.3 * np.sin(points[:, 0]) + 0.2 * np.cos(1.3 * points[:, 1])
+    points[:, 2] = hills + lens + offset + random.normal(0, NOISE, len(points))
+    return points, lens
+
+
+def measured(seed=0, thickness=THICKNESS, offset=0.0, motion=np.eye(3), scale=1.0, limit=0.05, seen=None):
+    """The volume of a lens of which the part thicker than the limit is labelled."""
+    random = np.random.default_rng(seed)
+    before, _ = ground(random)
+    after, lens = ground(random, thickness, offset, seen)
+    clouds = Pair(before, after).map(lambda own: scale * own @ motion.T)
+    labelled = clouds.after[np.abs(lens) > limit]
+    change = ChangeSurface(Pair(NOTHING, labelled), clouds, NOTHING, LocalSurface.of(clouds.before), motion @ UP)
+    return SurfaceMap.of(change, scale * 0.005).volume()
+
+
+@pytest.mark.parametrize("thickness", [THICKNESS, -THICKNESS, 0.5])
+def test_a_lens_has_its_volume_with_the_rim_that_is_not_labelled(thickness):
+    true = VOLUME * thickness / THICKNESS
+    found = measured(thickness=thickness)
+    assert found.gain == pytest.approx(true, rel=0.03)
+    assert abs(found.gain - true) < found.error < 0.05 * abs(true)
+    labelled = np.pi * RADIUS**2 * (1 - 0.05 / abs(thickness))
+    assert found.area == pytest.approx(labelled, rel=0.06)
+
+
+def test_the_interval_holds_in_most_scenes():
+    found = [measured(seed) for seed in range(40)]
+    held = np.mean([abs(own.gain - VOLUME) <= own.error for own in found])
+    assert 0.85 <= held
+    # And is no wider than it need be.
+    assert np.median([own.error for own in found]) < 3 * np.std([own.gain for own in found])
+
+
+def test_what_both_scans_differ_by_around_the_change_is_taken_off():
+    apart = measured(offset=0.01)
+    assert apart.gain == pytest.approx(measured().gain, rel=0.005)
+    # The offset would be a fifth of a thinner lens, to which there are no surroundings here.
+    alone = SurfaceVolumeSettings(fewest_blocks=10**6)
+    random = np.random.default_rng(0)
+    before, _ = ground(random)
+    after, lens = ground(random, offset=0.01, thickness=THICKNESS)
+    change = ChangeSurface(Pair(NOTHING, after[lens > 0.05]), Pair(before, after), NOTHING, LocalSurface.of(before), UP)
+    found = SurfaceMap.of(change, 0.01, alone).volume(alone)
+    assert found.gain > apart.gain
+    assert found.registration_error > 10 * apart.registration_error
+    assert abs(found.gain - VOLUME) < found.error
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_rigid_motion_changes_nothing_and_a_unit_the_cube(seed):
+    motion = Rotation.random(rng=seed).as_matrix()
+    found, moved = measured(seed), measured(seed, motion=motion, scale=1000.0)
+    for name, power in (("area", 2), ("gain", 3), ("error", 3), ("registration_error", 3)):
+        assert getattr(moved, name) == pytest.approx(1000.0**power * getattr(found, name), rel=1e-3), name
+
+
+def test_what_nobody_saw_is_in_the_uncertainty():
+    """The half of a lens that lies in the shadow of something."""
+    half = measured(seen=lambda points: ~((np.abs(points[:, 0] - 0.7) < 0.5) & (np.abs(points[:, 1]) < 1.2)))
+    whole = measured()
+    assert half.error > 2 * whole.error
+    assert abs(half.gain - VOLUME) < half.error
+
+
+def test_a_part_that_is_not_labelled_is_of_the_change():
+    found = measured(limit=0.15)
+    assert found.gain == pytest.approx(VOLUME, rel=0.06)
+
+
+def test_another_change_beside_it_is_not_counted():
+    random = np.random.default_rng(3)
+    before, _ = ground(random)
+    after, lens = ground(random, THICKNESS)
+    left = after[:, 0] < 0
+    labelled = [after[(lens > 0.05) & own] for own in (left, ~left)]
+    gains = []
+    for own, other in (labelled, labelled[::-1]):
+        change = ChangeSurface(Pair(NOTHING, own), Pair(before, after), other, LocalSurface.of(before), UP)
+        gains.append(SurfaceMap.of(change, 0.005).volume().gain)
+    assert sum(gains) == pytest.approx(VOLUME, rel=0.08)
+    np.testing.assert_allclose(gains, VOLUME / 2, rtol=0.15)
+
+
+def test_the_floor_below_a_table_is_not_its_surface():
+    """What is seen below an overhang: without it, the table would have half its volume."""
+    random = np.random.default_rng(4)
+    before, _ = ground(random)
+    below, _ = ground(random)
+    top = np.insert(random.uniform(-1, 1, (600, 2)), 2, 1.0, axis=1)
+    after = np.concatenate([below, top])
+    change = ChangeSurface(Pair(NOTHING, top), Pair(before, after), NOTHING, LocalSurface.of(before), UP)
+    heights = 1.0 - (0.3 * np.sin(top[:, 0]) + 0.2 * np.cos(1.3 * top[:, 1]))
+    assert SurfaceMap.of(change, 0.005).volume().gain > 0.8 * 4 * heights.mean()
+
+
+def test_a_change_of_repeated_points_has_no_volume():
+    point = np.repeat(np.array([[0.1, 0.2, 0.3]]), 20, axis=0)
+    before, _ = ground(np.random.default_rng(5))
+    change = ChangeSurface(Pair(NOTHING, point), Pair(before, point), NOTHING, LocalSurface.of(before), UP)
+    assert SurfaceMap.of(change, 0.005) is None

@@ -1,0 +1,36 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gmmjax.changes import Changes, volume_totals
+from tests.reporting.conftest import change
+from tests.reporting.conftest import pair as pair
+
+
+def measured(volume, error, common, gain_or_loss):
+    points = np.random.default_rng(0).normal(size=(20, 3))
+    own = {"volume_error": error, "volume_registration_error": common, "gain_or_loss": gain_or_loss}
+    return dataclasses.replace(change("appeared", points), volume=volume, **own)
+
+
+def test_registration_errors_add_up_and_the_others_do_not():
+    independent = [measured(10.0, 3.0, 0.0, "gain"), measured(20.0, 4.0, 0.0, "gain")]
+    assert volume_totals(independent).gained_error == pytest.approx(5.0)
+    common = [measured(10.0, 3.0, 3.0, "gain"), measured(20.0, 4.0, 4.0, "loss")]
+    totals = volume_totals(common)
+    assert totals.net_error == pytest.approx(7.0)
+    assert (totals.gained, totals.lost, totals.net) == (10.0, 20.0, -10.0)
+    assert (totals.gained_error, totals.lost_error) == (3.0, 4.0)
+
+
+def test_a_volume_that_is_counted_in_another_change_is_counted_once():
+    other = dataclasses.replace(measured(None, None, None, None), volume_counted_in=0)
+    assert volume_totals([measured(10.0, 3.0, 1.0, "loss"), other]).lost == 10.0
+
+
+def test_the_record_keeps_measures_and_totals(pair, tmp_path):
+    record = dataclasses.replace(pair[2], items=(measured(10.0, 3.0, 1.0, "loss"), *pair[2].items[1:]))
+    assert record.to_dict()["volumes"]["lost"] == 10.0
+    assert pair[2].to_dict()["volumes"] is None and pair[2].volume_totals() is None
+    assert Changes.load(record.save(tmp_path)).volume_totals() == record.volume_totals()
