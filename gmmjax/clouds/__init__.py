@@ -76,6 +76,8 @@ from gmmjax.clouds.views import SensorViews as SensorViews
 from gmmjax.clouds.views import check_poses as check_poses
 from gmmjax.clouds.views_file import read_views as read_views
 from gmmjax.clouds.views_file import write_views as write_views
+from gmmjax.clouds.voxel_grid import AXIS_BITS as AXIS_BITS
 from gmmjax.clouds.voxel_grid import VoxelGrid as VoxelGrid
 from gmmjax.clouds.voxel_grid import voxel_grid as voxel_grid
+from gmmjax.clouds.voxel_grid import voxel_keys as voxel_keys
 from gmmjax.clouds.voxel_grid import voxel_size_for as voxel_size_for

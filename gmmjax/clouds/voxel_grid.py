@@ -160,7 +160,16 @@ def _check_size(size: float, extent: float) -> None:
 
 def _keys(offsets: Float64[np.ndarray, "3 n"], size: float) -> Int64[np.ndarray, " n"]:
     """The three indices of each point's voxel in one integer."""
-    x, y, z = (offsets / size).astype(np.int64)
+    return voxel_keys((offsets / size).astype(np.int64))
+
+
+def voxel_keys(indices: Int64[np.ndarray, "3 n"]) -> Int64[np.ndarray, " n"]:
+    """The three indices of voxels in one integer, in the order of the first, then the second and the third.
+
+    Args:
+        indices: from 0, below 2^21.
+    """
+    x, y, z = indices
     keys: Int64[np.ndarray, " n"] = (x << 2 * AXIS_BITS) | (y << AXIS_BITS) | z
     return keys
 

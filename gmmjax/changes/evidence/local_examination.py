@@ -39,7 +39,7 @@ from gmmjax.changes.explanation import Explanation
 from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.clouds import voxel_grid
-from gmmjax.geometry import LocalSurface
+from gmmjax.geometry import LocalSurface, workers_for
 from gmmjax.pair import Pair, each, each_on_cores
 
 
@@ -249,7 +249,8 @@ def _cloud(
 
 
 def _within(points: Float[np.ndarray, "n 3"], near: cKDTree, reach: float) -> Bool[np.ndarray, " n"]:
-    return np.asarray(np.isfinite(near.query(points, distance_upper_bound=reach, workers=-1)[0]))
+    distances, _ = near.query(points, distance_upper_bound=reach, workers=workers_for(len(points)))
+    return np.asarray(np.isfinite(distances))
 
 
 def _differences(surfaces: Pair[LocalSurface], clouds: Pair[_Cloud], fine: Differences, spacing: float) -> Differences:

@@ -12,10 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from gmmjax.changes.prepare.resolution import WorkingCloud
+from gmmjax.clouds import AXIS_BITS, voxel_keys
 from gmmjax.pair import Pair, each
-
-# Bits of a voxel's index on an axis: three of them fit a 64-bit integer.
-AXIS_BITS = 21
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,8 +64,7 @@ class _Indices(NamedTuple):
 
     def key(self, halved: int) -> Int[np.ndarray, " n"]:
         """One integer for the voxels that are so many times as large, in powers of two."""
-        x, y, z = (self.of_axes >> halved).T
-        return np.asarray((x << 2 * AXIS_BITS) | (y << AXIS_BITS) | z)
+        return voxel_keys((self.of_axes >> halved).T)
 
 
 def locally_reduced(
