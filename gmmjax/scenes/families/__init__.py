@@ -10,12 +10,12 @@ from gmmjax.errors import check_choice
 from gmmjax.scenes.families.apartments import apartments
 from gmmjax.scenes.families.corridors import corridors
 from gmmjax.scenes.families.doors import doors
-from gmmjax.scenes.families.halls import dense_halls, halls
+from gmmjax.scenes.families.halls import halls
 from gmmjax.scenes.families.rooms import kitchens, rooms
 from gmmjax.scenes.families.small_motions import small_motions
 from gmmjax.scenes.families.station import station
 from gmmjax.scenes.families.tabletop import tabletop
-from gmmjax.scenes.families.terrain import dense_terrain, terrain
+from gmmjax.scenes.families.terrain import terrain
 from gmmjax.scenes.families.town import town
 from gmmjax.scenes.families.yards import yards
 from gmmjax.scenes.surveyed_scene import SurveyedScene
@@ -35,8 +35,6 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator], SurveyedScene]] = Mapping
         "halls": halls,
         "apartments": apartments,
         "yards": yards,
-        "dense_halls": dense_halls,
-        "dense_terrain": dense_terrain,
     }
 )
 

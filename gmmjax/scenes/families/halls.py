@@ -2,16 +2,12 @@
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
-from gmmjax.geometry import rigid_transform
 from gmmjax.pair import Pair
 from gmmjax.scenes.families.density import drawn_density
 from gmmjax.scenes.families.interior import between
 from gmmjax.scenes.families.staging import Support, Turnover, staged
 from gmmjax.scenes.families.things import (
-    Drawing,
-    block,
     box,
     cart,
     clutter,
@@ -29,42 +25,26 @@ from gmmjax.scenes.families.things import (
 from gmmjax.scenes.families.tripods import drawn_scanners, scanned, stations
 from gmmjax.scenes.objects import StandingObject
 from gmmjax.scenes.ray_casting import Solid
-from gmmjax.scenes.recording import Recording
 from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
 
 
 def halls(random: np.random.Generator) -> SurveyedScene:
     """Halls of 15 to 35 m in which pallets, crates and carts come, go and move, scanned from one to three stations."""
-    things = one_of(
-        pallet, pallet, _crate, _crate, cart, stack, drum, machine, clutter, shelves, table, cupboard, tripod
-    )
-    solids, recordings = _surveyed(random, things, int(random.integers(5, 20)), rays=140_000)
-    recordings = drawn_density(random, recordings, most=(30_000, 40_000), least=12_000, fused=0.9)
-    return surveyed_scene(solids, recordings, Frame.drawn(random, shift=0.1, degrees=0.4), hidden_by=0.06)
-
-
-def dense_halls(random: np.random.Generator) -> SurveyedScene:
-    """The same halls with all that a scanner measures, and with pipes, planks and small boxes among the things."""
-    things = one_of(
-        pallet, pallet, _crate, box, box, _pipe, _pipe, _plank, cart, stack, drum, machine, clutter, shelves, tripod
-    )
-    rays = int(np.exp(random.uniform(np.log(150_000), np.log(500_000))))
-    solids, recordings = _surveyed(random, things, int(random.integers(8, 30)), rays)
-    return surveyed_scene(solids, recordings, Frame.drawn(random, shift=0.05, degrees=0.2), hidden_by=0.04)
-
-
-def _surveyed(
-    random: np.random.Generator, things: Drawing, count: int, rays: int
-) -> tuple[Pair[list[Solid]], Pair[Recording]]:
-    """A hall with so many things at the time of either survey, and the surveys."""
     size = random.uniform([15.0, 8.0, 3.5], [35.0, 14.0, 6.0])
     floor = Support(np.eye(4), (float(size[0]), float(size[1])), gap=0.1)
     places = _places(random, floor)
     fixed = _hall(random, size, floor)
-    solids = staged(random, fixed, [floor], things, count, Turnover(appeared=4, disappeared=4))
+    things = one_of(
+        pallet, pallet, _crate, _crate, cart, stack, drum, machine, clutter, shelves, table, cupboard, tripod
+    )
+    solids = staged(random, fixed, [floor], things, int(random.integers(5, 20)), Turnover(appeared=4, disappeared=4))
     poses = stations(random, places)
-    scanners = drawn_scanners(random, rays=rays, highest=(15.0, 70.0))
-    return solids, scanned(random, solids, poses, scanners)
+    scanners = drawn_scanners(random, rays=140_000, highest=(15.0, 70.0))
+    recordings = drawn_density(
+        random, scanned(random, solids, poses, scanners), most=(30_000, 40_000), least=12_000, fused=0.9
+    )
+    frame = Frame.drawn(random, shift=0.1, degrees=0.4)
+    return surveyed_scene(solids, recordings, frame, hidden_by=0.06)
 
 
 def _places(random: np.random.Generator, floor: Support) -> Pair[list[Float[np.ndarray, "2"]]]:
@@ -116,20 +96,3 @@ def _hall(random: np.random.Generator, size: np.ndarray, floor: Support) -> list
 
 def _crate(random: np.random.Generator) -> StandingObject:
     return box(random, 0.8, 2.2)
-
-
-def _pipe(random: np.random.Generator) -> StandingObject:
-    """A pipe on the floor, or a few side by side."""
-    thick, long = random.uniform([0.05, 0.8], [0.3, 6.0])
-    lying = pillar(thick, long)
-    along = rigid_transform(Rotation.from_euler("y", 90, degrees=True).as_matrix())
-    count = int(random.integers(1, 4))
-    return tuple(
-        lying.moved(rigid_transform(translation=np.array([-long / 2, 1.02 * thick * number, thick / 2])) @ along)
-        for number in range(count)
-    )
-
-
-def _plank(random: np.random.Generator) -> StandingObject:
-    """Planks or plates on top of each other."""
-    return (block(random.uniform([0.8, 0.1, 0.03], [4.0, 1.2, 0.2])),)

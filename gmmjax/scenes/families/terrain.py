@@ -30,36 +30,15 @@ def terrain(random: np.random.Generator) -> SurveyedScene:
     Args:
         random: of everything.
     """
-    return _surveyed(random, nodes=121, rays=1.0, thickness=60.0)
-
-
-def dense_terrain(random: np.random.Generator) -> SurveyedScene:
-    """The same slopes at several times as many points, with changes as thin as 5 cm on long ones, too.
-
-    Args:
-        random: of everything.
-    """
-    return _surveyed(random, nodes=161, rays=random.uniform(3.0, 8.0), thickness=240.0)
-
-
-def _surveyed(random: np.random.Generator, nodes: int, rays: float, thickness: float) -> SurveyedScene:
-    """A slope and its surveys.
-
-    Args:
-        random: of everything.
-        nodes: of the ground along its edges.
-        rays: of the surveys, in those of `terrain`.
-        thickness: edge from which on patches get thicker with it, metres.
-    """
     edge = 20.0 * 10.0 ** (random.random() ** 1.5)
-    ground = _slope(random, edge, nodes)
+    ground = _slope(random, edge)
     arrangement = Arrangement()
     arrangement.stays([ground])
     noise = random.uniform(0.003, 0.03)
     changes = 0 if chance(random, 1 / 3) else int(random.choice([1, 2, 3], p=[0.5, 0.3, 0.2]))
     free = Support(np.eye(4), (0.8 * edge, 0.8 * edge), gap=0.02 * edge)
     for _ in range(changes):
-        _change(random, arrangement, ground, free, thickness)
+        _change(random, arrangement, ground, free)
     _cover(random, arrangement, ground, edge)
     flown = chance(random, 0.4)
     beam = Beam(
@@ -71,15 +50,16 @@ def _surveyed(random: np.random.Generator, nodes: int, rays: float, thickness: f
         lost=random.uniform(0.0, 0.2),
     )
     if flown:
-        recordings = flown_over(random, arrangement, edge, beam, rays * random.uniform(18_000, 40_000))
+        recordings = flown_over(random, arrangement, edge, beam, random.uniform(18_000, 40_000))
     else:
-        recordings = _stations(random, arrangement, ground, edge, beam, rays)
+        recordings = _stations(random, arrangement, ground, edge, beam)
     frame = Frame.drawn(random, shift=random.uniform(0.0, 0.1), degrees=0.05)
     return surveyed_scene(arrangement.solids, recordings, frame, hidden_by=0.03 + 3 * (noise + beam.growth * edge))
 
 
-def _slope(random: np.random.Generator, edge: float, nodes: int) -> Ground:
+def _slope(random: np.random.Generator, edge: float) -> Ground:
     """A slope of 5 to 40 degrees, rough at three scales."""
+    nodes = 121
     cells = np.array([0.25, 0.06, 0.015]) * nodes
     heights = random.uniform([0.0, 0.0, 0.0], [0.06, 0.012, 0.002]) * edge
     relief = _rough(random, nodes, cells, heights)
@@ -99,14 +79,12 @@ def _rough(random: np.random.Generator, nodes: int, cells: np.ndarray, heights: 
     return total
 
 
-def _change(
-    random: np.random.Generator, arrangement: Arrangement, ground: Ground, free: Support, thickness: float
-) -> None:
+def _change(random: np.random.Generator, arrangement: Arrangement, ground: Ground, free: Support) -> None:
     """Ground more or less, or a boulder more, less or elsewhere; apart from the other changes."""
     edge = float(ground.extent[0])
     kind = str(random.choice(["comes", "goes", "rolls", "deposit", "erosion"]))
     if kind in ("deposit", "erosion"):
-        patch = _patch(random, ground, free, thickness)
+        patch = _patch(random, ground, free)
         if patch is not None:
             (arrangement.comes if kind == "deposit" else arrangement.goes)((patch,))
     else:
@@ -157,7 +135,7 @@ def _rolled(random: np.random.Generator, ground: Ground, place: np.ndarray, edge
     return np.asarray(rigid_transform(rotation, target) @ np.linalg.inv(place))
 
 
-def _patch(random: np.random.Generator, ground: Ground, free: Support, thickest: float) -> Ground | None:
+def _patch(random: np.random.Generator, ground: Ground, free: Support) -> Ground | None:
     """What lies on the ground about a free place: thickest in the middle, below the ground outside."""
     edge = float(ground.extent[0])
     radius = random.uniform([0.03, 0.03], [0.12, 0.12]) * edge
@@ -165,7 +143,7 @@ def _patch(random: np.random.Generator, ground: Ground, free: Support, thickest:
     if pose is None:
         return None
     middle = pose[:2, 3]
-    thickness = random.uniform(0.05, 0.4) * max(1.0, edge / thickest)
+    thickness = random.uniform(0.05, 0.4) * max(1.0, edge / 60)
     nodes = 41
     steps = np.linspace(-1.2, 1.2, nodes)
     x, y = np.meshgrid(steps, steps, indexing="ij")
@@ -196,11 +174,11 @@ def _cover(random: np.random.Generator, arrangement: Arrangement, ground: Ground
 
 
 def _stations(
-    random: np.random.Generator, arrangement: Arrangement, ground: Ground, edge: float, beam: Beam, more: float
+    random: np.random.Generator, arrangement: Arrangement, ground: Ground, edge: float, beam: Beam
 ) -> Pair[Recording]:
     """One or two stations at the foot of the slope or, turning all round, on it."""
     stations = int(random.integers(1, 3))
-    rays = more * random.uniform(18_000, 38_000) / stations
+    rays = random.uniform(18_000, 38_000) / stations
     again = 0.0 if chance(random, 0.4) else random.uniform(0.0, 0.05) * edge
     if chance(random, 0.35):
         scanner: TripodScanner | AirborneScanner = TripodScanner(beam, int(2.5 * rays), lowest=-60.0, highest=40.0)
