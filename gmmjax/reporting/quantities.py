@@ -53,7 +53,7 @@ def metric_text(values: tuple[float, ...], unit: str | None, joint: str = " to "
 
 
 def area_text(value: float, unit: str | None) -> str:
-    """An area such as "0.35 m²", and below 0.01 m² "35 cm²"; the plain number where the unit is not known."""
+    """An area such as "0.35 m²", and below 0.01 m² "35.0 cm²"; the plain number where the unit is not known."""
     if unit == "m" and 0 < value < 0.01:
         return f"{number_text(value * 1e4)} cm²"
     return number_text(value) if unit is None else f"{number_text(value)} {unit}²"

@@ -81,7 +81,7 @@ def test_a_volume_has_the_digits_that_its_error_leaves(value, error, text):
 
 
 def test_areas_have_their_unit():
-    assert [area_text(area, "m") for area in (12.34, 0.0035)] == ["12.3 m²", "35 cm²"]
+    assert [area_text(area, "m") for area in (12.34, 0.0035)] == ["12.3 m²", "35.0 cm²"]
     assert area_text(0.2, None) == "0.20"
 
 

@@ -107,7 +107,8 @@ def with_moved(
     """The changes, where those that are one object have become a pair that "moved", each with all its points.
 
     An object that was turned or shifted within its place is one pair in place of its slivers, and its labels grow to
-    the points that look unchanged. A disappeared and an appeared change that fit each other become a pair as they are.
+    the points that look unchanged; only in clouds of one resolution. A disappeared and an appeared change that fit each
+    other become a pair as they are.
 
     Args:
         items: the changes of both clouds.
@@ -124,7 +125,10 @@ def with_moved(
         return items, labels
     clouds = pair.working.clouds
     working = each(lambda own, cloud: cloud.of_working_points(own), labels, clouds)
-    items, working = _with_united(items, working, pair, noise, settings)
+    # Motions within a place were learned from clouds of one resolution: in voxels of local size what an object hides
+    # passes for a part of it.
+    if not any(cloud.sizes is not None for cloud in clouds):
+        items, working = _with_united(items, working, pair, noise, settings)
     hypotheses = pair_hypotheses(items, working, pair.surfaces, noise, settings)
     for (i, j), probability in _partners(hypotheses, settings).items():
         found = hypotheses[i, j]
