@@ -152,6 +152,10 @@ class CloudFile(abc.ABC):
                 "try again"
             ) from error
 
+    def _finite_blocks(self, size: int) -> Iterator[RowBlock]:
+        """The rows that have a position, without the blocks that are empty then."""
+        return (kept for block in self.row_blocks(size) if len((kept := finite_rows(block)).points))
+
     def chunks(self, size: int = CHUNK_POINTS) -> Iterator[CloudChunk]:
         """The points that have a position, at most `size` at a time: those of `read_cloud`, bit for bit.
 
@@ -161,11 +165,9 @@ class CloudFile(abc.ABC):
         Raises:
             InputError: as `row_blocks`.
         """
-        for block in self.row_blocks(size):
-            kept = finite_rows(block)
-            if len(kept.points):
-                assert kept.rows is not None
-                yield CloudChunk(kept.points, kept.rows, kept.scan)
+        for block in self._finite_blocks(size):
+            assert block.rows is not None
+            yield CloudChunk(block.points, block.rows, block.scan)
 
     def clouds(self, size: int = CHUNK_POINTS) -> Iterator[PointCloud]:
         """The points with colours and fields, at most `size` at a time; `rows` are those of the file.
@@ -176,10 +178,7 @@ class CloudFile(abc.ABC):
         Raises:
             InputError: as `row_blocks`.
         """
-        for block in self.row_blocks(size):
-            kept = finite_rows(block)
-            if len(kept.points):
-                yield self._cloud(kept)
+        return map(self._cloud, self._finite_blocks(size))
 
     @functools.cached_property
     def measures(self) -> Measures:

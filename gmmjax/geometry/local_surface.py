@@ -13,8 +13,6 @@ from gmmjax.geometry.rigid import rotated, transformed
 # Neighbours that a plane goes through, and those whose mean stands for a point: averages see offsets below the noise.
 PLANE_NEIGHBOURS = 16
 MEAN_NEIGHBOURS = 8
-# Points whose neighbourhoods are looked at at a time: a bound on the memory, about 500 bytes each.
-CHUNK = 250_000
 # k points that fill a disc of radius r evenly are r sqrt(pi / k) apart, with a spread of r / sqrt 2 about its centre.
 SPACING_PER_SPREAD = np.sqrt(2 * np.pi / PLANE_NEIGHBOURS)
 
@@ -41,7 +39,12 @@ class LocalSurface:
 
     @classmethod
     def of(
-        cls, points: Float64[np.ndarray, "n 3"], neighbours: int = PLANE_NEIGHBOURS, tree: cKDTree | None = None
+        cls,
+        points: Float64[np.ndarray, "n 3"],
+        neighbours: int = PLANE_NEIGHBOURS,
+        tree: cKDTree | None = None,
+        *,
+        chunk: int = 250_000,
     ) -> "LocalSurface":
         """The surface of a cloud of at least one point, with planes through this number of nearest neighbours.
 
@@ -49,13 +52,15 @@ class LocalSurface:
             points: of the cloud.
             neighbours: of each point, itself counted.
             tree: of the points; None: it is made.
+            chunk: points whose planes are computed at a time: bounds the memory, about 500 bytes each, and does not
+                change the planes.
         """
         tree = cKDTree(points) if tree is None else tree
         indices = nearest_neighbours(tree, points, neighbours)[1]
         # `take` is several times as fast as an index array in brackets.
         parts = [
-            local_planes(points.take(indices[first : first + CHUNK], axis=0))
-            for first in range(0, max(len(points), 1), CHUNK)
+            local_planes(points.take(indices[first : first + chunk], axis=0))
+            for first in range(0, max(len(points), 1), chunk)
         ]
         centres, normals, variances = (np.concatenate(values) for values in zip(*parts, strict=True))
         return cls(points, tree, indices, centres, normals, variances)

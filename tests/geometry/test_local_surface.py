@@ -53,3 +53,11 @@ def test_planes_of_exact_planes():
     np.testing.assert_allclose(np.abs(normals @ normal), 1)
     np.testing.assert_allclose(centres @ normal, 2)
     np.testing.assert_allclose(variances[:, 0], 0, atol=1e-12)
+
+
+def test_planes_are_the_same_whatever_is_computed_at_a_time():
+    points = np.random.default_rng(8).uniform(0, 1, (501, 3))
+    whole, parts = LocalSurface.of(points), LocalSurface.of(points, chunk=100)
+    for one, other in ((whole.normals, parts.normals), (whole.centres, parts.centres)):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(whole.variances, parts.variances)
