@@ -66,7 +66,8 @@ def write_figure(path: str | os.PathLike[str], figure: "Figure") -> None:
         with atomic_write(path) as file, rc_context({"svg.hashsalt": "gmmjax"}), warnings.catch_warnings():
             # The names of files may be in any script, also in one that no font here has: those are drawn as boxes.
             warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-            figure.savefig(file, format=form, dpi=150, metadata=metadata)
+            # No metadata at all where there is none: JPEG takes none, not even an empty one.
+            figure.savefig(file, format=form, dpi=150, metadata=metadata or None)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 

@@ -12,12 +12,12 @@ from tests.plotting.test_mixtures import mixture
 SMALL = CloudImageSettings(pixels=120)
 
 
-@pytest.mark.parametrize("ending", ["png", "SVG", "pdf"])
+@pytest.mark.parametrize("ending", ["png", "SVG", "pdf", "jpg"])
 def test_a_figure_is_the_same_file_each_time(changes, tmp_path, ending):
     for name in ("a", "b"):
         write_figure(tmp_path / f"{name}.{ending}", overview_figure(changes, changes.clouds, SMALL))
     first, second = ((tmp_path / f"{name}.{ending}").read_bytes() for name in ("a", "b"))
-    assert first == second and first[:4] in (b"\x89PNG", b"<?xm", b"%PDF")
+    assert first == second and first[:4] in (b"\x89PNG", b"<?xm", b"%PDF", b"\xff\xd8\xff\xe0")
     assert len(list(tmp_path.iterdir())) == 2
 
 
