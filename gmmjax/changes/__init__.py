@@ -9,6 +9,8 @@ if TYPE_CHECKING:
     from gmmjax.changes.align.alignment import aligned as aligned
     from gmmjax.changes.candidates import Candidates as Candidates
     from gmmjax.changes.candidates import CandidateSettings as CandidateSettings
+    from gmmjax.changes.candidates import clusters_with_core as clusters_with_core
+    from gmmjax.changes.candidates import probability_by_difference as probability_by_difference
     from gmmjax.changes.change import Box as Box
     from gmmjax.changes.change import Change as Change
     from gmmjax.changes.change import Changes as Changes
@@ -35,9 +37,11 @@ if TYPE_CHECKING:
     from gmmjax.changes.detectors import AbstractChangeDetector as AbstractChangeDetector
     from gmmjax.changes.detectors import AbstractDetector as AbstractDetector
     from gmmjax.changes.detectors import AbstractRestartDetector as AbstractRestartDetector
+    from gmmjax.changes.detectors import AlignedScans as AlignedScans
     from gmmjax.changes.detectors import Detection as Detection
     from gmmjax.changes.detectors import GreedyDetector as GreedyDetector
     from gmmjax.changes.detectors import JointDetector as JointDetector
+    from gmmjax.changes.detectors import Measured as Measured
     from gmmjax.changes.detectors import Scan as Scan
     from gmmjax.changes.detectors import TransportDetector as TransportDetector
     from gmmjax.changes.detectors.greedy_removal import Removals as Removals
@@ -46,15 +50,23 @@ if TYPE_CHECKING:
     from gmmjax.changes.detectors.joint import UnpairedChanges as UnpairedChanges
     from gmmjax.changes.detectors.unmatched_mass import Unmatched as Unmatched
     from gmmjax.changes.detectors.unmatched_mass import unmatched_shares as unmatched_shares
+    from gmmjax.changes.differences import DetectionLimits as DetectionLimits
+    from gmmjax.changes.differences import Differences as Differences
     from gmmjax.changes.differences import DifferenceSettings as DifferenceSettings
     from gmmjax.changes.differences import LocalDifference as LocalDifference
+    from gmmjax.changes.differences import detection_limits as detection_limits
     from gmmjax.changes.differences import differences_between as differences_between
+    from gmmjax.changes.differences import local_difference as local_difference
+    from gmmjax.changes.differences import median_errors as median_errors
+    from gmmjax.changes.differences import unsure as unsure
     from gmmjax.changes.evidence.candidate import Candidate as Candidate
     from gmmjax.changes.evidence.examination import EvidenceSettings as EvidenceSettings
     from gmmjax.changes.evidence.facts import FACTS as FACTS
     from gmmjax.changes.evidence.facts import measured as measured
     from gmmjax.changes.evidence.facts import names_of as names_of
     from gmmjax.changes.evidence.free_space import Survey as Survey
+    from gmmjax.changes.evidence.local_examination import LocalExaminationSettings as LocalExaminationSettings
+    from gmmjax.changes.evidence.local_examination import examined_spacing as examined_spacing
     from gmmjax.changes.evidence.verdict import Verdict as Verdict
     from gmmjax.changes.evidence.verdict_file import Verdicts as Verdicts
     from gmmjax.changes.evidence.verdict_file import read_verdicts as read_verdicts
@@ -89,11 +101,16 @@ if TYPE_CHECKING:
     from gmmjax.changes.objects.same_object import LogisticWeights as LogisticWeights
     from gmmjax.changes.objects.same_object import SameObjectModel as SameObjectModel
     from gmmjax.changes.objects.same_object import Situation as Situation
+    from gmmjax.changes.objects.surface_changes import SurfaceChangeSettings as SurfaceChangeSettings
+    from gmmjax.changes.objects.surface_changes import outside_probability as outside_probability
     from gmmjax.changes.prepare.checking import NAMES as NAMES
     from gmmjax.changes.prepare.checking import CheckedCloud as CheckedCloud
     from gmmjax.changes.prepare.checking import CheckSettings as CheckSettings
     from gmmjax.changes.prepare.checking import check_overlap as check_overlap
     from gmmjax.changes.prepare.checking import check_pair as check_pair
+    from gmmjax.changes.prepare.local_resolution import LocalResolutionSettings as LocalResolutionSettings
+    from gmmjax.changes.prepare.local_resolution import VoxelLattice as VoxelLattice
+    from gmmjax.changes.prepare.local_resolution import reduced_on as reduced_on
     from gmmjax.changes.prepare.resolution import ResolutionSettings as ResolutionSettings
     from gmmjax.changes.prepare.resolution import WorkingCloud as WorkingCloud
     from gmmjax.changes.prepare.resolution import WorkingPair as WorkingPair
@@ -104,10 +121,15 @@ if TYPE_CHECKING:
     from gmmjax.changes.presentation import GivenCloud as GivenCloud
     from gmmjax.changes.presentation import Presented as Presented
     from gmmjax.changes.presentation import presented as presented
+    from gmmjax.changes.progress import Clock as Clock
     from gmmjax.changes.progress import Progress as Progress
     from gmmjax.changes.progress import silent as silent
     from gmmjax.changes.registration import Registration as Registration
+    from gmmjax.changes.signed_distance import CorePoints as CorePoints
+    from gmmjax.changes.signed_distance import PointFigures as PointFigures
     from gmmjax.changes.signed_distance import SignedDistanceSettings as SignedDistanceSettings
+    from gmmjax.changes.signed_distance import distances_at as distances_at
+    from gmmjax.changes.signed_distance import sensor_places as sensor_places
     from gmmjax.changes.storage import CHANGES_FILE as CHANGES_FILE
     from gmmjax.changes.storage import LABELS_FILE as LABELS_FILE
     from gmmjax.changes.storage import OPTIONAL_FIGURES as OPTIONAL_FIGURES

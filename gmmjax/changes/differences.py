@@ -215,24 +215,43 @@ def _in_overlap(side: LocalDifference, spacing: float, settings: DifferenceSetti
     return common if common.mean() >= settings.least_overlap else np.ones(len(common), bool)
 
 
-def _unsure(side: LocalDifference, limits: DetectionLimits) -> Bool[np.ndarray, " n"]:
-    """The points that are no sure change."""
+def unsure(side: LocalDifference, limits: DetectionLimits) -> Bool[np.ndarray, " n"]:
+    """The points that are no sure change.
+
+    Args:
+        side: the differences of a cloud.
+        limits: from which they are certain changes.
+    """
     if side.own_spacing is None:
         return np.asarray((side.distance <= limits.distance) & (side.offset <= limits.offset))
     within = (side.distance <= limits.local_distance(side)) & (side.offset <= limits.local_offset(side))
     return np.asarray(within)
 
 
+def median_errors(
+    points: Float[np.ndarray, "n 3"], side: LocalDifference, places: Float[np.ndarray, "p 3"], limits: DetectionLimits
+) -> Float[np.ndarray, " p"]:
+    """The registration error at some places: the median offset of the region around each.
+
+    Args:
+        points: of a cloud, some of which are no sure change.
+        side: their differences.
+        places: where the error is asked for.
+        limits: from which differences are certain changes.
+    """
+    rows = np.flatnonzero(unsure(side, limits))
+    regions = nearest_neighbours(cKDTree(points[rows]), places, limits.settings.region)[1]
+    return np.asarray(MEDIAN_TO_DEVIATION * np.median(side.offset[rows][regions], axis=1))
+
+
 def _with_error(own: LocalSurface, side: LocalDifference, limits: DetectionLimits) -> LocalDifference:
     """The differences of a cloud with the registration error at each point: the median offset of the region around."""
     settings = limits.settings
-    unsure = np.flatnonzero(_unsure(side, limits))
-    if len(unsure) < settings.region:
+    rows = np.flatnonzero(unsure(side, limits))
+    if len(rows) < settings.region:
         return side
-    tree = cKDTree(own.points[unsure])
-    places = own.points[unsure[evenly_chosen(len(unsure), settings.regions)]]
-    regions = nearest_neighbours(tree, places, settings.region)[1]
-    errors = MEDIAN_TO_DEVIATION * np.median(side.offset[unsure][regions], axis=1)
+    places = own.points[rows[evenly_chosen(len(rows), settings.regions)]]
+    errors = median_errors(own.points, side, places, limits)
     nearest = nearest_neighbours(cKDTree(places), own.points, 1)[1][:, 0]
     least, most = settings.least_error, settings.most_error
     return side._replace(error=np.clip(errors[nearest], *(limits.registration_error * np.array([least, most]))))

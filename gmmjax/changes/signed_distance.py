@@ -8,7 +8,7 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64
+from jaxtyping import Bool, Float, Float64, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.differences import DetectionLimits, Differences, LocalDifference
@@ -55,6 +55,37 @@ class PointFigures(NamedTuple):
     significance: Float[np.ndarray, " n"]
 
 
+class CorePoints(NamedTuple):
+    """The points that distances are measured at, in the directions in which they are.
+
+    Attributes:
+        points: of one cloud.
+        normals: of its surface there, towards the side that it was scanned from.
+        spacing: of the cloud's points there.
+    """
+
+    points: Float64[np.ndarray, "n 3"]
+    normals: Float64[np.ndarray, "n 3"]
+    spacing: Float64[np.ndarray, " n"]
+
+    @classmethod
+    def of(
+        cls, surface: LocalSurface, towards: Float64[np.ndarray, "p 3"], chosen: Int[np.ndarray, " n"] | None = None
+    ) -> "CorePoints":
+        """Points of a surface, with their normals turned to the nearest of some places.
+
+        Args:
+            surface: of one cloud.
+            towards: where the sensor stood.
+            chosen: indices of the points; None: all.
+        """
+        chosen = np.arange(len(surface)) if chosen is None else chosen
+        points, normals = surface.points[chosen], surface.normals[chosen]
+        there = towards[cKDTree(towards).query(points)[1]]
+        inward = ((there - points) * normals).sum(axis=1) < 0
+        return cls(points, np.where(inward[:, None], -normals, normals), surface.spacing(chosen))
+
+
 def signed_distances(
     clouds: Pair[Float64[np.ndarray, "_ 3"]],
     surfaces: Pair[LocalSurface],
@@ -74,21 +105,55 @@ def signed_distances(
         views: where the sensor stood, in the before frame; None: not known.
         settings: of the cylinders.
     """
-    normals = each(_outward_normals, surfaces, views)
-    radii = each(lambda own, side: _radii(own, side, settings), surfaces, differences.local)
+    cores = each(lambda own, side: CorePoints.of(own, sensor_places(side, own.points)), surfaces, views)
     errors = differences.local.map(lambda side: _registration_errors(side, differences.limits))
-    near = radii.map(lambda own: settings.margin * own)
-    far = each(lambda own, side: own + settings.reach * side.distance, near, differences.local)
+    return distances_at(clouds, cores, differences.local, errors, settings)
+
+
+def distances_at(
+    clouds: Pair[Float64[np.ndarray, "_ 3"]],
+    cores: Pair[CorePoints],
+    local: Pair[LocalDifference],
+    errors: Pair[Float64[np.ndarray, " _"]],
+    settings: SignedDistanceSettings = SignedDistanceSettings(),
+    reach: float = np.inf,
+) -> Pair[PointFigures]:
+    """The same at given core points of either cloud.
+
+    Args:
+        clouds: all points of both clouds that may be in a cylinder, registered.
+        cores: the core points of either cloud.
+        local: the differences of these.
+        errors: the registration error at each of them.
+        settings: of the cylinders.
+        reach: half length of the cylinders, at most, in the unit of the clouds.
+    """
+    radii = each(lambda own, side: _radii(own, side, settings), cores, local)
+    near = radii.map(lambda own: np.minimum(settings.margin * own, reach))
+    far = each(lambda own, side: np.minimum(own + settings.reach * side.distance, reach), near, local)
     # The core points of both clouds at once: each cloud is packed once.
     found = m3c2_distances(
-        np.concatenate([surface.points for surface in surfaces]),
-        np.concatenate([*normals]),
+        np.concatenate([own.points for own in cores]),
+        np.concatenate([own.normals for own in cores]),
         clouds,
         M3C2Settings(np.concatenate([*radii]), Pair(np.r_[near.before, far.after], np.r_[far.before, near.after])),
         np.concatenate([*errors]),
     )
-    count = len(surfaces.before)
+    count = len(cores.before.points)
     return Pair(slice(count), slice(count, None)).map(lambda rows: _figures(found, rows, settings.least_points))
+
+
+def sensor_places(views: SensorViews | None, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "p 3"]:
+    """Where the sensor stood; where that is not known, a place high above the middle of a cloud, along z.
+
+    Args:
+        views: of the cloud, in the frame of the points; None: not known.
+        points: of the cloud.
+    """
+    if views is not None:
+        return np.asarray(views.poses[:, :3, 3])
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    return ((lower + upper) / 2 + np.array([0.0, 0.0, (upper - lower).max()]))[None]
 
 
 def _figures(found: M3C2Distances, rows: slice, least_points: int) -> PointFigures:
@@ -99,26 +164,13 @@ def _figures(found: M3C2Distances, rows: slice, least_points: int) -> PointFigur
 
 
 def _radii(
-    surface: LocalSurface, difference: LocalDifference, settings: SignedDistanceSettings
+    core: CorePoints, difference: LocalDifference, settings: SignedDistanceSettings
 ) -> Float64[np.ndarray, " n"]:
     """Of the cylinders, by the larger of both clouds' spacings at each point."""
-    spacing = np.maximum(surface.spacing(np.arange(len(surface))), difference.spacing)
-    return np.asarray(np.sqrt(settings.neighbours / np.pi) * spacing)
+    return np.asarray(np.sqrt(settings.neighbours / np.pi) * np.maximum(core.spacing, difference.spacing))
 
 
 def _registration_errors(difference: LocalDifference, limits: DetectionLimits) -> Float64[np.ndarray, " n"]:
     if difference.error is not None:
         return difference.error
     return np.full(len(difference.distance), limits.registration_error)
-
-
-def _outward_normals(surface: LocalSurface, views: SensorViews | None) -> Float64[np.ndarray, "n 3"]:
-    """The normals, each turned to the side that its surface was scanned from."""
-    if views is None:
-        lower, upper = surface.tree.mins, surface.tree.maxes
-        towards = (lower + upper) / 2 + np.array([0.0, 0.0, (upper - lower).max()])
-    else:
-        positions = views.poses[:, :3, 3]
-        towards = positions[cKDTree(positions).query(surface.points)[1]]
-    inward = ((towards - surface.points) * surface.normals).sum(axis=1) < 0
-    return np.where(inward[:, None], -surface.normals, surface.normals)

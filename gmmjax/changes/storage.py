@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gmmjax.clouds import atomic_write, load_archive, read_json_record, require_file
+from gmmjax.clouds import atomic_write, load_archive, read_json_record, require_file, write_archive
 from gmmjax.errors import InputError
 
 SCHEMA_VERSION = 3
@@ -53,7 +53,11 @@ def write_record(folder: str | os.PathLike[str], content: Mapping[str, Any], arr
     try:
         target.mkdir(parents=True, exist_ok=True)
         with atomic_write(target / LABELS_FILE) as file:
-            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+            if any(isinstance(values, np.memmap) for values in arrays.values()):
+                # Larger than the memory, perhaps: written in parts, and without the time that compression takes.
+                write_archive(file, arrays)
+            else:
+                np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
         with atomic_write(target / CHANGES_FILE) as file:
             file.write(text.encode())
     except OSError as error:

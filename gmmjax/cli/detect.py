@@ -1,5 +1,6 @@
 """`gmmjax detect BEFORE AFTER --out DIR`, or `--before FILE ... --after FILE ...` for surveys of several scans."""
 
+import contextlib
 import dataclasses
 import functools
 import itertools
@@ -56,6 +57,10 @@ def detect(
     explain: Annotated[str | None, tyro.conf.arg(metavar="[LABEL]")] = None,
     plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE.png")] = None,
     map_2d: Annotated[Path | None, tyro.conf.arg(name="map-2d", metavar="FILE.tif")] = None,
+    tile_size: Annotated[float | None, tyro.conf.arg(metavar="LENGTH")] = None,
+    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    scheduler: Annotated[str | None, tyro.conf.arg(metavar="tcp://HOST:PORT")] = None,
+    temporary_folder: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     overwrite: bool = False,
     verbose: Annotated[tyro.conf.UseCounterAction[int], tyro.conf.arg(aliases=["-v"])] = 0,
     quiet: bool = False,
@@ -65,7 +70,8 @@ def detect(
     """Find what changed between two scans: a list, labels for all points, a report.
 
     Reads PLY, PCD, XYZ, ASC, PTS, CSV, NPY, NPZ, LAS, LAZ and E57. Both scans must be in the same unit and in about
-    the same frame. Where a survey has several scans, in one frame, give them with --before and --after.
+    the same frame. Where a survey has several scans, in one frame, give them with --before and --after. Scans of
+    more than some million points are compared in tiles, in memory that does not grow with them.
 
     Args:
         scan_before: the scan at the first time.
@@ -91,6 +97,12 @@ def detect(
         map_2d: also write a map seen from above, along z: the signed distance, the probability and the changes as
             GeoTIFF (.tif; needs rasterio, the extra "map"), or a picture with outlined and numbered changes (.png, .svg
             or .pdf; needs matplotlib, the extra "plot").
+        tile_size: edge of a tile, in the unit of the scans: what one worker has in memory at a time. No result depends
+            on it. By default tiles have about as many points each.
+        workers: number of processes on this machine that compare tiles; default one per core.
+        scheduler: address of a Dask scheduler, whose workers compare the tiles.
+        temporary_folder: for what is kept on disk while scans are compared in tiles, some 150 bytes a point; by default
+            the system's folder for temporary files.
         overwrite: replace a previous result in the output folder.
         verbose: show the log in place of the progress bar; -vv shows details, too.
         quiet: print nothing but errors.
@@ -98,10 +110,10 @@ def detect(
         settings: lengths are in the unit of the scans.
     """
     del config  # Its settings are the defaults of the flags already: see `command`.
-    from gmmjax.changes import detect_changes
-    from gmmjax.clouds import read_survey
-    from gmmjax.reporting import check_upright, console
-    from gmmjax.reporting.result_folder import check_result_folder, result_files, write_result
+    from gmmjax.cli.found_changes import ScansToCompare, TileOptions, found_changes
+    from gmmjax.clouds import open_survey
+    from gmmjax.reporting import console
+    from gmmjax.reporting.result_folder import check_result_folder, result_files
 
     detection = DetectionConfig(**dataclasses.asdict(settings))
     only = explained_label(explain)
@@ -111,6 +123,7 @@ def detect(
         SensorOption("after", views_after, sensor_after, sensor_at_origin),
     )
     each(lambda sensor, own: sensor.check_scans(len(own)), sensors, files)
+    tiles = TileOptions(tile_size, workers, scheduler, temporary_folder)
     check_result_folder(out, overwrite=overwrite)
     if plot is not None:
         from gmmjax.plotting import check_figure_file
@@ -121,46 +134,38 @@ def detect(
 
         check_map_file(map_2d)
     use_compilation_cache()
-    with (
-        console.shown_warnings(quiet=quiet),
-        shown_log(verbose),
-        console.progress_bar(quiet=quiet or verbose > 0) as progress,
-    ):
-        progress("Reading the clouds", 0.0)
-        clouds = files.map(read_survey)
-        if map_2d is not None:
-            check_upright(clouds.after.points)
-        views = each(lambda sensor, cloud: sensor.views(cloud), sensors, clouds)
-        changes = detect_changes(
-            clouds.before,
-            clouds.after,
-            config=detection,
-            views_before=views.before,
-            views_after=views.after,
-            progress=progress,
-        )
-        progress("Writing the results", 1.0)
-        write_result(out, clouds.before, clouds.after, changes, overwrite=overwrite)
-        if plot is not None:
-            from gmmjax.plotting import overview_figure, write_figure
+    with contextlib.ExitStack() as results:
+        with (
+            console.shown_warnings(quiet=quiet),
+            shown_log(verbose),
+            console.progress_bar(quiet=quiet or verbose > 0) as progress,
+        ):
+            progress("Reading the clouds", 0.0)
+            scans = ScansToCompare(files.map(open_survey), sensors, seen_from_above=map_2d is not None)
+            found = results.enter_context(found_changes(scans, detection, tiles, progress))
+            progress("Writing the results", 1.0)
+            found.write(out, overwrite=overwrite)
+            if plot is not None:
+                from gmmjax.plotting import overview_figure, write_figure
 
-            write_figure(plot, overview_figure(changes, clouds))
-        if map_2d is not None:
-            from gmmjax.plotting import write_map
+                write_figure(plot, overview_figure(found.shown, found.clouds))
+            if map_2d is not None:
+                from gmmjax.plotting import write_map
 
-            write_map(map_2d, changes, clouds)
-    known = only is None or only < len(changes)
-    if print_json:
-        console.print_json(changes)
-    elif not quiet:
-        console.print_changes(changes, explain=explain is not None and known, only=only)
-        console.print_files(out, result_files(out))
-        console.print_plot(plot)
-        console.print_plot(map_2d, "Map")
-        console.print_report_hint(out / "report.html")
-    if not known:
-        labels = ", ".join(map(str, range(len(changes)))) or "none"
-        raise InputError(f"--explain {only}: no change has this label; the labels are: {labels}")
+                write_map(map_2d, found.shown, found.clouds)
+        changes = found.changes
+        known = only is None or only < len(changes)
+        if print_json:
+            console.print_json(changes)
+        elif not quiet:
+            console.print_changes(changes, explain=explain is not None and known, only=only)
+            console.print_files(out, result_files(out))
+            console.print_plot(plot)
+            console.print_plot(map_2d, "Map")
+            console.print_report_hint(out / "report.html")
+        if not known:
+            labels = ", ".join(map(str, range(len(changes)))) or "none"
+            raise InputError(f"--explain {only}: no change has this label; the labels are: {labels}")
     return 0
 
 

@@ -1,7 +1,9 @@
 """Point clouds on the host: records, readers, a writer, filters and voxels."""
 
+from gmmjax.clouds.arrays import copied_part as copied_part
 from gmmjax.clouds.arrays import load_archive as load_archive
 from gmmjax.clouds.arrays import load_arrays as load_arrays
+from gmmjax.clouds.arrays import write_archive as write_archive
 from gmmjax.clouds.atomic import atomic_write as atomic_write
 from gmmjax.clouds.block_store import AbstractBlockStore as AbstractBlockStore
 from gmmjax.clouds.block_store import BlockPoints as BlockPoints
@@ -18,6 +20,7 @@ from gmmjax.clouds.cell_counts import CellCounts as CellCounts
 from gmmjax.clouds.cell_counts import Lattice as Lattice
 from gmmjax.clouds.chunked_cloud import ArrayCloud as ArrayCloud
 from gmmjax.clouds.chunked_cloud import ChunkedCloud as ChunkedCloud
+from gmmjax.clouds.chunked_cloud import CroppedCloud as CroppedCloud
 from gmmjax.clouds.cloud_file import CHUNK_POINTS as CHUNK_POINTS
 from gmmjax.clouds.cloud_file import Bounds as Bounds
 from gmmjax.clouds.cloud_file import CloudChunk as CloudChunk
@@ -70,6 +73,8 @@ from gmmjax.clouds.survey_files import read_survey as read_survey
 from gmmjax.clouds.temporaries import clear_folders as clear_folders
 from gmmjax.clouds.temporaries import locked_file as locked_file
 from gmmjax.clouds.temporaries import temporary_folder as temporary_folder
+from gmmjax.clouds.thinning import ThinnedCloud as ThinnedCloud
+from gmmjax.clouds.thinning import thinned_cloud as thinned_cloud
 from gmmjax.clouds.views import MARGIN as MARGIN
 from gmmjax.clouds.views import PositionSettings as PositionSettings
 from gmmjax.clouds.views import SensorViews as SensorViews

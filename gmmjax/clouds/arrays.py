@@ -2,11 +2,14 @@
 
 import dataclasses
 import math
+import mmap
 import os
 import warnings
-from collections.abc import Iterator, Sequence
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
@@ -217,3 +220,35 @@ def _cloud(points: np.ndarray, file: Path, others: dict[str, np.ndarray]) -> Poi
 
 def _is_scalar(values: np.ndarray, grid: tuple[int, ...]) -> bool:
     return values.dtype.kind in "fiub" and values.shape in (grid, (int(np.prod(grid)),))
+
+
+def copied_part(values: np.ndarray, first: int, last: int) -> np.ndarray:
+    """Some values of an array in memory; of a memory map nothing else stays there, which would count as ours.
+
+    Args:
+        values: an array or a memory map.
+        first: index of the first value.
+        last: index behind the last one.
+    """
+    part = np.array(values[first:last])
+    # The changes to a private map (mode "c") are in memory alone.
+    if isinstance(values, np.memmap) and values.mode != "c" and hasattr(mmap, "MADV_DONTNEED"):
+        values._mmap.madvise(mmap.MADV_DONTNEED)  # type: ignore[attr-defined]
+    return part
+
+
+def write_archive(file: IO[bytes], arrays: Mapping[str, np.ndarray], part: int = 1_000_000) -> None:
+    """Writes arrays as an uncompressed NPZ, some values at a time.
+
+    Args:
+        file: that is written to.
+        arrays: of one axis, by name; memory maps are read as they are written.
+        part: values that are in memory at a time.
+    """
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
+        for name, values in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                header = np.lib.format.header_data_from_array_1_0(values[:0])
+                np.lib.format.write_array_header_1_0(entry, {**header, "shape": values.shape})
+                for first in range(0, len(values), part):
+                    entry.write(copied_part(values, first, first + part).tobytes())

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from gmmjax.clouds.cloud_file import CHUNK_POINTS, Bounds, CloudChunk
+from gmmjax.clouds.filters import crop_box
 
 
 @runtime_checkable
@@ -51,3 +52,34 @@ class ArrayCloud:
         for start in range(0, len(self.points), size):
             part = self.points[start : start + size]
             yield CloudChunk(part, np.arange(start, start + len(part), dtype=np.int64))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CroppedCloud:
+    """What of a cloud is in a box along the axes; the rows are those of the whole cloud.
+
+    Attributes:
+        cloud: the whole.
+        lower: lowest corner of the box.
+        upper: its highest one.
+    """
+
+    cloud: ChunkedCloud
+    lower: Float64[np.ndarray, "3"]
+    upper: Float64[np.ndarray, "3"]
+
+    @property
+    def count(self) -> int:
+        """Number of rows of the whole cloud."""
+        return self.cloud.count
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """Not known before the points are looked at."""
+        return None
+
+    def chunks(self, size: int = CHUNK_POINTS) -> Iterator[CloudChunk]:
+        """The points in the box, at most `size` at a time; some chunks may have none."""
+        for points, rows, scan in self.cloud.chunks(size):
+            inside = crop_box(points, self.lower, self.upper)
+            yield CloudChunk(points[inside], rows[inside], None if scan is None else scan[inside])

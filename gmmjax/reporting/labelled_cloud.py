@@ -2,7 +2,6 @@
 
 import dataclasses
 import itertools
-import mmap
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -26,6 +25,7 @@ from gmmjax.clouds import (
     PointCloud,
     SourceFile,
     SurveyFiles,
+    copied_part,
     free_name,
     read_layout,
     viewpoint_of,
@@ -100,7 +100,7 @@ class LabelledCloud:
     def found_in(self, rows: Int64[np.ndarray, " n"]) -> dict[str, np.ndarray]:
         """What was found about rows of the file, which ascend."""
         first, last = (int(rows[0]), int(rows[-1]) + 1) if len(rows) else (0, 0)
-        values = {name: _copied(own, first, last) for name, own in self.found.items()}
+        values = {name: copied_part(own, first, last) for name, own in self.found.items()}
         return values if last - first == len(rows) else {name: own[rows - first] for name, own in values.items()}
 
     def parts(self, reserved: tuple[str, ...] = ()) -> Iterator[PointCloud]:
@@ -350,15 +350,6 @@ def _write_las(labelled: LabelledCloud, folder: Path, stem: str) -> str:
     except BoundsError:
         write_las_blocks(folder / name, source, part_of, described, _measured_bounds(labelled, cloud))
     return name
-
-
-def _copied(values: np.ndarray, first: int, last: int) -> np.ndarray:
-    """Some of the values in memory; of a memory map nothing else stays there, which would count as ours."""
-    part = np.array(values[first:last])
-    # The changes to a private map (mode "c") are in memory alone.
-    if isinstance(values, np.memmap) and values.mode != "c" and hasattr(mmap, "MADV_DONTNEED"):
-        values._mmap.madvise(mmap.MADV_DONTNEED)  # type: ignore[attr-defined]
-    return part
 
 
 def _described(labelled: LabelledCloud) -> dict[str, str]:

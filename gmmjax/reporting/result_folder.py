@@ -3,17 +3,20 @@
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import tomli_w
 
 from gmmjax.changes import CHANGES_FILE, LABELS_FILE, NAMES, Changes, DetectionConfig
-from gmmjax.clouds import FolderKind, PointCloud, atomic_write, check_output_folder, output_folder
+from gmmjax.clouds import FolderKind, PointCloud, SurveyFiles, atomic_write, check_output_folder, output_folder
 from gmmjax.errors import InputError
-from gmmjax.pair import Pair
+from gmmjax.pair import Pair, each
 from gmmjax.reporting.change_files import MAP_FILE, TABLE_FILE, write_map, write_table
 from gmmjax.reporting.html_report import report_html
-from gmmjax.reporting.labelled_cloud import ENDINGS, labelled_clouds, write_scans
+from gmmjax.reporting.labelled_cloud import ENDINGS, LabelledCloud, labelled_clouds, labelled_files, write_scans
+
+if TYPE_CHECKING:
+    from gmmjax.tiling import TiledChanges
 
 REPORT_FILE = "report.html"
 CONFIG_FILE = "config.toml"
@@ -90,6 +93,38 @@ def write_result(
     return Path(folder)
 
 
+def write_tiled_result(
+    folder: str | os.PathLike[str], surveys: Pair[SurveyFiles], found: "TiledChanges", *, overwrite: bool = False
+) -> Path:
+    """Writes all outputs of a detection in tiles, or none: the files of `write_result`.
+
+    The scans are read again, and written some points at a time. The report shows the points that were compared in the
+    end: fine where something looks changed, and coarse elsewhere.
+
+    Args:
+        folder: is made where needed; may be empty.
+        surveys: the files that the changes were found in.
+        found: what was found.
+        overwrite: replace a previous result.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: the folder or a file cannot be written, or a scan was changed since it was read; the folder is then
+            as it was.
+
+    Warns:
+        InputWarning: a scan cannot be written in its own format; it is written as PLY.
+    """
+    registration = found.changes.registration
+    transforms = Pair(None, registration.transform if registration.applied else None)
+    scans = each(labelled_files, surveys, found.rows.found(), transforms)
+    with output_folder(folder, RESULT, overwrite=overwrite) as staging:
+        _write_files(staging, found.changes, found.shown, found.clouds, scans, surveys.before.crs)
+    return Path(folder)
+
+
 def write_result_files(folder: Path, before: PointCloud, after: PointCloud, changes: Changes) -> None:
     """Writes the files of `write_result` into a folder that is there.
 
@@ -102,14 +137,26 @@ def write_result_files(folder: Path, before: PointCloud, after: PointCloud, chan
     Raises:
         InputError, OSError: a file cannot be written.
     """
+    scans = labelled_clouds(Pair(before, after), changes).map(lambda own: own.by_file())
+    _write_files(folder, changes, changes, Pair(before, after), scans, before.crs)
+
+
+def _write_files(
+    folder: Path,
+    changes: Changes,
+    shown: Changes,
+    clouds: Pair[PointCloud],
+    scans: Pair[list[LabelledCloud]],
+    crs: str | None,
+) -> None:
+    """Writes the record, the scans with what was found of them, and a report of the clouds that are shown."""
     changes.save(folder)
     write_table(folder / TABLE_FILE, changes)
-    write_map(folder / MAP_FILE, changes, before.crs)
-    labelled = labelled_clouds(Pair(before, after), changes)
-    for side, own in zip(NAMES, labelled, strict=True):
-        write_scans(folder, side, own.by_file())
+    write_map(folder / MAP_FILE, changes, crs)
+    for side, own in zip(NAMES, scans, strict=True):
+        write_scans(folder, side, own)
     with atomic_write(folder / REPORT_FILE) as file:
-        file.write(report_html(before, after, changes).encode())
+        file.write(report_html(clouds.before, clouds.after, shown).encode())
     with atomic_write(folder / CONFIG_FILE) as file:
         tomli_w.dump(_portable(changes.config), file)
 

@@ -71,19 +71,36 @@ class BlockRecords:
     def __len__(self) -> int:
         return len(self._places)
 
+    @property
+    def numbers(self) -> list[int]:
+        """The numbers of the blocks, in their order."""
+        return sorted(self._places)
+
     def __getitem__(self, number: int) -> BlockResult:
         """The result of a block."""
+        values, before, after = self._groups(number, 3)
+        return BlockResult(values, Pair(before, after))
+
+    def values(self, number: int) -> Arrays:
+        """The values of a block, without those of its rows, which are not read.
+
+        Args:
+            number: of the block.
+        """
+        return self._groups(number, 1)[0]
+
+    def _groups(self, number: int, count: int) -> list[dict[str, npt.NDArray[np.generic]]]:
         place = self._places[number]
         with disk_errors(self._folder), (self._folder / place.file).open("rb") as file:
             file.seek(place.start)
-            groups = [
-                {name: np.lib.format.read_array(file, allow_pickle=False) for name in names} for names in place.names
+            return [
+                {name: np.lib.format.read_array(file, allow_pickle=False) for name in names}
+                for names in place.names[:count]
             ]
-        return BlockResult(groups[0], Pair(groups[1], groups[2]))
 
     def __iter__(self) -> Iterator[tuple[int, BlockResult]]:
         """The number and the result of each block."""
-        for number in sorted(self._places):
+        for number in self.numbers:
             yield number, self[number]
 
 

@@ -7,6 +7,8 @@ import pkgutil
 from collections.abc import Mapping
 
 from gmmjax.changes.config import DETECTOR_CLASSES
+from gmmjax.changes.detectors.aligned_scans import AlignedScans as AlignedScans
+from gmmjax.changes.detectors.aligned_scans import Measured as Measured
 from gmmjax.changes.detectors.detector import AbstractChangeDetector as AbstractChangeDetector
 from gmmjax.changes.detectors.detector import AbstractDetector as AbstractDetector
 from gmmjax.changes.detectors.detector import Detection as Detection

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -28,6 +29,18 @@ from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each, each_on_cores
 
 
+class Measured(NamedTuple):
+    """What was measured of the working points beforehand, tile by tile.
+
+    Attributes:
+        differences: of the scans from each other.
+        figures: the signed distance at each working point.
+    """
+
+    differences: Differences
+    figures: Pair[PointFigures]
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class AlignedScans:
     """Two scans in one frame. What depends on nothing else is computed when it is first asked for, and once.
@@ -42,6 +55,7 @@ class AlignedScans:
         verdicts: what decides whether a candidate is a change.
         settings: how distances between the clouds are measured.
         distances: how the signed distance at each point is.
+        measured: what was measured beforehand; None: it is measured when it is first asked for.
     """
 
     scans: Pair[Scan]
@@ -53,6 +67,7 @@ class AlignedScans:
     verdicts: Verdicts
     settings: DifferenceSettings
     distances: SignedDistanceSettings = SignedDistanceSettings()
+    measured: Measured | None = None
 
     @property
     def volumetric(self) -> bool:
@@ -67,6 +82,8 @@ class AlignedScans:
     @functools.cached_property
     def differences(self) -> Differences:
         """Of the working points of scans from each other."""
+        if self.measured is not None:
+            return self.measured.differences
         surfaces, working = self.pair.surfaces, self.pair.working
         if self.coarse is None:
             return differences_between(surfaces, working.spacing, self.settings)
@@ -91,8 +108,11 @@ class AlignedScans:
     @functools.cached_property
     def figures(self) -> Pair[PointFigures]:
         """The signed distance at each point of scans, and how significant it is: those of its working point."""
-        views = self.surveys.map(lambda survey: survey.views)
-        working = signed_distances(self.pair.points, self.pair.surfaces, self.differences, views, self.distances)
+        if self.measured is None:
+            views = self.surveys.map(lambda survey: survey.views)
+            working = signed_distances(self.pair.points, self.pair.surfaces, self.differences, views, self.distances)
+        else:
+            working = self.measured.figures
 
         def of_points(own: PointFigures, cloud: WorkingCloud) -> PointFigures:
             return PointFigures(*(values.astype(np.float32)[cloud.member] for values in own))

@@ -111,9 +111,18 @@ class AbstractRestartDetector(AbstractChangeDetector, Generic[Prepared]):
     def changes(self, scans: Pair[Scan], report: Progress = silent) -> Changes:
         """The record of what changed; see `AbstractChangeDetector`."""
         clock = Clock(report)
-        averaged = self._averaged(self.prepared(scans, clock), self._no_fits, clock)
+        changes = self.changes_of(self.prepared(scans, clock), clock)
         clock.finish()
-        return averaged.outcome.changes
+        return changes
+
+    def changes_of(self, prepared: Prepared, clock: Clock) -> Changes:
+        """The record of what changed between scans that are prepared.
+
+        Args:
+            prepared: both scans.
+            clock: is told of the stages.
+        """
+        return self._averaged(prepared, self._no_fits, clock).outcome.changes
 
     def consensus(
         self,

@@ -179,15 +179,24 @@ def _numbers_at(resolution: float, of_candidates: dict[int, float]) -> list[int]
 
 
 def _resolutions(own: Candidates, cloud: WorkingCloud, settings: LocalExaminationSettings) -> dict[int, float]:
-    """The spacing that each candidate is examined at, by its number: the median size of its voxels, or larger."""
+    """The spacing that each candidate is examined at, by its number."""
     assert cloud.sizes is not None
     found = {}
     for number in np.unique(own.labels[own.labels >= 0]).tolist():
-        sizes = cloud.sizes[own.labels == number]
-        # On a surface, twice the size is a quarter of the points.
-        doubled = max(0.0, np.ceil(np.log2(len(sizes) / settings.most_points) / 2))
-        found[number] = float(np.quantile(sizes, 0.5, method="lower") * 2.0**doubled)
+        found[number] = examined_spacing(cloud.sizes[own.labels == number], settings)
     return found
+
+
+def examined_spacing(sizes: Float[np.ndarray, " n"], settings: LocalExaminationSettings) -> float:
+    """The spacing that a candidate is examined at: the median size of its voxels, or larger.
+
+    Args:
+        sizes: of its voxels.
+        settings: how many points are examined.
+    """
+    # On a surface, twice the size is a quarter of the points.
+    doubled = max(0.0, np.ceil(np.log2(len(sizes) / settings.most_points) / 2))
+    return float(np.quantile(sizes, 0.5, method="lower") * 2.0**doubled)
 
 
 def _at_resolution(

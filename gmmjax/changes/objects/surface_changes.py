@@ -46,8 +46,7 @@ def surface_changes(
         kind: what a change of this cloud is.
         settings: how probable points are.
     """
-    labels, looks_changed = examined.labels, calibrated(examined.looks_changed, settings)
-    probability = settings.outside * looks_changed
+    labels, probability = examined.labels, outside_probability(examined.looks_changed, settings)
     rejected = []
     for rows, why_not in examined.rejected:
         probability[rows] = why_not.changed
@@ -61,6 +60,18 @@ def surface_changes(
         deviations = significance(difference, own, limits)
         items.append(change_of(points[own[member]], kind, float(of_change), deviations, why))
     return CloudChanges(probability[member], labels[member], items, tuple(rejected))
+
+
+def outside_probability(
+    looks_changed: Float[np.ndarray, " n"], settings: SurfaceChangeSettings = SurfaceChangeSettings()
+) -> Float[np.ndarray, " n"]:
+    """The probability of points that are of no candidate.
+
+    Args:
+        looks_changed: by the mixture, the distance and the offset.
+        settings: how probable such points are.
+    """
+    return np.asarray(settings.outside * calibrated(looks_changed, settings))
 
 
 def calibrated(

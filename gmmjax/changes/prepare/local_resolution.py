@@ -67,6 +67,39 @@ class _Indices(NamedTuple):
         return voxel_keys((self.of_axes >> halved).T)
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class VoxelLattice:
+    """The grids that voxels of all sizes are of; each has eight voxels of the next in one of its own.
+
+    Attributes:
+        corner: of all grids, in the frame of the clouds.
+        voxel_size: edge of the largest voxels, in their unit.
+        halvings: of this size, at most.
+    """
+
+    corner: Float[np.ndarray, "3"]
+    voxel_size: float
+    halvings: int
+
+    @classmethod
+    def of(cls, corner: Float[np.ndarray, "3"], extent: float, voxel_size: float, halvings: int) -> "VoxelLattice":
+        """The lattice of a cube, with as many halvings as asked for, or as its indices leave room for.
+
+        Args:
+            corner: lowest one of the cube.
+            extent: its edge. A stray point far away leaves no indices for small voxels.
+            voxel_size: edge of the largest voxels.
+            halvings: asked for.
+        """
+        most = AXIS_BITS - np.log2(extent / voxel_size)
+        return cls(corner, voxel_size, max(0, min(halvings, int(np.floor(most - 1e-6)))))
+
+    @property
+    def finest(self) -> float:
+        """The edge of the smallest voxels."""
+        return self.voxel_size / 2.0**self.halvings
+
+
 def locally_reduced(
     points: Pair[Float[np.ndarray, "_ 3"]],
     voxel_size: float,
@@ -81,13 +114,25 @@ def locally_reduced(
     """
     corner = np.minimum(*points.map(lambda own: own.min(axis=0)))
     offsets = points.map(lambda own: own - corner)
-    # A stray point far away leaves no indices for small voxels.
-    most = AXIS_BITS - np.log2(max(float(own.max()) for own in offsets) / voxel_size)
-    halvings = max(0, min(settings.halvings, int(np.floor(most - 1e-6))))
-    finest = voxel_size / 2**halvings
-    indices = offsets.map(lambda own: (own / finest).astype(np.int64))
-    levels = _bounded(indices, _levels(indices, halvings, settings), settings.most_voxels)
-    return each(lambda *own: _working_cloud(corner, finest, *own), offsets, indices, levels)
+    extent = max(float(own.max()) for own in offsets)
+    return reduced_on(offsets, VoxelLattice.of(corner, extent, voxel_size, settings.halvings), settings)
+
+
+def reduced_on(
+    offsets: Pair[Float[np.ndarray, "_ 3"]],
+    lattice: VoxelLattice,
+    settings: LocalResolutionSettings = LocalResolutionSettings(),
+) -> Pair[WorkingCloud]:
+    """Both clouds, or what of them is in some cubes of a lattice, in voxels as small as both allow at each place.
+
+    Args:
+        offsets: of both clouds, relative to the corner of the lattice; either may be without points.
+        lattice: of the voxels.
+        settings: how small they are.
+    """
+    indices = offsets.map(lambda own: (own / lattice.finest).astype(np.int64))
+    levels = _bounded(indices, _levels(indices, lattice.halvings, settings), settings.most_voxels)
+    return each(lambda *own: _working_cloud(lattice, *own), offsets, indices, levels)
 
 
 def _bounded(
@@ -153,19 +198,14 @@ def _occupied(voxels: Int[np.ndarray, " n"], cube: Int[np.ndarray, " n"], count:
 
 
 def _working_cloud(
-    corner: Float[np.ndarray, " 3"],
-    finest: float,
+    lattice: VoxelLattice,
     offsets: Float[np.ndarray, "n 3"],
     indices: Int[np.ndarray, "n 3"],
     levels: Int[np.ndarray, " n"],
 ) -> WorkingCloud:
     """The means of the voxels, those of the smallest size first."""
-    member, means, masses, sizes = (
-        np.empty(len(offsets), int),
-        list[np.ndarray](),
-        list[np.ndarray](),
-        list[np.ndarray](),
-    )
+    member = np.empty(len(offsets), int)
+    means, masses, sizes = ([np.empty((0, 3))], [np.empty(0)], [np.empty(0)])
     for level in np.unique(levels).tolist():
         rows, own = _of_level(indices, levels, level)
         keys, place = np.unique(own, return_inverse=True)
@@ -173,5 +213,5 @@ def _working_cloud(
         member[rows] = place + sum(len(own) for own in masses)
         means.append(np.stack([np.bincount(place, offsets[rows, axis]) for axis in range(3)], axis=1) / mass[:, None])
         masses.append(mass)
-        sizes.append(np.full(len(keys), finest * 2.0**level))
-    return WorkingCloud(corner + np.concatenate(means), np.concatenate(masses), member, np.concatenate(sizes))
+        sizes.append(np.full(len(keys), lattice.finest * 2.0**level))
+    return WorkingCloud(lattice.corner + np.concatenate(means), np.concatenate(masses), member, np.concatenate(sizes))

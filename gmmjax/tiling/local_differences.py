@@ -1,0 +1,167 @@
+"""How far each voxel of one scan is from the surface of the other, block by block.
+
+A block sees its own voxels, those of its neighbours in a margin of some voxels, and beyond them the coarse cloud that
+the scans were registered in: what is compared with far away need not be fine.
+"""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Float64
+from scipy.spatial import cKDTree
+
+from gmmjax.changes import (
+    CorePoints,
+    LocalDifference,
+    M3C2Settings,
+    PointFigures,
+    SignedDistanceSettings,
+    distances_at,
+    local_difference,
+)
+from gmmjax.clouds import AbstractBlockStore, Block
+from gmmjax.geometry import LocalSurface, nearest_neighbours, within_box
+from gmmjax.pair import Pair, each
+from gmmjax.tiling.local_voxels import SIDES, LocalVoxels
+from gmmjax.tiling.records import BlockRecords, BlockResult
+
+
+@dataclasses.dataclass(frozen=True)
+class LocalDifferenceSettings:
+    """What the voxels of a block are compared with.
+
+    Attributes:
+        margin: width of the zone around a block, in its voxels, whose own voxels are seen. Small: planes at the rim of
+            a block are of fewer points, and what has moved out of it has coarse counterparts; large: more work twice.
+        coarse_margin: the same for the coarse cloud, in its voxels. Small: a block may be far from what is next to it.
+        nearest: number of coarse points that are seen, however far they are: where the other scan has nothing near.
+    """
+
+    margin: float = 12.0
+    coarse_margin: float = 8.0
+    nearest: int = 64
+
+
+class CoarseClouds(NamedTuple):
+    """The clouds that the scans were registered in, and where they were seen from, relative to the offset.
+
+    Attributes:
+        points: of both.
+        voxel_size: of their voxels.
+        towards: where the sensor of each survey stood, as of `sensor_places`.
+    """
+
+    points: Pair[Float64[np.ndarray, "_ 3"]]
+    voxel_size: float
+    towards: Pair[Float64[np.ndarray, "_ 3"]]
+
+
+def block_differences(
+    store: AbstractBlockStore,
+    block: Block,
+    voxels: LocalVoxels,
+    coarse: CoarseClouds,
+    settings: LocalDifferenceSettings,
+    distances: SignedDistanceSettings,
+) -> BlockResult:
+    """The differences of the voxels of a block, a `BlockTask`; its values are what `BlockDifferences` reads.
+
+    Args:
+        store: of the block.
+        block: one of the store's.
+        voxels: of all blocks.
+        coarse: what is compared with beyond the margin.
+        settings: how far the voxels of other blocks are seen.
+        distances: of the cylinders of the signed distance.
+    """
+    own = voxels.of_block(block.number)
+    margin = settings.margin * float(np.median(np.concatenate([side.sizes for side in own])))
+    counts = own.map(lambda side: len(side.points))
+    near = [voxels.of_block(int(number)) for number in store.tree.near(block, margin)]
+    seen = each(lambda *parts: [part.points for part in parts], own, *near)
+    far = margin + settings.coarse_margin * coarse.voxel_size
+    around = each(lambda fine, everywhere: _seen(block, fine, everywhere, (margin, far), settings), seen, coarse.points)
+    surfaces = around.map(LocalSurface.of)
+    inside = counts.map(np.arange)
+    local = each(local_difference, surfaces, surfaces.swapped, inside)
+    spacings = each(lambda surface, chosen: surface.spacing(chosen), surfaces, inside)
+    cores = each(CorePoints.of, surfaces, coarse.towards, inside)
+    points = store.points_of(block, margin).map(lambda around: around.points)
+    none = counts.map(np.zeros)
+    figures = distances_at(points, cores, local, none, distances, margin)
+    values: dict[str, np.ndarray] = {}
+    for side, *found in zip(SIDES, local, spacings, figures, strict=True):
+        values |= {f"{name}_{side}": array for name, array in _named(*found).items()}
+    return BlockResult(values, Pair({}, {}))
+
+
+_DIFFERENCES = ("distance", "offset", "noise", "thickness", "spacing")
+
+
+def _named(
+    local: LocalDifference, own_spacing: Float[np.ndarray, " v"], figures: PointFigures
+) -> dict[str, Float[np.ndarray, " v"]]:
+    values = {name: getattr(local, name) for name in _DIFFERENCES}
+    values |= {"own_spacing": own_spacing, "signed": figures.distance, "detection": figures.level_of_detection}
+    return {name: array.astype(np.float32) for name, array in values.items()}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BlockDifferences:
+    """The differences of the voxels of all blocks.
+
+    Attributes:
+        records: of `block_differences`.
+    """
+
+    records: BlockRecords
+
+    def local(self, number: int, side: str) -> LocalDifference:
+        """The differences of the voxels of one cloud in a block, the registration error of the pair everywhere.
+
+        Args:
+            number: of the block.
+            side: "before" or "after".
+        """
+        values = self.records.values(number)
+        names = (*_DIFFERENCES, "own_spacing")
+        return LocalDifference(**{name: values[f"{name}_{side}"].astype(np.float64) for name in names})
+
+    def figures(self, number: int, side: str, error: Float[np.ndarray, " v"]) -> PointFigures:
+        """The signed distance at the voxels of one cloud in a block.
+
+        Args:
+            number: of the block.
+            side: "before" or "after".
+            error: the registration error at each voxel.
+        """
+        values, standard_errors = self.records.values(number), np.float32(M3C2Settings.standard_errors)
+        distance, without = (values[f"{name}_{side}"].astype(np.float32) for name in ("signed", "detection"))
+        # Equation (1) of M3C2 adds the error to the standard error of the means.
+        detection = without + standard_errors * error.astype(np.float32)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            significance = np.where(distance == 0, 0 * detection, np.abs(distance) / (detection / standard_errors))
+        return PointFigures(distance, detection, significance)
+
+
+def _seen(
+    block: Block,
+    fine: list[Float64[np.ndarray, "_ 3"]],
+    everywhere: Float64[np.ndarray, "c 3"],
+    margins: tuple[float, float],
+    settings: LocalDifferenceSettings,
+) -> Float64[np.ndarray, "n 3"]:
+    """The voxels of a block, then those of the others in the margin, and then the coarse points beyond it."""
+    (lower, upper), outer = (_grown(block, margin) for margin in margins)
+    own, *others = fine
+    around = np.zeros(len(everywhere), bool)
+    around[within_box(everywhere, *outer)] = True
+    around[within_box(everywhere, lower, upper)] = False
+    if not around.any():
+        around[nearest_neighbours(cKDTree(everywhere), block.centre[None], settings.nearest)[1]] = True
+    return np.concatenate([own, *(part[within_box(part, lower, upper)] for part in others), everywhere[around]])
+
+
+def _grown(block: Block, margin: float) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+    return block.lower - margin, block.lower + block.edge + margin

@@ -1,0 +1,144 @@
+"""Both clouds in voxels as small as the scans allow at each place, block by block: what the fine pass compares."""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from gmmjax.changes import LocalResolutionSettings, VoxelLattice, WorkingCloud, reduced_on
+from gmmjax.clouds import AbstractBlockStore, Block, voxel_keys
+from gmmjax.pair import Pair, each
+from gmmjax.tiling.records import BlockRecords, BlockResult
+
+SIDES = Pair("before", "after")
+
+
+class Voxels(NamedTuple):
+    """The voxels of one cloud in a block.
+
+    Attributes:
+        points: the mean of each voxel's points, relative to the offset.
+        mass: how many points each has.
+        sizes: the edge of each.
+    """
+
+    points: Float64[np.ndarray, "v 3"]
+    mass: Float64[np.ndarray, " v"]
+    sizes: Float64[np.ndarray, " v"]
+
+
+def block_voxels(
+    store: AbstractBlockStore, block: Block, lattice: VoxelLattice, settings: LocalResolutionSettings
+) -> BlockResult:
+    """The voxels of a block, a `BlockTask`: they depend on the points in it alone.
+
+    Its values are the voxels, and how many there are with each size at least; its rows the voxel of each point.
+
+    Args:
+        store: of the block.
+        block: one of the store's.
+        lattice: of the voxels, from the offset on.
+        settings: how small they are.
+    """
+    inside = store.inside(block.number).map(lambda own: own.points)
+    clouds = reduced_on(inside, lattice, settings)
+    values: dict[str, np.ndarray] = {}
+    for side, cloud in zip(SIDES, clouds, strict=True):
+        assert cloud.sizes is not None
+        values |= {f"points_{side}": cloud.points, f"mass_{side}": cloud.mass, f"sizes_{side}": cloud.sizes}
+        values[f"numbers_{side}"] = _numbers(cloud, lattice)
+    return BlockResult(values, clouds.map(lambda cloud: {"voxel": cloud.member.astype(np.int32)}))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LocalVoxels:
+    """The voxels of all blocks, those below a size joined.
+
+    Attributes:
+        records: of `block_voxels`.
+        lattice: of the voxels, from the offset on.
+        least: edge of a voxel, at least.
+    """
+
+    records: BlockRecords
+    lattice: VoxelLattice
+    least: float
+
+    @classmethod
+    def of(cls, records: BlockRecords, lattice: VoxelLattice, most: int) -> "LocalVoxels":
+        """The voxels, the smallest ones doubled until neither cloud has more than a number of them.
+
+        Args:
+            records: of `block_voxels`.
+            lattice: of the voxels.
+            most: number of voxels of either cloud.
+        """
+        numbers = np.zeros((2, lattice.halvings + 1), np.int64)
+        for number in records.numbers:
+            values = records.values(number)
+            numbers += np.stack([values[f"numbers_{side}"].astype(np.int64) for side in SIDES])
+        few = np.append(numbers.max(axis=0)[:-1] <= most, True)
+        level = int(np.argmax(few))
+        return cls(records, lattice, lattice.finest * 2.0**level)
+
+    def of_block(self, number: int) -> Pair[Voxels]:
+        """The voxels of a block.
+
+        Args:
+            number: of the block.
+        """
+        return self._voxels(number).map(lambda own: joined(own, self.least)[0])
+
+    def members(self, number: int) -> Pair[Int64[np.ndarray, " n"]]:
+        """The voxel of each point in a block, in the order of the points.
+
+        Args:
+            number: of the block.
+        """
+        places = self._voxels(number).map(lambda own: joined(own, self.least)[1])
+        return each(lambda own, place: place[own["voxel"]], self.records[number].rows, places)
+
+    def _voxels(self, number: int) -> Pair[Voxels]:
+        values = self.records.values(number)
+        return SIDES.map(lambda side: Voxels(*(values[f"{name}_{side}"] for name in Voxels._fields)))
+
+
+def joined(voxels: Voxels, least: float) -> tuple[Voxels, Int64[np.ndarray, " v"]]:
+    """Voxels with those below a size joined to voxels of that size, which come first.
+
+    Args:
+        voxels: of one cloud, on a lattice from the offset on.
+        least: edge of the voxels that they are joined to, of the same lattice.
+
+    Returns:
+        The voxels, and for each of the given ones the voxel that it is in.
+    """
+    small = voxels.sizes < least * (1 - 1e-9)
+    if not small.any():
+        return voxels, np.arange(len(small))
+    points, mass = voxels.points[small], voxels.mass[small]
+    keys = voxel_keys((points / least).astype(np.int64).T)
+    _, place = np.unique(keys, return_inverse=True)
+    total = np.bincount(place, weights=mass)
+    # Offsets from the first voxel, so that no digits are lost far from the corner.
+    corner = points[0]
+    sums = [np.bincount(place, weights=mass * (points[:, axis] - corner[axis])) for axis in range(3)]
+    means = corner + np.stack(sums, axis=1) / total[:, None]
+    members = np.empty(len(small), np.int64)
+    members[small] = place
+    members[~small] = len(total) + np.arange((~small).sum())
+    large = voxels.points[~small], voxels.mass[~small], voxels.sizes[~small]
+    own = means, total, np.full(len(total), least)
+    return Voxels(*(np.concatenate(parts) for parts in zip(own, large, strict=True))), members
+
+
+def _numbers(cloud: WorkingCloud, lattice: VoxelLattice) -> Int64[np.ndarray, " h"]:
+    """How many voxels there are when those below each size of the lattice are joined, from the smallest on."""
+    assert cloud.sizes is not None
+    voxels = Voxels(cloud.points, cloud.mass, cloud.sizes)
+    numbers = []
+    for level in range(lattice.halvings + 1):
+        voxels = joined(voxels, lattice.finest * 2.0**level)[0]
+        numbers.append(len(voxels.mass))
+    return np.array(numbers)

@@ -1,0 +1,137 @@
+"""What is said of each row of both surveys, from what was found of the voxels that their points are in."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import get_args
+
+import numpy as np
+from jaxtyping import Bool, Int
+from scipy.spatial import cKDTree
+
+from gmmjax.changes import Changes, Kind, PointFigures, SurfaceChangeSettings, outside_probability
+from gmmjax.clouds import StoredPoints
+from gmmjax.geometry import nearest_neighbours
+from gmmjax.pair import Pair, each_on_cores
+from gmmjax.tiling.compared_blocks import ComparedBlocks, ComparedVoxels
+from gmmjax.tiling.focus import FocusedCloud
+from gmmjax.tiling.local_voxels import SIDES, Voxels
+from gmmjax.tiling.row_columns import FilledInBatches, RowColumns
+
+MISSING: Mapping[str, np.generic] = {
+    "label": np.int32(-1),
+    "kind": np.uint8(0),
+    "probability": np.float32(0),
+    "unobserved": np.bool_(False),
+    **{name: np.float32(np.nan) for name in PointFigures._fields},
+}
+"""The columns, with the values of rows that were not compared: those without a position, or outside of the crop box."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RowResults:
+    """What is said of each row.
+
+    Attributes:
+        columns: of either survey, by the names of `MISSING`.
+    """
+
+    columns: Pair[RowColumns]
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The arrays of `Changes`, as maps of files."""
+        names = {"labels": "label", **{name: name for name in MISSING if name not in ("label", "kind")}}
+        return {
+            f"{array}_{side}": own.column(name)
+            for side, own in zip(SIDES, self.columns, strict=True)
+            for array, name in names.items()
+        }
+
+    def found(self) -> Pair[dict[str, np.ndarray]]:
+        """The values of each row by name, as maps of files: what is written beside the points of a scan."""
+
+        def of_cloud(columns: RowColumns) -> dict[str, np.ndarray]:
+            values = {name: columns.column(name) for name in MISSING}
+            # Files of points have no truth values.
+            return values | {"unobserved": values["unobserved"].view(np.uint8)}
+
+        return self.columns.map(of_cloud)
+
+
+def fill_rows(
+    results: RowResults,
+    blocks: ComparedBlocks,
+    focus: Pair[FocusedCloud],
+    changes: Changes,
+    settings: SurfaceChangeSettings,
+) -> None:
+    """Fills the columns, block by block.
+
+    Args:
+        results: to fill.
+        blocks: of both clouds, compared.
+        focus: the clouds that the changes were found in.
+        changes: of these clouds.
+        settings: how probable points outside of changes are.
+    """
+
+    def fill(side: str, columns: RowColumns, own: FocusedCloud) -> None:
+        found, filling = _Found.of(side, own, changes, settings), FilledInBatches(columns)
+        for number in range(len(blocks.store.tree)):
+            inside: StoredPoints = getattr(blocks.store.inside(number), side)
+            member: Int[np.ndarray, " n"] = getattr(blocks.voxels.members(number), side)
+            values = found.of_voxels(number, blocks.side(number, side))
+            filling.fill(inside.rows, {name: array[member] for name, array in values.items()})
+        filling.flush()
+
+    each_on_cores(fill, SIDES, results.columns, focus)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Found:
+    """What was found of one cloud.
+
+    Attributes:
+        focus: the cloud.
+        values: of each of its voxels, by name.
+        unobserved: tree of the coarse points, and which of them the other survey did not observe; None: there is none.
+        settings: how probable points outside of changes are.
+    """
+
+    focus: FocusedCloud
+    values: Mapping[str, np.ndarray]
+    unobserved: tuple[cKDTree, Bool[np.ndarray, " c"]] | None
+    settings: SurfaceChangeSettings
+
+    @classmethod
+    def of(cls, side: str, focus: FocusedCloud, changes: Changes, settings: SurfaceChangeSettings) -> "_Found":
+        labels, probability, unobserved = (
+            getattr(changes, f"{name}_{side}") for name in ("labels", "probability", "unobserved")
+        )
+        kinds = np.array([0, *(get_args(Kind).index(change.kind) + 1 for change in changes)], np.uint8)
+        values = {"label": labels, "kind": kinds[labels + 1], "probability": probability, "unobserved": unobserved}
+        fine = focus.rows.max(initial=-1) + 1
+        points, hidden = focus.voxels.points[fine:], unobserved[fine:]
+        return cls(focus, values, (cKDTree(points), hidden) if hidden.any() else None, settings)
+
+    def of_voxels(self, number: int, own: ComparedVoxels) -> dict[str, np.ndarray]:
+        """What is said of each voxel of a block."""
+        rows = self.focus.rows_of(number, len(own.voxels.points))
+        fine = rows >= 0
+        outside = outside_probability(own.looks_changed, self.settings)
+        elsewhere = {"probability": outside, "unobserved": self._hidden(own.voxels, fine)}
+        values = {}
+        for name, found in self.values.items():
+            missing = elsewhere.get(name, MISSING[name])
+            values[name] = np.where(fine, found[rows], missing).astype(MISSING[name].dtype)
+        hidden = values["unobserved"]
+        figures = own.figures._asdict()
+        return values | {name: np.where(hidden, np.float32(np.nan), figure) for name, figure in figures.items()}
+
+    def _hidden(self, voxels: Voxels, fine: Bool[np.ndarray, " v"]) -> Bool[np.ndarray, " v"]:
+        """Which voxels beyond the fine ones the other survey did not observe: those next to coarse ones of which."""
+        hidden = np.zeros(len(fine), bool)
+        if self.unobserved is not None:
+            tree, unobserved = self.unobserved
+            nearest: Int[np.ndarray, "m 1"] = nearest_neighbours(tree, voxels.points[~fine], 1)[1]
+            hidden[~fine] = unobserved[nearest[:, 0]]
+        return hidden
