@@ -74,8 +74,6 @@ class LocalDifference(NamedTuple):
         thickness: standard deviation of the other cloud's points about their plane there.
         spacing: of the other cloud's points there.
         error: registration error there; None: that of the pair.
-        counterpart: the point of the other cloud whose surface is compared with.
-        signed_offset: of the local mean from that surface, positive on the side that its normal points to.
         own_spacing: of the cloud's own points there, where it differs from place to place; None: that of the pair.
     """
 
@@ -85,8 +83,6 @@ class LocalDifference(NamedTuple):
     thickness: Float[np.ndarray, " n"]
     spacing: Float[np.ndarray, " n"]
     error: Float[np.ndarray, " n"] | None = None
-    counterpart: Int[np.ndarray, " n"] | None = None
-    signed_offset: Float[np.ndarray, " n"] | None = None
     own_spacing: Float[np.ndarray, " n"] | None = None
 
 
@@ -175,16 +171,14 @@ def local_difference(
     there = other.nearest(means)
     planes = other.normals, other.variances, other.centres
     normals, variances, centres = (values.take(there, axis=0) for values in planes)
-    signed_offset = ((means - centres) * normals).sum(axis=1)
+    offset = ((means - centres) * normals).sum(axis=1)
     own_scatter = ((groups - means[:, None]) @ normals[:, :, None])[..., 0].var(axis=1)
     return LocalDifference(
         distance=nearest_neighbours(other.tree, own.points[chosen], 1)[0][:, 0],
-        offset=np.abs(signed_offset),
+        offset=np.abs(offset),
         noise=np.sqrt(own_scatter / groups.shape[1] + variances[:, 0] / other.neighbours.shape[1]),
         thickness=np.sqrt(variances[:, 0]),
         spacing=other.spacing(there),
-        counterpart=there,
-        signed_offset=signed_offset,
     )
 
 

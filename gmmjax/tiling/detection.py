@@ -31,7 +31,6 @@ from gmmjax.changes import (
     VoxelLattice,
     WorkingCloud,
     common_unit,
-    local_difference,
     sensor_places,
     silent,
 )
@@ -63,7 +62,7 @@ from gmmjax.tiling.local_differences import (
     block_differences,
 )
 from gmmjax.tiling.local_scales import LocalScales, LocalScaleSettings, local_scales
-from gmmjax.tiling.local_voxels import SIDES, LocalVoxels, block_voxels
+from gmmjax.tiling.local_voxels import SIDES, LocalVoxels, Voxels, block_voxels
 from gmmjax.tiling.row_results import MISSING, RowResults, fill_rows
 from gmmjax.tiling.tiles import TileSettings, tiles_of
 from gmmjax.tiling.workers import Workers
@@ -363,14 +362,12 @@ def _refined(
 ) -> AlignedScans:
     """The scans with the voxels of the focus as their points."""
     prepared = coarse.prepared
-    points = focus.map(lambda own: own.voxels.points + offset)
+    voxels = focus.map(lambda own: own.own.voxels)
+    points = voxels.map(lambda own: own.points + offset)
     surfaces = each_on_cores(LocalSurface.of, points)
-    working = dataclasses.replace(prepared.pair.working, clouds=each(_working_cloud, points, focus))
+    working = dataclasses.replace(prepared.pair.working, clouds=each(_working_cloud, points, voxels))
     pair = prepared.pair._replace(points=points, working=working, surfaces=surfaces)
-    local = each_on_cores(local_difference, surfaces, surfaces.swapped)
-    spacings = surfaces.map(lambda surface: surface.spacing(np.arange(len(surface))))
-    errors = scales.errors_at(focus.map(lambda own: own.voxels.points))
-    local = each(lambda own, spacing, error: own._replace(own_spacing=spacing, error=error), local, spacings, errors)
+    differences = Differences(focus.map(lambda own: own.own.local), scales.limits)
     return dataclasses.replace(
         prepared,
         scans=each(lambda own, scan: Scan(own, scan.views), points, prepared.scans),
@@ -378,12 +375,12 @@ def _refined(
         pair=pair,
         coarse=prepared.pair.surfaces.map(lambda surface: surface.points),
         surveys=each(lambda own, surface: dataclasses.replace(own, surface=surface), prepared.surveys, surfaces),
-        measured=Measured(Differences(local, scales.limits), focus.map(lambda own: own.figures)),
+        measured=Measured(differences, focus.map(lambda own: own.own.figures)),
     )
 
 
-def _working_cloud(points: Float64[np.ndarray, "n 3"], own: FocusedCloud) -> WorkingCloud:
-    return WorkingCloud(points, own.voxels.mass, np.arange(len(points)), own.voxels.sizes)
+def _working_cloud(points: Float64[np.ndarray, "n 3"], voxels: Voxels) -> WorkingCloud:
+    return WorkingCloud(points, voxels.mass, np.arange(len(points)), voxels.sizes)
 
 
 def _given_clouds(refined: AlignedScans) -> Pair[PointCloud]:

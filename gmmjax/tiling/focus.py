@@ -6,8 +6,10 @@ were registered in. So each candidate, and all that its facts look at, is as fin
 
 import dataclasses
 import logging
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 from scipy.spatial import cKDTree
@@ -15,7 +17,6 @@ from scipy.spatial import cKDTree
 from gmmjax.changes import (
     CandidateSettings,
     LocalExaminationSettings,
-    PointFigures,
     clusters_with_core,
     examined_spacing,
 )
@@ -48,15 +49,14 @@ class FocusedCloud(NamedTuple):
     """One cloud, fine where something looks changed, coarse elsewhere.
 
     Attributes:
-        voxels: first the fine ones.
-        figures: the signed distance at each; at a coarse one that at the voxel next to it.
+        own: its voxels, first the fine ones. What was measured of a joined or coarse one is that of one of the voxels
+            in it, or of the one next to it.
         blocks: the number of the block of each voxel of the blocks that is in a fine one, ascending.
         indices: its number in that block.
         rows: the fine voxel that it is in.
     """
 
-    voxels: Voxels
-    figures: PointFigures
+    own: ComparedVoxels
     blocks: Int[np.ndarray, " b"]
     indices: Int[np.ndarray, " b"]
     rows: Int[np.ndarray, " b"]
@@ -91,16 +91,13 @@ def focused(
         settings: how much is taken.
     """
     places = _places(_changed(blocks, threshold), threshold, blocks.candidates, examination, settings)
-    parts = Pair([_Part.none()], [_Part.none()])
-    around = coarse.points.map(_Around.of)
+    parts, around = Pair(list[_Part](), list[_Part]()), Pair(list[_Around](), list[_Around]())
     for block, compared in blocks:
         met = any(one.touches(block) for one in places)
-        for of_coarse, of_parts, own in zip(around, parts, compared, strict=True):
-            of_coarse.take(block, own)
-            if met:
-                of_parts.append(_Part.of(block.number, places, own))
-    least = blocks.voxels.least
-    clouds = each(lambda *own: _focused_cloud(places, coarse.voxel_size, least, settings, *own), parts, around)
+        for of_parts, of_coarse, own, points in zip(parts, around, compared, coarse.points, strict=True):
+            of_parts.append(_Part.of(block.number, places if met else [], own, threshold))
+            of_coarse.append(_Around.of(block, points, own))
+    clouds = each(lambda *own: _focused_cloud(places, coarse.voxel_size, settings, *own), parts, around)
     logger.info(
         "fine voxels where something looks changed: %d and %d", *clouds.map(lambda own: own.rows.max(initial=-1) + 1)
     )
@@ -130,10 +127,12 @@ class _Places(NamedTuple):
 
     Attributes:
         tree: of the places.
+        spacing: that the candidates there are examined at.
         reach: distance from them.
     """
 
     tree: cKDTree
+    spacing: float
     reach: float
 
     def touches(self, block: Block) -> bool:
@@ -167,89 +166,97 @@ def _places(
                 continue
             by_spacing.setdefault(examined_spacing(own.sizes[rows], examination), []).append(own.points[rows])
     return [
-        _Places(cKDTree(voxel_grid(np.concatenate(points), examination.reach / 8 * spacing).points), reach)
+        _Places(
+            cKDTree(voxel_grid(np.concatenate(points), examination.reach / 8 * spacing).points),
+            spacing,
+            (examination.reach + settings.margin) * spacing,
+        )
         for spacing, points in sorted(by_spacing.items())
-        for reach in ((examination.reach + settings.margin) * spacing,)
     ]
 
 
-def _within_any(places: list[_Places], points: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-    found = np.zeros(len(points), bool)
+def _spacings(places: list[_Places], points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
+    """The smallest spacing of the candidates within whose reach each point is; infinite out of reach."""
+    found = np.full(len(points), np.inf)
     for own in places:
-        left = np.flatnonzero(~found)
-        found[left] = own.within(points[left])
+        left = np.flatnonzero(np.isinf(found))
+        found[left[own.within(points[left])]] = own.spacing
     return found
 
 
 class _Part(NamedTuple):
-    """What is fine of a block."""
+    """What is fine of a block.
 
-    voxels: Voxels
-    figures: PointFigures
-    blocks: Int[np.ndarray, " b"]
-    indices: Int[np.ndarray, " b"]
+    Attributes:
+        own: its voxels within reach of candidates.
+        least: edge of the voxels that each may be joined to; 0 for those that look changed.
+        blocks: the number of the block.
+        indices: of each voxel in it.
+    """
+
+    own: ComparedVoxels
+    least: Float64[np.ndarray, " n"]
+    blocks: Int[np.ndarray, " n"]
+    indices: Int[np.ndarray, " n"]
 
     @classmethod
-    def none(cls) -> "_Part":
-        empty, figures, nothing = np.empty(0), np.empty(0, np.float32), np.empty(0, np.int64)
-        return cls(Voxels(np.empty((0, 3)), empty, empty), PointFigures(figures, figures, figures), nothing, nothing)
-
-    @classmethod
-    def of(cls, number: int, places: list[_Places], own: ComparedVoxels) -> "_Part":
-        indices = np.flatnonzero(_within_any(places, own.voxels.points))
-        return cls(
-            Voxels(*(values[indices] for values in own.voxels)),
-            PointFigures(*(values[indices] for values in own.figures)),
-            np.full(len(indices), number),
-            indices,
-        )
+    def of(cls, number: int, places: list[_Places], own: ComparedVoxels, threshold: float) -> "_Part":
+        spacings = _spacings(places, own.voxels.points)
+        spacings[np.isfinite(spacings) & (own.looks_changed >= threshold)] = 0
+        indices = np.flatnonzero(np.isfinite(spacings))
+        return cls(_taken(own, indices), spacings[indices], np.full(len(indices), number), indices)
 
 
 class _Around(NamedTuple):
-    """The coarse points of a cloud, and the signed distance at the voxel next to each."""
+    """The coarse points of a cloud in a block, with what was measured of the voxels next to them."""
 
     points: Float64[np.ndarray, "c 3"]
-    figures: PointFigures
+    nearest: ComparedVoxels
 
     @classmethod
-    def of(cls, points: Float64[np.ndarray, "c 3"]) -> "_Around":
-        return cls(points, PointFigures(*(np.full(len(points), np.float32(np.nan)) for _ in PointFigures._fields)))
+    def of(cls, block: Block, points: Float64[np.ndarray, "n 3"], own: ComparedVoxels) -> "_Around":
+        inside = points[within_box(points, block.lower, block.lower + block.edge)]
+        if not len(own.voxels.points):
+            return cls(inside[:0], own)
+        return cls(inside, _taken(own, cKDTree(own.voxels.points).query(inside)[1]))
 
-    def take(self, block: Block, own: ComparedVoxels) -> None:
-        """Sets the figures of the points in a block."""
-        rows = within_box(self.points, block.lower, block.lower + block.edge)
-        if len(rows) and len(own.voxels.points):
-            nearest = cKDTree(own.voxels.points).query(self.points[rows])[1]
-            for values, found in zip(self.figures, own.figures, strict=True):
-                values[rows] = found[nearest]
+
+def _taken(own: ComparedVoxels, rows: Int[np.ndarray, " m"]) -> ComparedVoxels:
+    """Some of the voxels."""
+    taken: ComparedVoxels = jax.tree.map(lambda values: values[rows], own)
+    return taken
+
+
+def _together(parts: Sequence[Any]) -> Any:
+    """Records of arrays as one."""
+    return jax.tree.map(lambda *values: np.concatenate(values), *parts)
 
 
 def _focused_cloud(
-    places: list[_Places],
-    voxel_size: float,
-    least: float,
-    settings: FocusSettings,
-    parts: list[_Part],
-    coarse: _Around,
+    places: list[_Places], voxel_size: float, settings: FocusSettings, parts: list[_Part], around: list[_Around]
 ) -> FocusedCloud:
-    fine = Voxels(*(np.concatenate(values) for values in zip(*(own.voxels for own in parts), strict=True)))
-    figures = PointFigures(*(np.concatenate(values) for values in zip(*(own.figures for own in parts), strict=True)))
-    blocks, indices = (np.concatenate([own[place] for own in parts]) for place in (2, 3))
-    rows = np.arange(len(fine.mass))
-    while len(fine.mass) > settings.most_voxels:
+    fine, coarse = _together(parts), _together(around)
+    own, rows = _joined(fine.own, fine.least)
+    least = float(own.voxels.sizes.min(initial=np.inf))
+    while len(own.looks_changed) > settings.most_voxels:
         least *= 2
-        fine, member = joined(fine, least)
-        rows = member[rows]
-        # Of the voxels that are joined, the figures of one of them.
-        first = np.unique(member, return_index=True)[1]
-        figures = PointFigures(*(values[first] for values in figures))
-    outside = ~_within_any(places, coarse.points)
-    beyond = coarse.points[outside]
-    around = Voxels(beyond, np.ones(len(beyond)), np.full(len(beyond), voxel_size))
-    return FocusedCloud(
-        Voxels(*(np.concatenate(values) for values in zip(fine, around, strict=True))),
-        PointFigures(*(np.concatenate([own, far[outside]]) for own, far in zip(figures, coarse.figures, strict=True))),
-        blocks,
-        indices,
-        rows,
-    )
+        own, members = _joined(own, np.full(len(own.looks_changed), least))
+        rows = members[rows]
+    beyond = np.flatnonzero(np.isinf(_spacings(places, coarse.points)))
+    points, count = coarse.points[beyond], len(beyond)
+    far = _taken(coarse.nearest, beyond)._replace(voxels=Voxels(points, np.ones(count), np.full(count, voxel_size)))
+    return FocusedCloud(_together([own, far]), fine.blocks, fine.indices, rows)
+
+
+def _joined(own: ComparedVoxels, least: Float64[np.ndarray, " n"]) -> tuple[ComparedVoxels, Int[np.ndarray, " n"]]:
+    """Voxels joined to those of a size that is given for each, and for each the one that it is in."""
+    parts, members, count = [], np.empty(len(least), np.int64), 0
+    for size in np.unique(least):
+        rows = np.flatnonzero(least == size)
+        voxels, place = joined(Voxels(*(values[rows] for values in own.voxels)), float(size))
+        members[rows] = count + place
+        count += len(voxels.mass)
+        # What was measured of the first of the voxels in each.
+        first = rows[np.unique(place, return_index=True)[1]]
+        parts.append(_taken(own, first)._replace(voxels=voxels))
+    return (_together(parts) if parts else own), members

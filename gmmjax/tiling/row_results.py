@@ -110,7 +110,7 @@ class _Found:
         kinds = np.array([0, *(get_args(Kind).index(change.kind) + 1 for change in changes)], np.uint8)
         values = {"label": labels, "kind": kinds[labels + 1], "probability": probability, "unobserved": unobserved}
         fine = focus.rows.max(initial=-1) + 1
-        points, hidden = focus.voxels.points[fine:], unobserved[fine:]
+        points, hidden = focus.own.voxels.points[fine:], unobserved[fine:]
         return cls(focus, values, (cKDTree(points), hidden) if hidden.any() else None, settings)
 
     def of_voxels(self, number: int, own: ComparedVoxels) -> dict[str, np.ndarray]:
