@@ -49,12 +49,13 @@ def detect_changes(
         The changes, with a label and a probability for every row of both clouds.
 
     Raises:
-        InputError: clouds, views or settings that cannot be used; files that state two units or reference systems.
+        InputError: clouds, views or settings that cannot be used; files that state two units or reference systems;
+            extents that do not overlap, where no registration is made or it is in doubt.
         ComputationError: no restart gave a mixture, or no pair of separate mixtures could be compared.
 
     Warns:
-        InputWarning: extents that differ as if in another unit; extents that do not overlap, where no registration is
-            made or it is in doubt; a registration in doubt; views that contradict their cloud, which are not used.
+        InputWarning: extents that differ as if in another unit; a registration in doubt; views that contradict their
+            cloud, which are not used.
     """
     config = _overridden(config or DetectionConfig(), method=method, restarts=restarts, seed=seed)
     scans = _scans(before, after, views_before, views_after)

@@ -90,7 +90,7 @@ class TiledDetectionSettings:
 
     thinned: int = 400_000
     largest_voxel: float = 2.0
-    most_points: float = 400_000
+    most_points: int = 400_000
     most_voxels: int = 4_000_000
     differences: LocalDifferenceSettings = LocalDifferenceSettings()
     scales: LocalScaleSettings = LocalScaleSettings()
@@ -276,7 +276,7 @@ def _corners(coarse: _CoarsePass) -> Float64[np.ndarray, "16 3"]:
 
 def _block_settings(settings: TiledDetectionSettings) -> BlockSettings:
     """Blocks by their number of points alone: their voxels are chosen later."""
-    return BlockSettings(finest_voxel=np.inf, most_points=settings.most_points)
+    return BlockSettings(finest_voxel=np.inf, most_points=float(settings.most_points))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -305,11 +305,11 @@ def test_views_that_see_nothing_are_an_error(laboratory):
         detect_changes(laboratory.before, laboratory.after, config=CONFIG, views_after=blind)
 
 
-def test_too_little_overlap_is_warned_of(laboratory):
+def test_clouds_that_do_not_overlap_are_refused(laboratory):
     left = laboratory.before[laboratory.before[:, 0] < -0.3][::4]
     right = laboratory.after[laboratory.after[:, 0] > 0.2][::4]
     config = DetectionConfig(restarts=1, registration="never")
-    with pytest.warns(InputWarning, match="have a counterpart|do not overlap"):
+    with pytest.raises(InputError, match="do not overlap"):
         detect_changes(left, right, config=config)
 
 

@@ -105,17 +105,24 @@ def check_overlap(clouds: Pair[CheckedCloud], registration: Registration | None 
         clouds: both, in the frames that they were given in.
         registration: of the after cloud; None: none was made.
 
-    Warns:
-        InputWarning: extents that do not overlap.
+    Raises:
+        InputError: extents that do not overlap.
     """
     if registration is not None and registration.applied and not registration.in_doubt:
         return
-    before, after = clouds.map(lambda cloud: cloud.points)
-    if (before.max(axis=0) < after.min(axis=0)).any() or (after.max(axis=0) < before.min(axis=0)).any():
-        warn(
-            "the extents of the clouds do not overlap at all, so what is found means little: are both in the same "
-            "frame, and in the same unit?"
+    lower = clouds.map(lambda cloud: cloud.points.min(axis=0))
+    upper = clouds.map(lambda cloud: cloud.points.max(axis=0))
+    if (upper.before < lower.after).any() or (upper.after < lower.before).any():
+        extents = each(_extent, lower, upper)
+        raise InputError(
+            f"before, after: the scans do not overlap (before {extents.before}, after {extents.after}); they may be in "
+            "different coordinate systems or units: bring them into one frame first, and leave stray points out with "
+            "crop"
         )
+
+
+def _extent(lower: Float[np.ndarray, "3"], upper: Float[np.ndarray, "3"]) -> str:
+    return " x ".join(f"{least:.6g}..{most:.6g}" for least, most in zip(lower, upper, strict=True))
 
 
 def check_comparable(

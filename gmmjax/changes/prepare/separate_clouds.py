@@ -60,10 +60,10 @@ def prepare_pair(clouds: Pair[ArrayLike | PointCloud], config: DetectionConfig) 
 
     Raises:
         InputError: a cloud that is not [n, 3], has too few points or only equal ones, or fewer than `max_components`;
-            clouds of which one is smaller than the resolution of the other.
+            clouds of which one is smaller than the resolution of the other, or that do not overlap.
 
     Warns:
-        InputWarning: extents that do not overlap, or that differ so much that the units must differ.
+        InputWarning: extents that differ so much that the units must differ.
     """
     checked = check_pair(clouds, config.crop)
     check_overlap(checked)

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from gmmjax import DetectionConfig, InputError, InputWarning, PointCloud, detect_changes, read_cloud
+from gmmjax import DetectionConfig, InputError, PointCloud, detect_changes, read_cloud
 from gmmjax.evaluation import score_pair
 from gmmjax.scenes import random_scene
 from tests.mixtures.examples import random_rotation
@@ -268,8 +268,8 @@ def test_small_clouds_lower_the_number_of_components():
     assert changes.diagnostics["max_components"] <= 4
 
 
-def test_disjoint_extents_are_warned_of(scene):
-    with pytest.warns(InputWarning, match="do not overlap"):
+def test_disjoint_extents_are_refused(scene):
+    with pytest.raises(InputError, match="do not overlap"):
         detect_changes(scene.before, scene.after + 100, config=CONFIG)
 
 

@@ -70,17 +70,17 @@ def check_overlap_of(before, after, *registration):
     check_overlap(check_pair(Pair(before, after)), *registration)
 
 
-def test_disjoint_extents_are_warned_of():
-    with pytest.warns(InputWarning, match="do not overlap"):
+def test_disjoint_extents_are_refused():
+    with pytest.raises(InputError, match=r"do not overlap \(before .*, after .*\); .*into one frame"):
         check_overlap_of(CLOUD, CLOUD + 100)
-    with pytest.warns(InputWarning, match="do not overlap"):
+    with pytest.raises(InputError, match="do not overlap"):
         check_overlap_of(CLOUD + np.array([0, 100, 0]), CLOUD)
     check_overlap_of(CLOUD, CLOUD + 0.1)
 
 
 @pytest.mark.parametrize(("applied", "confidence"), [(False, 1.0), (True, 0.5), (False, 0.0)])
-def test_a_registration_that_is_missing_or_in_doubt_leaves_the_warning(applied, confidence):
-    with pytest.warns(InputWarning, match="do not overlap"):
+def test_a_registration_that_is_missing_or_in_doubt_leaves_the_error(applied, confidence):
+    with pytest.raises(InputError, match="do not overlap"):
         check_overlap_of(CLOUD, CLOUD + 100, Registration(np.eye(4), applied=applied, confidence=confidence))
 
 

@@ -1,0 +1,59 @@
+"""Clouds of any size, thinned while they are read."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gmmjax.clouds import ArrayCloud, CroppedCloud, thinned_cloud
+
+
+def thinned(points, most, size=1_000_000):
+    return thinned_cloud(ArrayCloud(points).chunks(size), most)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 1000), most=st.integers(8, 400), place=st.sampled_from([0.0, 5e6]))
+def test_the_voxels_stand_for_all_points(seed, most, place):
+    points = np.random.default_rng(seed).normal(size=(1_000, 3)) * [5, 5, 0.1] + place
+    found = thinned(points, most, size=137)
+    assert len(found.points) == len(found.counts) <= most
+    assert found.total == 1_000
+    mean = (found.counts[:, None] * (found.points - place)).sum(axis=0) / 1_000
+    np.testing.assert_allclose(mean, points.mean(axis=0) - place, atol=1e-6)
+    np.testing.assert_array_equal(np.array(found.bounds), [points.min(axis=0), points.max(axis=0)])
+
+
+def test_few_points_are_kept():
+    points = np.random.default_rng(0).uniform(size=(200, 3))
+    found = thinned(points, 1_000)
+    np.testing.assert_allclose(np.sort(found.points, axis=0), np.sort(points, axis=0), atol=1e-9)
+
+
+def test_a_surface_is_thinned_evenly():
+    points = np.random.default_rng(0).uniform(size=(100_000, 3)) * [4, 4, 0]
+    found = thinned(points, 3_000, size=10_000)
+    assert len(found.points) > 1_000
+    assert np.median(found.counts) > 20
+
+
+def test_a_stray_point_far_away():
+    points = np.concatenate([np.random.default_rng(0).uniform(size=(500, 3)), [[1e9, 0.0, 0.0]]])
+    found = thinned(points, 10_000, size=100)
+    assert found.total == 501
+    assert found.bounds.upper[0] == 1e9
+
+
+def test_no_points():
+    found = thinned(np.empty((0, 3)), 10)
+    assert found.total == 0
+    assert found.bounds is None
+
+
+def test_a_cropped_cloud_keeps_the_rows_of_the_whole():
+    points = np.random.default_rng(0).uniform(size=(1_000, 3))
+    cropped = CroppedCloud(ArrayCloud(points), np.zeros(3), np.array([0.5, 1.0, 1.0]))
+    chunks = list(cropped.chunks(100))
+    rows = np.concatenate([chunk.rows for chunk in chunks])
+    np.testing.assert_array_equal(rows, np.flatnonzero(points[:, 0] <= 0.5))
+    np.testing.assert_array_equal(np.concatenate([chunk.points for chunk in chunks]), points[rows])
+    assert cropped.count == 1_000

@@ -1,0 +1,200 @@
+"""Changes of scans of any size, found in tiles."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from gmmjax.changes import DetectionConfig
+from gmmjax.clouds import ArrayCloud, SensorViews, open_cloud
+from gmmjax.errors import InputError
+from gmmjax.pair import Pair
+from gmmjax.tiling import TiledDetectionSettings, Workers, tiled_changes
+from tests.clouds.made_clouds import ChunkedArray
+
+# Small blocks, so that a small scene has many.
+SETTINGS = TiledDetectionSettings(thinned=60_000, most_points=15_000)
+CONFIG = DetectionConfig(restarts=1, max_components=12, registration="never")
+BOX = np.array([2.0, 3.0, 0.0]), np.array([0.8, 0.6, 0.5])
+PLACE = np.array([433_000.0, 5_411_000.0, 300.0])
+
+
+def surface(random, count, corner, first, second):
+    """Points of a rectangle, with the noise of a scanner."""
+    u, v = random.uniform(size=(2, count, 1))
+    return corner + u * np.asarray(first) + v * np.asarray(second) + random.normal(0, 0.001, (count, 3))
+
+
+def room(seed, *, box):
+    """A floor of 8 by 6 m, two walls, and a box on the floor; the floor is denser in one half."""
+    random = np.random.default_rng(seed)
+    parts = [
+        surface(random, 30_000, (0, 0, 0), (8, 0, 0), (0, 6, 0)),
+        surface(random, 30_000, (0, 0, 0), (4, 0, 0), (0, 6, 0)),
+        surface(random, 15_000, (0, 0, 0), (8, 0, 0), (0, 0, 2)),
+        surface(random, 12_000, (0, 0, 0), (0, 6, 0), (0, 0, 2)),
+    ]
+    lower, size = BOX
+    if box:
+        floor = np.concatenate(parts[:2])
+        below = ((floor[:, :2] > lower[:2]) & (floor[:, :2] < (lower + size)[:2])).all(axis=1)
+        parts[:2] = [floor[~below]]
+        x, y, z = np.diag(size)
+        parts += [
+            surface(random, 1_200, lower + z, x, y),
+            surface(random, 1_000, lower, x, z),
+            surface(random, 1_000, lower + y, x, z),
+            surface(random, 800, lower, y, z),
+            surface(random, 800, lower + x, y, z),
+        ]
+    return np.concatenate(parts)
+
+
+@pytest.fixture(scope="module")
+def points():
+    return Pair(room(0, box=False), room(1, box=True))
+
+
+def of_box(points):
+    """Which points are of the box, but for those next to the floor."""
+    lower, size = BOX
+    return ((points > lower - [0.01, 0.01, -0.03]) & (points < lower + size + 0.01)).all(axis=1)
+
+
+def detected(points, folder, *, size=1_000_000, **named):
+    """The arrays of a record, and the record."""
+    return detected_in(points.map(lambda own: ChunkedArray(own, size)), folder, **named)
+
+
+def detected_in(clouds, folder, *, threads=1, config=CONFIG, **named):
+    with (
+        ThreadPoolExecutor(threads) as executor,
+        tiled_changes(
+            clouds, config=config, workers=Workers(executor=executor), folder=folder, settings=SETTINGS, **named
+        ) as found,
+    ):
+        arrays = {name: np.array(values) for name, values in found.rows.arrays().items()}
+        return arrays, found
+
+
+@pytest.fixture(scope="module")
+def found(points, tmp_path_factory):
+    return detected(points, tmp_path_factory.mktemp("found"))
+
+
+def test_the_box_is_one_change_and_nothing_else_is(points, found):
+    arrays, record = found
+    assert [change.kind for change in record.shown] == ["appeared"]
+    box = of_box(points.after)
+    assert (arrays["labels_after"][box] == 0).mean() > 0.95
+    assert (arrays["labels_after"][~box] == 0).sum() < 0.05 * box.sum()
+    assert (arrays["labels_before"] == -1).all()
+    # The numbers are those of points, and not of the voxels that they were compared in.
+    assert record.shown[0].point_count == (arrays["labels_after"] == 0).sum()
+    assert record.shown.diagnostics["after"]["points"] == len(points.after)
+    size = np.sort(record.shown[0].box.size if hasattr(record.shown[0].box, "size") else BOX[1])
+    np.testing.assert_allclose(size, np.sort(BOX[1]), atol=0.08)
+
+
+def test_rows_have_what_a_record_has(points, found):
+    arrays, record = found
+    for side, own in zip(("before", "after"), points, strict=True):
+        label, probability = arrays[f"labels_{side}"], arrays[f"probability_{side}"]
+        assert len(label) == len(own)
+        assert ((probability >= 0) & (probability <= 1)).all()
+        assert probability[label < 0].max() < 0.5
+        distance, limit = arrays[f"distance_{side}"], arrays[f"level_of_detection_{side}"]
+        known = np.isfinite(distance)
+        assert known[label < 0].mean() > 0.95
+        # The floor has not moved.
+        assert np.abs(np.median(distance[known])) < 0.001
+        assert (np.abs(distance[known & (label < 0)]) > limit[known & (label < 0)]).mean() < 0.1
+    assert (arrays["probability_after"][arrays["labels_after"] == 0] > 0.5).all()
+    assert len(record.clouds.after) < len(points.after)
+
+
+@pytest.mark.parametrize(
+    ("tile_size", "threads", "size"), [(2.0, 1, 1_000_000), (5.0, 3, 1_000_000), (20.0, 3, 999_999)]
+)
+def test_tiles_and_workers_change_no_bit(points, found, tmp_path, tile_size, threads, size):
+    arrays, record = detected(points, tmp_path, threads=threads, tile_size=tile_size, size=size)
+    for name, values in found[0].items():
+        assert values.tobytes() == arrays[name].tobytes(), name
+    assert [change.to_dict() for change in record.shown] == [change.to_dict() for change in found[1].shown]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_survey_coordinates_lose_nothing(points, found, tmp_path):
+    arrays, record = detected(points.map(lambda own: own + PLACE), tmp_path)
+    assert len(record.shown) == 1
+    np.testing.assert_allclose(record.shown[0].mean, found[1].shown[0].mean + PLACE, atol=0.01)
+    for side in ("before", "after"):
+        labels = arrays[f"labels_{side}"]
+        assert (labels == found[0][f"labels_{side}"]).mean() > 0.999
+        distance, near = arrays[f"distance_{side}"], found[0][f"distance_{side}"]
+        same = np.isfinite(distance) & np.isfinite(near)
+        assert np.isclose(distance[same], near[same], atol=1e-4).mean() > 0.99
+
+
+def test_rows_that_are_not_compared_have_no_label(points, found, tmp_path):
+    after = np.insert(points.after, [0, 7], [[np.nan] * 3, [50.0, 50.0, 50.0]], axis=0)
+    for side, own in zip(("before", "after"), (points.before, after), strict=True):
+        np.save(tmp_path / f"{side}.npy", own)
+    config = DetectionConfig(**{**CONFIG.to_dict(), "crop": (-1.0, -1.0, -1.0, 9.0, 7.0, 3.0)})
+    clouds = Pair("before", "after").map(lambda side: open_cloud(tmp_path / f"{side}.npy"))
+    arrays, _ = detected_in(clouds, tmp_path, config=config)
+    labels = arrays["labels_after"]
+    # As `np.insert` counts: the first row, and the ninth.
+    assert (labels[[0, 8]] == -1).all()
+    assert np.isnan(arrays["distance_after"][[0, 8]]).all()
+    assert (np.delete(labels, [0, 8]) == found[0]["labels_after"]).mean() > 0.999
+
+
+def test_views_tell_what_was_not_observed(points, tmp_path):
+    # The second scanner stands behind a box of which it sees the near sides only.
+    views = points.map(lambda own: SensorViews.from_positions(own, [(7.0, 5.0, 1.5)]))
+    arrays, record = detected(points, tmp_path, views=views)
+    assert [change.kind for change in record.shown] == ["appeared"]
+    assert arrays["unobserved_before"].any()
+    assert np.isnan(arrays["distance_before"][arrays["unobserved_before"]]).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "named", "message"),
+    [
+        ({"method": "greedy"}, {}, "method=greedy: only 'joint'"),
+        ({"voxel_size": 0.1}, {}, "voxel_size: in tiles"),
+        ({}, {"tile_size": 0.01}, "below 10 point spacings"),
+        ({}, {"tile_size": -1.0}, "must be positive"),
+        ({"crop": (90.0, 90.0, 90.0, 99.0, 99.0, 99.0)}, {}, "before: has no points inside the crop box"),
+    ],
+)
+def test_what_cannot_be_used_is_named(points, tmp_path, change, named, message):
+    with pytest.raises(InputError, match=message):
+        detected(points, tmp_path, config=DetectionConfig(**{**CONFIG.to_dict(), **change}), **named)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_scans_that_do_not_overlap_are_refused(points, tmp_path):
+    with pytest.raises(InputError, match=r"before, after: the scans do not overlap \(before .*into one frame"):
+        detected(Pair(points.before, points.after + np.array([5_000.0, 0.0, 0.0])), tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_volumes_are_refused(tmp_path):
+    random = np.random.default_rng(0)
+    with pytest.raises(InputError, match="fill volumes"):
+        detected(Pair(*random.normal(size=(2, 5_000, 3))), tmp_path)
+
+
+def test_few_points_need_no_coarse_cloud(tmp_path):
+    few = Pair(room(0, box=False)[::4], room(1, box=True)[::4])
+    arrays, record = detected(few, tmp_path)
+    assert [change.kind for change in record.shown] == ["appeared"]
+    assert (arrays["labels_after"][of_box(few.after)] == 0).mean() > 0.9
+
+
+def test_arrays_are_clouds(points, tmp_path):
+    with pytest.raises(InputError, match="tile_size"):
+        with tiled_changes(points.map(ArrayCloud), config=CONFIG, tile_size=0.0, folder=tmp_path, settings=SETTINGS):
+            pass
