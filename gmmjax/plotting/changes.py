@@ -25,7 +25,7 @@ from gmmjax.plotting.cloud_image import (
 from gmmjax.plotting.figures import Style, axes_or_new, check_matplotlib, elided, legend_below, verbatim, with_unit
 from gmmjax.plotting.projection import Direction, Projection
 from gmmjax.reporting.palette import KIND_COLORS, UNCHANGED_COLOR
-from gmmjax.reporting.summary import answer, object_labels, registration_text
+from gmmjax.reporting.summary import answer, object_labels, point_counts, registration_text
 from gmmjax.reporting.thumbnails import thinned
 
 if TYPE_CHECKING:
@@ -138,9 +138,10 @@ def draw_overview(
         axes: four.
         settings: how the clouds are drawn.
     """
+    counts = point_counts(changes, clouds)
     pictures: tuple[tuple[Shown, Direction, str], ...] = (
-        ("before", "oblique", f"Before: {len(clouds.before):,} points"),
-        ("after", "oblique", f"After: {len(clouds.after):,} points"),
+        ("before", "oblique", f"Before: {counts.before:,} points"),
+        ("after", "oblique", f"After: {counts.after:,} points"),
         ("changes", "above", "Changes from above"),
         ("changes", _widest_side(clouds), "Changes from the side"),
     )

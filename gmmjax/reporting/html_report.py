@@ -22,6 +22,7 @@ from gmmjax.reporting.summary import (
     dropped_text,
     length_text,
     object_rows,
+    point_counts,
     poses_text,
     registration_text,
     unobserved_text,
@@ -123,9 +124,10 @@ def _facts(clouds: Pair[PointCloud], names: Pair[str], changes: Changes) -> dict
     dropped = " ".join(dropped_text(side, count) for side, count in dropped_rows(changes).items())
     registration = escape(registration_text(changes) or "")
     doubtful = changes.registration.in_doubt and registration
+    counts = point_counts(changes, clouds)
     return {
-        "Compared": f"<b><bdi>{escape(names.before)}</bdi></b> ({len(clouds.before):,} points) with "
-        f"<b><bdi>{escape(names.after)}</bdi></b> ({len(clouds.after):,} points)",
+        "Compared": f"<b><bdi>{escape(names.before)}</bdi></b> ({counts.before:,} points) with "
+        f"<b><bdi>{escape(names.after)}</bdi></b> ({counts.after:,} points)",
         "Volume": escape(_sentence(volumes_text(changes), "Volume: ")),
         "Registration": f'<span class="doubt">{registration}</span>' if doubtful else registration,
         "Sensor poses": OPTION.sub(r"<code>\g<0></code>", escape(_sentence(poses_text(changes), "Sensor poses: "))),

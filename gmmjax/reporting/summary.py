@@ -7,6 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.changes import Change, Changes, Kind, RejectedCandidate, object_motion
+from gmmjax.clouds import PointCloud
+from gmmjax.pair import Pair, each
 from gmmjax.reporting.quantities import area_text as area_text
 from gmmjax.reporting.quantities import degrees_text as degrees_text
 from gmmjax.reporting.quantities import length_text as length_text
@@ -107,6 +109,20 @@ def dropped_text(side: str, count: int) -> str:
     """What `dropped_rows` counts, in a sentence."""
     rows, were = ("row", "was") if count == 1 else ("rows", "were")
     return f"{count:,} {rows} of the {side} cloud had no finite position and {were} left out."
+
+
+def point_counts(changes: Changes, clouds: Pair[PointCloud]) -> Pair[int]:
+    """How many points were compared; more than the clouds that are shown have, where these are thinned.
+
+    Args:
+        changes: the record.
+        clouds: that are shown.
+    """
+
+    def count(side: str, cloud: PointCloud) -> int:
+        return max(int(changes.diagnostics.get(side, {}).get("points", 0)), len(cloud))
+
+    return each(count, Pair("before", "after"), clouds)
 
 
 def unobserved_text(changes: Changes) -> str | None:

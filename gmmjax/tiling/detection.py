@@ -37,11 +37,13 @@ from gmmjax.changes import (
 from gmmjax.clouds import (
     BlockSettings,
     ChunkedCloud,
+    CloudFile,
     CroppedCloud,
     Lattice,
     PlacedClouds,
     PointCloud,
     SensorViews,
+    SurveyFiles,
     ThinnedCloud,
     read_both,
     require_overlap,
@@ -334,11 +336,11 @@ def _fine_pass(
     focus = focused(blocks, clouds, detector.config.threshold, detector.examination, settings.focus)
     refined = _refined(coarse, focus, scales, store.offset)
     changes = detector.changes_of(refined, clock)
-    changes = _counted(changes, refined, coarse.thinned)
+    changes = _counted(changes, refined, coarse.thinned, place.clouds.clouds.map(_whole))
     clock.start("rows", "Labelling all points", 0.95)
     rows = RowResults(columns_of(store, MISSING))
     fill_rows(rows, blocks, focus, changes, detector.objects.surfaces)
-    return _FinePass(changes, _given_clouds(refined), rows)
+    return _FinePass(changes, _given_clouds(refined, place.clouds.clouds.map(_whole)), rows)
 
 
 def _part(clock: Clock, message: str, first: float, last: float) -> Progress:
@@ -383,21 +385,39 @@ def _working_cloud(points: Float64[np.ndarray, "n 3"], voxels: Voxels) -> Workin
     return WorkingCloud(points, voxels.mass, np.arange(len(points)), voxels.sizes)
 
 
-def _given_clouds(refined: AlignedScans) -> Pair[PointCloud]:
+def _given_clouds(refined: AlignedScans, clouds: Pair[ChunkedCloud]) -> Pair[PointCloud]:
     """The points of the focus, each cloud in the frame of its survey."""
     registration, (before, after) = refined.pair.registration, refined.pair.points
     if registration.applied:
         after = transformed(after, np.linalg.inv(registration.transform))
-    return Pair(before, after).map(lambda own: PointCloud(own, np.arange(len(own))))
+
+    def given(points: Float64[np.ndarray, "n 3"], cloud: ChunkedCloud) -> PointCloud:
+        unit, crs = (getattr(cloud, name, None) for name in ("unit", "crs"))
+        return PointCloud(points, np.arange(len(points)), source=_source(cloud), unit=unit, crs=crs)
+
+    return each(given, Pair(before, after), clouds)
 
 
-def _counted(changes: Changes, refined: AlignedScans, thinned: Pair[ThinnedCloud]) -> Changes:
+def _whole(cloud: ChunkedCloud) -> ChunkedCloud:
+    return cloud.cloud if isinstance(cloud, CroppedCloud) else cloud
+
+
+def _source(cloud: ChunkedCloud) -> str | None:
+    """The name of a file, or of those of a survey; None for arrays."""
+    if isinstance(cloud, SurveyFiles):
+        return cloud.title if len(cloud.files) > 1 else str(cloud.files[0].path)
+    return str(cloud.path) if isinstance(cloud, CloudFile) else None
+
+
+def _counted(
+    changes: Changes, refined: AlignedScans, thinned: Pair[ThinnedCloud], clouds: Pair[ChunkedCloud]
+) -> Changes:
     """The record with the numbers of the scans' points in place of those of voxels."""
     counts = np.zeros(len(changes) + 1)
     diagnostics = dict(changes.diagnostics)
-    for side, own, scan in zip(SIDES, refined.pair.working.clouds, thinned, strict=True):
+    for side, own, scan, cloud in zip(SIDES, refined.pair.working.clouds, thinned, clouds, strict=True):
         counts += np.bincount(getattr(changes, f"labels_{side}") + 1, own.mass, len(counts))
-        diagnostics[side] = {**diagnostics[side], "points": scan.total}
+        diagnostics[side] = {**diagnostics[side], "source": _source(cloud), "points": scan.total}
     items = [
         dataclasses.replace(change, point_count=int(count)) for change, count in zip(changes, counts[1:], strict=True)
     ]

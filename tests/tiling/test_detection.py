@@ -11,54 +11,17 @@ from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 from gmmjax.tiling import TiledDetectionSettings, Workers, tiled_changes
 from tests.clouds.made_clouds import ChunkedArray
+from tests.tiling.rooms import BOX, of_box, room
 
 # Small blocks, so that a small scene has many.
 SETTINGS = TiledDetectionSettings(thinned=60_000, most_points=15_000)
 CONFIG = DetectionConfig(restarts=1, max_components=12, registration="never")
-BOX = np.array([2.0, 3.0, 0.0]), np.array([0.8, 0.6, 0.5])
 PLACE = np.array([433_000.0, 5_411_000.0, 300.0])
-
-
-def surface(random, count, corner, first, second):
-    """Points of a rectangle, with the noise of a scanner."""
-    u, v = random.uniform(size=(2, count, 1))
-    return corner + u * np.asarray(first) + v * np.asarray(second) + random.normal(0, 0.001, (count, 3))
-
-
-def room(seed, *, box):
-    """A floor of 8 by 6 m, two walls, and a box on the floor; the floor is denser in one half."""
-    random = np.random.default_rng(seed)
-    parts = [
-        surface(random, 30_000, (0, 0, 0), (8, 0, 0), (0, 6, 0)),
-        surface(random, 30_000, (0, 0, 0), (4, 0, 0), (0, 6, 0)),
-        surface(random, 15_000, (0, 0, 0), (8, 0, 0), (0, 0, 2)),
-        surface(random, 12_000, (0, 0, 0), (0, 6, 0), (0, 0, 2)),
-    ]
-    lower, size = BOX
-    if box:
-        floor = np.concatenate(parts[:2])
-        below = ((floor[:, :2] > lower[:2]) & (floor[:, :2] < (lower + size)[:2])).all(axis=1)
-        parts[:2] = [floor[~below]]
-        x, y, z = np.diag(size)
-        parts += [
-            surface(random, 1_200, lower + z, x, y),
-            surface(random, 1_000, lower, x, z),
-            surface(random, 1_000, lower + y, x, z),
-            surface(random, 800, lower, y, z),
-            surface(random, 800, lower + x, y, z),
-        ]
-    return np.concatenate(parts)
 
 
 @pytest.fixture(scope="module")
 def points():
     return Pair(room(0, box=False), room(1, box=True))
-
-
-def of_box(points):
-    """Which points are of the box, but for those next to the floor."""
-    lower, size = BOX
-    return ((points > lower - [0.01, 0.01, -0.03]) & (points < lower + size + 0.01)).all(axis=1)
 
 
 def detected(points, folder, *, size=1_000_000, **named):
