@@ -10,7 +10,7 @@ import tomli_w
 from gmmjax.changes import CHANGES_FILE, LABELS_FILE, NAMES, Changes, DetectionConfig
 from gmmjax.clouds import FolderKind, PointCloud, SurveyFiles, atomic_write, check_output_folder, output_folder
 from gmmjax.errors import InputError
-from gmmjax.pair import Pair, each
+from gmmjax.pair import Pair, each, each_on_cores
 from gmmjax.reporting.change_files import MAP_FILE, TABLE_FILE, write_map, write_table
 from gmmjax.reporting.html_report import report_html
 from gmmjax.reporting.labelled_cloud import ENDINGS, LabelledCloud, labelled_clouds, labelled_files, write_scans
@@ -153,8 +153,7 @@ def _write_files(
     changes.save(folder)
     write_table(folder / TABLE_FILE, changes)
     write_map(folder / MAP_FILE, changes, crs)
-    for side, own in zip(NAMES, scans, strict=True):
-        write_scans(folder, side, own)
+    each_on_cores(lambda side, own: write_scans(folder, side, own), Pair(*NAMES), scans)
     with atomic_write(folder / REPORT_FILE) as file:
         file.write(report_html(clouds.before, clouds.after, shown).encode())
     with atomic_write(folder / CONFIG_FILE) as file:

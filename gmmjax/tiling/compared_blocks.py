@@ -1,18 +1,16 @@
 """The voxels of all blocks with all that was measured of them: what the stages after the blocks read."""
 
 import dataclasses
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
 
 from gmmjax.changes import CandidateSettings, LocalDifference, PointFigures, probability_by_difference
-from gmmjax.clouds import AbstractBlockStore, Block
-from gmmjax.pair import Pair
+from gmmjax.clouds import AbstractBlockStore
 from gmmjax.tiling.local_differences import BlockDifferences
 from gmmjax.tiling.local_scales import LocalScales
-from gmmjax.tiling.local_voxels import SIDES, LocalVoxels, Voxels
+from gmmjax.tiling.local_voxels import LocalVoxels, Voxels
 
 
 class ComparedVoxels(NamedTuple):
@@ -48,11 +46,6 @@ class ComparedBlocks:
     differences: BlockDifferences
     scales: LocalScales
     candidates: CandidateSettings
-
-    def __iter__(self) -> Iterator[tuple[Block, Pair[ComparedVoxels]]]:
-        """Each block with its voxels."""
-        for block in self.store.blocks:
-            yield block, Pair(*(self.side(block.number, side) for side in SIDES))
 
     def side(self, number: int, side: str) -> ComparedVoxels:
         """The voxels of one cloud in a block.

@@ -22,10 +22,10 @@ from gmmjax.changes import (
 )
 from gmmjax.clouds import Block, voxel_grid
 from gmmjax.geometry import within_box, workers_for
-from gmmjax.pair import Pair, each, each_on_cores
+from gmmjax.pair import Pair, each_on_cores
 from gmmjax.tiling.compared_blocks import ComparedBlocks, ComparedVoxels
 from gmmjax.tiling.local_differences import CoarseClouds
-from gmmjax.tiling.local_voxels import Voxels, joined
+from gmmjax.tiling.local_voxels import SIDES, Voxels, joined
 
 logger = logging.getLogger(__name__)
 
@@ -90,14 +90,10 @@ def focused(
         examination: how far around a candidate its facts look.
         settings: how much is taken.
     """
-    places = _places(_changed(blocks, threshold), threshold, blocks.candidates, examination, settings)
-    parts, around = Pair(list[_Part](), list[_Part]()), Pair(list[_Around](), list[_Around]())
-    for block, compared in blocks:
-        met = any(one.touches(block) for one in places)
-        for of_parts, of_coarse, own, points in zip(parts, around, compared, coarse.points, strict=True):
-            of_parts.append(_Part.of(block.number, places if met else [], own, threshold))
-            of_coarse.append(_Around.of(block, points, own))
-    clouds = each(lambda *own: _focused_cloud(places, coarse.voxel_size, settings, *own), parts, around)
+    changed = each_on_cores(lambda side: _changed(blocks, side, threshold), SIDES)
+    places = _places(changed, threshold, blocks.candidates, examination, settings)
+    found = each_on_cores(lambda side, points: _found(blocks, side, points, places, threshold), SIDES, coarse.points)
+    clouds = found.map(lambda own: _focused_cloud(places, coarse.voxel_size, settings, *own))
     logger.info(
         "fine voxels where something looks changed: %d and %d", *clouds.map(lambda own: own.rows.max(initial=-1) + 1)
     )
@@ -112,14 +108,14 @@ class _Changed(NamedTuple):
     probability: Float64[np.ndarray, " n"]
 
 
-def _changed(blocks: ComparedBlocks, threshold: float) -> Pair[_Changed]:
-    empty = _Changed(np.empty((0, 3)), np.empty(0), np.empty(0))
-    parts = Pair([empty], [empty])
-    for _, compared in blocks:
-        for side, own in zip(parts, compared, strict=True):
-            rows = np.flatnonzero(own.looks_changed >= threshold)
-            side.append(_Changed(own.voxels.points[rows], own.voxels.sizes[rows], own.looks_changed[rows]))
-    return parts.map(lambda own: _Changed(*(np.concatenate(values) for values in zip(*own, strict=True))))
+def _changed(blocks: ComparedBlocks, side: str, threshold: float) -> _Changed:
+    parts = [_Changed(np.empty((0, 3)), np.empty(0), np.empty(0))]
+    for block in blocks.store.blocks:
+        own = blocks.side(block.number, side)
+        rows = np.flatnonzero(own.looks_changed >= threshold)
+        parts.append(_Changed(own.voxels.points[rows], own.voxels.sizes[rows], own.looks_changed[rows]))
+    together: _Changed = _together(parts)
+    return together
 
 
 class _Places(NamedTuple):
@@ -221,6 +217,18 @@ class _Around(NamedTuple):
         return cls(inside, _taken(own, cKDTree(own.voxels.points).query(inside)[1]))
 
 
+def _found(
+    blocks: ComparedBlocks, side: str, coarse: Float64[np.ndarray, "c 3"], places: list[_Places], threshold: float
+) -> tuple[_Part, _Around]:
+    """What is fine of one cloud, and its coarse points."""
+    parts, around = list[_Part](), list[_Around]()
+    for block in blocks.store.blocks:
+        own, met = blocks.side(block.number, side), any(one.touches(block) for one in places)
+        parts.append(_Part.of(block.number, places if met else [], own, threshold))
+        around.append(_Around.of(block, coarse, own))
+    return _together(parts), _together(around)
+
+
 def _taken(own: ComparedVoxels, rows: Int[np.ndarray, " m"]) -> ComparedVoxels:
     """Some of the voxels."""
     taken: ComparedVoxels = jax.tree.map(lambda values: values[rows], own)
@@ -233,9 +241,8 @@ def _together(parts: Sequence[Any]) -> Any:
 
 
 def _focused_cloud(
-    places: list[_Places], voxel_size: float, settings: FocusSettings, parts: list[_Part], around: list[_Around]
+    places: list[_Places], voxel_size: float, settings: FocusSettings, fine: _Part, coarse: _Around
 ) -> FocusedCloud:
-    fine, coarse = _together(parts), _together(around)
     own, rows = _joined(fine.own, fine.least)
     least = float(own.voxels.sizes.min(initial=np.inf))
     while len(own.looks_changed) > settings.most_voxels:

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from gmmjax.changes import DetectionLimits, DifferenceSettings, LocalDifference, detection_limits, median_errors, unsure
 from gmmjax.geometry import evenly_chosen, nearest_neighbours
-from gmmjax.pair import Pair, each
+from gmmjax.pair import Pair, each, each_on_cores
 from gmmjax.tiling.local_differences import BlockDifferences
 from gmmjax.tiling.local_voxels import SIDES, LocalVoxels
 
@@ -91,7 +91,7 @@ def local_scales(
         least, most = limits.registration_error * np.array([settings.least_error, settings.most_error])
         return RegistrationErrors(places, np.clip(medians, least, most))
 
-    return LocalScales(limits, each(errors, SIDES, sample))
+    return LocalScales(limits, each_on_cores(errors, SIDES, sample))
 
 
 class _Sample(NamedTuple):
@@ -112,7 +112,7 @@ def _sample(differences: BlockDifferences, most: int) -> Pair[_Sample]:
     numbers = differences.records.numbers
     totals = np.sum([[len(differences.local(number, side).distance) for side in SIDES] for number in numbers], axis=0)
     steps = Pair(*np.maximum(1, -(-totals // most)).tolist())
-    parts = each(lambda side, step: list(_chosen(differences, numbers, side, step)), SIDES, steps)
+    parts = each_on_cores(lambda side, step: list(_chosen(differences, numbers, side, step)), SIDES, steps)
     return parts.map(lambda own: jax.tree.map(lambda *values: np.concatenate(values), *own))
 
 
