@@ -92,7 +92,7 @@ class TiledDetectionSettings:
 
     thinned: int = 400_000
     largest_voxel: float = 2.0
-    most_points: int = 400_000
+    most_points: int = 1_000_000
     most_voxels: int = 4_000_000
     differences: LocalDifferenceSettings = LocalDifferenceSettings()
     scales: LocalScaleSettings = LocalScaleSettings()
