@@ -14,6 +14,7 @@ BANDS = {
     "distance": "signed distance of the after surface from the before surface",
     "probability": "probability that something changed",
     "label": "change, as in changes.csv; -1: none",
+    "level_of_detection": "distance of a point that is significant at 95 %",
 }
 
 
@@ -26,7 +27,7 @@ def check_rasterio() -> None:
 
 
 def write_geotiff(path: str | os.PathLike[str], found: ChangeMap) -> None:
-    """Writes a map as GeoTIFF, whole or not at all: three bands of float32, with NaN where nothing is known.
+    """Writes a map as GeoTIFF, whole or not at all: a band of float32 for each of `BANDS`, NaN where nothing is known.
 
     Origin and cell are in float64, so that coordinates of a survey lose nothing.
 

@@ -48,6 +48,8 @@ class ChangeMap(NamedTuple):
         distance: signed distance of the after surface from the before surface; NaN where nothing was compared.
         probability: that something in the cell changed, the greatest of its points; NaN where there are no points.
         label: the change of the cell, -1 where it has none, NaN where there are no points.
+        level_of_detection: that of a point's distance, the mean of the same points: the mean distance of a cell of
+            several is detected from less on. NaN where nothing was compared.
         unit: of lengths; None where it is not known.
         crs: coordinate reference system, as "EPSG:25832"; None where it is not known.
     """
@@ -58,6 +60,7 @@ class ChangeMap(NamedTuple):
     distance: Float[np.ndarray, "r c"]
     probability: Float[np.ndarray, "r c"]
     label: Float[np.ndarray, "r c"]
+    level_of_detection: Float[np.ndarray, "r c"]
     unit: str | None
     crs: str | None
 
@@ -104,18 +107,19 @@ def change_map(
     points = Pair(clouds.before.points, changes.registration.apply(clouds.after.points))
     places = points.map(lambda own: own[:, :2])
     corner, cell, shape = _grid(np.concatenate([*places]), settings)
-    sides = Pair(
-        _Side(changes.labels_before, changes.probability_before, changes.distance_before),
-        _Side(changes.labels_after, changes.probability_after, changes.distance_after),
-    )
+    sides = Pair("before", "after").map(lambda side: _side(changes, side))
     cells = places.map(lambda own: _cells(own, corner, cell, shape))
     label = _labels(cells, sides, shape[0] * shape[1])
     probability = _greatest(cells, sides, shape[0] * shape[1])
-    distance = _distances(cells, sides, label)
+    distance = _means(cells, sides, label, sides.map(lambda side: side.distance))
+    detection = _means(cells, sides, label, sides.map(lambda side: side.level_of_detection))
     # Rows count downwards.
-    distance, probability, label = (np.flipud(band.reshape(shape)) for band in (distance, probability, label))
+    distance, probability, label, detection = (
+        np.flipud(band.reshape(shape)) for band in (distance, probability, label, detection)
+    )
     top = float(corner[1] + shape[0] * cell)
-    return ChangeMap(float(corner[0]), top, cell, distance, probability, label, changes.unit, clouds.before.crs)
+    crs = clouds.before.crs
+    return ChangeMap(float(corner[0]), top, cell, distance, probability, label, detection, changes.unit, crs)
 
 
 class _Side(NamedTuple):
@@ -124,6 +128,15 @@ class _Side(NamedTuple):
     labels: Int[np.ndarray, " n"]
     probability: Float[np.ndarray, " n"]
     distance: Float[np.ndarray, " n"]
+    level_of_detection: Float[np.ndarray, " n"]
+
+
+def _side(changes: Changes, side: str) -> _Side:
+    labels, probability, distance, detection = (
+        getattr(changes, f"{name}_{side}") for name in ("labels", "probability", "distance", "level_of_detection")
+    )
+    # Records of earlier versions have none.
+    return _Side(labels, probability, distance, np.full(len(labels), np.nan) if detection is None else detection)
 
 
 def _grid(
@@ -196,14 +209,16 @@ def _greatest(cells: Pair[np.ndarray], sides: Pair[_Side], count: int) -> Float[
     return np.where(np.isfinite(found), found, np.nan)
 
 
-def _distances(cells: Pair[np.ndarray], sides: Pair[_Side], label: Float[np.ndarray, " c"]) -> Float[np.ndarray, " c"]:
-    """The mean distance of what each cell shows; NaN without distances."""
-    known = each(lambda own, side: (own >= 0) & np.isfinite(side.distance), cells, sides)
+def _means(
+    cells: Pair[np.ndarray], sides: Pair[_Side], label: Float[np.ndarray, " c"], values: Pair[np.ndarray]
+) -> Float[np.ndarray, " c"]:
+    """The mean value of the points whose distance each cell shows; NaN without any."""
+    known = each(lambda own, value: (own >= 0) & np.isfinite(value), cells, values)
 
     def mean(rows: Pair[Bool[np.ndarray, " _"]]) -> np.ndarray:
         sums, counts = np.zeros(len(label)), np.zeros(len(label))
-        for own, side, chosen in zip(cells, sides, rows, strict=True):
-            sums += np.bincount(own[chosen], side.distance[chosen], len(label))
+        for own, value, chosen in zip(cells, values, rows, strict=True):
+            sums += np.bincount(own[chosen], value[chosen], len(label))
             counts += np.bincount(own[chosen], minlength=len(label))
         return np.divide(sums, counts, out=np.full(len(label), np.nan), where=counts > 0)
 

@@ -44,6 +44,8 @@ def surveyed(crs=None):
         diagnostics={},
         distance_before=distance.before,
         distance_after=distance.after,
+        level_of_detection_before=0.1 * np.abs(distance.before) + 0.01,
+        level_of_detection_after=0.1 * np.abs(distance.after) + 0.01,
         unit="m",
         clouds=clouds,
     )
@@ -58,8 +60,10 @@ def at(found, band, x, y):
 
 def test_each_place_has_its_distance_probability_and_change():
     found = change_map(*surveyed(), SETTINGS)
-    for x, y, expected in ((1.5, 1.5, (-0.3, 0.9, 0)), (6.5, 4.5, (0.3, 0.8, 1)), (4.1, 3.1, (0.0, 0.0, -1))):
-        values = [at(found, band, x, y) for band in (found.distance, found.probability, found.label)]
+    places = {(1.5, 1.5): (-0.3, 0.9, 0, 0.04), (6.5, 4.5): (0.3, 0.8, 1, 0.04), (4.1, 3.1): (0.0, 0.0, -1, 0.01)}
+    for (x, y), expected in places.items():
+        bands = found.distance, found.probability, found.label, found.level_of_detection
+        values = [at(found, band, x, y) for band in bands]
         np.testing.assert_allclose(values, expected, atol=1e-6)
     left, right, lower, upper = found.extent
     assert (left / CELL, found.top / CELL) == (round(left / CELL), round(found.top / CELL))
@@ -87,12 +91,12 @@ def test_a_geotiff_lies_in_its_place_without_loss(tmp_path):
     found = change_map(*surveyed("EPSG:25832"), SETTINGS)
     write_geotiff(tmp_path / "a map.tif", found)
     with rasterio.open(tmp_path / "a map.tif") as raster:
-        assert (raster.count, raster.dtypes[0], raster.crs.to_epsg()) == (3, "float32", 25832)
+        assert (raster.count, raster.dtypes[0], raster.crs.to_epsg()) == (4, "float32", 25832)
         assert np.isnan(raster.nodata)
         assert raster.transform.c == found.left and raster.transform.f == found.top
         assert (raster.transform.a, raster.transform.e) == (CELL, -CELL)
         values = next(raster.sample([OFFSET[:2] + np.array([6.5, 4.5])]))
-        np.testing.assert_allclose(values, [0.3, 0.8, 1], atol=1e-6)
+        np.testing.assert_allclose(values, [0.3, 0.8, 1, 0.04], atol=1e-6)
         assert raster.descriptions[0].startswith("distance") and raster.tags()["unit"] == "m"
     # Another reader: the tie point is in double precision.
     with (tmp_path / "a map.tif").open("rb") as file:
