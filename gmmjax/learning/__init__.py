@@ -13,6 +13,7 @@ from gmmjax.learning.candidate_rows import rows_of as rows_of
 from gmmjax.learning.candidate_rows import rows_of_scans as rows_of_scans
 from gmmjax.learning.collection import LEARNED_FROM as LEARNED_FROM
 from gmmjax.learning.collection import Collected as Collected
+from gmmjax.learning.collection import CollectionSettings as CollectionSettings
 from gmmjax.learning.collection import collected as collected
 from gmmjax.learning.collection import read_rows as read_rows
 from gmmjax.learning.collection import training_sources as training_sources

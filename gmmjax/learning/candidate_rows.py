@@ -7,7 +7,17 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from gmmjax.changes import FACTS, Candidate, CutCandidates, DetectionConfig, JointDetector, Scan, measured, names_of
+from gmmjax.changes import (
+    FACTS,
+    AlignSettings,
+    Candidate,
+    CutCandidates,
+    DetectionConfig,
+    JointDetector,
+    Scan,
+    measured,
+    names_of,
+)
 from gmmjax.evaluation import LabelledCloud, LabelledPair
 from gmmjax.pair import Pair
 
@@ -75,17 +85,21 @@ class _Counts:
     unseen: np.ndarray | None
 
 
-def rows_of(pair: LabelledPair, config: DetectionConfig = DetectionConfig()) -> Pair[CandidateRows]:
+def rows_of(
+    pair: LabelledPair, config: DetectionConfig = DetectionConfig(), align: AlignSettings = AlignSettings()
+) -> Pair[CandidateRows]:
     """The candidates of a pair: first with the poses unknown, then with the poses given.
 
     Args:
         pair: with views and what could not be seen.
         config: of the detection.
+        align: how the clouds are brought into one frame, and at what resolution: clouds that have more points than that
+            are examined at their own resolution at each place.
     """
     clouds = Pair(pair.before, pair.after)
     scans = clouds.map(lambda cloud: Scan(cloud.points, cloud.views))
     poses = [False, clouds.before.views is not None and clouds.after.views is not None]
-    of_poses = JointDetector(config).cut_candidates(scans, poses=poses)
+    of_poses = JointDetector(config, align=align).cut_candidates(scans, poses=poses)
     if not of_poses:
         return _no_rows()
     unknown, given = of_poses

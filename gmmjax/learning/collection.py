@@ -2,6 +2,7 @@
 
 import concurrent.futures
 import dataclasses
+import functools
 import itertools
 import multiprocessing
 import warnings
@@ -11,10 +12,10 @@ from typing import get_args
 
 import numpy as np
 
-from gmmjax.changes import NAMES, names_of
+from gmmjax.changes import NAMES, AlignSettings, ResolutionSettings, names_of
 from gmmjax.clouds import atomic_write, load_arrays
 from gmmjax.errors import ComputationError, InputError, InputWarning, check_choice
-from gmmjax.evaluation import CONDITIONS, PairSource, family_sources, laboratory_sources
+from gmmjax.evaluation import CONDITIONS, LabelledPair, PairSource, family_sources, laboratory_sources
 from gmmjax.learning.candidate_rows import CandidateRows, rows_of
 from gmmjax.pair import Pair
 from gmmjax.scenes import FAMILIES, Difficulty, SurveyKind
@@ -22,6 +23,19 @@ from gmmjax.scenes import FAMILIES, Difficulty, SurveyKind
 LABORATORY = "laboratory"
 LEARNED_FROM = (LABORATORY, *FAMILIES)
 COLUMNS = CandidateRows._fields
+
+
+@dataclasses.dataclass(frozen=True)
+class CollectionSettings:
+    """At what resolution the candidates of a scene are looked for.
+
+    Attributes:
+        registered_voxels: of either cloud in which scenes are registered once more, at most. Clouds of more points are
+            then examined at their own resolution at each place, as dense scans are: such candidates are learned from,
+            too. 0: only candidates of scenes of one resolution are.
+    """
+
+    registered_voxels: int = 8_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,6 +91,7 @@ def collected(
     *,
     workers: int = 1,
     progress: Callable[[str, float], None] = lambda stage, share: None,
+    settings: CollectionSettings = CollectionSettings(),
 ) -> Collected:
     """The candidates of the scenes of some families; the same whatever the number of workers.
 
@@ -85,11 +100,12 @@ def collected(
         seeds: of the scenes of every family.
         workers: processes.
         progress: called with the family that was done and the share of the work.
+        settings: at what resolution candidates are looked for.
     """
     tasks = [(family, seed) for family in families for seed in seeds]
     found: dict[str, list[Pair[CandidateRows]]] = {family: [] for family in families}
     failed = []
-    for done, ((family, seed), rows) in enumerate(zip(tasks, _of_scenes(tasks, workers), strict=True), 1):
+    for done, ((family, seed), rows) in enumerate(zip(tasks, _of_scenes(tasks, workers, settings), strict=True), 1):
         progress(f"{family}, seed {seed}", done / len(tasks))
         if isinstance(rows, str):
             failed.append(f"{family}, seed {seed}: {rows}")
@@ -98,27 +114,38 @@ def collected(
     return Collected({family: _joined(parts) for family, parts in found.items()}, tuple(failed))
 
 
-def _of_scenes(tasks: Sequence[tuple[str, int]], workers: int) -> Iterator[Pair[CandidateRows] | str]:
+def _of_scenes(
+    tasks: Sequence[tuple[str, int]], workers: int, settings: CollectionSettings
+) -> Iterator[Pair[CandidateRows] | str]:
     """`_of_scene` of all tasks, in their order: in this process, or in several others."""
+    of_scene = functools.partial(_of_scene, settings=settings)
     if workers == 1:
-        yield from map(_of_scene, tasks)
+        yield from map(of_scene, tasks)
         return
     context = multiprocessing.get_context("spawn")
     with concurrent.futures.ProcessPoolExecutor(workers, mp_context=context) as pool:
-        yield from pool.map(_of_scene, tasks)
+        yield from pool.map(of_scene, tasks)
 
 
-def _of_scene(task: tuple[str, int]) -> Pair[CandidateRows] | str:
+def _of_scene(task: tuple[str, int], settings: CollectionSettings) -> Pair[CandidateRows] | str:
     """The candidates of one scene, or why there are none."""
     family, seed = task
     (source,) = training_sources(family, [seed])
+    pair = source.load()
     with warnings.catch_warnings():
         # Doubtful registrations are a part of what is learned.
         warnings.simplefilter("ignore", InputWarning)
         try:
-            return rows_of(source.load())
+            return _joined([rows_of(pair, align=align) for align in _resolutions(pair, settings)])
         except (InputError, ComputationError) as error:
             return str(error)
+
+
+def _resolutions(pair: LabelledPair, settings: CollectionSettings) -> list[AlignSettings]:
+    """What the scene is registered at: as always, and in few voxels where it has more points."""
+    few = AlignSettings(resolution=ResolutionSettings(voxels=settings.registered_voxels))
+    dense = max(len(pair.before.points), len(pair.after.points)) > settings.registered_voxels > 0
+    return [AlignSettings(), *([few] if dense else [])]
 
 
 def _joined(parts: list[Pair[CandidateRows]]) -> Pair[CandidateRows]:

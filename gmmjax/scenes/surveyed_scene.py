@@ -1,6 +1,7 @@
 """Two surveys of any scene with the truth: what changed, what could not be seen, and what the sensors believed."""
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -91,7 +92,12 @@ class Frame:
 
 
 def surveyed_scene(
-    solids: Pair[Sequence[Solid]], recordings: Pair[Recording], frame: Frame = Frame(), *, hidden_by: float = 0.03
+    solids: Pair[Sequence[Solid]],
+    recordings: Pair[Recording],
+    frame: Frame = Frame(),
+    *,
+    hidden_by: float = 0.03,
+    covers: Pair[Sequence[Solid]] = Pair((), ()),
 ) -> SurveyedScene:
     """The scene of two recordings.
 
@@ -102,6 +108,8 @@ def surveyed_scene(
         frame: how the clouds' coordinates lie to the true ones.
         hidden_by: a place is hidden when something on its ray is nearer by more than this, metres: some deviations of
             the noise.
+        covers: those of the labelled solids of either time that are ground: a surface was displaced. What the other
+            survey recorded in them, ground at its time, changed with them and is not hidden by them.
 
     Raises:
         InputError: labels that are not numbered from 0, or a survey that recorded nothing.
@@ -109,13 +117,9 @@ def surveyed_scene(
     kinds = _kinds(solids)
     if not all(len(recording.points) for recording in recordings):
         raise InputError("recordings: a survey recorded no point; let its sensor look at the solids")
-    unseen = each(
-        lambda own, other, there: ~other.saw(own.places, there, hidden_by),
-        recordings,
-        recordings.swapped,
-        solids.swapped,
-    )
-    truth = recordings.map(lambda recording: recording.labels)
+    truth = each(_truth, recordings, covers.swapped)
+    hidden = functools.partial(_unseen, hidden_by=hidden_by)
+    unseen = each(hidden, recordings, truth, recordings.swapped, solids.swapped, covers.swapped)
     motions = frame.side(Pair(False, True))
     return SurveyedScene(
         clouds=each(lambda recording, motion: frame.unit * transformed(recording.points, motion), recordings, motions),
@@ -131,6 +135,31 @@ def surveyed_scene(
         registration=frame.scaled(motions.before @ np.linalg.inv(motions.after)),
         unit=frame.unit,
     )
+
+
+def _truth(recording: Recording, covers: Sequence[Solid]) -> Int[np.ndarray, " n"]:
+    """The number of the change of each point, of its own or of what covers its place at the other time."""
+    truth = recording.labels.copy()
+    for cover in covers:
+        truth[(truth == UNLABELLED) & cover.contains(recording.places)] = cover.label
+    return truth
+
+
+def _unseen(
+    own: Recording,
+    truth: Int[np.ndarray, " n"],
+    other: Recording,
+    solids: Sequence[Solid],
+    covers: Sequence[Solid],
+    hidden_by: float,
+) -> Bool[np.ndarray, " n"]:
+    """Which places of a recording the other one could not see."""
+    unseen = ~other.saw(own.places, solids, hidden_by)
+    covered = np.flatnonzero(unseen & (truth != own.labels))
+    if len(covered):
+        bare = [solid for solid in solids if not any(solid is cover for cover in covers)]
+        unseen[covered] = ~other.saw(own.places[covered], bare, hidden_by)
+    return unseen
 
 
 def _kinds(solids: Pair[Sequence[Solid]]) -> tuple[str, ...]:

@@ -50,11 +50,11 @@ def uncounted(solids: Sequence[Solid], truth: Int[np.ndarray, " n"], unseen: Boo
 
     Args:
         solids: of the scene; those with a label are changes.
-        truth: per point the label of its change.
+        truth: per point the label of its change; of what a change of the other time covers, that of the cover.
         unseen: per point whether the other survey could not see its place.
     """
     few = set()
-    for number in {solid.label for solid in solids} - {UNLABELLED}:
+    for number in ({solid.label for solid in solids} | set(truth.tolist())) - {UNLABELLED}:
         own = truth == number
         if own.sum() < LEAST_POINTS or unseen[own].mean() >= 0.5:
             few.add(number)

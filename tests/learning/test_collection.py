@@ -4,7 +4,7 @@ import pytest
 from gmmjax.changes import names_of
 from gmmjax.errors import InputError
 from gmmjax.evaluation import LabelledCloud, LabelledPair
-from gmmjax.learning import CandidateRows, collected, read_rows, rows_of, write_rows
+from gmmjax.learning import CandidateRows, CollectionSettings, collected, read_rows, rows_of, write_rows
 from gmmjax.learning.candidate_rows import CHANGED, UNCHANGED, UNOBSERVED
 from gmmjax.learning.collection import LEARNED_FROM, training_sources
 from gmmjax.pair import Pair
@@ -67,6 +67,17 @@ def test_the_number_of_workers_changes_nothing():
     for was, now in zip(one.families["tabletop"], two.families["tabletop"], strict=True):
         np.testing.assert_array_equal(was.values, now.values)
         np.testing.assert_array_equal(was.kind, now.kind)
+
+
+def test_scenes_of_many_points_are_examined_at_their_own_resolution_too():
+    alone, both, never = (
+        collected(["terrain"], [1], settings=CollectionSettings(voxels)).families["terrain"].before
+        for voxels in (0, 8_000, 10**6)
+    )
+    assert 0 < len(alone.kind) < len(both.kind)
+    np.testing.assert_array_equal(both.values[: len(alone.kind)], alone.values)
+    np.testing.assert_array_equal(never.values, alone.values)
+    assert (both.kind[len(alone.kind) :] == CHANGED).any()
 
 
 def test_no_rows_have_the_columns_of_the_facts():

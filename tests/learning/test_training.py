@@ -56,7 +56,7 @@ def test_probabilities_of_families_left_out_are_frequencies(families, trained):
     left_out = trained[1]
     truth = np.concatenate([rows(seed)[1] for seed in range(3)])
     probability = np.concatenate([*left_out.probabilities.values()])
-    assert np.abs(probability - truth).mean() < 0.12
+    assert np.abs(probability - truth).mean() < 0.13
     changed = np.concatenate([own.kind == 0 for own in families.values()])
     assert Reliability.of(probability[:, 0], changed).calibration_error < 0.06
 

@@ -53,6 +53,22 @@ def test_a_stand_beside_the_first_sees_the_same(recordings):
     assert near.unseen.before.mean() < 0.1 and near.uncounted.before == frozenset()
 
 
+def test_what_a_deposit_covers_changed_with_it_and_is_seen():
+    deposit = Solid(np.array([2.0, 0.0, 0.05]), np.array([2.0, 2.0, 0.3]), label=0)
+    solids = Pair([FLOOR], [FLOOR, deposit])
+    recordings = Pair(recorded((-0.5, 0.3), solids.before, 0), recorded((-0.5, 0.0), solids.after, 1))
+    thing = surveyed_scene(solids, recordings)
+    ground = surveyed_scene(solids, recordings, covers=Pair([], [deposit]))
+    covered = deposit.contains(recordings.before.places)
+    assert covered.sum() > 50
+    assert (thing.truth.before == -1).all() and thing.unseen.before[covered].mean() > 0.8
+    assert (ground.truth.before[covered] == 0).all() and not ground.unseen.before[covered].any()
+    assert ground.kinds == ("appeared",) and ground.uncounted.before == frozenset()
+    np.testing.assert_array_equal(ground.truth.after, thing.truth.after)
+    elsewhere = ground.truth.before == -1
+    np.testing.assert_array_equal(ground.unseen.before[elsewhere], thing.unseen.before[elsewhere])
+
+
 def test_the_registration_undoes_the_misregistration_and_motions_bring_objects_to_their_new_places(scene):
     np.testing.assert_allclose(scene.registration, np.linalg.inv(FRAME.misregistration), atol=1e-9)
     old = rigid_transform(translation=np.array([900.0, -50.0, 3.0])) @ np.array([*MOVED.centre, 1.0])

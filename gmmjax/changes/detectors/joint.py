@@ -348,7 +348,7 @@ def _of_points(fits: JointFits, points: np.ndarray, after: bool) -> RestartValue
     return RestartValues(len(fits.steps), lambda restart, rows: point_excess(fits, points[rows], after, restart))
 
 
-def _through(member: Rows, further: Rows) -> Rows:
+def _through(member: Rows, further: Int[np.ndarray, " _"]) -> Rows:
     """The rows that the rows of `member` have in `further`, -1 where there is none in either."""
     return np.where(member >= 0, further[member], -1)
 

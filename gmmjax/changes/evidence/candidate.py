@@ -15,7 +15,7 @@ from gmmjax.changes.differences import DetectionLimits
 from gmmjax.changes.evidence.continuation import Continuation
 from gmmjax.changes.evidence.coverage_edge import ReferenceSurfaces
 from gmmjax.changes.evidence.free_space import Sightlines
-from gmmjax.geometry import evenly_chosen, plane_surface
+from gmmjax.geometry import LocalSurface, evenly_chosen, plane_surface
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +37,11 @@ class SurroundingsSettings:
         farthest: distance to unchanged points, in spacings, at most: where there are none. Larger: the same.
         nearby: distance, in spacings, within which unchanged points tell the registration error at a candidate. Larger:
             it is that of the whole scan.
+        opposite: distance along the surface of the other cloud, in its spacings there, within which it lies opposite a
+            point. Larger: the rim of a hole lies opposite what is in the hole; 0: nothing does.
+        undisplaced: number of the unchanged points next to a candidate that tell how far the whole surface is off
+            there. Few: a displacement that thins out is taken for that of the whole surface.
+        sure: offset, in registration errors, from which on a point is surely off a surface. 0: by whatever it is off.
         chunk: number of points that are compared with all planes of a hull at a time: what fits the cache. It does not
             change what is measured.
         posteriors: of the joint mixtures that are held at a time, points times restarts: a bound on the memory, which
@@ -52,6 +57,9 @@ class SurroundingsSettings:
     neighbourhood: float = 40.0
     farthest: float = 1000.0
     nearby: float = 25.0
+    opposite: float = 1.5
+    undisplaced: int = 400
+    sure: float = 3.0
     chunk: int = 512
     posteriors: int = 4_000_000
 
@@ -68,6 +76,18 @@ class Excess(NamedTuple):
     of_restarts: Float[np.ndarray, " r"]
 
 
+class Displacements(NamedTuple):
+    """How far points are off the surface of the other cloud.
+
+    Attributes:
+        vectors: from that surface to each point, along its normal, in the unit of the clouds.
+        opposite: whether the surface lies opposite the point, and not beside it.
+    """
+
+    vectors: Float[np.ndarray, "m 3"]
+    opposite: Bool[np.ndarray, " m"]
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Surroundings:
     """What the candidates of one cloud have in common.
@@ -80,6 +100,7 @@ class Surroundings:
         everything: tree of all points of the cloud.
         supports: whether each point is of a piece that a candidate of the other cloud stands on.
         opposite: tree of those of them that are of candidates.
+        surface: of the other cloud.
         limits: of distances and offsets.
         sightlines: how surely the other survey observed each place to be empty; None: its views are not known.
         settings: what surrounds a candidate.
@@ -92,6 +113,7 @@ class Surroundings:
     everything: cKDTree
     supports: Bool[np.ndarray, " n"]
     opposite: cKDTree
+    surface: LocalSurface
     limits: DetectionLimits
     sightlines: Sightlines | None = None
     settings: SurroundingsSettings = SurroundingsSettings()
@@ -137,6 +159,14 @@ class Surroundings:
     def relative_offset(self) -> Float[np.ndarray, " n"]:
         """Offset of each point, in its limit."""
         return np.asarray(self.own.difference.offset / self.limits.local_offset(self.own.difference))
+
+    def displacements(self, points: Float[np.ndarray, "m 3"]) -> Displacements:
+        """How far some points are off the surface of the other cloud."""
+        there = self.surface.nearest(points)
+        normals, apart = self.surface.normals[there], points - self.surface.centres[there]
+        vectors = (apart * normals).sum(axis=1, keepdims=True) * normals
+        beside = np.linalg.norm(apart - vectors, axis=1)
+        return Displacements(vectors, beside <= self.settings.opposite * self.surface.spacing(there))
 
     @functools.cached_property
     def excess(self) -> list[Excess]:
@@ -314,6 +344,36 @@ class Candidate:
         around = self.surroundings
         radius = 2 * float(np.linalg.norm(self.deviations)) * self.spacing + around.settings.nearby * self.spacing
         return np.asarray(around.unchanged_offsets[around.unchanged.query_ball_point(self.centre, radius)])
+
+    @functools.cached_property
+    def displaced(self) -> Bool[np.ndarray, " m"]:
+        """Which of its points are surely off a surface of the other cloud that lies opposite them, all to one side.
+
+        What they are off is compared with what the unchanged points next to it are: a registration that is off by the
+        same everywhere displaces nothing.
+        """
+        own, nearby = self.surroundings.displacements(self.points), self._displacements_nearby
+        if not own.opposite.any():
+            return own.opposite
+        of_all = nearby.vectors[nearby.opposite].mean(axis=0) if nearby.opposite.any() else np.zeros(3)
+        vectors = own.vectors - of_all
+        mean = vectors[own.opposite].mean(axis=0)
+        to_one_side = vectors @ mean > self.surroundings.settings.sure * self._registration_error * np.linalg.norm(mean)
+        return np.asarray(own.opposite & to_one_side)
+
+    @property
+    def _displacements_nearby(self) -> Displacements:
+        """Of the unchanged points next to it."""
+        unchanged = self.surroundings.unchanged
+        count = min(self.surroundings.settings.undisplaced, unchanged.n)
+        nearest = unchanged.query(self.centre, range(1, count + 1))[1] if count else np.zeros(0, int)
+        return self.surroundings.displacements(np.asarray(unchanged.data)[nearest])
+
+    @property
+    def _registration_error(self) -> float:
+        """Standard deviation of the offset of an unchanged surface there."""
+        error = self.surroundings.own.difference.error
+        return self.surroundings.limits.registration_error if error is None else float(np.median(error[self.rows]))
 
     @property
     def cluster_rows(self) -> Int[np.ndarray, " c"]:

@@ -130,7 +130,8 @@ def measured_candidates(
 
     def surroundings(own: _Cut, support: np.ndarray, opposite: cKDTree, survey: Survey) -> list[Candidate]:
         sight = None if survey.views is None else _sightlines(own.pieces, survey, limits)
-        return candidates_in(Surroundings(*own, support, opposite, limits, sight, settings.surroundings))
+        around = Surroundings(*own, support, opposite, survey.surface, limits, sight, settings.surroundings)
+        return candidates_in(around)
 
     return each(surroundings, cuts, support_planes, opposite, surveys.swapped)
 

@@ -110,6 +110,11 @@ def offset_from_nearby(candidate: Candidate) -> float:
     return float(np.median(difference.offset[candidate.rows])) / error
 
 
+def displaced(candidate: Candidate) -> float:
+    """Share of its points surely off the other cloud's surface opposite them, to one side: eroded ground, 0 to 1."""
+    return float(candidate.displaced.mean())
+
+
 def gap(candidate: Candidate) -> float:
     """Median distance to the other cloud, in spacings, from 0."""
     return float(np.median(candidate.to_other))
@@ -315,6 +320,7 @@ FACTS: dict[str, Fact] = {
     "offset_from_nearby": Fact(
         offset_from_nearby, "it is {:.1f} times as far off the other scan as the surfaces nearby", "ratio", 1
     ),
+    "displaced": Fact(displaced, "{:.0%} of it lies surely off the other scan's surface, on one side", "share", 1),
     "gap": Fact(gap, "half of it is {:.1f} spacings of points from the other scan", "ratio"),
     "greatest_gap": Fact(greatest_gap, "its farthest point is {:.0f} spacings of points from the other scan", "ratio"),
     "excess": Fact(excess, "the mixture gives {:.0%} of it to its own scan alone", "share", 1),

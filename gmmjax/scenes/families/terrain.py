@@ -14,7 +14,7 @@ from gmmjax.scenes.families.staging import Support
 from gmmjax.scenes.families.things import moved, pillar
 from gmmjax.scenes.laser_scanner import AirborneScanner, Beam, TripodScanner
 from gmmjax.scenes.objects import StandingObject
-from gmmjax.scenes.ray_casting import Solid
+from gmmjax.scenes.ray_casting import UNLABELLED, Solid
 from gmmjax.scenes.recording import Recording
 from gmmjax.scenes.rigid_motions import looking_at
 from gmmjax.scenes.shapes import Ellipsoid, Ground, Vegetation
@@ -24,8 +24,9 @@ from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
 def terrain(random: np.random.Generator) -> SurveyedScene:
     """A slope of 20 to 200 m, surveyed by a scanner from one or two stations, or from an aircraft.
 
-    Boulders come, go and roll; ground of 5 to 40 cm (more on long slopes) is deposited or eroded; nothing changes in a
-    third of the scenes. Vegetation shows other leaves in each survey.
+    Boulders come, go and roll; ground of 5 to 40 cm (more on long slopes) is deposited or eroded, of which both the
+    old and the new surface are changes; nothing changes in a third of the scenes. Vegetation shows other leaves in each
+    survey.
 
     Args:
         random: of everything.
@@ -54,7 +55,9 @@ def terrain(random: np.random.Generator) -> SurveyedScene:
     else:
         recordings = _stations(random, arrangement, ground, edge, beam)
     frame = Frame.drawn(random, shift=random.uniform(0.0, 0.1), degrees=0.05)
-    return surveyed_scene(arrangement.solids, recordings, frame, hidden_by=0.03 + 3 * (noise + beam.growth * edge))
+    hidden_by = 0.03 + 3 * (noise + beam.growth * edge)
+    covers = arrangement.solids.map(lambda own: [solid for solid in own if _is_patch(solid)])
+    return surveyed_scene(arrangement.solids, recordings, frame, hidden_by=hidden_by, covers=covers)
 
 
 def _slope(random: np.random.Generator, edge: float) -> Ground:
@@ -157,6 +160,11 @@ def _patch(random: np.random.Generator, ground: Ground, free: Support) -> Ground
     centre = np.array([*middle, (surface.min() + surface.max()) / 2])
     extent = np.array([*(2.4 * radius), np.ptp(surface) + 0.01])
     return Ground(centre, extent, heights=surface - centre[2])
+
+
+def _is_patch(solid: Solid) -> bool:
+    """Whether it is ground that came or went."""
+    return isinstance(solid, Ground) and solid.label != UNLABELLED
 
 
 def _cover(random: np.random.Generator, arrangement: Arrangement, ground: Ground, edge: float) -> None:

@@ -14,6 +14,7 @@ from gmmjax.pair import Pair
 from tests.changes.evidence.floors import (
     FROM_ABOVE,
     LIMITS,
+    SPACING,
     candidates_of,
     cube,
     in_square,
@@ -24,6 +25,7 @@ from tests.changes.evidence.floors import (
 
 FLOOR, OTHER = plane((0, 0), (2, 2), 0.0), plane((0, 0), (2, 2), 0.0, 5)
 CUBE = cube((1.0, 1.0), 0.4)
+UPWARDS = np.array([0.0, 0.0, 1.0])
 
 
 def scene(thing, own_floor, other, views=None, unit=1.0, rotation=np.eye(3), order=None):
@@ -86,6 +88,26 @@ def test_a_floor_that_the_other_survey_did_not_see(of_hole):
     assert of_hole["shown"] < 0.2
     assert of_hole["compactness"] < 0.1
     assert "seen_free" not in of_hole
+
+
+def test_eroded_ground_is_displaced_though_it_is_nearer_to_the_old_one_than_points_to_each_other():
+    inside = in_square(FLOOR, (1, 1), 0.6)
+    eroded = scene(FLOOR[inside] - SPACING / 2 * UPWARDS, FLOOR[~inside], OTHER)
+    assert eroded["displaced"] > 0.95
+
+
+def test_ground_is_not_displaced_where_all_of_it_is_off_by_the_same():
+    inside = in_square(FLOOR, (1, 1), 0.6)
+    everything_off = scene(FLOOR[inside], FLOOR[~inside], OTHER + SPACING / 2 * UPWARDS)
+    assert everything_off["displaced"] < 0.05
+
+
+def test_what_has_nothing_opposite_or_lies_to_both_sides_is_not_displaced(of_hole):
+    assert of_hole["displaced"] < 0.1
+    inside = in_square(FLOOR, (1, 1), 0.6)
+    sides = SPACING / 2 * np.random.default_rng(0).choice([-1, 1], inside.sum())
+    rough = scene(FLOOR[inside] + sides[:, None] * UPWARDS, FLOOR[~inside], OTHER)
+    assert rough["displaced"] < 0.6
 
 
 @pytest.mark.parametrize("both", [True, False])
