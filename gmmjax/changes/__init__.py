@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from gmmjax.changes.differences import differences_between as differences_between
     from gmmjax.changes.differences import local_difference as local_difference
     from gmmjax.changes.differences import median_errors as median_errors
+    from gmmjax.changes.differences import registration_errors as registration_errors
     from gmmjax.changes.differences import unsure as unsure
     from gmmjax.changes.evidence.candidate import Candidate as Candidate
     from gmmjax.changes.evidence.examination import EvidenceSettings as EvidenceSettings

@@ -43,6 +43,9 @@ class DifferenceSettings:
             taken for registration error; infinite: that of the pair is everywhere.
         regions: number of places, evenly chosen, that the registration error is computed at; elsewhere it is that of
             the nearest one. 1: that of one place is everywhere.
+        regions_around: number of the nearest of these places, itself counted, whose median is the error at a place,
+            where the spacing differs from place to place: a region of small voxels is no larger than a change. 1: a
+            change that fills a region is taken for registration error; large: that of the pair is everywhere.
         least_error: registration error at a place, in that of the pair, at least. 1: small changes near the sensor
             are lost in the error far from it.
         most_error: the same, at most. 1: the edges of what is badly registered look changed; infinite: where a change
@@ -59,6 +62,7 @@ class DifferenceSettings:
     least_overlap: float = 0.2
     region: int = 400
     regions: int = 400
+    regions_around: int = 16
     least_error: float = 0.3
     most_error: float = 2.0
     finest_offset: float = 1e-6
@@ -150,8 +154,6 @@ def differences_between(
     local = each_on_cores(local_difference, surfaces, surfaces.swapped)
     local = each(lambda side, own: side._replace(own_spacing=own), local, own_spacing)
     limits = detection_limits(local, spacing, settings)
-    about = limits.registration_error, limits.distance, limits.offset
-    logger.info("differences: registration error %.4g; certain from distance %.4g and offset %.4g on", *about)
     return Differences(each_on_cores(lambda own, side: _with_error(own, side, limits), surfaces, local), limits)
 
 
@@ -199,6 +201,8 @@ def detection_limits(
     error, median_distance = max(MEDIAN_TO_DEVIATION * min(offsets), finest), min(distances)
     offset = settings.offsets * error
     distance = max(settings.spacings * spacing, settings.distances * median_distance, offset)
+    about = error, distance, offset
+    logger.info("differences: registration error %.4g; certain from distance %.4g and offset %.4g on", *about)
     return DetectionLimits(spacing, median_distance, error, distance, offset, settings)
 
 
@@ -225,17 +229,38 @@ def unsure(side: LocalDifference, limits: DetectionLimits) -> Bool[np.ndarray, "
 def median_errors(
     points: Float[np.ndarray, "n 3"], side: LocalDifference, places: Float[np.ndarray, "p 3"], limits: DetectionLimits
 ) -> Float[np.ndarray, " p"]:
-    """The registration error at some places: the median offset of the region around each.
+    """The median offset, as a standard deviation, of the region around each of some places.
 
     Args:
         points: of a cloud, some of which are no sure change.
         side: their differences.
-        places: where the error is asked for.
+        places: that regions are around.
         limits: from which differences are certain changes.
     """
     rows = np.flatnonzero(unsure(side, limits))
     regions = nearest_neighbours(cKDTree(points[rows]), places, limits.settings.region)[1]
     return np.asarray(MEDIAN_TO_DEVIATION * np.median(side.offset[rows][regions], axis=1))
+
+
+def registration_errors(
+    places: Float[np.ndarray, "p 3"], medians: Float[np.ndarray, " p"], limits: DetectionLimits
+) -> Float[np.ndarray, " p"]:
+    """The registration error at some places of a cloud whose spacing differs from place to place.
+
+    Args:
+        places: of the cloud.
+        medians: of the regions around them.
+        limits: of the pair.
+    """
+    settings = limits.settings
+    around = nearest_neighbours(cKDTree(places), places, settings.regions_around)[1]
+    return bounded_error(np.median(medians[around], axis=1), limits)
+
+
+def bounded_error(errors: Float[np.ndarray, " p"], limits: DetectionLimits) -> Float[np.ndarray, " p"]:
+    """Registration errors of places, as far from that of the pair as they may be."""
+    least, most = limits.settings.least_error, limits.settings.most_error
+    return np.clip(errors, least * limits.registration_error, most * limits.registration_error)
 
 
 def _with_error(own: LocalSurface, side: LocalDifference, limits: DetectionLimits) -> LocalDifference:
@@ -245,7 +270,8 @@ def _with_error(own: LocalSurface, side: LocalDifference, limits: DetectionLimit
     if len(rows) < settings.region:
         return side
     places = own.points[rows[evenly_chosen(len(rows), settings.regions)]]
-    errors = median_errors(own.points, side, places, limits)
+    medians = median_errors(own.points, side, places, limits)
+    everywhere = side.own_spacing is None
+    errors = bounded_error(medians, limits) if everywhere else registration_errors(places, medians, limits)
     nearest = nearest_neighbours(cKDTree(places), own.points, 1)[1][:, 0]
-    least, most = settings.least_error, settings.most_error
-    return side._replace(error=np.clip(errors[nearest], *(limits.registration_error * np.array([least, most]))))
+    return side._replace(error=errors[nearest])

@@ -9,7 +9,15 @@ import numpy as np
 from jaxtyping import Float, Float64, Int
 from scipy.spatial import cKDTree
 
-from gmmjax.changes import DetectionLimits, DifferenceSettings, LocalDifference, detection_limits, median_errors, unsure
+from gmmjax.changes import (
+    DetectionLimits,
+    DifferenceSettings,
+    LocalDifference,
+    detection_limits,
+    median_errors,
+    registration_errors,
+    unsure,
+)
 from gmmjax.geometry import evenly_chosen, nearest_neighbours
 from gmmjax.pair import Pair, each, each_on_cores
 from gmmjax.tiling.local_differences import BlockDifferences
@@ -88,8 +96,7 @@ def local_scales(
             for number in np.unique(own.blocks[chosen])
         ]
         places, medians = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        least, most = limits.registration_error * np.array([settings.least_error, settings.most_error])
-        return RegistrationErrors(places, np.clip(medians, least, most))
+        return RegistrationErrors(places, registration_errors(places, medians, limits))
 
     return LocalScales(limits, each_on_cores(errors, SIDES, sample))
 

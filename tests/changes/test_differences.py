@@ -96,3 +96,21 @@ def test_equal_planes_have_limits_that_can_be_divided_by():
     limits = detection_limits(local, SPACING)
     spacing = np.median(local.before.spacing)
     assert limits.median_distance == 0 and 0 < limits.registration_error < 1e-5 * spacing + 1e-12
+
+
+def test_a_change_that_fills_a_region_is_no_registration_error_of_dense_scans():
+    """Where spacings differ from place to place, the error is the median of several regions."""
+    random = np.random.default_rng(0)
+    points = np.c_[random.uniform(0, 20, (20_000, 2)), random.normal(0, 0.002, 20_000)]
+    # Within the limit of the pair, on more points than a region has.
+    sunk = np.hypot(*(points[:, :2] - 10).T) < 2.2
+    after = points + [0.0, 0.0, 0.001] + random.normal(0, 0.001, points.shape)
+    after[sunk, 2] -= 0.012
+    surfaces = Pair(points, after).map(LocalSurface.of)
+    spacings = surfaces.map(lambda surface: surface.spacing(np.arange(len(surface))))
+    own = differences_between(surfaces, 0.1, own_spacing=spacings)
+    everywhere = differences_between(surfaces, 0.1)
+    middle = np.hypot(*(points[:, :2] - 10).T) < 1
+    usual = own.limits.registration_error
+    assert np.median(own.local.before.error[middle]) < 1.3 * usual
+    assert np.median(everywhere.local.before.error[middle]) > 1.5 * usual
