@@ -55,8 +55,9 @@ from gmmjax.geometry import LocalSurface, transformed
 from gmmjax.pair import Pair, each, each_on_cores
 from gmmjax.tiling.compared_blocks import ComparedBlocks
 from gmmjax.tiling.compute import columns_of, compute_blocks
-from gmmjax.tiling.disk_store import DiskBlockStore, temporary_block_store
+from gmmjax.tiling.disk_store import DiskBlockStore, write_block_store
 from gmmjax.tiling.focus import FocusedCloud, FocusSettings, focused
+from gmmjax.tiling.folder import working_folder
 from gmmjax.tiling.local_differences import (
     BlockDifferences,
     CoarseClouds,
@@ -163,7 +164,8 @@ def tiled_changes(
     """
     _check(config)
     clock = Clock(progress or silent)
-    with recorded_warnings() as warnings:
+    # First of all, so that a folder that cannot be written is told before the work.
+    with working_folder(folder) as disk, recorded_warnings() as warnings:
         unit = common_unit(clouds, config)
         coarse = _coarse_pass(clouds, views, config, clock, settings)
         place = _placed(coarse, clouds, config, settings)
@@ -171,14 +173,13 @@ def tiled_changes(
         require_overlap(tree)
         tiles_of(tree, tile_size, settings.tiles)
         clock.start("tiles", "Sorting the points into blocks", 0.3)
-        with temporary_block_store(place.clouds, tree, folder) as store:
-            tiles = _Tiles(store, tile_size, workers, settings.tiles)
-            found = _fine_pass(coarse, place, tiles, clock, settings)
-            shown = dataclasses.replace(found.changes, unit=unit, warnings=tuple(warnings))
-            arrays: dict[str, Any] = found.rows.arrays()
-            changes = dataclasses.replace(shown, **arrays)
-            clock.finish()
-            yield TiledChanges(changes, dataclasses.replace(shown, clouds=found.clouds), found.clouds, found.rows)
+        tiles = _Tiles(write_block_store(place.clouds, tree, disk), tile_size, workers, settings.tiles)
+        found = _fine_pass(coarse, place, tiles, clock, settings)
+        shown = dataclasses.replace(found.changes, unit=unit, warnings=tuple(warnings))
+        arrays: dict[str, Any] = found.rows.arrays()
+        changes = dataclasses.replace(shown, **arrays)
+        clock.finish()
+        yield TiledChanges(changes, dataclasses.replace(shown, clouds=found.clouds), found.clouds, found.rows)
 
 
 def _check(config: DetectionConfig) -> None:
@@ -228,7 +229,7 @@ def _coarse_pass(
     if prepared.volumetric:
         raise InputError(
             "before, after: the clouds fill volumes, as artificial mixtures do, and are no scans of surfaces; compare "
-            "them without tiles"
+            "fewer of their points, without tiles"
         )
     return _CoarsePass(detector, thinned, prepared)
 

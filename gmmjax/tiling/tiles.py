@@ -21,7 +21,7 @@ class TileSettings:
         spacings: edge of a tile in point spacings, at least: below, every tile is margin. 0: any size is taken.
     """
 
-    points: float = 2e6
+    points: float = 1e6
     spacings: float = 10.0
 
 

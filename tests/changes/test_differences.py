@@ -104,7 +104,7 @@ def test_a_change_that_fills_a_region_is_no_registration_error_of_dense_scans():
     points = np.c_[random.uniform(0, 20, (20_000, 2)), random.normal(0, 0.002, 20_000)]
     # Within the limit of the pair, on more points than a region has.
     sunk = np.hypot(*(points[:, :2] - 10).T) < 2.2
-    after = points + [0.0, 0.0, 0.001] + random.normal(0, 0.001, points.shape)
+    after = points + np.array([0.0, 0.0, 0.001]) + random.normal(0, 0.001, points.shape)
     after[sunk, 2] -= 0.012
     surfaces = Pair(points, after).map(LocalSurface.of)
     spacings = surfaces.map(lambda surface: surface.spacing(np.arange(len(surface))))
