@@ -156,10 +156,9 @@ def _places(
 
     for own, label in zip(changed, each_on_cores(labels, changed), strict=True):
         order = np.argsort(label, kind="stable")
-        numbers, starts = np.unique(label[order], return_index=True)
-        for number, rows in zip(numbers, np.split(order, starts[1:]), strict=True):
-            if number < 0:
-                continue
+        order = order[label[order] >= 0]
+        ends = np.flatnonzero(np.diff(label[order])) + 1
+        for rows in np.split(order, ends) if len(order) else ():
             by_spacing.setdefault(examined_spacing(own.sizes[rows], examination), []).append(own.points[rows])
     return [
         _Places(

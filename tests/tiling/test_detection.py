@@ -87,6 +87,25 @@ def test_tiles_and_workers_change_no_bit(points, found, tmp_path, tile_size, thr
     assert list(tmp_path.iterdir()) == []
 
 
+def test_nothing_is_found_where_nothing_changed(tmp_path):
+    arrays, record = detected(Pair(room(0, box=False), room(2, box=False)), tmp_path)
+    assert len(record.changes) == 0
+    assert all((arrays[f"labels_{side}"] == -1).all() for side in ("before", "after"))
+    assert np.isfinite(arrays["distance_after"]).mean() > 0.95
+
+
+def test_a_scan_is_like_itself(points, tmp_path):
+    arrays, record = detected(Pair(points.before, points.before.copy()), tmp_path)
+    assert len(record.changes) == 0
+    assert np.nanmax(np.abs(arrays["distance_after"])) == 0
+
+
+def test_a_stray_point_far_away_changes_nothing(points, tmp_path):
+    after = np.concatenate([points.after, [[300.0, 300.0, 5.0]]])
+    _, record = detected(Pair(points.before, after), tmp_path)
+    assert [change.kind for change in record.changes] == ["appeared"]
+
+
 def test_survey_coordinates_lose_nothing(points, found, tmp_path):
     arrays, record = detected(points.map(lambda own: own + PLACE), tmp_path)
     assert len(record.shown) == 1
