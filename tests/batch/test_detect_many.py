@@ -241,6 +241,6 @@ def test_a_script_without_a_guard_is_told(tmp_path, scans):
 
 
 def test_warnings_are_in_the_row(tmp_path):
-    far = cloud(1) + np.array([1000.0, 0, 0])
-    (result,) = detect_many([BatchPair("x", cloud(0), far)], config=CONFIG, executor=worker())
-    assert "overlap" in result.pair.warnings
+    stray = np.concatenate([cloud(1), [[2000.0, 0.0, 0.0]]])
+    (result,) = detect_many([BatchPair("x", cloud(0), stray)], config=CONFIG, executor=worker())
+    assert "-fold in extent" in result.pair.warnings
