@@ -10,11 +10,13 @@ from gmmjax.learning.left_out_table import left_out_table
 from tests.learning.candidates import NAMES, rows
 
 SETTINGS = TrainingSettings(penalties=(0.1, 1.0))
+# Of each family: what the facts that say nothing add to the error falls with it.
+NUMBER = 250
 
 
 @pytest.fixture(scope="module")
 def families():
-    return {name: rows(seed)[0] for seed, name in enumerate(("rooms", "halls", "streets"))}
+    return {name: rows(seed, NUMBER)[0] for seed, name in enumerate(("rooms", "halls", "streets"))}
 
 
 @pytest.fixture(scope="module")
@@ -54,9 +56,9 @@ def test_weights_have_the_signs_of_their_facts(trained):
 
 def test_probabilities_of_families_left_out_are_frequencies(families, trained):
     left_out = trained[1]
-    truth = np.concatenate([rows(seed)[1] for seed in range(3)])
+    truth = np.concatenate([rows(seed, NUMBER)[1] for seed in range(3)])
     probability = np.concatenate([*left_out.probabilities.values()])
-    assert np.abs(probability - truth).mean() < 0.13
+    assert np.abs(probability - truth).mean() < 0.12
     changed = np.concatenate([own.kind == 0 for own in families.values()])
     assert Reliability.of(probability[:, 0], changed).calibration_error < 0.06
 
@@ -95,11 +97,11 @@ def test_too_little_to_learn_from_is_refused(families):
 
 def test_the_table_counts_what_is_false_and_missed(families, trained):
     lines = left_out_table(families, trained[1]).splitlines()
-    assert lines[2].startswith("| rooms | 200 | ")
+    assert lines[2].startswith(f"| rooms | {NUMBER} | ")
     found = trained[1].probabilities["rooms"][:, 0] >= 0.5
     changed = families["rooms"].kind == 0
     assert lines[2].split(" | ")[4:6] == [str((found & ~changed).sum()), str((~found & changed).sum())]
-    assert lines[5].startswith("| all | 600 | ")
+    assert lines[5].startswith(f"| all | {3 * NUMBER} | ")
 
 
 def test_a_family_without_candidates_is_passed_over(families):

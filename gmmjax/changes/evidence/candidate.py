@@ -39,6 +39,8 @@ class SurroundingsSettings:
             it is that of the whole scan.
         opposite: distance along the surface of the other cloud, in its spacings there, within which it lies opposite a
             point. Larger: the rim of a hole lies opposite what is in the hole; 0: nothing does.
+        opposite_height: distance along its normal, in its spacings there, within which it does. Larger: the floor below a thin
+            object is taken for ground below a deposit; 0: erosion of less than a spacing is taken for noise.
         undisplaced: number of the unchanged points next to a candidate that tell how far the whole surface is off
             there. Few: a displacement that thins out is taken for that of the whole surface.
         sure: offset, in registration errors, from which on a point is surely off a surface. 0: by whatever it is off.
@@ -58,6 +60,7 @@ class SurroundingsSettings:
     farthest: float = 1000.0
     nearby: float = 25.0
     opposite: float = 1.5
+    opposite_height: float = 1.0
     undisplaced: int = 400
     sure: float = 3.0
     chunk: int = 512
@@ -81,7 +84,7 @@ class Displacements(NamedTuple):
 
     Attributes:
         vectors: from that surface to each point, along its normal, in the unit of the clouds.
-        opposite: whether the surface lies opposite the point, and not beside it.
+        opposite: whether the surface lies opposite the point, and neither beside it nor farther off than a spacing.
     """
 
     vectors: Float[np.ndarray, "m 3"]
@@ -165,8 +168,11 @@ class Surroundings:
         there = self.surface.nearest(points)
         normals, apart = self.surface.normals[there], points - self.surface.centres[there]
         vectors = (apart * normals).sum(axis=1, keepdims=True) * normals
-        beside = np.linalg.norm(apart - vectors, axis=1)
-        return Displacements(vectors, beside <= self.settings.opposite * self.surface.spacing(there))
+        beside, off = np.linalg.norm(apart - vectors, axis=1), np.linalg.norm(vectors, axis=1)
+        spacing, settings = self.surface.spacing(there), self.settings
+        return Displacements(
+            vectors, (beside <= settings.opposite * spacing) & (off <= settings.opposite_height * spacing)
+        )
 
     @functools.cached_property
     def excess(self) -> list[Excess]:
