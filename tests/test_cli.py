@@ -29,13 +29,7 @@ QUICK = ["--restarts", "2", "--max-components", "8"]
 MEANS = np.array([[0, 0, 0], [5, 0, 0], [0, 5, 1], [5, 5, 1], [2, 10, 3]])
 DETECT = ["--method", "transport", *QUICK]
 
-
-@pytest.fixture(autouse=True, scope="module")
-def no_compilation_cache():
-    """JAX's own variable keeps the command line from changing JAX's settings for the other tests."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("JAX_COMPILATION_CACHE_DIR", "")
-        yield
+pytestmark = pytest.mark.usefixtures("no_compilation_cache")
 
 
 def clouds(points=150):

@@ -13,13 +13,7 @@ from tests.tiling.rooms import of_box, room
 
 QUICK = ["--restarts", "1", "--max-components", "12", "--registration", "never"]
 
-
-@pytest.fixture(autouse=True, scope="module")
-def no_compilation_cache():
-    """JAX's own variable keeps the command line from changing JAX's settings for the other tests."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("JAX_COMPILATION_CACHE_DIR", "")
-        yield
+pytestmark = pytest.mark.usefixtures("no_compilation_cache")
 
 
 @pytest.fixture(scope="module")

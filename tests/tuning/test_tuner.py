@@ -27,6 +27,8 @@ QUICK = ["--steps", "2", "--starts", "1", "--pairs-per-step", "2", "--max-points
 WRONG = DetectionConfig(noise_floor=0.003, tolerance=0.6)
 NAMES = ("noise_floor", "tolerance")
 
+pytestmark = pytest.mark.usefixtures("no_compilation_cache")
+
 
 @pytest.fixture(scope="module")
 def pairs():
@@ -204,14 +206,6 @@ def test_it_ends_with_the_last_good_settings_where_no_pair_has_a_gradient(pairs,
     assert result.stopped == "not finite" and result.state.steps == 1
     assert np.isfinite(list(result.tuned.values())).all()
     np.testing.assert_array_equal(states[-1].losses, result.state.losses)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def no_compilation_cache():
-    """JAX's own variable keeps the command line from changing JAX's settings for the other tests."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("JAX_COMPILATION_CACHE_DIR", "")
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -25,6 +25,8 @@ FOUND_LESS = Scores(
 )
 FOUND_MORE = dataclasses.replace(FOUND_LESS, true_segments=8, found=8, true_points=80)
 
+pytestmark = pytest.mark.usefixtures("no_compilation_cache")
+
 
 @pytest.fixture(scope="module")
 def config(tmp_path_factory):
@@ -307,14 +309,6 @@ def folder(room, tmp_path_factory):
 
 def run(folder, *more):
     return main(["tune", str(folder / "pairs"), "--config", str(folder / "every.toml"), *more])
-
-
-@pytest.fixture(autouse=True, scope="module")
-def no_compilation_cache():
-    """JAX's own variable keeps the command line from changing JAX's settings for the other tests."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("JAX_COMPILATION_CACHE_DIR", "")
-        yield
 
 
 def test_an_unchanged_place_stops_false_alarms_and_detection_uses_the_file(folder, capsys, monkeypatch):
