@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from gmmjax.changes.differences import local_difference as local_difference
     from gmmjax.changes.differences import median_errors as median_errors
     from gmmjax.changes.differences import registration_errors as registration_errors
-    from gmmjax.changes.differences import unsure as unsure
+    from gmmjax.changes.differences import within_limits as within_limits
     from gmmjax.changes.evidence.candidate import Candidate as Candidate
     from gmmjax.changes.evidence.examination import EvidenceSettings as EvidenceSettings
     from gmmjax.changes.evidence.facts import FACTS as FACTS

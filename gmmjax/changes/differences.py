@@ -213,7 +213,7 @@ def _in_overlap(side: LocalDifference, spacing: float, settings: DifferenceSetti
     return common if common.mean() >= settings.least_overlap else np.ones(len(common), bool)
 
 
-def unsure(side: LocalDifference, limits: DetectionLimits) -> Bool[np.ndarray, " n"]:
+def within_limits(side: LocalDifference, limits: DetectionLimits) -> Bool[np.ndarray, " n"]:
     """The points that are no sure change.
 
     Args:
@@ -237,7 +237,7 @@ def median_errors(
         places: that regions are around.
         limits: from which differences are certain changes.
     """
-    rows = np.flatnonzero(unsure(side, limits))
+    rows = np.flatnonzero(within_limits(side, limits))
     regions = nearest_neighbours(cKDTree(points[rows]), places, limits.settings.region)[1]
     return np.asarray(MEDIAN_TO_DEVIATION * np.median(side.offset[rows][regions], axis=1))
 
@@ -266,7 +266,7 @@ def bounded_error(errors: Float[np.ndarray, " p"], limits: DetectionLimits) -> F
 def _with_error(own: LocalSurface, side: LocalDifference, limits: DetectionLimits) -> LocalDifference:
     """The differences of a cloud with the registration error at each point: the median offset of the region around."""
     settings = limits.settings
-    rows = np.flatnonzero(unsure(side, limits))
+    rows = np.flatnonzero(within_limits(side, limits))
     if len(rows) < settings.region:
         return side
     places = own.points[rows[evenly_chosen(len(rows), settings.regions)]]

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int
 from scipy.spatial import cKDTree
 
-from gmmjax.changes import Changes
+from gmmjax.changes import NAMES, Changes
 from gmmjax.clouds import PointCloud
 from gmmjax.errors import InputError
 from gmmjax.geometry import evenly_chosen, nearest_neighbours
@@ -107,7 +107,7 @@ def change_map(
     points = Pair(clouds.before.points, changes.registration.apply(clouds.after.points))
     places = points.map(lambda own: own[:, :2])
     corner, cell, shape = _grid(np.concatenate([*places]), settings)
-    sides = Pair("before", "after").map(lambda side: _side(changes, side))
+    sides = NAMES.map(lambda side: _side(changes, side))
     cells = places.map(lambda own: _cells(own, corner, cell, shape))
     label = _labels(cells, sides, shape[0] * shape[1])
     probability = _greatest(cells, sides, shape[0] * shape[1])

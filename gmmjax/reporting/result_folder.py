@@ -153,7 +153,7 @@ def _write_files(
     changes.save(folder)
     write_table(folder / TABLE_FILE, changes)
     write_map(folder / MAP_FILE, changes, crs)
-    each_on_cores(lambda side, own: write_scans(folder, side, own), Pair(*NAMES), scans)
+    each_on_cores(lambda side, own: write_scans(folder, side, own), NAMES, scans)
     with atomic_write(folder / REPORT_FILE) as file:
         file.write(report_html(clouds.before, clouds.after, shown).encode())
     with atomic_write(folder / CONFIG_FILE) as file:

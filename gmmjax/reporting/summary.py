@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from gmmjax.changes import Change, Changes, Kind, RejectedCandidate, object_motion
+from gmmjax.changes import NAMES, Change, Changes, Kind, RejectedCandidate, object_motion
 from gmmjax.clouds import PointCloud
 from gmmjax.pair import Pair, each
 from gmmjax.reporting.quantities import area_text as area_text
@@ -122,7 +122,7 @@ def point_counts(changes: Changes, clouds: Pair[PointCloud]) -> Pair[int]:
     def count(side: str, cloud: PointCloud) -> int:
         return max(int(changes.diagnostics.get(side, {}).get("points", 0)), len(cloud))
 
-    return each(count, Pair("before", "after"), clouds)
+    return each(count, NAMES, clouds)
 
 
 def unobserved_text(changes: Changes) -> str | None:

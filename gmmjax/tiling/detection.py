@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from gmmjax.changes import (
+    NAMES,
     AlignedScans,
     Changes,
     CheckedCloud,
@@ -56,7 +57,6 @@ from gmmjax.pair import Pair, each, each_on_cores
 from gmmjax.tiling.compared_blocks import ComparedBlocks
 from gmmjax.tiling.compute import columns_of, compute_blocks
 from gmmjax.tiling.disk_store import DiskBlockStore, write_block_store
-from gmmjax.tiling.focus import FocusedCloud, FocusSettings, focused
 from gmmjax.tiling.folder import working_folder
 from gmmjax.tiling.local_differences import (
     BlockDifferences,
@@ -65,9 +65,12 @@ from gmmjax.tiling.local_differences import (
     block_differences,
 )
 from gmmjax.tiling.local_scales import LocalScales, LocalScaleSettings, local_scales
-from gmmjax.tiling.local_voxels import SIDES, LocalVoxels, Voxels, block_voxels
+from gmmjax.tiling.local_voxels import LocalVoxels, Voxels, block_voxels
+from gmmjax.tiling.records import BlockRecords
+from gmmjax.tiling.regions_of_interest import RefinedCloud, RegionsOfInterestSettings, refined_clouds
 from gmmjax.tiling.row_results import MISSING, RowResults, fill_rows
 from gmmjax.tiling.tiles import TileSettings, tiles_of
+from gmmjax.tiling.worker import BlockTask
 from gmmjax.tiling.workers import Workers
 
 logger = logging.getLogger(__name__)
@@ -83,21 +86,21 @@ class TiledDetectionSettings:
         largest_voxel: edge of the largest voxels where scans are so sparse that the coarse pass takes all their points,
             in spacings. Small: what is sparser than most of a scan is compared in voxels of single points.
         most_points: of both clouds in a block. Few: more is margin; many: more memory for each worker.
-        most_voxels: of either cloud that are compared, with more, the smallest ones are doubled: a bound on time, about
-            ten seconds of one core for a million. Fewer: dense scans are compared at less than their resolution.
+        resolution: how small the voxels are. Its `most_voxels` is a bound on time, about ten seconds of one core for a
+            million: fewer, and dense scans are compared at less than their resolution.
         differences: what the voxels of a block are compared with.
         scales: what the limits are computed from.
-        focus: how much is taken at full resolution around what looks changed.
+        regions: how much is taken at full resolution around what looks changed.
         tiles: how blocks are put together.
     """
 
     thinned: int = 400_000
     largest_voxel: float = 2.0
     most_points: int = 1_000_000
-    most_voxels: int = 4_000_000
+    resolution: LocalResolutionSettings = LocalResolutionSettings(most_voxels=4_000_000)
     differences: LocalDifferenceSettings = LocalDifferenceSettings()
     scales: LocalScaleSettings = LocalScaleSettings()
-    focus: FocusSettings = FocusSettings()
+    regions: RegionsOfInterestSettings = RegionsOfInterestSettings()
     tiles: TileSettings = TileSettings()
 
 
@@ -220,7 +223,7 @@ def _coarse_pass(
     clock.start("reading", "Reading the scans", 0.0)
     inside = clouds.map(lambda own: _cropped(own, config))
     thinned = read_both(lambda chunks: thinned_cloud(chunks, settings.thinned), inside.map(lambda own: own.chunks()))
-    for side, own in zip(("before", "after"), thinned, strict=True):
+    for side, own in zip(NAMES, thinned, strict=True):
         if not own.total:
             raise InputError(f"{side}: has no points{' inside the crop box' * (config.crop is not None)}")
     detector = JointDetector(config, resolution=None)
@@ -259,7 +262,7 @@ def _placed(
     coarse: _CoarsePass, clouds: Pair[ChunkedCloud], config: DetectionConfig, settings: TiledDetectionSettings
 ) -> _Place:
     """Where the blocks begin: whole numbers of the cubes whose voxels are halved or not, as far as they are larger."""
-    resolution, working = LocalResolutionSettings(), coarse.prepared.pair.working
+    resolution, working = settings.resolution, coarse.prepared.pair.working
     voxel_size = working.voxel_size or settings.largest_voxel * working.spacing
     corners = _corners(coarse)
     lower = corners.min(axis=0) - voxel_size
@@ -291,7 +294,7 @@ class _Tiles:
     workers: Workers
     settings: TileSettings
 
-    def compute(self, task: Any, arguments: tuple[Any, ...], progress: Progress) -> Any:
+    def compute(self, task: BlockTask, arguments: tuple[Any, ...], progress: Progress) -> BlockRecords:
         return compute_blocks(
             self.store,
             task,
@@ -323,24 +326,25 @@ def _fine_pass(
     """The changes of the clouds that are fine where something looks changed, and what is said of each row."""
     detector, prepared, store = coarse.detector, coarse.prepared, tiles.store
     clouds = _coarse_clouds(prepared, store.offset, place.voxels.voxel_size)
-    resolution = dataclasses.replace(LocalResolutionSettings(), most_voxels=np.iinfo(np.int64).max)
     clock.start("voxels", "Taking the scans apart", 0.4)
-    records = tiles.compute(block_voxels, (place.voxels, resolution), _part(clock, "Taking the scans apart", 0.4, 0.5))
-    voxels = LocalVoxels.of(records, place.voxels, settings.most_voxels)
+    records = tiles.compute(
+        block_voxels, (place.voxels, settings.resolution), _part(clock, "Taking the scans apart", 0.4, 0.5)
+    )
+    voxels = LocalVoxels.of(records, place.voxels, settings.resolution.most_voxels)
     clock.start("differences", "Comparing the scans", 0.5)
     arguments = (voxels, clouds, settings.differences, detector.distances)
     found = tiles.compute(block_differences, arguments, _part(clock, "Comparing the scans", 0.5, 0.7))
     differences = BlockDifferences(found)
     scales = local_scales(voxels, differences, prepared.pair.working.spacing, detector.differences, settings.scales)
-    clock.start("focus", "Looking for what changed", 0.7)
+    clock.start("regions", "Looking for what changed", 0.7)
     blocks = ComparedBlocks(store, voxels, differences, scales, detector.candidates)
-    focus = focused(blocks, clouds, detector.config.threshold, detector.examination, settings.focus)
-    refined = _refined(coarse, focus, scales, store.offset)
+    fine = refined_clouds(blocks, clouds, detector.config.threshold, detector.examination, settings.regions)
+    refined = _with_points_of(coarse.prepared, fine, scales, store.offset)
     changes = detector.changes_of(refined, clock)
     changes = _counted(changes, refined, coarse.thinned, place.clouds.clouds.map(_whole))
     clock.start("rows", "Labelling all points", 0.95)
     rows = RowResults(columns_of(store, MISSING))
-    fill_rows(rows, blocks, focus, changes, detector.objects.surfaces)
+    fill_rows(rows, blocks, fine, changes, detector.objects.surfaces)
     return _FinePass(changes, _given_clouds(refined, place.clouds.clouds.map(_whole)), rows)
 
 
@@ -360,17 +364,16 @@ def _moved_by(views: SensorViews | None, offset: Float64[np.ndarray, "3"]) -> Se
     return None if views is None else views.moved(shift)
 
 
-def _refined(
-    coarse: _CoarsePass, focus: Pair[FocusedCloud], scales: LocalScales, offset: Float64[np.ndarray, "3"]
+def _with_points_of(
+    prepared: AlignedScans, fine: Pair[RefinedCloud], scales: LocalScales, offset: Float64[np.ndarray, "3"]
 ) -> AlignedScans:
-    """The scans with the voxels of the focus as their points."""
-    prepared = coarse.prepared
-    voxels = focus.map(lambda own: own.own.voxels)
+    """The scans with the voxels of the refined clouds as their points."""
+    voxels = fine.map(lambda own: own.own.voxels)
     points = voxels.map(lambda own: own.points + offset)
     surfaces = each_on_cores(LocalSurface.of, points)
     working = dataclasses.replace(prepared.pair.working, clouds=each(_working_cloud, points, voxels))
     pair = prepared.pair._replace(points=points, working=working, surfaces=surfaces)
-    differences = Differences(focus.map(lambda own: own.own.local), scales.limits)
+    differences = Differences(fine.map(lambda own: own.own.local), scales.limits)
     return dataclasses.replace(
         prepared,
         scans=each(lambda own, scan: Scan(own, scan.views), points, prepared.scans),
@@ -378,7 +381,7 @@ def _refined(
         pair=pair,
         coarse=prepared.pair.surfaces.map(lambda surface: surface.points),
         surveys=each(lambda own, surface: dataclasses.replace(own, surface=surface), prepared.surveys, surfaces),
-        measured=Measured(differences, focus.map(lambda own: own.own.figures)),
+        measured=Measured(differences, fine.map(lambda own: own.own.figures)),
     )
 
 
@@ -387,7 +390,7 @@ def _working_cloud(points: Float64[np.ndarray, "n 3"], voxels: Voxels) -> Workin
 
 
 def _given_clouds(refined: AlignedScans, clouds: Pair[ChunkedCloud]) -> Pair[PointCloud]:
-    """The points of the focus, each cloud in the frame of its survey."""
+    """The points that were compared, each cloud in the frame of its survey."""
     registration, (before, after) = refined.pair.registration, refined.pair.points
     if registration.applied:
         after = transformed(after, np.linalg.inv(registration.transform))
@@ -416,7 +419,7 @@ def _counted(
     """The record with the numbers of the scans' points in place of those of voxels."""
     counts = np.zeros(len(changes) + 1)
     diagnostics = dict(changes.diagnostics)
-    for side, own, scan, cloud in zip(SIDES, refined.pair.working.clouds, thinned, clouds, strict=True):
+    for side, own, scan, cloud in zip(NAMES, refined.pair.working.clouds, thinned, clouds, strict=True):
         counts += np.bincount(getattr(changes, f"labels_{side}") + 1, own.mass, len(counts))
         diagnostics[side] = {**diagnostics[side], "source": _source(cloud), "points": scan.total}
     items = [

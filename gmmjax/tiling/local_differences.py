@@ -12,6 +12,7 @@ from jaxtyping import Float, Float64
 from scipy.spatial import cKDTree
 
 from gmmjax.changes import (
+    NAMES,
     CorePoints,
     LocalDifference,
     M3C2Settings,
@@ -23,7 +24,7 @@ from gmmjax.changes import (
 from gmmjax.clouds import AbstractBlockStore, Block
 from gmmjax.geometry import LocalSurface, nearest_neighbours, within_box
 from gmmjax.pair import Pair, each
-from gmmjax.tiling.local_voxels import SIDES, LocalVoxels
+from gmmjax.tiling.local_voxels import LocalVoxels
 from gmmjax.tiling.records import BlockRecords, BlockResult
 
 
@@ -91,7 +92,7 @@ def block_differences(
     none = counts.map(np.zeros)
     figures = distances_at(points, cores, local, none, distances, margin)
     values: dict[str, np.ndarray] = {}
-    for side, *found in zip(SIDES, local, spacings, figures, strict=True):
+    for side, *found in zip(NAMES, local, spacings, figures, strict=True):
         values |= {f"{name}_{side}": array for name, array in _named(*found).items()}
     return BlockResult(values, Pair({}, {}))
 

@@ -10,18 +10,19 @@ from jaxtyping import Float, Float64, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.changes import (
+    NAMES,
     DetectionLimits,
     DifferenceSettings,
     LocalDifference,
     detection_limits,
     median_errors,
     registration_errors,
-    unsure,
+    within_limits,
 )
 from gmmjax.geometry import evenly_chosen, nearest_neighbours
 from gmmjax.pair import Pair, each, each_on_cores
 from gmmjax.tiling.local_differences import BlockDifferences
-from gmmjax.tiling.local_voxels import SIDES, LocalVoxels
+from gmmjax.tiling.local_voxels import LocalVoxels
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,11 +84,11 @@ def local_scales(
         settings: of the limits.
         sampling: how many voxels they are computed from.
     """
-    sample = _sample(differences, sampling.voxels)
+    sample = _sample(voxels, differences, sampling.voxels)
     limits = detection_limits(sample.map(lambda own: own.local), spacing, settings)
 
     def errors(side: str, own: _Sample) -> RegistrationErrors:
-        rows = np.flatnonzero(unsure(own.local, limits))
+        rows = np.flatnonzero(within_limits(own.local, limits))
         if len(rows) < settings.region:
             return RegistrationErrors(np.zeros((1, 3)), np.array([limits.registration_error]))
         chosen = rows[evenly_chosen(len(rows), settings.regions)]
@@ -98,7 +99,7 @@ def local_scales(
         places, medians = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return RegistrationErrors(places, registration_errors(places, medians, limits))
 
-    return LocalScales(limits, each_on_cores(errors, SIDES, sample))
+    return LocalScales(limits, each_on_cores(errors, NAMES, sample))
 
 
 class _Sample(NamedTuple):
@@ -115,11 +116,10 @@ class _Sample(NamedTuple):
     indices: Int[np.ndarray, " s"]
 
 
-def _sample(differences: BlockDifferences, most: int) -> Pair[_Sample]:
+def _sample(voxels: LocalVoxels, differences: BlockDifferences, most: int) -> Pair[_Sample]:
     numbers = differences.records.numbers
-    totals = np.sum([[len(differences.local(number, side).distance) for side in SIDES] for number in numbers], axis=0)
-    steps = Pair(*np.maximum(1, -(-totals // most)).tolist())
-    parts = each_on_cores(lambda side, step: list(_chosen(differences, numbers, side, step)), SIDES, steps)
+    steps = voxels.counts.map(lambda count: max(1, -(-count // most)))
+    parts = each_on_cores(lambda side, step: list(_chosen(differences, numbers, side, step)), NAMES, steps)
     return parts.map(lambda own: jax.tree.map(lambda *values: np.concatenate(values), *own))
 
 

@@ -6,12 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from gmmjax.changes import LocalResolutionSettings, VoxelLattice, WorkingCloud, reduced_on
+from gmmjax.changes import NAMES, LocalResolutionSettings, VoxelLattice, WorkingCloud, reduced_on
 from gmmjax.clouds import AbstractBlockStore, Block, voxel_keys
 from gmmjax.pair import Pair, each
 from gmmjax.tiling.records import BlockRecords, BlockResult
-
-SIDES = Pair("before", "after")
 
 
 class Voxels(NamedTuple):
@@ -44,7 +42,7 @@ def block_voxels(
     inside = store.inside(block.number).map(lambda own: own.points)
     clouds = reduced_on(inside, lattice, settings)
     values: dict[str, np.ndarray] = {}
-    for side, cloud in zip(SIDES, clouds, strict=True):
+    for side, cloud in zip(NAMES, clouds, strict=True):
         assert cloud.sizes is not None
         values |= {f"points_{side}": cloud.points, f"mass_{side}": cloud.mass, f"sizes_{side}": cloud.sizes}
         values[f"numbers_{side}"] = _numbers(cloud, lattice)
@@ -59,11 +57,13 @@ class LocalVoxels:
         records: of `block_voxels`.
         lattice: of the voxels, from the offset on.
         least: edge of a voxel, at least.
+        counts: number of voxels of either cloud.
     """
 
     records: BlockRecords
     lattice: VoxelLattice
     least: float
+    counts: Pair[int]
 
     @classmethod
     def of(cls, records: BlockRecords, lattice: VoxelLattice, most: int) -> "LocalVoxels":
@@ -77,10 +77,10 @@ class LocalVoxels:
         numbers = np.zeros((2, lattice.halvings + 1), np.int64)
         for number in records.numbers:
             values = records.values(number)
-            numbers += np.stack([values[f"numbers_{side}"].astype(np.int64) for side in SIDES])
+            numbers += np.stack([values[f"numbers_{side}"].astype(np.int64) for side in NAMES])
         few = np.append(numbers.max(axis=0)[:-1] <= most, True)
         level = int(np.argmax(few))
-        return cls(records, lattice, lattice.finest * 2.0**level)
+        return cls(records, lattice, lattice.finest * 2.0**level, Pair(*numbers[:, level].tolist()))
 
     def of_block(self, number: int) -> Pair[Voxels]:
         """The voxels of a block.
@@ -101,7 +101,7 @@ class LocalVoxels:
 
     def _voxels(self, number: int) -> Pair[Voxels]:
         values = self.records.values(number)
-        return SIDES.map(lambda side: Voxels(*(values[f"{name}_{side}"] for name in Voxels._fields)))
+        return NAMES.map(lambda side: Voxels(*(values[f"{name}_{side}"] for name in Voxels._fields)))
 
 
 def joined(voxels: Voxels, least: float) -> tuple[Voxels, Int64[np.ndarray, " v"]]:

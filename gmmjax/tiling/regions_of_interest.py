@@ -1,4 +1,4 @@
-"""Where something looks changed: the only places whose full resolution has to be in memory.
+"""Regions of interest: where something looks changed, the only places whose full resolution has to be in memory.
 
 The voxels around all that looks changed are taken from the blocks, and beyond them the coarse clouds that the scans
 were registered in. So each candidate, and all that its facts look at, is as fine as the scans are.
@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float64, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.changes import (
+    NAMES,
     CandidateSettings,
     LocalExaminationSettings,
     clusters_with_core,
@@ -25,13 +26,13 @@ from gmmjax.geometry import within_box, workers_for
 from gmmjax.pair import Pair, each_on_cores
 from gmmjax.tiling.compared_blocks import ComparedBlocks, ComparedVoxels
 from gmmjax.tiling.local_differences import CoarseClouds
-from gmmjax.tiling.local_voxels import SIDES, Voxels, joined
+from gmmjax.tiling.local_voxels import Voxels, joined
 
 logger = logging.getLogger(__name__)
 
 
 @dataclasses.dataclass(frozen=True)
-class FocusSettings:
+class RegionsOfInterestSettings:
     """How much is taken at full resolution.
 
     Attributes:
@@ -45,7 +46,7 @@ class FocusSettings:
     most_voxels: int = 1_000_000
 
 
-class FocusedCloud(NamedTuple):
+class RefinedCloud(NamedTuple):
     """One cloud, fine where something looks changed, coarse elsewhere.
 
     Attributes:
@@ -74,13 +75,13 @@ class FocusedCloud(NamedTuple):
         return rows
 
 
-def focused(
+def refined_clouds(
     blocks: ComparedBlocks,
     coarse: CoarseClouds,
     threshold: float,
     examination: LocalExaminationSettings,
-    settings: FocusSettings = FocusSettings(),
-) -> Pair[FocusedCloud]:
+    settings: RegionsOfInterestSettings = RegionsOfInterestSettings(),
+) -> Pair[RefinedCloud]:
     """Both clouds, fine where either looks changed.
 
     Args:
@@ -90,10 +91,10 @@ def focused(
         examination: how far around a candidate its facts look.
         settings: how much is taken.
     """
-    changed = each_on_cores(lambda side: _changed(blocks, side, threshold), SIDES)
+    changed = each_on_cores(lambda side: _changed(blocks, side, threshold), NAMES)
     places = _places(changed, threshold, blocks.candidates, examination, settings)
-    found = each_on_cores(lambda side, points: _found(blocks, side, points, places, threshold), SIDES, coarse.points)
-    clouds = found.map(lambda own: _focused_cloud(places, coarse.voxel_size, settings, *own))
+    found = each_on_cores(lambda side, points: _found(blocks, side, points, places, threshold), NAMES, coarse.points)
+    clouds = found.map(lambda own: _refined_cloud(places, coarse.voxel_size, settings, *own))
     logger.info(
         "fine voxels where something looks changed: %d and %d", *clouds.map(lambda own: own.rows.max(initial=-1) + 1)
     )
@@ -146,7 +147,7 @@ def _places(
     threshold: float,
     candidates: CandidateSettings,
     examination: LocalExaminationSettings,
-    settings: FocusSettings,
+    settings: RegionsOfInterestSettings,
 ) -> list[_Places]:
     """A few places for all candidates of each spacing that candidates are examined at."""
     by_spacing: dict[float, list[np.ndarray]] = {}
@@ -239,9 +240,9 @@ def _together(parts: Sequence[Any]) -> Any:
     return jax.tree.map(lambda *values: np.concatenate(values), *parts)
 
 
-def _focused_cloud(
-    places: list[_Places], voxel_size: float, settings: FocusSettings, fine: _Part, coarse: _Around
-) -> FocusedCloud:
+def _refined_cloud(
+    places: list[_Places], voxel_size: float, settings: RegionsOfInterestSettings, fine: _Part, coarse: _Around
+) -> RefinedCloud:
     own, rows = _joined(fine.own, fine.least)
     least = float(own.voxels.sizes.min(initial=np.inf))
     while len(own.looks_changed) > settings.most_voxels:
@@ -251,7 +252,7 @@ def _focused_cloud(
     beyond = np.flatnonzero(np.isinf(_spacings(places, coarse.points)))
     points, count = coarse.points[beyond], len(beyond)
     far = _taken(coarse.nearest, beyond)._replace(voxels=Voxels(points, np.ones(count), np.full(count, voxel_size)))
-    return FocusedCloud(_together([own, far]), fine.blocks, fine.indices, rows)
+    return RefinedCloud(_together([own, far]), fine.blocks, fine.indices, rows)
 
 
 def _joined(own: ComparedVoxels, least: Float64[np.ndarray, " n"]) -> tuple[ComparedVoxels, Int[np.ndarray, " n"]]:

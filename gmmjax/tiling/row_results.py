@@ -8,13 +8,13 @@ import numpy as np
 from jaxtyping import Bool, Int
 from scipy.spatial import cKDTree
 
-from gmmjax.changes import Changes, Kind, PointFigures, SurfaceChangeSettings, outside_probability
+from gmmjax.changes import NAMES, Changes, Kind, PointFigures, SurfaceChangeSettings, outside_probability
 from gmmjax.clouds import StoredPoints
 from gmmjax.geometry import nearest_neighbours
 from gmmjax.pair import Pair, each_on_cores
 from gmmjax.tiling.compared_blocks import ComparedBlocks, ComparedVoxels
-from gmmjax.tiling.focus import FocusedCloud
-from gmmjax.tiling.local_voxels import SIDES, Voxels
+from gmmjax.tiling.local_voxels import Voxels
+from gmmjax.tiling.regions_of_interest import RefinedCloud
 from gmmjax.tiling.row_columns import FilledInBatches, RowColumns
 
 MISSING: Mapping[str, np.generic] = {
@@ -42,7 +42,7 @@ class RowResults:
         names = {"labels": "label", **{name: name for name in MISSING if name not in ("label", "kind")}}
         return {
             f"{array}_{side}": own.column(name)
-            for side, own in zip(SIDES, self.columns, strict=True)
+            for side, own in zip(NAMES, self.columns, strict=True)
             for array, name in names.items()
         }
 
@@ -60,7 +60,7 @@ class RowResults:
 def fill_rows(
     results: RowResults,
     blocks: ComparedBlocks,
-    focus: Pair[FocusedCloud],
+    fine: Pair[RefinedCloud],
     changes: Changes,
     settings: SurfaceChangeSettings,
 ) -> None:
@@ -69,12 +69,12 @@ def fill_rows(
     Args:
         results: to fill.
         blocks: of both clouds, compared.
-        focus: the clouds that the changes were found in.
+        fine: the clouds that the changes were found in.
         changes: of these clouds.
         settings: how probable points outside of changes are.
     """
 
-    def fill(side: str, columns: RowColumns, own: FocusedCloud) -> None:
+    def fill(side: str, columns: RowColumns, own: RefinedCloud) -> None:
         found, filling = _Found.of(side, own, changes, settings), FilledInBatches(columns)
         for number in range(len(blocks.store.tree)):
             inside: StoredPoints = getattr(blocks.store.inside(number), side)
@@ -83,7 +83,7 @@ def fill_rows(
             filling.fill(inside.rows, {name: array[member] for name, array in values.items()})
         filling.flush()
 
-    each_on_cores(fill, SIDES, results.columns, focus)
+    each_on_cores(fill, NAMES, results.columns, fine)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -91,31 +91,31 @@ class _Found:
     """What was found of one cloud.
 
     Attributes:
-        focus: the cloud.
+        cloud: that the changes were found in.
         values: of each of its voxels, by name.
         unobserved: tree of the coarse points, and which of them the other survey did not observe; None: there is none.
         settings: how probable points outside of changes are.
     """
 
-    focus: FocusedCloud
+    cloud: RefinedCloud
     values: Mapping[str, np.ndarray]
     unobserved: tuple[cKDTree, Bool[np.ndarray, " c"]] | None
     settings: SurfaceChangeSettings
 
     @classmethod
-    def of(cls, side: str, focus: FocusedCloud, changes: Changes, settings: SurfaceChangeSettings) -> "_Found":
+    def of(cls, side: str, cloud: RefinedCloud, changes: Changes, settings: SurfaceChangeSettings) -> "_Found":
         labels, probability, unobserved = (
             getattr(changes, f"{name}_{side}") for name in ("labels", "probability", "unobserved")
         )
         kinds = np.array([0, *(get_args(Kind).index(change.kind) + 1 for change in changes)], np.uint8)
         values = {"label": labels, "kind": kinds[labels + 1], "probability": probability, "unobserved": unobserved}
-        fine = focus.rows.max(initial=-1) + 1
-        points, hidden = focus.own.voxels.points[fine:], unobserved[fine:]
-        return cls(focus, values, (cKDTree(points), hidden) if hidden.any() else None, settings)
+        fine = cloud.rows.max(initial=-1) + 1
+        points, hidden = cloud.own.voxels.points[fine:], unobserved[fine:]
+        return cls(cloud, values, (cKDTree(points), hidden) if hidden.any() else None, settings)
 
     def of_voxels(self, number: int, own: ComparedVoxels) -> dict[str, np.ndarray]:
         """What is said of each voxel of a block."""
-        rows = self.focus.rows_of(number, len(own.voxels.points))
+        rows = self.cloud.rows_of(number, len(own.voxels.points))
         fine = rows >= 0
         outside = outside_probability(own.looks_changed, self.settings)
         elsewhere = {"probability": outside, "unobserved": self._hidden(own.voxels, fine)}

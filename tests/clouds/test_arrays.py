@@ -4,7 +4,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from gmmjax.clouds import read_cloud
+from gmmjax.clouds import read_cloud, write_archive
 from gmmjax.errors import InputError
 
 POINTS = np.arange(12.0).reshape(4, 3)
@@ -98,3 +98,14 @@ def test_members_that_are_no_arrays(write_file, tmp_path):
         archive.writestr("points.npy", "three columns")
     with pytest.raises(InputError, match=f"{path}: has no array 'points', only: none"):
         read_cloud(path)
+
+
+def test_an_archive_that_is_written_in_parts_is_numpys(tmp_path):
+    arrays = {"labels": np.arange(-1, 24, dtype=np.int32), "unobserved": np.arange(25) % 2 == 0, "none": np.empty(0)}
+    with (tmp_path / "labels.npz").open("wb") as file:
+        write_archive(file, arrays, part=7)
+    with np.load(tmp_path / "labels.npz", allow_pickle=False) as found:
+        assert set(found) == set(arrays)
+        for name, values in arrays.items():
+            assert found[name].dtype == values.dtype
+            np.testing.assert_array_equal(found[name], values)

@@ -39,8 +39,8 @@ class SurroundingsSettings:
             it is that of the whole scan.
         opposite: distance along the surface of the other cloud, in its spacings there, within which it lies opposite a
             point. Larger: the rim of a hole lies opposite what is in the hole; 0: nothing does.
-        opposite_height: distance along its normal, in its spacings there, within which it does. Larger: the floor below a thin
-            object is taken for ground below a deposit; 0: erosion of less than a spacing is taken for noise.
+        opposite_height: distance along its normal, in its spacings there, within which it does. Larger: the floor below
+            a thin object is taken for ground below a deposit; 0: erosion of less than a spacing is taken for noise.
         undisplaced: number of the unchanged points next to a candidate that tell how far the whole surface is off
             there. Few: a displacement that thins out is taken for that of the whole surface.
         sure: offset, in registration errors, from which on a point is surely off a surface. 0: by whatever it is off.

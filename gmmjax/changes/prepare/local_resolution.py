@@ -115,13 +115,15 @@ def locally_reduced(
     corner = np.minimum(*points.map(lambda own: own.min(axis=0)))
     offsets = points.map(lambda own: own - corner)
     extent = max(float(own.max()) for own in offsets)
-    return reduced_on(offsets, VoxelLattice.of(corner, extent, voxel_size, settings.halvings), settings)
+    lattice = VoxelLattice.of(corner, extent, voxel_size, settings.halvings)
+    return reduced_on(offsets, lattice, settings, settings.most_voxels)
 
 
 def reduced_on(
     offsets: Pair[Float[np.ndarray, "_ 3"]],
     lattice: VoxelLattice,
     settings: LocalResolutionSettings = LocalResolutionSettings(),
+    most_voxels: int | None = None,
 ) -> Pair[WorkingCloud]:
     """Both clouds, or what of them is in some cubes of a lattice, in voxels as small as both allow at each place.
 
@@ -129,9 +131,12 @@ def reduced_on(
         offsets: of both clouds, relative to the corner of the lattice; either may be without points.
         lattice: of the voxels.
         settings: how small they are.
+        most_voxels: of either cloud; None: the caller bounds their number, of all cubes.
     """
     indices = offsets.map(lambda own: (own / lattice.finest).astype(np.int64))
-    levels = _bounded(indices, _levels(indices, lattice.halvings, settings), settings.most_voxels)
+    levels = _levels(indices, lattice.halvings, settings)
+    if most_voxels is not None:
+        levels = _bounded(indices, levels, most_voxels)
     return each(lambda *own: _working_cloud(lattice, *own), offsets, indices, levels)
 
 
