@@ -18,6 +18,7 @@ from gmmjax.changes.registration import Registration
 from gmmjax.changes.storage import (
     LABELS_FILE,
     OPTIONAL_ARRAYS,
+    OPTIONAL_FIGURES,
     POINT_ARRAYS,
     REMEDY,
     SCHEMA_VERSION,
@@ -350,6 +351,26 @@ class Changes:
         counts = {kind: sum(change.kind == kind for change in self.items) for kind in get_args(Kind)}
         paired = sum(change.kind == "moved" and change.partner is not None for change in self.items)
         return {**counts, "moved": counts["moved"] - paired // 2}
+
+    def point_values(self, side: str) -> dict[str, np.ndarray]:
+        """What is said of each point of one cloud, by name, as files of points have it: numbers of at most 32 bits.
+
+        `label` (int32), `kind` (uint8: 0 unchanged, else one more than the place in `Kind`), `probability` (float32),
+        `unobserved` (bool), and the figures that were measured (float32, in the unit of the clouds).
+
+        Args:
+            side: "before" or "after".
+        """
+        labels = getattr(self, f"labels_{side}")
+        kinds = np.array([0, *(get_args(Kind).index(change.kind) + 1 for change in self.items)], np.uint8)
+        values = {
+            "label": labels.astype(np.int32),
+            "kind": kinds[labels + 1],
+            "probability": getattr(self, f"probability_{side}").astype(np.float32),
+            "unobserved": getattr(self, f"unobserved_{side}"),
+        }
+        figures = {name: getattr(self, f"{name}_{side}") for name in OPTIONAL_FIGURES}
+        return values | {name: own.astype(np.float32) for name, own in figures.items() if own is not None}
 
     def volume_totals(self) -> VolumeTotals | None:
         """The volume that was gained and lost in all, with its uncertainty; None where no change has a volume."""

@@ -12,6 +12,7 @@ from gmmjax.clouds.blocks import Block as Block
 from gmmjax.clouds.blocks import BlockSettings as BlockSettings
 from gmmjax.clouds.blocks import BlockTree as BlockTree
 from gmmjax.clouds.blocks import block_tree as block_tree
+from gmmjax.clouds.blocks import box_text as box_text
 from gmmjax.clouds.blocks import require_overlap as require_overlap
 from gmmjax.clouds.canonical import canonical_order as canonical_order
 from gmmjax.clouds.canonical import first_of_equals as first_of_equals

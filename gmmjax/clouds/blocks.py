@@ -214,16 +214,22 @@ def require_overlap(tree: BlockTree) -> None:
     if tree.common.any():
         return
 
-    decimals = max(0, 3 - math.ceil(math.log10(tree.lattice.edge)))
-
-    def extent(own: Float64[np.ndarray, "2 3"]) -> str:
-        return " x ".join(f"{least:.{decimals}f}..{most:.{decimals}f}" for least, most in (own + tree.lattice.offset).T)
-
-    extents = tree.extents.map(extent)
+    extents = tree.extents.map(lambda own: box_text(own + tree.lattice.offset, tree.lattice.edge))
     raise InputError(
         f"before, after: the scans do not overlap (before {extents.before}, after {extents.after}); they may be in "
         "different coordinate systems: register them first, or give the transform between them"
     )
+
+
+def box_text(box: Float64[np.ndarray, "2 3"], size: float) -> str:
+    """A box along the axes as a user reads it, to a thousandth of a size.
+
+    Args:
+        box: its lowest and its highest corner.
+        size: that matters, such as the extent of a scene.
+    """
+    decimals = max(0, 3 - math.ceil(math.log10(size)))
+    return " x ".join(f"{least:.{decimals}f}..{most:.{decimals}f}" for least, most in box.T)
 
 
 def _pyramid(counts: CellCounts) -> list[CellCounts]:

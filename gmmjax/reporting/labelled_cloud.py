@@ -6,12 +6,11 @@ import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from gmmjax.changes import OPTIONAL_FIGURES, Changes, Kind
+from gmmjax.changes import Changes
 from gmmjax.clouds import (
     AXES,
     CHUNK_POINTS,
@@ -179,19 +178,11 @@ def labelled_clouds(clouds: Pair[PointCloud], changes: Changes) -> Pair[Labelled
         clouds: as they were given.
         changes: what was found between them.
     """
-    numbers = np.array([0, *(get_args(Kind).index(change.kind) + 1 for change in changes.items)], np.uint8)
 
     def labelled(cloud: PointCloud, side: str, transform: np.ndarray | None) -> LabelledCloud:
-        labels = getattr(changes, f"labels_{side}")
-        found = {
-            "label": labels.astype(np.int32),
-            "kind": numbers[labels + 1],
-            "probability": getattr(changes, f"probability_{side}").astype(np.float32),
-            "unobserved": getattr(changes, f"unobserved_{side}").astype(np.uint8),
-        }
-        figures = {name: getattr(changes, f"{name}_{side}") for name in OPTIONAL_FIGURES}
-        found |= {name: values.astype(np.float32) for name, values in figures.items() if values is not None}
-        return LabelledCloud(cloud, found, transform)
+        values = changes.point_values(side)
+        # Files of points have no truth values.
+        return LabelledCloud(cloud, {**values, "unobserved": values["unobserved"].astype(np.uint8)}, transform)
 
     registration = changes.registration
     transform = registration.transform if registration.applied else None

@@ -11,10 +11,11 @@ import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from gmmjax.changes import (
     NAMES,
@@ -68,7 +69,8 @@ from gmmjax.tiling.local_scales import LocalScales, LocalScaleSettings, local_sc
 from gmmjax.tiling.local_voxels import LocalVoxels, Voxels, block_voxels
 from gmmjax.tiling.records import BlockRecords
 from gmmjax.tiling.regions_of_interest import RefinedCloud, RegionsOfInterestSettings, refined_clouds
-from gmmjax.tiling.row_results import MISSING, RowResults, fill_rows
+from gmmjax.tiling.row_columns import RowColumns
+from gmmjax.tiling.row_results import MISSING, RowResults, fill_rows, fill_rows_of_points
 from gmmjax.tiling.tiles import TileSettings, tiles_of
 from gmmjax.tiling.worker import BlockTask
 from gmmjax.tiling.workers import Workers
@@ -176,8 +178,11 @@ def tiled_changes(
         require_overlap(tree)
         tiles_of(tree, tile_size, settings.tiles)
         clock.start("tiles", "Sorting the points into blocks", 0.3)
-        tiles = _Tiles(write_block_store(place.clouds, tree, disk), tile_size, workers, settings.tiles)
-        found = _fine_pass(coarse, place, tiles, clock, settings)
+        if max(place.clouds.row_counts) <= coarse.detector.align.resolution.voxels:
+            found = _compared_whole(place.clouds, views, config, disk, clock)
+        else:
+            tiles = _Tiles(write_block_store(place.clouds, tree, disk), tile_size, workers, settings.tiles)
+            found = _fine_pass(coarse, place, tiles, clock, settings)
         shown = dataclasses.replace(found.changes, unit=unit, warnings=tuple(warnings))
         arrays: dict[str, Any] = found.rows.arrays()
         changes = dataclasses.replace(shown, **arrays)
@@ -306,7 +311,7 @@ class _Tiles:
         )
 
 
-class _FinePass(NamedTuple):
+class _Comparison(NamedTuple):
     """What was found, by the points that were compared in the end.
 
     Attributes:
@@ -320,9 +325,27 @@ class _FinePass(NamedTuple):
     rows: RowResults
 
 
+def _compared_whole(
+    clouds: PlacedClouds, views: Pair[SensorViews | None], config: DetectionConfig, disk: Path, clock: Clock
+) -> _Comparison:
+    """The changes of scans that have no more points than it takes to register them: those that are found in memory."""
+    points = clouds.clouds.map(_all_points)
+    scans = each(Scan, points, views)
+    detector = JointDetector(config)
+    changes = detector.changes_of(detector.prepared(scans, clock), clock)
+    rows = RowResults(each(lambda side, count: RowColumns(disk / side, count, MISSING), NAMES, clouds.row_counts))
+    fill_rows_of_points(rows, changes, points.map(lambda own: own.rows))
+    return _Comparison(changes, points, rows)
+
+
+def _all_points(cloud: ChunkedCloud) -> PointCloud:
+    points, rows, _ = zip(*cloud.chunks(), strict=True)
+    return _named_cloud(np.concatenate(points), np.concatenate(rows), cloud)
+
+
 def _fine_pass(
     coarse: _CoarsePass, place: _Place, tiles: _Tiles, clock: Clock, settings: TiledDetectionSettings
-) -> _FinePass:
+) -> _Comparison:
     """The changes of the clouds that are fine where something looks changed, and what is said of each row."""
     detector, prepared, store = coarse.detector, coarse.prepared, tiles.store
     clouds = _coarse_clouds(prepared, store.offset, place.voxels.voxel_size)
@@ -345,7 +368,7 @@ def _fine_pass(
     clock.start("rows", "Labelling all points", 0.95)
     rows = RowResults(columns_of(store, MISSING))
     fill_rows(rows, blocks, fine, changes, detector.objects.surfaces)
-    return _FinePass(changes, _given_clouds(refined, place.clouds.clouds.map(_whole)), rows)
+    return _Comparison(changes, _given_clouds(refined, place.clouds.clouds), rows)
 
 
 def _part(clock: Clock, message: str, first: float, last: float) -> Progress:
@@ -396,10 +419,16 @@ def _given_clouds(refined: AlignedScans, clouds: Pair[ChunkedCloud]) -> Pair[Poi
         after = transformed(after, np.linalg.inv(registration.transform))
 
     def given(points: Float64[np.ndarray, "n 3"], cloud: ChunkedCloud) -> PointCloud:
-        unit, crs = (getattr(cloud, name, None) for name in ("unit", "crs"))
-        return PointCloud(points, np.arange(len(points)), source=_source(cloud), unit=unit, crs=crs)
+        return _named_cloud(points, np.arange(len(points)), cloud)
 
     return each(given, Pair(before, after), clouds)
+
+
+def _named_cloud(points: Float64[np.ndarray, "n 3"], rows: Int64[np.ndarray, " n"], cloud: ChunkedCloud) -> PointCloud:
+    """Points of a cloud, with what its files state."""
+    whole = _whole(cloud)
+    unit, crs = (getattr(whole, name, None) for name in ("unit", "crs"))
+    return PointCloud(points, rows, source=_source(whole), unit=unit, crs=crs)
 
 
 def _whole(cloud: ChunkedCloud) -> ChunkedCloud:

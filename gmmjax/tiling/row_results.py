@@ -2,13 +2,12 @@
 
 import dataclasses
 from collections.abc import Mapping
-from typing import get_args
 
 import numpy as np
 from jaxtyping import Bool, Int
 from scipy.spatial import cKDTree
 
-from gmmjax.changes import NAMES, Changes, Kind, PointFigures, SurfaceChangeSettings, outside_probability
+from gmmjax.changes import NAMES, Changes, PointFigures, SurfaceChangeSettings, outside_probability
 from gmmjax.clouds import StoredPoints
 from gmmjax.geometry import nearest_neighbours
 from gmmjax.pair import Pair, each_on_cores
@@ -86,6 +85,18 @@ def fill_rows(
     each_on_cores(fill, NAMES, results.columns, fine)
 
 
+def fill_rows_of_points(results: RowResults, changes: Changes, rows: Pair[Int[np.ndarray, " _"]]) -> None:
+    """Fills the columns with what was found of all points, in memory.
+
+    Args:
+        results: to fill.
+        changes: of these points.
+        rows: of each point.
+    """
+    for side, columns, own in zip(NAMES, results.columns, rows, strict=True):
+        columns.fill(own, changes.point_values(side))
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Found:
     """What was found of one cloud.
@@ -104,11 +115,8 @@ class _Found:
 
     @classmethod
     def of(cls, side: str, cloud: RefinedCloud, changes: Changes, settings: SurfaceChangeSettings) -> "_Found":
-        labels, probability, unobserved = (
-            getattr(changes, f"{name}_{side}") for name in ("labels", "probability", "unobserved")
-        )
-        kinds = np.array([0, *(get_args(Kind).index(change.kind) + 1 for change in changes)], np.uint8)
-        values = {"label": labels, "kind": kinds[labels + 1], "probability": probability, "unobserved": unobserved}
+        values = {name: own for name, own in changes.point_values(side).items() if name not in PointFigures._fields}
+        unobserved = values["unobserved"]
         fine = cloud.rows.max(initial=-1) + 1
         points, hidden = cloud.own.voxels.points[fine:], unobserved[fine:]
         return cls(cloud, values, (cKDTree(points), hidden) if hidden.any() else None, settings)

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from gmmjax.changes import DetectionConfig
+from gmmjax.changes import DetectionConfig, detect_changes
 from gmmjax.clouds import SensorViews, open_cloud
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
@@ -168,8 +168,14 @@ def test_volumes_are_refused(tmp_path):
         detected(Pair(*random.normal(size=(2, 5_000, 3))), tmp_path)
 
 
-def test_few_points_need_no_coarse_cloud(tmp_path):
-    few = Pair(room(0, box=False)[::4], room(1, box=True)[::4])
-    arrays, record = detected(few, tmp_path)
-    assert [change.kind for change in record.shown] == ["appeared"]
-    assert (arrays["labels_after"][of_box(few.after)] == 0).mean() > 0.9
+def test_few_points_are_compared_as_in_memory(tmp_path):
+    few = Pair(room(0, box=False)[::4], np.insert(room(1, box=True)[::4], 3, np.nan, axis=0))
+    for side, own in zip(("before", "after"), few, strict=True):
+        np.save(tmp_path / f"{side}.npy", own)
+    clouds = Pair("before", "after").map(lambda side: open_cloud(tmp_path / f"{side}.npy"))
+    arrays, record = detected_in(clouds, tmp_path)
+    expected = detect_changes(few.before, few.after, config=CONFIG)
+    assert [change.to_dict() for change in record.shown] == [change.to_dict() for change in expected]
+    for name, values in arrays.items():
+        np.testing.assert_allclose(values, getattr(expected, name), rtol=1e-6)
+    assert record.shown.diagnostics["after"]["source"] == str(tmp_path / "after.npy")

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
 from gmmjax.changes.registration import Registration
-from gmmjax.clouds import PointCloud, as_points, canonical_order, crop_box, first_of_equals
+from gmmjax.clouds import PointCloud, as_points, box_text, canonical_order, crop_box, first_of_equals
 from gmmjax.errors import InputError, warn
 from gmmjax.mixtures import parameters_per_component
 from gmmjax.pair import Pair, each
@@ -110,19 +110,14 @@ def check_overlap(clouds: Pair[CheckedCloud], registration: Registration | None 
     """
     if registration is not None and registration.applied and not registration.in_doubt:
         return
-    lower = clouds.map(lambda cloud: cloud.points.min(axis=0))
-    upper = clouds.map(lambda cloud: cloud.points.max(axis=0))
-    if (upper.before < lower.after).any() or (upper.after < lower.before).any():
-        extents = each(_extent, lower, upper)
+    boxes = clouds.map(lambda cloud: np.array([cloud.points.min(axis=0), cloud.points.max(axis=0)]))
+    if (boxes.before[1] < boxes.after[0]).any() or (boxes.after[1] < boxes.before[0]).any():
+        extents = boxes.map(lambda box: box_text(box, float(np.ptp(box, axis=0).max())))
         raise InputError(
             f"before, after: the scans do not overlap (before {extents.before}, after {extents.after}); they may be in "
             "different coordinate systems or units: bring them into one frame first, and leave stray points out with "
             "crop"
         )
-
-
-def _extent(lower: Float[np.ndarray, "3"], upper: Float[np.ndarray, "3"]) -> str:
-    return " x ".join(f"{least:.6g}..{most:.6g}" for least, most in zip(lower, upper, strict=True))
 
 
 def check_comparable(
