@@ -3,6 +3,7 @@
 import json
 import re
 
+import laspy
 import numpy as np
 import pytest
 
@@ -76,4 +77,36 @@ def test_what_cannot_be_used_is_named_and_nothing_is_written(files, tmp_path, ca
     # The last setting of a flag counts.
     assert main(["detect", *paths, "--out", str(tmp_path / "out"), *QUICK, *options]) == 2
     assert message in " ".join(capsys.readouterr().err.split())
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["scan.las", "scan.laz"])
+def test_a_file_that_was_truncated_is_named_and_nothing_is_written(files, tmp_path, capsys, name):
+    path = tmp_path / name
+    scan = laspy.LasData(laspy.LasHeader(point_format=0, version="1.2"))
+    scan.xyz = room(2, box=False)
+    scan.write(path)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    words = [str(files / "after.ply"), str(path), "--tile-size", "3", "--temporary-folder", str(tmp_path)]
+    assert main(["detect", *words, "--out", str(tmp_path / "out"), *QUICK]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert name in said
+    assert "cut off" in said
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("room_left", [50_000, 1_000_000])
+def test_a_disk_that_fills_leaves_nothing(files, tmp_path, capsys, room_left):
+    """Files cannot get longer than that: the first is too little for columns of points, the other for the result."""
+    resource = pytest.importorskip("resource")
+    words = [str(files / name) for name in ("right.ply", "after.ply")]
+    words += ["--tile-size", "3", "--temporary-folder", str(tmp_path), "--out", str(tmp_path / "out"), *QUICK]
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room_left, limits[1]))
+        code = main(["detect", *words])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert code == 2
+    assert "cannot be written" in " ".join(capsys.readouterr().err.split())
     assert list(tmp_path.iterdir()) == []
