@@ -1,3 +1,4 @@
+import contextlib
 import csv
 import dataclasses
 import errno
@@ -591,6 +592,23 @@ def test_evaluate_pairs_scores_a_folder(pairs, capsys):
     printed = evaluated(["pairs"], capsys, pairs, "--methods", "c2c", "--sensor-at-origin", "frame*", "--json")
     rows = {row["condition"]: row for row in json.loads(printed)["rows"]}
     assert rows["frame"]["f1"] == rows["scan"]["f1"] == 1
+
+
+@pytest.mark.parametrize("poses", ["given", "unknown"])
+def test_the_views_of_pairs_can_be_kept_from_the_detectors(pairs, poses, capsys, monkeypatch):
+    views = []
+
+    def evaluate(detectors, sources, **settings):
+        views.extend(
+            cloud.views for source in sources for pair in [source.load()] for cloud in (pair.before, pair.after)
+        )
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gmmjax.evaluation.evaluate", evaluate)
+    words = ["evaluate", "pairs", str(pairs), "--sensor-at-origin", "*", "--poses", poses, "--methods", "c2c"]
+    with contextlib.suppress(KeyboardInterrupt):
+        main(words)
+    assert len(views) == 4 and all((view is None) == (poses == "unknown") for view in views)
 
 
 def test_a_pair_that_fails_does_not_lose_the_others(pairs, capsys):

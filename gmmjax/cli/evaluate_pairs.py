@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional
@@ -26,6 +26,7 @@ def evaluate_pairs(
     folder: Annotated[Positional[Path], tyro.conf.arg(metavar="FOLDER")],
     *,
     sensor_at_origin: Annotated[tuple[str, ...], tyro.conf.arg(metavar="PATTERN")] = (),
+    poses: Literal["given", "unknown"] = "given",
     common: OmitArgPrefixes[Options] = Options(),
 ) -> int:
     """Score detectors on pairs of scans with truth: precision, recall, F1, false segments, times.
@@ -39,6 +40,7 @@ def evaluate_pairs(
         folder: folder that contains the folders of the pairs.
         sensor_at_origin: pairs whose names fit one of these patterns, such as 'frame*', are single depth frames from a
             camera at the origin that looks along z.
+        poses: "given": the detectors get the views that are known of a pair; "unknown": they get none.
         common: to all evaluations.
     """
     from gmmjax.evaluation import find_pairs
@@ -49,8 +51,12 @@ def evaluate_pairs(
         if not any(fnmatchcase(source.name, pattern) for source in sources):
             names = ", ".join(source.name for source in sources)
             raise InputError(f"--sensor-at-origin {pattern}: fits none of the pairs {names}")
-    placed = [_placed(source, sensor_at_origin) for source in sources]
+    placed = [_without_views(source) if poses == "unknown" else _placed(source, sensor_at_origin) for source in sources]
     return run_evaluation(placed, common, evidence=True)
+
+
+def _without_views(source: "PairSource") -> "PairSource":
+    return dataclasses.replace(source, load=lambda: source.load().without_views())
 
 
 def _placed(source: "PairSource", patterns: Sequence[str]) -> "PairSource":

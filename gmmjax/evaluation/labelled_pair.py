@@ -55,6 +55,11 @@ class LabelledPair:
         """Whether nothing changed."""
         return bool((self.before.truth < 0).all() and (self.after.truth < 0).all())
 
+    def without_views(self) -> "LabelledPair":
+        """The pair where nobody knows where the sensor stood."""
+        before, after = (dataclasses.replace(cloud, views=None) for cloud in (self.before, self.after))
+        return dataclasses.replace(self, before=before, after=after)
+
 
 @dataclasses.dataclass(frozen=True)
 class PairSource:
