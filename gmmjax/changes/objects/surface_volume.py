@@ -11,15 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 from scipy import ndimage, stats
-from scipy.interpolate import LinearNDInterpolator
-from scipy.spatial import QhullError, cKDTree
+from scipy.spatial import cKDTree
 
+from gmmjax.changes.objects.difference_cells import SQUARE, filled, hidden, noise, smoothed
+from gmmjax.changes.objects.plane_grid import PlaneGrid
 from gmmjax.geometry import LocalSurface, evenly_chosen, nearest_neighbours
 from gmmjax.pair import Pair, each
-
-# The four neighbours of a cell.
-CROSS = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], float)
-SQUARE = np.ones((3, 3), bool)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,41 +144,6 @@ def window_reach(
     return (settings.reach + settings.surroundings) / 2 * diagonal + 8 * settings.cell * spacing
 
 
-class _Grid(NamedTuple):
-    """Cells in the plane of a change."""
-
-    lower: Float64[np.ndarray, " 2"]
-    edge: float
-    shape: tuple[int, int]
-
-    def cells(self, places: Float64[np.ndarray, "n 2"], parts: int = 1) -> Int[np.ndarray, " n"]:
-        """The number of the cell of each place, or of the part of a cell; -1 outside."""
-        indices = np.floor((places - self.lower) / (self.edge / parts)).astype(int)
-        rows, columns = (parts * length for length in self.shape)
-        inside = ((indices >= 0) & (indices < [rows, columns])).all(axis=1)
-        return np.where(inside, indices[:, 0] * columns + indices[:, 1], -1)
-
-    def counts(self, places: Float64[np.ndarray, "n 2"]) -> Int[np.ndarray, "r c"]:
-        """How many places each cell has."""
-        cells = self.cells(places)
-        return np.bincount(cells[cells >= 0], minlength=self.shape[0] * self.shape[1]).reshape(self.shape)
-
-    def means(
-        self, places: Float64[np.ndarray, "n 2"], values: Float64[np.ndarray, " n"], parts: int
-    ) -> Float64[np.ndarray, "r c"]:
-        """The mean over the parts of each cell of their mean values; NaN where there are none."""
-        cells = self.cells(places, parts)
-        inside, count = cells >= 0, self.shape[0] * self.shape[1] * parts**2
-        cells, values = cells[inside], values[inside]
-        number = np.bincount(cells, minlength=count)
-        sums = np.bincount(cells, values, minlength=count)
-        part = np.divide(sums, number, out=np.zeros(count), where=number > 0)
-        blocks = (self.shape[0], parts, self.shape[1], parts)
-        filled = (number > 0).reshape(blocks).sum(axis=(1, 3))
-        total = part.reshape(blocks).sum(axis=(1, 3))
-        return np.divide(total, filled, out=np.full(self.shape, np.nan), where=filled > 0)
-
-
 class _Offset(NamedTuple):
     """What both scans differ by where nothing changed.
 
@@ -215,7 +177,7 @@ class SurfaceMap(NamedTuple):
     """
 
     change: ChangeSurface
-    grid: _Grid
+    grid: PlaneGrid
     across: Float64[np.ndarray, "2 3"]
     difference: Float64[np.ndarray, "r c"]
     offset: _Offset
@@ -272,16 +234,16 @@ class SurfaceMap(NamedTuple):
         """
         difference, offset = self.difference, self.offset
         footprint, left_out = _with_rim(difference, self.core, self.foreign, _widest(self.core, settings), settings)
-        filled, gaps = _filled(difference, footprint)
-        hidden = _hidden(difference, footprint, self.foreign, _widest(self.core, settings))
-        noise = max(_noise(difference, footprint), offset.density * footprint.sum())
+        whole, gaps = filled(difference, footprint)
+        behind = hidden(difference, footprint, self.foreign, _widest(self.core, settings))
+        of_cells = max(noise(difference, footprint), offset.density * footprint.sum())
         area, quantile = self.grid.edge**2, float(stats.t.ppf((1 + settings.confidence) / 2, offset.freedom))
         common = float(quantile * area * footprint.sum() * offset.error)
         # Anything between nothing and all that the other lines of sight leave room for.
-        independent = quantile * area * np.sqrt(noise + gaps + left_out**2 + hidden**2 / 12)
+        independent = quantile * area * np.sqrt(of_cells + gaps + left_out**2 + behind**2 / 12)
         return SurfaceVolume(
             area=float(area * (_labelled_share(self, settings) * self.labelled).sum()),
-            gain=float(area * (filled[footprint].sum() + hidden / 2)),
+            gain=float(area * (whole[footprint].sum() + behind / 2)),
             error=float(np.hypot(common, independent)),
             registration_error=common,
         )
@@ -292,7 +254,9 @@ def _widest(core: Bool[np.ndarray, "r c"], settings: SurfaceVolumeSettings) -> i
     return max(1, int(settings.widest_rim * np.sqrt(core.sum() / np.pi)))
 
 
-def _grid(change: ChangeSurface, across: Float64[np.ndarray, "2 3"], settings: SurfaceVolumeSettings) -> _Grid | None:
+def _grid(
+    change: ChangeSurface, across: Float64[np.ndarray, "2 3"], settings: SurfaceVolumeSettings
+) -> PlaneGrid | None:
     """Cells that reach over the change and its surroundings; None where it has no extent."""
     places = change.points @ across.T
     lower, upper = places.min(axis=0), places.max(axis=0)
@@ -310,7 +274,7 @@ def _grid(change: ChangeSurface, across: Float64[np.ndarray, "2 3"], settings: S
     size = upper - lower + 2 * margin
     edge = max(edge, float(np.sqrt(size.prod() / settings.most_cells)))
     rows, columns = (int(np.ceil(length / edge)) for length in size)
-    return _Grid(lower - margin, edge, (rows, columns))
+    return PlaneGrid(lower - margin, edge, (rows, columns))
 
 
 def _spacing(
@@ -326,7 +290,7 @@ def _spacing(
 
 
 def _differences(
-    change: ChangeSurface, across: Float64[np.ndarray, "2 3"], grid: _Grid, settings: SurfaceVolumeSettings
+    change: ChangeSurface, across: Float64[np.ndarray, "2 3"], grid: PlaneGrid, settings: SurfaceVolumeSettings
 ) -> Float64[np.ndarray, "r c"]:
     """By how much the after scan is above the before scan in each cell; NaN where one has no points."""
     heights = HeightAbove(change.reference, change.outward, settings)
@@ -383,26 +347,13 @@ def _without_spikes(
     settings: SurfaceVolumeSettings,
 ) -> Float64[np.ndarray, "r c"]:
     """With the median about them for cells, beyond the labelled ones, that stand out: single points off the surface."""
-    off = difference - _smoothed(difference)
+    off = difference - smoothed(difference)
     known = off[around & np.isfinite(off)]
     if not len(known):
         return difference
     spread = float(stats.median_abs_deviation(known, scale="normal"))
     spikes = (np.abs(off) > settings.outlying * spread) & ~core & (spread > 0)
     return np.where(spikes, difference - off, difference)
-
-
-def _smoothed(difference: Float64[np.ndarray, "r c"]) -> Float64[np.ndarray, "r c"]:
-    """The median of each cell and its eight neighbours; NaN where none is known."""
-    padded = np.pad(difference, 1, constant_values=np.nan)
-    rows, columns = difference.shape
-    shifted = [padded[row : row + rows, column : column + columns] for row in range(3) for column in range(3)]
-    # Sorted, NaN comes last: the middle of those that are known.
-    ordered = np.sort(np.stack(shifted), axis=0)
-    known = np.isfinite(ordered).sum(axis=0)
-    lower, upper = np.maximum(known - 1, 0) // 2, known // 2
-    values = [np.take_along_axis(ordered, place[None], axis=0)[0] for place in (lower, np.minimum(upper, 8))]
-    return np.where(known > 0, (values[0] + values[1]) / 2, np.nan)
 
 
 def _offset(
@@ -459,7 +410,7 @@ def _grown(
     sense = np.sign(np.nansum(difference[core]))
     number = ndimage.convolve(np.isfinite(difference).astype(float), SQUARE.astype(float), mode="constant")
     error = np.sqrt(np.divide(offset.density, number, out=np.full(number.shape, np.inf), where=number > 0))
-    smooth = np.nan_to_num(sense * _smoothed(difference))
+    smooth = np.nan_to_num(sense * smoothed(difference))
     certain = (smooth > settings.certain * np.hypot(error, offset.error)) & (number > 0) & ~excluded
     return np.asarray(ndimage.binary_propagation(core, mask=core | certain, structure=SQUARE))
 
@@ -496,90 +447,12 @@ def _with_rim(
     return core | ((distance <= reach) & ~foreign), rest
 
 
-def _filled(
-    difference: Float64[np.ndarray, "r c"], footprint: Bool[np.ndarray, "r c"], count: int = 8
-) -> tuple[Float64[np.ndarray, "r c"], float]:
-    """The differences with the mean of the nearest cells where there is none, and the variance of their sum."""
-    missing = footprint & ~np.isfinite(difference)
-    if not missing.any():
-        return difference, 0.0
-    known = np.argwhere(footprint & np.isfinite(difference))
-    values, cells = difference[tuple(known.T)], np.argwhere(missing)
-    near = values[nearest_neighbours(cKDTree(known), cells.astype(float), count)[1]]
-    means = near.mean(axis=1)
-    between = _interpolated(difference, missing)
-    values = np.where(np.isfinite(between), between, means)
-    spread = np.maximum(near.std(axis=1), np.abs(values - means))
-    if np.nansum(difference[footprint]) < 0:
-        # What the rim of a pit hides lies below the line of sight, on which the differences fall evenly.
-        deepest = _deepest(near, ndimage.label(missing, SQUARE)[0][missing])
-        room = np.maximum(values - deepest, 0)
-        values, spread = values - room / 2, np.maximum(spread, room / np.sqrt(12))
-    filled = difference.copy()
-    filled[missing] = values
-    # Of one gap all is wrong together: by how its neighbours differ, or it from them.
-    of_gaps = np.bincount(ndimage.label(missing, SQUARE)[0][missing], spread)
-    return filled, float((of_gaps**2).sum())
-
-
-def _deepest(near: Float64[np.ndarray, "m k"], gaps: Int[np.ndarray, " m"]) -> Float64[np.ndarray, " m"]:
-    """For each missing cell the middle of the deepest half of what lies about its gap."""
-    found = np.zeros(len(near))
-    for gap in np.unique(gaps):
-        own = gaps == gap
-        found[own] = np.quantile(near[own], 0.25)
-    return found
-
-
-def _interpolated(
-    difference: Float64[np.ndarray, "r c"], missing: Bool[np.ndarray, "r c"]
-) -> Float64[np.ndarray, " m"]:
-    """The missing cells by linear interpolation between those about them; NaN where they are not enclosed."""
-    border = ndimage.binary_dilation(missing, SQUARE, iterations=2) & np.isfinite(difference)
-    try:
-        return np.asarray(LinearNDInterpolator(np.argwhere(border), difference[border])(np.argwhere(missing)))
-    except (QhullError, ValueError):
-        return np.full(int(missing.sum()), np.nan)
-
-
-def _hidden(
-    difference: Float64[np.ndarray, "r c"],
-    footprint: Bool[np.ndarray, "r c"],
-    foreign: Bool[np.ndarray, "r c"],
-    widest: int,
-) -> float:
-    """What may be hidden behind a change, in cells: between its outline and the surface that is seen behind it.
-
-    What a steep side hides lies below the line of sight, on which the differences fall evenly to those behind.
-    """
-    near = ndimage.distance_transform_edt(~footprint) <= widest
-    missing = ~np.isfinite(difference) & ~footprint & ~foreign & near
-    shadow = ndimage.binary_propagation(ndimage.binary_dilation(footprint, SQUARE) & missing, mask=missing)
-    if not shadow.any():
-        return 0.0
-    sense = np.sign(np.nansum(difference[footprint]))
-    sight = np.nan_to_num(_interpolated(difference, shadow))
-    return float(sense * np.maximum(sense * sight, 0).sum())
-
-
-def _noise(difference: Float64[np.ndarray, "r c"], footprint: Bool[np.ndarray, "r c"]) -> float:
-    """The variance of the sum over the cells by how each differs from its neighbours: noise, and the steep rim."""
-    known = np.isfinite(difference)
-    values = np.where(known, difference, 0.0)
-    number = ndimage.convolve(known.astype(float), CROSS, mode="constant")
-    mean = np.divide(
-        ndimage.convolve(values, CROSS, mode="constant"), number, out=np.zeros(values.shape), where=number > 0
-    )
-    chosen = footprint & known & (number > 0)
-    return float(((values - mean)[chosen] ** 2 * number[chosen] / (number[chosen] + 1)).sum())
-
-
 def _labelled_share(found: SurfaceMap, settings: SurfaceVolumeSettings) -> Float64[np.ndarray, "r c"]:
     """How much of each cell is labelled: inside all of it, at the outline by the parts that have points."""
     whole = ndimage.binary_erosion(found.counts > 0, SQUARE)
     parts = found.grid.cells(found.change.points @ found.across.T, settings.parts)
-    filled = np.zeros(settings.parts**2 * found.counts.size)
-    filled[parts[parts >= 0]] = 1
+    with_points = np.zeros(settings.parts**2 * found.counts.size)
+    with_points[parts[parts >= 0]] = 1
     rows, columns = found.grid.shape
-    share = filled.reshape(rows, settings.parts, columns, settings.parts).mean(axis=(1, 3))
+    share = with_points.reshape(rows, settings.parts, columns, settings.parts).mean(axis=(1, 3))
     return np.where(whole | (found.counts == 0), 1.0, share)

@@ -1,0 +1,47 @@
+"""The cells of a plane that points are gathered in."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64, Int
+
+
+class PlaneGrid(NamedTuple):
+    """Cells of a plane, in rows and columns.
+
+    Attributes:
+        lower: corner of the first cell.
+        edge: of each cell.
+        shape: number of rows and of columns.
+    """
+
+    lower: Float64[np.ndarray, " 2"]
+    edge: float
+    shape: tuple[int, int]
+
+    def cells(self, places: Float64[np.ndarray, "n 2"], parts: int = 1) -> Int[np.ndarray, " n"]:
+        """The number of the cell of each place, or of the part of a cell; -1 outside."""
+        indices = np.floor((places - self.lower) / (self.edge / parts)).astype(int)
+        rows, columns = (parts * length for length in self.shape)
+        inside = ((indices >= 0) & (indices < [rows, columns])).all(axis=1)
+        return np.where(inside, indices[:, 0] * columns + indices[:, 1], -1)
+
+    def counts(self, places: Float64[np.ndarray, "n 2"]) -> Int[np.ndarray, "r c"]:
+        """How many places each cell has."""
+        cells = self.cells(places)
+        return np.bincount(cells[cells >= 0], minlength=self.shape[0] * self.shape[1]).reshape(self.shape)
+
+    def means(
+        self, places: Float64[np.ndarray, "n 2"], values: Float64[np.ndarray, " n"], parts: int
+    ) -> Float64[np.ndarray, "r c"]:
+        """The mean over the parts of each cell of their mean values; NaN where there are none."""
+        cells = self.cells(places, parts)
+        inside, count = cells >= 0, self.shape[0] * self.shape[1] * parts**2
+        cells, values = cells[inside], values[inside]
+        number = np.bincount(cells, minlength=count)
+        sums = np.bincount(cells, values, minlength=count)
+        part = np.divide(sums, number, out=np.zeros(count), where=number > 0)
+        blocks = (self.shape[0], parts, self.shape[1], parts)
+        filled = (number > 0).reshape(blocks).sum(axis=(1, 3))
+        total = part.reshape(blocks).sum(axis=(1, 3))
+        return np.divide(total, filled, out=np.full(self.shape, np.nan), where=filled > 0)
