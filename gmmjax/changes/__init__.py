@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from gmmjax.changes.candidates import probability_by_difference as probability_by_difference
     from gmmjax.changes.change import Box as Box
     from gmmjax.changes.change import Change as Change
-    from gmmjax.changes.change import Changes as Changes
     from gmmjax.changes.change import GainOrLoss as GainOrLoss
     from gmmjax.changes.change import Kind as Kind
     from gmmjax.changes.change import Reason as Reason
@@ -125,6 +124,7 @@ if TYPE_CHECKING:
     from gmmjax.changes.progress import Clock as Clock
     from gmmjax.changes.progress import Progress as Progress
     from gmmjax.changes.progress import silent as silent
+    from gmmjax.changes.record import Changes as Changes
     from gmmjax.changes.registration import Registration as Registration
     from gmmjax.changes.signed_distance import CorePoints as CorePoints
     from gmmjax.changes.signed_distance import PointFigures as PointFigures

@@ -11,7 +11,8 @@ from gmmjax.errors import InputError
 from gmmjax.geometry import transformed
 
 if TYPE_CHECKING:
-    from gmmjax.changes.change import Change, Changes
+    from gmmjax.changes.change import Change
+    from gmmjax.changes.record import Changes
 
 
 class ObjectMotion(NamedTuple):

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gmmjax.changes.change import Changes
 from gmmjax.changes.fit.restart_fits import RestartFits
+from gmmjax.changes.record import Changes
 
 
 class Doubling(NamedTuple):

@@ -5,13 +5,13 @@ from typing import Any
 
 from jaxtyping import ArrayLike
 
-from gmmjax.changes.change import Changes
 from gmmjax.changes.config import DetectionConfig, Method
 from gmmjax.changes.consensus import Consensus
 from gmmjax.changes.detectors import DETECTORS, AbstractRestartDetector, Scan
 from gmmjax.changes.fit.restart_fits import RestartFits
 from gmmjax.changes.prepare.units import common_unit
 from gmmjax.changes.progress import Progress, silent
+from gmmjax.changes.record import Changes
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.errors import InputError, recorded_warnings, shown
 from gmmjax.pair import Pair

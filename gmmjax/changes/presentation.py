@@ -17,7 +17,7 @@ from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 
 if TYPE_CHECKING:
-    from gmmjax.changes.change import Changes
+    from gmmjax.changes.record import Changes
 
 GivenCloud = ArrayLike | PointCloud
 

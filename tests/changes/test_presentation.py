@@ -17,7 +17,7 @@ from gmmjax.pair import Pair
 from tests.batch.runs import SETTINGS
 from tests.batch.runs import cloud as gaussians
 from tests.changes.explained import rejected
-from tests.changes.test_change import example
+from tests.changes.test_record import example
 from tests.reporting.conftest import change
 
 

@@ -8,7 +8,7 @@ from gmmjax.evaluation import NAMES, LabelledCloud, LabelledPair, available, det
 from gmmjax.evaluation.gaussians import Condition, gaussian_pair
 from gmmjax.evaluation.scores import score_labelled_pair
 from tests.changes.rooms import around, box, scanned
-from tests.changes.test_change import example
+from tests.changes.test_record import example
 from tests.evaluation.scenes import box_pair
 
 CONFIG = DetectionConfig(restarts=2)

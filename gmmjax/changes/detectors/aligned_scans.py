@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from gmmjax.changes.align.alignment import AlignedPair
-from gmmjax.changes.change import Changes
 from gmmjax.changes.detectors.detector import Scan
 from gmmjax.changes.differences import Differences, DifferenceSettings, differences_between
 from gmmjax.changes.evidence.examination import observed_places
@@ -23,6 +22,7 @@ from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.changes.prepare.checking import NAMES, CheckedCloud
 from gmmjax.changes.prepare.local_resolution import LocalResolutionSettings, locally_reduced
 from gmmjax.changes.prepare.resolution import WorkingCloud
+from gmmjax.changes.record import Changes
 from gmmjax.changes.signed_distance import PointFigures, SignedDistanceSettings, signed_distances
 from gmmjax.clouds import SensorViews
 from gmmjax.geometry import LocalSurface

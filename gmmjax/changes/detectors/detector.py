@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike, Int
 
-from gmmjax.changes.change import Changes
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.progress import Progress, silent
+from gmmjax.changes.record import Changes
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.pair import Pair
 

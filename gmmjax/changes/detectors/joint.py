@@ -11,7 +11,7 @@ from jaxtyping import Int
 
 from gmmjax.changes.align.alignment import AlignedPair, AlignSettings, aligned
 from gmmjax.changes.candidates import Candidates, CandidateSettings, candidates_of, probability_by_difference
-from gmmjax.changes.change import Change, Changes
+from gmmjax.changes.change import Change
 from gmmjax.changes.detectors.aligned_scans import AlignedScans, refined, surveys_of
 from gmmjax.changes.detectors.detector import Scan
 from gmmjax.changes.detectors.restart_detector import AbstractRestartDetector, Outcome
@@ -47,6 +47,7 @@ from gmmjax.changes.prepare.checking import CheckedCloud, CheckSettings, check_o
 from gmmjax.changes.prepare.local_resolution import LocalResolutionSettings
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.changes.progress import Clock, silent
+from gmmjax.changes.record import Changes
 from gmmjax.changes.registration import Registration
 from gmmjax.changes.signed_distance import SignedDistanceSettings
 from gmmjax.changes.standard_errors import means_of_changes, standard_error

@@ -8,11 +8,11 @@ from typing import ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from gmmjax.changes.change import Changes
 from gmmjax.changes.consensus import Consensus, Doubling, doublings, largest_difference
 from gmmjax.changes.detectors.detector import AbstractChangeDetector, Scan
 from gmmjax.changes.fit.restart_fits import Layout, RestartFits
 from gmmjax.changes.progress import Clock, Progress, silent
+from gmmjax.changes.record import Changes
 from gmmjax.errors import ComputationError, InputError
 from gmmjax.pair import Pair
 

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from gmmjax._host import to_numpy
 from gmmjax._typing import Array
-from gmmjax.changes.change import Changes, Kind
+from gmmjax.changes.change import Kind
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.detectors.count_significance import CountSettings, count_significance
 from gmmjax.changes.detectors.detector import Scan
@@ -31,6 +31,7 @@ from gmmjax.changes.objects.found import KINDS, Found
 from gmmjax.changes.prepare.checking import NAMES
 from gmmjax.changes.prepare.separate_clouds import PreparedCloud, PreparedPair, prepare_pair
 from gmmjax.changes.progress import Clock
+from gmmjax.changes.record import Changes
 from gmmjax.changes.standard_errors import means_of_pairs, standard_error_of_pairs
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, default_noise_floor, fits_of

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 
 from gmmjax.changes.align.alignment import AlignedPair
-from gmmjax.changes.change import Change, Changes, Kind, Reason
+from gmmjax.changes.change import Change, Kind, Reason
 from gmmjax.changes.config import DetectionConfig, Kinds
 from gmmjax.changes.differences import Differences, LocalDifference
 from gmmjax.changes.evidence.examination import Examined
@@ -21,6 +21,7 @@ from gmmjax.changes.objects.moved import MovedSettings
 from gmmjax.changes.objects.surface_changes import SurfaceChangeSettings, surface_changes
 from gmmjax.changes.objects.volumetric_changes import VolumetricChangeSettings, restart_weights, volumetric_changes
 from gmmjax.changes.prepare.checking import CheckedCloud
+from gmmjax.changes.record import Changes
 from gmmjax.changes.registration import Registration
 from gmmjax.changes.signed_distance import PointFigures
 from gmmjax.pair import Pair, each
