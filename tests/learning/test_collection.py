@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from gmmjax.changes import names_of
+from gmmjax.changes import DetectionConfig, names_of
 from gmmjax.errors import InputError
 from gmmjax.evaluation import LabelledCloud, LabelledPair
 from gmmjax.learning import CandidateRows, CollectionSettings, collected, read_rows, rows_of, write_rows
@@ -26,7 +26,8 @@ def found():
         LabelledCloud(before, np.full(len(before), -1), nothing, views.before),
         LabelledCloud(after, np.where(inside, 0, -1), unseen & ~inside, views.after),
     )
-    return rows_of(pair)
+    # Nothing is judged, so that no verdict is needed to learn one.
+    return rows_of(pair, DetectionConfig(verdict="nowhere.json"))
 
 
 def test_the_box_is_a_change_in_both_sets(found):

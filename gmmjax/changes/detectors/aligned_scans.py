@@ -14,7 +14,6 @@ from gmmjax.changes.differences import Differences, DifferenceSettings, differen
 from gmmjax.changes.evidence.examination import observed_places
 from gmmjax.changes.evidence.free_space import FreeSpaceSettings, Survey
 from gmmjax.changes.evidence.local_examination import LocalScene
-from gmmjax.changes.evidence.verdict_file import Verdicts
 from gmmjax.changes.evidence.view_checks import ViewCheckSettings, usable_views
 from gmmjax.changes.fit.joint_fit import FramedPoints
 from gmmjax.changes.fit.joint_problem import JointProblem
@@ -52,7 +51,6 @@ class AlignedScans:
         coarse: the points at the resolution that they were registered at, where that is coarser; None: it is the same.
         surveys: with the views that can be used.
         problem: the joint mixture that they ask for.
-        verdicts: what decides whether a candidate is a change.
         settings: how distances between the clouds are measured.
         distances: how the signed distance at each point is.
         measured: what was measured beforehand; None: it is measured when it is first asked for.
@@ -64,7 +62,6 @@ class AlignedScans:
     coarse: Pair[Float[np.ndarray, "_ 3"]] | None
     surveys: Pair[Survey]
     problem: JointProblem
-    verdicts: Verdicts
     settings: DifferenceSettings
     distances: SignedDistanceSettings = SignedDistanceSettings()
     measured: Measured | None = None

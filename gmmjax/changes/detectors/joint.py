@@ -104,7 +104,10 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
     def prepared(self, scans: Pair[Scan], clock: Clock) -> AlignedScans:
         """Prepare, align."""
         # First of all, so that a file that cannot be used is told before the work.
-        verdicts = self._verdicts()
+        self._verdicts()
+        return self._prepared(scans, clock)
+
+    def _prepared(self, scans: Pair[Scan], clock: Clock) -> AlignedScans:
         clock.start("preparation", "Reading the scales of the clouds", 0.0)
         checked = check_pair(scans.map(lambda scan: scan.cloud), self.config.crop, self.prepare)
         clock.start("registration", "Registering the clouds", 0.1)
@@ -116,7 +119,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             coarse = pair.surfaces.map(lambda surface: surface.points)
             pair = refined(pair, self.resolution)
             surveys = each(lambda own, surface: dataclasses.replace(own, surface=surface), surveys, pair.surfaces)
-        return AlignedScans(scans, checked, pair, coarse, surveys, problem, verdicts, self.differences, self.distances)
+        return AlignedScans(scans, checked, pair, coarse, surveys, problem, self.differences, self.distances)
 
     def _refines(self, pair: AlignedPair) -> bool:
         """Whether the scans were registered with fewer points than they have, and nobody asked for one voxel size."""
@@ -174,7 +177,8 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             For each of `poses` the candidates of both scans, those of one resolution after the other. None where the
             clouds fill volumes.
         """
-        prepared = self.prepared(scans, Clock(silent))
+        # No verdict is read: without one that has all facts there would be no way to learn it.
+        prepared = self._prepared(scans, Clock(silent))
         if prepared.volumetric:
             return []
         fits = self._joint_fits(prepared)
@@ -264,7 +268,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         return surfaces_found(prepared.pair, measured, evident, self.objects.surfaces)
 
     def _examined(self, prepared: AlignedScans, fits: JointFits, candidates: Pair[Candidates]) -> Pair[Examined]:
-        verdicts, threshold = prepared.verdicts, self.config.threshold
+        verdicts, threshold = self._verdicts(), self.config.threshold
         if prepared.coarse is None:
             limits = prepared.differences.limits
             return examined(candidates, prepared.surveys, limits, verdicts, threshold, self.evidence)
