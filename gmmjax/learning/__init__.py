@@ -18,6 +18,7 @@ from gmmjax.learning.collection import collected as collected
 from gmmjax.learning.collection import read_rows as read_rows
 from gmmjax.learning.collection import training_sources as training_sources
 from gmmjax.learning.collection import write_rows as write_rows
+from gmmjax.learning.left_out_table import left_out_table as left_out_table
 from gmmjax.learning.objective import bounds_of as bounds_of
 from gmmjax.learning.objective import free_from as free_from
 from gmmjax.learning.objective import log_likelihood as log_likelihood

@@ -12,15 +12,16 @@ from gmmjax.learning.training import LeftOut
 EDGES = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 
 
-def left_out_table(families: Mapping[str, CandidateRows], left_out: LeftOut) -> str:
+def left_out_table(families: Mapping[str, CandidateRows], left_out: LeftOut, heading: str = "family left out") -> str:
     """A Markdown table with a row for each family, and one for each range of the probability.
 
     Args:
         families: the candidates of each.
         left_out: what was made of each by what was learned on all others.
+        heading: of the first column.
     """
     lines = [
-        "| family left out | candidates | changes | F1 | false | missed | log score | mean - true |",
+        f"| {heading} | candidates | changes | F1 | false | missed | log score | mean - true |",
         "|---|---|---|---|---|---|---|---|",
     ]
     lines += [_row(name, families[name], own[:, CHANGED]) for name, own in left_out.probabilities.items()]

@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 
 from gmmjax import SensorViews
+from gmmjax.changes import FACTS, names_of, shipped_verdicts
+from gmmjax.learning import CHANGED, UNCHANGED, CandidateRows
 from tests.benchmarks import (
     checkout_process,
     checkouts,
     displacements,
     gradients,
+    judged_candidates,
     m3c2,
     numpy_figueiredo_jain,
     peers,
@@ -201,3 +204,16 @@ def test_m3c2_is_given_the_same_as_py4dgeo(tmp_path, monkeypatch):
         *_, distance, level, others = m3c2.row(case, timings).strip("| ").split(" | ")
         assert float(distance) < 1e-6 and float(level) < 1e-6 and others == "0"
         assert np.isfinite(timings["ours"].answer.level_of_detection).mean() > 0.9
+
+
+def test_candidates_are_judged_by_the_verdict():
+    """Of two that are alike the one that many lines of sight passed through is the change."""
+    names = names_of(poses=True)
+    alike = np.array([FACTS[name].change >= 0 for name in names], float)
+    rows = np.stack([np.zeros(len(names)), alike])
+    rows[:, names.index("count")] = 100
+    families = {"made": CandidateRows(rows, np.array([UNCHANGED, CHANGED]), np.full(2, 100), np.array([0, 100]))}
+    probability = judged_candidates.probabilities(shipped_verdicts().poses_given, families["made"])[:, CHANGED]
+    assert probability[0] < 0.5 < probability[1]
+    table = judged_candidates.table(shipped_verdicts(), families, poses=True)
+    assert table.startswith("| family |") and "| made | 2 | 1 | 1.000 | 0 | 0 |" in table
