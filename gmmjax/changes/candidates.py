@@ -127,7 +127,7 @@ def probability_by_difference(
     """
     by_distance = difference.distance / limits.local_distance(difference)
     by_distance = np.clip((by_distance - settings.first_distance) / (1 - settings.first_distance), 0, 1)
-    by_offset = np.clip(difference.offset / limits.local_offset(difference), 0, 1)
+    by_offset = np.clip(limits.relative_offset(difference), 0, 1)
     return np.asarray(np.maximum(by_distance, by_offset))
 
 

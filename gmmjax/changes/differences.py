@@ -13,7 +13,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
-from gmmjax.geometry import MEDIAN_TO_DEVIATION, LocalSurface, evenly_chosen, nearest_neighbours
+from gmmjax.geometry import (
+    MEAN_NEIGHBOURS,
+    MEDIAN_TO_DEVIATION,
+    LocalSurface,
+    evenly_chosen,
+    nearest_neighbours,
+)
 from gmmjax.pair import Pair, each, each_on_cores
 
 logger = logging.getLogger(__name__)
@@ -52,6 +58,10 @@ class DifferenceSettings:
             fills a region, all of it is taken for registration error.
         finest_offset: least registration error, in point spacings, for surfaces without noise such as computed planes.
             0: the rounding of their coordinates (1e-9 m in a country's grid) looks like an offset.
+        slenderness: width by length of the neighbourhood that a plane goes through, up to which it is a row of points,
+            along a line of a scanner or a cable: the plane may be turned about it by any angle, and offsets from it say
+            nothing. 0: where the lines of a scanner meet, straight above it, surfaces look displaced; 1: offsets say
+            nothing anywhere.
     """
 
     spacings: float = 3.0
@@ -66,6 +76,7 @@ class DifferenceSettings:
     least_error: float = 0.3
     most_error: float = 2.0
     finest_offset: float = 1e-6
+    slenderness: float = 0.2
 
 
 class LocalDifference(NamedTuple):
@@ -74,9 +85,14 @@ class LocalDifference(NamedTuple):
     Attributes:
         distance: to the nearest point of the other cloud.
         offset: absolute distance between local means along the normal of the other cloud's surface.
-        noise: standard deviation of that offset by the scatter of both surfaces about their planes.
+        noise: standard deviation of that offset by the scatter of both surfaces about their planes, and by the
+            uncertainty of the normal; infinite where the other cloud is a row of points, which has no normal.
         thickness: standard deviation of the other cloud's points about their plane there.
         spacing: of the other cloud's points there.
+        point_offset: absolute distance of the point itself along the normal of the other cloud's surface, where that
+            lies opposite within a spacing, and 0 elsewhere: a pipe on a floor is narrower than what a local mean is
+            taken of. What is farther off is told by its distance.
+        point_noise: standard deviation of that offset, likewise.
         error: registration error there; None: that of the pair.
         own_spacing: of the cloud's own points there, where it differs from place to place; None: that of the pair.
     """
@@ -86,6 +102,8 @@ class LocalDifference(NamedTuple):
     noise: Float[np.ndarray, " n"]
     thickness: Float[np.ndarray, " n"]
     spacing: Float[np.ndarray, " n"]
+    point_offset: Float[np.ndarray, " n"]
+    point_noise: Float[np.ndarray, " n"]
     error: Float[np.ndarray, " n"] | None = None
     own_spacing: Float[np.ndarray, " n"] | None = None
 
@@ -112,12 +130,24 @@ class DetectionLimits(NamedTuple):
 
     def local_offset(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
         """The limit of the offset of each point, by the registration error and the noise there."""
-        error = self.registration_error if difference.error is None else difference.error
-        return self.settings.offsets * np.maximum(error, difference.noise)
+        return self.settings.offsets * np.maximum(self._error(difference), difference.noise)
+
+    def local_point_offset(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
+        """The same of the offset of the point itself, whose noise is not averaged."""
+        error = np.sqrt(MEAN_NEIGHBOURS) * self._error(difference)
+        return self.settings.offsets * np.maximum(error, difference.point_noise)
+
+    def relative_offset(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
+        """The offset of each point in its limit: that of its local mean or its own, whichever is greater."""
+        of_mean = difference.offset / self.local_offset(difference)
+        return np.maximum(of_mean, difference.point_offset / self.local_point_offset(difference))
+
+    def _error(self, difference: LocalDifference) -> float | Float[np.ndarray, " n"]:
+        return self.registration_error if difference.error is None else difference.error
 
     def local_distance(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
         """The limit of the distance of each point, larger where the other cloud is sparser, thicker or farther off."""
-        settings, error = self.settings, self.registration_error if difference.error is None else difference.error
+        settings, error = self.settings, self._error(difference)
         of_pair: float | np.ndarray = max(settings.spacings * self.spacing, settings.distances * self.median_distance)
         if difference.own_spacing is not None:
             of_pair = settings.spacings * difference.own_spacing
@@ -151,36 +181,44 @@ def differences_between(
         settings: of the limits.
         own_spacing: at each point, where it differs from place to place; None: that of the pair is everywhere.
     """
-    local = each_on_cores(local_difference, surfaces, surfaces.swapped)
+    local = each_on_cores(lambda own, other: local_difference(own, other, settings), surfaces, surfaces.swapped)
     local = each(lambda side, own: side._replace(own_spacing=own), local, own_spacing)
     limits = detection_limits(local, spacing, settings)
     return Differences(each_on_cores(lambda own, side: _with_error(own, side, limits), surfaces, local), limits)
 
 
 def local_difference(
-    own: LocalSurface, other: LocalSurface, chosen: Int[np.ndarray, " n"] | None = None
+    own: LocalSurface,
+    other: LocalSurface,
+    settings: DifferenceSettings = DifferenceSettings(),
+    chosen: Int[np.ndarray, " n"] | None = None,
 ) -> LocalDifference:
     """The distance and the offset of each point of one cloud to another one.
 
     Args:
         own: the cloud.
         other: the other cloud.
+        settings: what is taken for a row of points.
         chosen: indices of the points that are compared; None: all.
     """
     chosen = np.arange(len(own)) if chosen is None else chosen
-    groups = own.groups(chosen)
+    groups, points = own.groups(chosen), own.points[chosen]
     means = groups.mean(axis=1)
     there = other.nearest(means)
-    planes = other.normals, other.variances, other.centres
-    normals, variances, centres = (values.take(there, axis=0) for values in planes)
-    offset = ((means - centres) * normals).sum(axis=1)
+    of_means, of_points = other.heights(means, there), other.heights(points, there)
+    normals, scatter = other.normals.take(there, axis=0), other.variances[there, 0]
     own_scatter = ((groups - means[:, None]) @ normals[:, :, None])[..., 0].var(axis=1)
+    of_mean = own_scatter / groups.shape[1] + scatter / other.neighbours.shape[1]
+    in_rows, spacing = other.in_rows(there, settings.slenderness), other.spacing(there)
+    opposite = (of_points.beside <= other.reach(there)) & (np.abs(of_points.above) <= spacing)
     return LocalDifference(
-        distance=nearest_neighbours(other.tree, own.points[chosen], 1)[0][:, 0],
-        offset=np.abs(offset),
-        noise=np.sqrt(own_scatter / groups.shape[1] + variances[:, 0] / other.neighbours.shape[1]),
-        thickness=np.sqrt(variances[:, 0]),
-        spacing=other.spacing(there),
+        distance=nearest_neighbours(other.tree, points, 1)[0][:, 0],
+        offset=np.abs(of_means.above),
+        noise=np.where(in_rows, np.inf, np.sqrt(of_mean + of_means.tilt**2)),
+        thickness=np.sqrt(scatter),
+        spacing=spacing,
+        point_offset=np.where(opposite, np.abs(of_points.above), 0.0),
+        point_noise=np.where(in_rows, np.inf, np.sqrt(scatter + of_points.tilt**2)),
     )
 
 

@@ -2,9 +2,10 @@
 
 import dataclasses
 import functools
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64, Int
+from jaxtyping import Bool, Float64, Int
 from scipy.spatial import ConvexHull, cKDTree
 
 from gmmjax.geometry.neighbours import nearest_neighbours
@@ -15,6 +16,20 @@ PLANE_NEIGHBOURS = 16
 MEAN_NEIGHBOURS = 8
 # k points that fill a disc of radius r evenly are r sqrt(pi / k) apart, with a spread of r / sqrt 2 about its centre.
 SPACING_PER_SPREAD = np.sqrt(2 * np.pi / PLANE_NEIGHBOURS)
+
+
+class Heights(NamedTuple):
+    """Where places are with respect to planes of a surface.
+
+    Attributes:
+        above: distance of each from its plane, signed as its normal.
+        beside: from the centre of the points that the plane goes through, along the plane.
+        tilt: standard deviation of the distance by the uncertainty of the normal.
+    """
+
+    above: Float64[np.ndarray, " m"]
+    beside: Float64[np.ndarray, " m"]
+    tilt: Float64[np.ndarray, " m"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,6 +98,41 @@ class LocalSurface:
     def spacing(self, chosen: Int[np.ndarray, " c"]) -> Float64[np.ndarray, " c"]:
         """Distance of neighbouring points on the surface at some of the points, by the spread of the neighbours."""
         return np.asarray(SPACING_PER_SPREAD * np.sqrt(self.variances[chosen, 1:].sum(axis=1)))
+
+    def reach(self, chosen: Int[np.ndarray, " c"]) -> Float64[np.ndarray, " c"]:
+        """How far the planes of some of the points reach from their centres, where they are narrow."""
+        # An even disc has a standard deviation of half its radius along each axis.
+        return np.asarray(2 * np.sqrt(self.variances[chosen, 1]))
+
+    def heights(self, places: Float64[np.ndarray, "m 3"], chosen: Int[np.ndarray, " m"]) -> Heights:
+        """Where places are with respect to the planes of some of the points, one each.
+
+        The variance of the normal of k points with the variances l1 < l2 < l3 is l1 l2 / k (l2 - l1)^2, by the
+        perturbation of principal axes (Anderson 1963, Asymptotic theory for principal component analysis, theorem 1),
+        at most 1. It tilts a plane as far as that reaches.
+
+        Args:
+            places: as many as points are chosen.
+            chosen: indices of points.
+        """
+        planes = self.centres, self.normals, self.variances
+        centres, normals, variances = (values.take(chosen, axis=0) for values in planes)
+        apart = places - centres
+        above = (apart * normals).sum(axis=1)
+        beside = np.sqrt(np.maximum((apart**2).sum(axis=1) - above**2, 0.0))
+        product = variances[:, 0] * variances[:, 1]
+        determined = self.neighbours.shape[1] * (variances[:, 1] - variances[:, 0]) ** 2
+        of_normal = product / np.maximum(np.maximum(determined, product), np.finfo(np.float64).tiny)
+        return Heights(above, beside, np.sqrt(of_normal) * np.minimum(beside, self.reach(chosen)))
+
+    def in_rows(self, chosen: Int[np.ndarray, " c"], slenderness: float) -> Bool[np.ndarray, " c"]:
+        """Whether the planes of some of the points go through rows, about which they may be turned.
+
+        Args:
+            chosen: indices of points.
+            slenderness: width by length of what a plane goes through, up to which it is a row.
+        """
+        return np.asarray(self.variances[chosen, 1] <= slenderness**2 * self.variances[chosen, 2])
 
     @functools.cached_property
     def all_means(self) -> Float64[np.ndarray, "n 3"]:

@@ -355,7 +355,7 @@ def _fine_pass(
     )
     voxels = LocalVoxels.of(records, place.voxels, settings.resolution.most_voxels)
     clock.start("differences", "Comparing the scans", 0.5)
-    arguments = (voxels, clouds, settings.differences, detector.distances)
+    arguments = (voxels, clouds, settings.differences, detector.differences, detector.distances)
     found = tiles.compute(block_differences, arguments, _part(clock, "Comparing the scans", 0.5, 0.7))
     differences = BlockDifferences(found)
     scales = local_scales(voxels, differences, prepared.pair.working.spacing, detector.differences, settings.scales)

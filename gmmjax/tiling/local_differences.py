@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from gmmjax.changes import (
     NAMES,
     CorePoints,
+    DifferenceSettings,
     LocalDifference,
     M3C2Settings,
     PointFigures,
@@ -64,6 +65,7 @@ def block_differences(
     voxels: LocalVoxels,
     coarse: CoarseClouds,
     settings: LocalDifferenceSettings,
+    limits: DifferenceSettings,
     distances: SignedDistanceSettings,
 ) -> BlockResult:
     """The differences of the voxels of a block, a `BlockTask`; its values are what `BlockDifferences` reads.
@@ -74,6 +76,7 @@ def block_differences(
         voxels: of all blocks.
         coarse: what is compared with beyond the margin.
         settings: how far the voxels of other blocks are seen.
+        limits: of the differences.
         distances: of the cylinders of the signed distance.
     """
     own = voxels.of_block(block.number)
@@ -85,7 +88,9 @@ def block_differences(
     around = each(lambda fine, everywhere: _seen(block, fine, everywhere, (margin, far), settings), seen, coarse.points)
     surfaces = around.map(LocalSurface.of)
     inside = counts.map(np.arange)
-    local = each(local_difference, surfaces, surfaces.swapped, inside)
+    local = each(
+        lambda own, other, chosen: local_difference(own, other, limits, chosen), surfaces, surfaces.swapped, inside
+    )
     spacings = each(lambda surface, chosen: surface.spacing(chosen), surfaces, inside)
     cores = each(CorePoints.of, surfaces, coarse.towards, inside)
     points = store.points_of(block, margin).map(lambda around: around.points)
@@ -97,7 +102,7 @@ def block_differences(
     return BlockResult(values, Pair({}, {}))
 
 
-_DIFFERENCES = ("distance", "offset", "noise", "thickness", "spacing")
+_DIFFERENCES = ("distance", "offset", "noise", "thickness", "spacing", "point_offset", "point_noise")
 
 
 def _named(

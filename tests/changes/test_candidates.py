@@ -18,9 +18,10 @@ SPACING = 0.01
 LIMITS = DetectionLimits(SPACING, 0.1 / 3, 0.02 / 7, distance=0.1, offset=0.02, settings=DifferenceSettings())
 
 
-def difference(distance=0.0, offset=0.0, noise=0.0, thickness=0.0, spacing=0.0):
+def difference(distance=0.0, offset=0.0, noise=0.0, thickness=0.0, spacing=0.0, point_offset=0.0, point_noise=0.0):
     """Local differences of some points; where one number is given all points have it."""
-    return LocalDifference(*np.atleast_1d(*np.broadcast_arrays(distance, offset, noise, thickness, spacing)))
+    values = distance, offset, noise, thickness, spacing, point_offset, point_noise
+    return LocalDifference(*np.atleast_1d(*np.broadcast_arrays(*values)))
 
 
 def blob(centre, count, seed=0):
@@ -36,6 +37,14 @@ def by_restart(values):
 def test_the_probability_rises_with_the_distance_from_a_fraction_of_its_limit():
     probability = probability_by_difference(difference([0.0, 0.03, 0.065, 0.1, 0.5]), LIMITS)
     np.testing.assert_allclose(probability, [0, 0, 0.5, 1, 1], atol=1e-12)
+
+
+def test_a_point_alone_needs_the_offset_of_its_own_noise():
+    # A mean of eight has a noise that is the root of eight smaller.
+    probability = probability_by_difference(difference(point_offset=np.array([0.01, 0.02, 0.1]) * np.sqrt(8)), LIMITS)
+    np.testing.assert_allclose(probability, [0.5, 1, 1])
+    rough = probability_by_difference(difference(point_offset=0.1, point_noise=0.1), LIMITS)
+    np.testing.assert_allclose(rough, 1 / 7)
 
 
 def test_the_probability_rises_with_the_offset_up_to_its_limit():

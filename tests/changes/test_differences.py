@@ -65,6 +65,8 @@ def test_limits_are_larger_where_the_other_cloud_is_sparser_thicker_or_noisier()
         noise=np.array([0.0, 0.01, 0.0, 0.0]),
         thickness=np.array([0.0, 0.0, 0.1, 0.0]),
         spacing=np.array([0.0, 0.0, 0.0, 0.2]),
+        point_offset=np.zeros(4),
+        point_noise=np.zeros(4),
     )
     np.testing.assert_allclose(limits.local_distance(local), [limits.distance, limits.distance, 4 * 0.1, 3 * 0.2])
     np.testing.assert_allclose(limits.local_offset(local), [limits.offset, 7 * 0.01, limits.offset, limits.offset])
@@ -77,6 +79,34 @@ def test_thickness_and_spacing_are_those_of_the_other_cloud():
     assert 0.006 < np.median(found.spacing) < 0.0125
 
 
+def test_a_pipe_on_a_floor_is_told_by_its_own_points():
+    """It is one point wide, so that every local mean is of pipe and floor."""
+    pipe = np.column_stack([np.linspace(0.1, 0.9, 25), np.full(25, 0.5), np.full(25, 0.013)])
+    points = Pair(floor(20, noise=0.001), np.concatenate([floor(21, noise=0.001), pipe]))
+    found = differences_between(points.map(LocalSurface.of), SPACING)
+    own, limits = found.local.after, found.limits
+    of_means, relative = own.offset / limits.local_offset(own), limits.relative_offset(own)
+    assert np.median(of_means[-25:]) < 0.7
+    assert (relative[-25:] > 1).mean() > 0.9 and (relative[:-25] > 1).mean() < 0.01
+
+
+def test_what_lies_beside_a_surface_is_not_off_it():
+    """The plane of a shelf's edge says nothing about a post that stands in front of it."""
+    post = np.column_stack([np.full(100, 1.1), np.full(100, 0.5), np.linspace(0.02, 0.1, 100)])
+    assert not difference(np.concatenate([floor(22), post]), floor(23)).point_offset[-100:].any()
+
+
+def test_offsets_from_rows_of_points_say_nothing():
+    """Rows along the lines of a scanner, other ones each time: a plane through a row may stand upright."""
+    random = np.random.default_rng(0)
+    step, along = 0.06, np.tile(0.006 * np.arange(250), 20)
+    rows = [np.column_stack([along, np.repeat(step * (np.arange(20) + shift), 250), 0 * along]) for shift in (0, 0.2)]
+    rows = [own + random.normal(0, [0, 0, 0.002], own.shape) for own in rows]
+    found = difference(*rows)
+    assert np.median(found.offset) > 0.003
+    assert np.isinf(found.noise).mean() > 0.9
+
+
 def test_a_rigid_motion_changes_nothing():
     rotation, shift = random_rotation(), np.array([3.0, -2, 1])
     points, other = floor(9), floor(10)
@@ -87,7 +117,10 @@ def test_a_rigid_motion_changes_nothing():
 
 def test_two_points_work():
     few = np.array([[0.0, 0, 0], [1, 0, 0]])
-    assert np.isfinite(np.concatenate([values for values in difference(few, few) if values is not None])).all()
+    found = difference(few, few)
+    assert np.isfinite(found.distance).all() and np.isfinite(found.offset).all()
+    # A line has no normal.
+    assert np.isinf(found.noise).all()
 
 
 def test_equal_planes_have_limits_that_can_be_divided_by():

@@ -161,18 +161,15 @@ class Surroundings:
     @functools.cached_property
     def relative_offset(self) -> Float[np.ndarray, " n"]:
         """Offset of each point, in its limit."""
-        return np.asarray(self.own.difference.offset / self.limits.local_offset(self.own.difference))
+        return np.asarray(self.limits.relative_offset(self.own.difference))
 
     def displacements(self, points: Float[np.ndarray, "m 3"]) -> Displacements:
         """How far some points are off the surface of the other cloud."""
         there = self.surface.nearest(points)
-        normals, apart = self.surface.normals[there], points - self.surface.centres[there]
-        vectors = (apart * normals).sum(axis=1, keepdims=True) * normals
-        beside, off = np.linalg.norm(apart - vectors, axis=1), np.linalg.norm(vectors, axis=1)
-        spacing, settings = self.surface.spacing(there), self.settings
-        return Displacements(
-            vectors, (beside <= settings.opposite * spacing) & (off <= settings.opposite_height * spacing)
-        )
+        heights, spacing, settings = self.surface.heights(points, there), self.surface.spacing(there), self.settings
+        opposite = heights.beside <= settings.opposite * spacing
+        opposite &= np.abs(heights.above) <= settings.opposite_height * spacing
+        return Displacements(heights.above[:, None] * self.surface.normals[there], opposite)
 
     @functools.cached_property
     def excess(self) -> list[Excess]:

@@ -264,13 +264,14 @@ def _within(points: Float[np.ndarray, "n 3"], near: cKDTree, reach: float) -> Bo
 
 def _differences(surfaces: Pair[LocalSurface], clouds: Pair[_Cloud], fine: Differences, spacing: float) -> Differences:
     """The differences at one spacing, with the registration error that the finest voxels show at each place."""
-    local = each_on_cores(local_difference, surfaces, surfaces.swapped)
+    settings = fine.limits.settings
+    local = each_on_cores(lambda own, other: local_difference(own, other, settings), surfaces, surfaces.swapped)
     error = each(lambda own, side: _error(own, side, fine.limits), clouds, fine.local)
     # Where one of the scans has nothing within reach, all points tell the limits.
     everywhere = not all(cloud.inside for cloud in clouds)
     counts = clouds.map(lambda own: len(own.points) if everywhere else own.inside)
     within = each(_first, local, counts)
-    limits = detection_limits(within, spacing, fine.limits.settings)
+    limits = detection_limits(within, spacing, settings)
     median = float(np.median(np.concatenate([*each(lambda own, count: own[:count], error, counts)])))
     limits = _with_registration_error(limits, median)
     return Differences(each(lambda side, own: side._replace(error=own), local, error), limits)

@@ -40,7 +40,7 @@ def in_square(points, centre, size):
 
 def candidates_of(points, labels, observed=None):
     near = np.full(len(points), 0.001)
-    difference = LocalDifference(np.where(labels >= 0, 0.1, 0.001), near, near, near, near + SPACING)
+    difference = LocalDifference(np.where(labels >= 0, 0.1, 0.001), *[near] * 3, near + SPACING, near, near)
     looks_changed = np.where(labels >= 0, 1.0, 0.2)
     excess = RestartValues(1, lambda restart, rows: looks_changed[rows])
     return Candidates(points, difference, excess, looks_changed, labels, observed)

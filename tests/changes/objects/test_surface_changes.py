@@ -14,7 +14,7 @@ LIMITS = DetectionLimits(
 LABELS = np.repeat([0, 1, -1], [60, 10, 30])
 DISTANCE = np.repeat([0.2, 0.004, 0.004], [60, 10, 30])
 DIFFERENCE = LocalDifference(
-    DISTANCE, np.full(100, 0.002), np.full(100, 0.001), np.full(100, 0.001), np.full(100, 0.01)
+    DISTANCE, np.full(100, 0.002), *np.full((2, 100), 0.001), np.full(100, 0.01), *np.full((2, 100), 0.001)
 )
 LOOKS_CHANGED = np.repeat([0.8, 0.7, 0.6], [60, 10, 30])
 UNOBSERVED = np.arange(100) >= 95
