@@ -107,9 +107,9 @@ class LocalSurface:
     def heights(self, places: Float64[np.ndarray, "m 3"], chosen: Int[np.ndarray, " m"]) -> Heights:
         """Where places are with respect to the planes of some of the points, one each.
 
-        The variance of the normal of k points with the variances l1 < l2 < l3 is l1 l2 / k (l2 - l1)^2, by the
-        perturbation of principal axes (Anderson 1963, Asymptotic theory for principal component analysis, theorem 1),
-        at most 1. It tilts a plane as far as that reaches.
+        The variance of the normal of k points with the variances l1 < l2 < l3 is l1 l2 / k (l2 - l1)^2 towards the
+        middle axis, for many points (Anderson 1963, Asymptotic theory for principal component analysis), and here 1 at
+        most. It tilts a plane as far as that reaches.
 
         Args:
             places: as many as points are chosen.
