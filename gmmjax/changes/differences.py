@@ -6,6 +6,7 @@ nearest point sees what is adjacent to a surface, beyond its edge, where the off
 """
 
 import dataclasses
+import functools
 import logging
 from typing import NamedTuple
 
@@ -58,6 +59,10 @@ class DifferenceSettings:
             fills a region, all of it is taken for registration error.
         finest_offset: least registration error, in point spacings, for surfaces without noise such as computed planes.
             0: the rounding of their coordinates (1e-9 m in a country's grid) looks like an offset.
+        opposite_height: distance along the normal, in spacings of the other cloud there, up to which its surface lies
+            opposite a point. 0: pipes on a floor are missed, and erosion of less than a spacing is taken for noise;
+            larger: what stands before a surface, in clutter, is off it, and the floor below a thin object is taken for
+            ground below a deposit.
         slenderness: width by length of the neighbourhood that a plane goes through, up to which it is a row of points,
             along a line of a scanner or a cable: the plane may be turned about it by any angle, and offsets from it say
             nothing. 0: where the lines of a scanner meet, straight above it, surfaces look displaced; 1: offsets say
@@ -76,6 +81,7 @@ class DifferenceSettings:
     least_error: float = 0.3
     most_error: float = 2.0
     finest_offset: float = 1e-6
+    opposite_height: float = 1.0
     slenderness: float = 0.2
 
 
@@ -90,7 +96,7 @@ class LocalDifference(NamedTuple):
         thickness: standard deviation of the other cloud's points about their plane there.
         spacing: of the other cloud's points there.
         point_offset: absolute distance of the point itself along the normal of the other cloud's surface, where that
-            lies opposite within a spacing, and 0 elsewhere: a pipe on a floor is narrower than what a local mean is
+            lies opposite, and 0 elsewhere: a pipe on a floor is narrower than what a local mean is
             taken of. What is farther off is told by its distance.
         point_noise: standard deviation of that offset, likewise.
         error: registration error there; None: that of the pair.
@@ -181,7 +187,7 @@ def differences_between(
         settings: of the limits.
         own_spacing: at each point, where it differs from place to place; None: that of the pair is everywhere.
     """
-    local = each_on_cores(lambda own, other: local_difference(own, other, settings), surfaces, surfaces.swapped)
+    local = each_on_cores(functools.partial(local_difference, settings=settings), surfaces, surfaces.swapped)
     local = each(lambda side, own: side._replace(own_spacing=own), local, own_spacing)
     limits = detection_limits(local, spacing, settings)
     return Differences(each_on_cores(lambda own, side: _with_error(own, side, limits), surfaces, local), limits)
@@ -190,16 +196,16 @@ def differences_between(
 def local_difference(
     own: LocalSurface,
     other: LocalSurface,
-    settings: DifferenceSettings = DifferenceSettings(),
     chosen: Int[np.ndarray, " n"] | None = None,
+    settings: DifferenceSettings = DifferenceSettings(),
 ) -> LocalDifference:
     """The distance and the offset of each point of one cloud to another one.
 
     Args:
         own: the cloud.
         other: the other cloud.
-        settings: what is taken for a row of points.
         chosen: indices of the points that are compared; None: all.
+        settings: where the other surface lies opposite a point, and what of it is a row of points.
     """
     chosen = np.arange(len(own)) if chosen is None else chosen
     groups, points = own.groups(chosen), own.points[chosen]
@@ -208,17 +214,20 @@ def local_difference(
     of_means, of_points = other.heights(means, there), other.heights(points, there)
     normals, scatter = other.normals.take(there, axis=0), other.variances[there, 0]
     own_scatter = ((groups - means[:, None]) @ normals[:, :, None])[..., 0].var(axis=1)
-    of_mean = own_scatter / groups.shape[1] + scatter / other.neighbours.shape[1]
-    in_rows, spacing = other.in_rows(there, settings.slenderness), other.spacing(there)
-    opposite = (of_points.beside <= other.reach(there)) & (np.abs(of_points.above) <= spacing)
+    of_planes = own_scatter / groups.shape[1] + scatter / other.neighbours.shape[1]
+    tilts, reach, spacing = other.tilts(there), other.reach(there), other.spacing(there)
+    # Beyond its edge, too, a plane is turned no farther than there.
+    by_tilt, by_tilt_of_points = (tilts * np.minimum(heights.beside, reach) for heights in (of_means, of_points))
+    in_rows = other.in_rows(there, settings.slenderness)
+    opposite = (of_points.beside <= reach) & (np.abs(of_points.above) <= settings.opposite_height * spacing)
     return LocalDifference(
         distance=nearest_neighbours(other.tree, points, 1)[0][:, 0],
         offset=np.abs(of_means.above),
-        noise=np.where(in_rows, np.inf, np.sqrt(of_mean + of_means.tilt**2)),
+        noise=np.where(in_rows, np.inf, np.sqrt(of_planes + by_tilt**2)),
         thickness=np.sqrt(scatter),
         spacing=spacing,
         point_offset=np.where(opposite, np.abs(of_points.above), 0.0),
-        point_noise=np.where(in_rows, np.inf, np.sqrt(scatter + of_points.tilt**2)),
+        point_noise=np.where(in_rows, np.inf, np.sqrt(scatter + by_tilt_of_points**2)),
     )
 
 

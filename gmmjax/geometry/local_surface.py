@@ -19,17 +19,15 @@ SPACING_PER_SPREAD = np.sqrt(2 * np.pi / PLANE_NEIGHBOURS)
 
 
 class Heights(NamedTuple):
-    """Where places are with respect to planes of a surface.
+    """Where places are with respect to planes of a surface, in the unit of its points.
 
     Attributes:
         above: distance of each from its plane, signed as its normal.
         beside: from the centre of the points that the plane goes through, along the plane.
-        tilt: standard deviation of the distance by the uncertainty of the normal.
     """
 
     above: Float64[np.ndarray, " m"]
     beside: Float64[np.ndarray, " m"]
-    tilt: Float64[np.ndarray, " m"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -99,31 +97,32 @@ class LocalSurface:
         """Distance of neighbouring points on the surface at some of the points, by the spread of the neighbours."""
         return np.asarray(SPACING_PER_SPREAD * np.sqrt(self.variances[chosen, 1:].sum(axis=1)))
 
-    def reach(self, chosen: Int[np.ndarray, " c"]) -> Float64[np.ndarray, " c"]:
-        """How far the planes of some of the points reach from their centres, where they are narrow."""
-        # An even disc has a standard deviation of half its radius along each axis.
-        return np.asarray(2 * np.sqrt(self.variances[chosen, 1]))
-
     def heights(self, places: Float64[np.ndarray, "m 3"], chosen: Int[np.ndarray, " m"]) -> Heights:
         """Where places are with respect to the planes of some of the points, one each.
-
-        The variance of the normal of k points with the variances l1 < l2 < l3 is l1 l2 / k (l2 - l1)^2 towards the
-        middle axis, for many points (Anderson 1963, Asymptotic theory for principal component analysis), and here 1 at
-        most. It tilts a plane as far as that reaches.
 
         Args:
             places: as many as points are chosen.
             chosen: indices of points.
         """
-        planes = self.centres, self.normals, self.variances
-        centres, normals, variances = (values.take(chosen, axis=0) for values in planes)
-        apart = places - centres
-        above = (apart * normals).sum(axis=1)
-        beside = np.sqrt(np.maximum((apart**2).sum(axis=1) - above**2, 0.0))
-        product = variances[:, 0] * variances[:, 1]
-        determined = self.neighbours.shape[1] * (variances[:, 1] - variances[:, 0]) ** 2
-        of_normal = product / np.maximum(np.maximum(determined, product), np.finfo(np.float64).tiny)
-        return Heights(above, beside, np.sqrt(of_normal) * np.minimum(beside, self.reach(chosen)))
+        apart = places - self.centres.take(chosen, axis=0)
+        above = (apart * self.normals.take(chosen, axis=0)).sum(axis=1)
+        return Heights(above, np.sqrt(np.maximum((apart**2).sum(axis=1) - above**2, 0.0)))
+
+    def reach(self, chosen: Int[np.ndarray, " c"]) -> Float64[np.ndarray, " c"]:
+        """How far the planes of some of the points reach from their centres, where they are narrow."""
+        # An even disc has a standard deviation of half its radius along each axis.
+        return np.asarray(2 * np.sqrt(self.variances[chosen, 1]))
+
+    def tilts(self, chosen: Int[np.ndarray, " c"]) -> Float64[np.ndarray, " c"]:
+        """The standard deviation of the normals of some of the points, in radians, at most 1.
+
+        The variance of the normal of k points with the variances l1 < l2 < l3 is l1 l2 / k (l2 - l1)^2 towards the
+        middle axis, for many points (Anderson 1963, Asymptotic theory for principal component analysis).
+        """
+        least, middle = self.variances[chosen, 0], self.variances[chosen, 1]
+        determined = self.neighbours.shape[1] * (middle - least) ** 2
+        at_most = np.maximum(np.maximum(determined, least * middle), np.finfo(np.float64).tiny)
+        return np.asarray(np.sqrt(least * middle / at_most))
 
     def in_rows(self, chosen: Int[np.ndarray, " c"], slenderness: float) -> Bool[np.ndarray, " c"]:
         """Whether the planes of some of the points go through rows, about which they may be turned.

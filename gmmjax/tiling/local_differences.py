@@ -5,6 +5,7 @@ the scans were registered in: what is compared with far away need not be fine.
 """
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -65,7 +66,7 @@ def block_differences(
     voxels: LocalVoxels,
     coarse: CoarseClouds,
     settings: LocalDifferenceSettings,
-    limits: DifferenceSettings,
+    differences: DifferenceSettings,
     distances: SignedDistanceSettings,
 ) -> BlockResult:
     """The differences of the voxels of a block, a `BlockTask`; its values are what `BlockDifferences` reads.
@@ -76,7 +77,7 @@ def block_differences(
         voxels: of all blocks.
         coarse: what is compared with beyond the margin.
         settings: how far the voxels of other blocks are seen.
-        limits: of the differences.
+        differences: how distance and offset are measured.
         distances: of the cylinders of the signed distance.
     """
     own = voxels.of_block(block.number)
@@ -88,9 +89,8 @@ def block_differences(
     around = each(lambda fine, everywhere: _seen(block, fine, everywhere, (margin, far), settings), seen, coarse.points)
     surfaces = around.map(LocalSurface.of)
     inside = counts.map(np.arange)
-    local = each(
-        lambda own, other, chosen: local_difference(own, other, limits, chosen), surfaces, surfaces.swapped, inside
-    )
+    compared = functools.partial(local_difference, settings=differences)
+    local = each(compared, surfaces, surfaces.swapped, inside)
     spacings = each(lambda surface, chosen: surface.spacing(chosen), surfaces, inside)
     cores = each(CorePoints.of, surfaces, coarse.towards, inside)
     points = store.points_of(block, margin).map(lambda around: around.points)

@@ -96,6 +96,25 @@ def test_what_lies_beside_a_surface_is_not_off_it():
     assert not difference(np.concatenate([floor(22), post]), floor(23)).point_offset[-100:].any()
 
 
+def test_offsets_from_what_is_no_surface_are_uncertain():
+    """In clutter a plane may be turned by any angle, though the mean of its points is known well."""
+    random = np.random.default_rng(0)
+    crowd = [random.uniform(0, 1, (4000, 3)) for _ in range(2)]
+    found = difference(*crowd)
+    of_means = found.thickness * np.sqrt(1 / 8 + 1 / 16)
+    assert np.median(found.noise / of_means) > 1.3
+    flat = difference(floor(24), floor(25))
+    assert np.median(flat.noise / (flat.thickness * np.sqrt(1 / 8 + 1 / 16))) < 1.2
+
+
+def test_the_offset_of_a_point_counts_as_far_as_the_surface_lies_opposite():
+    low, high = (np.array([[0.5, 0.5, height]]) for height in (0.01, 0.05))
+    points, other = (LocalSurface.of(own) for own in (np.concatenate([floor(26), low, high]), floor(27)))
+    assert local_difference(points, other).point_offset[-2:] == pytest.approx([0.01, 0], abs=0.005)
+    settings = DifferenceSettings(opposite_height=10.0)
+    assert local_difference(points, other, settings=settings).point_offset[-1] == pytest.approx(0.05, abs=0.005)
+
+
 def test_offsets_from_rows_of_points_say_nothing():
     """Rows along the lines of a scanner, other ones each time: a plane through a row may stand upright."""
     random = np.random.default_rng(0)

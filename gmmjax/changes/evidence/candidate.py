@@ -39,8 +39,6 @@ class SurroundingsSettings:
             it is that of the whole scan.
         opposite: distance along the surface of the other cloud, in its spacings there, within which it lies opposite a
             point. Larger: the rim of a hole lies opposite what is in the hole; 0: nothing does.
-        opposite_height: distance along its normal, in its spacings there, within which it does. Larger: the floor below
-            a thin object is taken for ground below a deposit; 0: erosion of less than a spacing is taken for noise.
         undisplaced: number of the unchanged points next to a candidate that tell how far the whole surface is off
             there. Few: a displacement that thins out is taken for that of the whole surface.
         sure: offset, in registration errors, from which on a point is surely off a surface. 0: by whatever it is off.
@@ -60,7 +58,6 @@ class SurroundingsSettings:
     farthest: float = 1000.0
     nearby: float = 25.0
     opposite: float = 1.5
-    opposite_height: float = 1.0
     undisplaced: int = 400
     sure: float = 3.0
     chunk: int = 512
@@ -166,9 +163,9 @@ class Surroundings:
     def displacements(self, points: Float[np.ndarray, "m 3"]) -> Displacements:
         """How far some points are off the surface of the other cloud."""
         there = self.surface.nearest(points)
-        heights, spacing, settings = self.surface.heights(points, there), self.surface.spacing(there), self.settings
-        opposite = heights.beside <= settings.opposite * spacing
-        opposite &= np.abs(heights.above) <= settings.opposite_height * spacing
+        heights, spacing = self.surface.heights(points, there), self.surface.spacing(there)
+        opposite = heights.beside <= self.settings.opposite * spacing
+        opposite &= np.abs(heights.above) <= self.limits.settings.opposite_height * spacing
         return Displacements(heights.above[:, None] * self.surface.normals[there], opposite)
 
     @functools.cached_property

@@ -265,7 +265,7 @@ def _within(points: Float[np.ndarray, "n 3"], near: cKDTree, reach: float) -> Bo
 def _differences(surfaces: Pair[LocalSurface], clouds: Pair[_Cloud], fine: Differences, spacing: float) -> Differences:
     """The differences at one spacing, with the registration error that the finest voxels show at each place."""
     settings = fine.limits.settings
-    local = each_on_cores(lambda own, other: local_difference(own, other, settings), surfaces, surfaces.swapped)
+    local = each_on_cores(functools.partial(local_difference, settings=settings), surfaces, surfaces.swapped)
     error = each(lambda own, side: _error(own, side, fine.limits), clouds, fine.local)
     # Where one of the scans has nothing within reach, all points tell the limits.
     everywhere = not all(cloud.inside for cloud in clouds)
