@@ -14,7 +14,7 @@ from gmmjax.learning import LEARNED_FROM, CandidateRows, LeftOut, collected, lef
 
 
 def probabilities(verdict: Verdict, rows: CandidateRows) -> np.ndarray:
-    """Of changed, not observed and unchanged, for each candidate."""
+    """Of changed, not observed and unchanged, for each candidate [n, 3]."""
     with jax.enable_x64(True):
         return np.asarray(jax.vmap(verdict.probabilities)(rows.scaled(verdict.names)))
 

@@ -207,7 +207,7 @@ def test_m3c2_is_given_the_same_as_py4dgeo(tmp_path, monkeypatch):
 
 
 def test_candidates_are_judged_by_the_verdict():
-    """Of two that are alike the one that many lines of sight passed through is the change."""
+    """Of two the one of which all facts that can speak for a change do."""
     names = names_of(poses=True)
     alike = np.array([FACTS[name].change >= 0 for name in names], float)
     rows = np.stack([np.zeros(len(names)), alike])
