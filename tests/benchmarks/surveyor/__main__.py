@@ -40,6 +40,7 @@ def parser() -> argparse.ArgumentParser:
     own.add_argument("--points", type=int, default=20_000_000, help="about so many a side")
     own.add_argument("--kind", choices=list(KINDS), default="hall")
     own.add_argument("--seed", type=int, default=0)
+    own.add_argument("--copies", type=int, default=1, help="of the scene, side by side, with their share of the points")
     own.set_defaults(run=run_make_large, out=None)
     own = commands.add_parser("scaling", help="time and memory of `gmmjax detect` by the number of points")
     own.add_argument("--sizes", nargs="*", type=int, default=[], metavar="POINTS", help="points a side")
@@ -73,7 +74,7 @@ def run_write(arguments: argparse.Namespace) -> None:
 
 
 def run_make_large(arguments: argparse.Namespace) -> None:
-    counts = write_large(Pair(*arguments.paths), arguments.points, arguments.kind, arguments.seed)
+    counts = write_large(Pair(*arguments.paths), arguments.points, arguments.kind, arguments.seed, arguments.copies)
     for path, count in zip(arguments.paths, counts, strict=True):
         print(f"{path}: {count:,} points")
 

@@ -23,7 +23,7 @@ WKT = (
 )
 
 
-def write_large(paths: Pair[Path], points: int, kind: str = "hall", seed: int = 0) -> Pair[int]:
+def write_large(paths: Pair[Path], points: int, kind: str = "hall", seed: int = 0, copies: int = 1) -> Pair[int]:
     """Writes the scans of a scene that changed, with survey coordinates.
 
     Args:
@@ -31,13 +31,23 @@ def write_large(paths: Pair[Path], points: int, kind: str = "hall", seed: int = 
         points: about so many a side.
         kind: of the scene.
         seed: of the scene.
+        copies: of it that stand side by side, farther apart than the scanner reaches, with their share of the points.
 
     Returns:
         The number of points of each.
     """
     made = kind_of(kind)
     site = made.site(drawn_from(kind, seed), True)
-    return Pair(*(_write(path, _parts(site, side, points, kind, seed)) for side, path in enumerate(paths)))
+    scans = (_parts(site, side, points // copies, kind, seed) for side in range(2))
+    return Pair(*(_write(path, _repeated(parts, copies, site)) for path, parts in zip(paths, scans, strict=True)))
+
+
+def _repeated(parts: Iterator[tuple[np.ndarray, int]], copies: int, site: Site) -> Iterator[tuple[np.ndarray, int]]:
+    """The same points in as many places."""
+    step = 1.5 * np.array([0.0, site.beam.max_range, 0.0])
+    for points, station in parts:
+        for copy in range(copies):
+            yield points + copy * step, station
 
 
 def _parts(site: Site, side: int, points: int, kind: str, seed: int) -> Iterator[tuple[np.ndarray, int]]:

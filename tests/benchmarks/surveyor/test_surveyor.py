@@ -13,6 +13,7 @@ from gmmjax.clouds import read_cloud
 from gmmjax.pair import Pair, each
 from tests.benchmarks.surveyor import HELD_OUT, KINDS, __main__, accuracy, hall_scene, peers, simulated
 from tests.benchmarks.surveyor.accuracy import Line, to_markdown
+from tests.benchmarks.surveyor.large import write_large
 from tests.benchmarks.surveyor.scanning import Beam, World, scanned
 from tests.benchmarks.surveyor.scoring import mistakes, scores
 from tests.benchmarks.surveyor.solids import UNJUDGED, Thing, box, distances, ellipsoid, first_hits, pipe, pole
@@ -167,3 +168,14 @@ def test_large_files_are_scans_in_survey_coordinates(tmp_path, monkeypatch, caps
     assert f"{len(clouds[0].points):,} points" in capsys.readouterr().out
     with laspy.open(paths[0]) as file:
         assert file.header.point_count == len(clouds[0].points)
+
+
+def test_large_scenes_stand_side_by_side(tmp_path):
+    paths = Pair(tmp_path / "before.las", tmp_path / "after.las")
+    counts = write_large(paths, 8000, copies=2)
+    points = read_cloud(paths.before).points
+    assert counts.before == len(points)
+    far = points[:, 1] > np.median(points[:, 1])
+    np.testing.assert_allclose(
+        points[far] - points[~far], np.broadcast_to([0, 90, 0], (len(points) // 2, 3)), atol=1e-4
+    )
