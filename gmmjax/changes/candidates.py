@@ -127,8 +127,10 @@ def probability_by_difference(
     """
     by_distance = difference.distance / limits.local_distance(difference)
     by_distance = np.clip((by_distance - settings.first_distance) / (1 - settings.first_distance), 0, 1)
-    by_offset = np.clip(limits.relative_offset(difference), 0, 1)
-    return np.asarray(np.maximum(by_distance, by_offset))
+    of_mean, of_point = limits.relative_mean_offset(difference), limits.relative_point_offset(difference)
+    # Half the limit is common among single points: beside a change each of them would be taken along.
+    of_point = np.where(of_point >= settings.core_probability, of_point, 0.0)
+    return np.asarray(np.clip(np.maximum.reduce([by_distance, of_mean, of_point]), 0, 1))
 
 
 def mean_probability(excess: RestartValues, by_difference: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

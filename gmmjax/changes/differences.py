@@ -143,10 +143,17 @@ class DetectionLimits(NamedTuple):
         error = np.sqrt(MEAN_NEIGHBOURS) * self._error(difference)
         return self.settings.offsets * np.maximum(error, difference.point_noise)
 
+    def relative_mean_offset(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
+        """The offset of the local mean of each point, in its limit."""
+        return difference.offset / self.local_offset(difference)
+
+    def relative_point_offset(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
+        """The offset of each point itself, in its limit."""
+        return difference.point_offset / self.local_point_offset(difference)
+
     def relative_offset(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
         """The offset of each point in its limit: that of its local mean or its own, whichever is greater."""
-        of_mean = difference.offset / self.local_offset(difference)
-        return np.maximum(of_mean, difference.point_offset / self.local_point_offset(difference))
+        return np.maximum(self.relative_mean_offset(difference), self.relative_point_offset(difference))
 
     def _error(self, difference: LocalDifference) -> float | Float[np.ndarray, " n"]:
         return self.registration_error if difference.error is None else difference.error

@@ -39,12 +39,12 @@ def test_the_probability_rises_with_the_distance_from_a_fraction_of_its_limit():
     np.testing.assert_allclose(probability, [0, 0, 0.5, 1, 1], atol=1e-12)
 
 
-def test_a_point_alone_needs_the_offset_of_its_own_noise():
+def test_a_point_alone_counts_from_the_offset_that_is_sure_by_its_own_noise():
     # A mean of eight has a noise that is the root of eight smaller.
     probability = probability_by_difference(difference(point_offset=np.array([0.01, 0.02, 0.1]) * np.sqrt(8)), LIMITS)
-    np.testing.assert_allclose(probability, [0.5, 1, 1])
+    np.testing.assert_allclose(probability, [0, 1, 1])
     rough = probability_by_difference(difference(point_offset=0.1, point_noise=0.1), LIMITS)
-    np.testing.assert_allclose(rough, 1 / 7)
+    np.testing.assert_allclose(rough, 0)
 
 
 def test_the_probability_rises_with_the_offset_up_to_its_limit():

@@ -9,6 +9,7 @@ import numpy as np
 from gmmjax.errors import check_choice
 from gmmjax.scenes.families.apartments import apartments
 from gmmjax.scenes.families.corridors import corridors
+from gmmjax.scenes.families.depots import depots
 from gmmjax.scenes.families.doors import doors
 from gmmjax.scenes.families.halls import halls
 from gmmjax.scenes.families.rooms import kitchens, rooms
@@ -35,6 +36,7 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator], SurveyedScene]] = Mapping
         "halls": halls,
         "apartments": apartments,
         "yards": yards,
+        "depots": depots,
     }
 )
 

@@ -32,8 +32,8 @@ def halls(random: np.random.Generator) -> SurveyedScene:
     """Halls of 15 to 35 m in which pallets, crates and carts come, go and move, scanned from one to three stations."""
     size = random.uniform([15.0, 8.0, 3.5], [35.0, 14.0, 6.0])
     floor = Support(np.eye(4), (float(size[0]), float(size[1])), gap=0.1)
-    places = _places(random, floor)
-    fixed = _hall(random, size, floor)
+    places = station_places(random, floor)
+    fixed = building(random, size, floor)
     things = one_of(
         pallet, pallet, _crate, _crate, cart, stack, drum, machine, clutter, shelves, table, cupboard, tripod
     )
@@ -47,7 +47,7 @@ def halls(random: np.random.Generator) -> SurveyedScene:
     return surveyed_scene(solids, recordings, frame, hidden_by=0.06)
 
 
-def _places(random: np.random.Generator, floor: Support) -> Pair[list[Float[np.ndarray, "2"]]]:
+def station_places(random: np.random.Generator, floor: Support) -> Pair[list[Float[np.ndarray, "2"]]]:
     """Where the scanner stands in either survey: some stations are shared, nearly; nothing stands in their way."""
     spread = np.array(floor.size) * 0.35
     shared = [random.uniform(-spread, spread) for _ in range(int(random.integers(0, 3)))]
@@ -62,7 +62,7 @@ def _places(random: np.random.Generator, floor: Support) -> Pair[list[Float[np.n
     return places
 
 
-def _hall(random: np.random.Generator, size: np.ndarray, floor: Support) -> list[Solid]:
+def building(random: np.random.Generator, size: np.ndarray, floor: Support) -> list[Solid]:
     """Floor, walls with what stands out of them, pillars, trusses or a roof, and pipes along the walls."""
     x, y, z = size / 2 * [1, 1, 2]
     solids = [between((-x - 0.2, -y - 0.2, -0.2), (x + 0.2, y + 0.2, 0.0))]

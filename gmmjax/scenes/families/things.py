@@ -258,6 +258,32 @@ def machine(random: np.random.Generator) -> StandingObject:
     return (*parts, side)
 
 
+def rod(random: np.random.Generator) -> StandingObject:
+    """A pipe, a beam or a board that lies there, or three of them."""
+    thick, long = _length(random, 0.04, 0.25), _length(random, 0.8, 4.0)
+    round_ = random.random() < 0.5
+    wide = thick if round_ else thick * random.uniform(0.5, 3.0)
+    count = 3 if random.random() < 0.25 else 1
+    lying = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    places = [(0.0, (number - (count - 1) / 2) * 1.02 * wide) for number in range(count)]
+    return tuple(
+        Solid(np.array([*place, thick / 2]), np.array([wide, thick, long]), round=round_, axes=lying)
+        for place in places
+    )
+
+
+def rack(random: np.random.Generator, levels: int) -> StandingObject:
+    """A rack for pallets, open on all sides; its decks come first, the lowest of them at the beginning."""
+    bays = int(random.integers(1, 4))
+    wide, deep, step = bays * random.uniform(1.8, 2.8), random.uniform(0.8, 1.2), random.uniform(0.8, 1.6)
+    heights, faces = step * np.arange(1, levels + 1), (-deep / 2, deep / 2)
+    decks = [block((wide, deep, 0.03), (0.0, 0.0, height)) for height in heights]
+    beams = [block((wide, 0.05, 0.12), (0.0, y, height - 0.12)) for height in heights for y in faces]
+    high = heights[-1] + random.uniform(0.0, 0.6)
+    posts = [block((0.09, 0.09, high), (x, y, 0.0)) for x in np.linspace(-wide / 2, wide / 2, bays + 1) for y in faces]
+    return (*decks, *beams, *posts)
+
+
 def tripod(random: np.random.Generator) -> StandingObject:
     """A scanner or a camera on three legs."""
     high, spread = random.uniform(1.1, 1.6), random.uniform(0.35, 0.55)
