@@ -31,8 +31,8 @@ def depots(random: np.random.Generator) -> SurveyedScene:
     fixed = building(random, size, floor)
     decks: list[Support] = []
     for _ in range(int(random.integers(1, 5))):
-        solids, shelves = _filled_rack(random, floor)
-        fixed += solids
+        rack_and_goods, shelves = _filled_rack(random, floor)
+        fixed += rack_and_goods
         decks += shelves
     things = one_of(pallet, pallet, _carton, _carton, rod, rod, drum, stack, clutter, machine)
     # As likely on the floor as in the racks.

@@ -38,29 +38,23 @@ def write_large(paths: Pair[Path], points: int, kind: str = "hall", seed: int = 
     """
     made = kind_of(kind)
     site = made.site(drawn_from(kind, seed), True)
-    scans = (_parts(site, side, points // copies, kind, seed) for side in range(2))
-    return Pair(*(_write(path, _repeated(parts, copies, site)) for path, parts in zip(paths, scans, strict=True)))
+    scans = (_parts(site, side, points, kind, seed, copies) for side in range(2))
+    return Pair(*(_write(path, parts) for path, parts in zip(paths, scans, strict=True)))
 
 
-def _repeated(parts: Iterator[tuple[np.ndarray, int]], copies: int, site: Site) -> Iterator[tuple[np.ndarray, int]]:
-    """The same points in as many places."""
-    step = 1.5 * np.array([0.0, site.beam.max_range, 0.0])
-    for points, station in parts:
-        for copy in range(copies):
-            yield points + copy * step, station
-
-
-def _parts(site: Site, side: int, points: int, kind: str, seed: int) -> Iterator[tuple[np.ndarray, int]]:
-    """Points with the number of their station."""
+def _parts(site: Site, side: int, points: int, kind: str, seed: int, copies: int) -> Iterator[tuple[np.ndarray, int]]:
+    """Points with the number of their station, in all places where the scene stands."""
     errors = kind_of(kind).errors
     world, stations = [*site.worlds][side], [*site.stations][side]
-    random = np.random.default_rng([seed, side, points])
+    random = np.random.default_rng([seed, side, points // copies])
     survey = motion_about(side * errors.survey, side * errors.survey_degrees, stations[0].position, random)
+    step = 1.5 * np.array([0.0, site.beam.max_range, 0.0])
     for number, station in enumerate(stations):
-        own = survey @ motion_about(errors.station, errors.station_degrees, station.position, random)
-        columns = full_columns(world, station, site.beam, points / len(stations), random)
+        own = motion_about(errors.station, errors.station_degrees, station.position, random)
+        columns = full_columns(world, station, site.beam, points / copies / len(stations), random)
         for scan in scanned_parts(world, columns, site.beam, random):
-            yield transformed(scan.points, own) + GRID, number
+            for copy in range(copies):
+                yield transformed(transformed(scan.points, own) + copy * step, survey) + GRID, number
 
 
 def _write(path: Path, parts: Iterator[tuple[np.ndarray, int]]) -> int:

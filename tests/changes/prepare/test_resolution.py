@@ -46,6 +46,28 @@ def test_a_map_of_a_hall_is_a_surface_too():
     assert not working_pair(Pair(planes(2, 0.02, size=30.0), planes(3, 0.02, size=30.0))).volumetric
 
 
+FEW_VOXELS = ResolutionSettings(voxels=3000)
+
+
+def test_a_site_whose_voxels_are_as_large_as_what_stands_in_it_is_a_surface():
+    """As many rooms together are: small boards in all directions, everywhere."""
+
+    def boards(seed):
+        random = np.random.default_rng(seed)
+        middles, turns = random.uniform(0, 10, (2000, 1, 3)), np.linalg.qr(random.standard_normal((2000, 3, 3)))[0]
+        flat = random.uniform(-0.1, 0.1, (2000, 40, 3)) * [1, 1, 0.01]
+        return (middles + flat @ turns).reshape(-1, 3)
+
+    pair = working_pair(Pair(boards(0), boards(1)), settings=FEW_VOXELS)
+    assert pair.voxel_size > 0.2 and not pair.volumetric
+
+
+def test_volumes_of_many_points_fill_volumes():
+    scene = random_scene(jax.random.key(0), appeared=1, points=3000)
+    pair = working_pair(Pair(scene.before, scene.after), settings=FEW_VOXELS)
+    assert pair.voxel_size is not None and pair.volumetric
+
+
 def test_large_clouds_are_reduced_to_one_size_of_voxels():
     before, after = planes(4, 0.002, count=MAX_VOXELS), planes(5, 0.002, count=1000)
     pair = working_pair(Pair(before, after))
