@@ -131,15 +131,18 @@ class AlignedScans:
         return each(lambda own, cloud: own[cloud.rows], labels, self.checked)
 
 
-def refined(pair: AlignedPair, settings: LocalResolutionSettings) -> AlignedPair:
-    """The pair in voxels as small as both scans allow at each place.
+def refined(pair: AlignedPair, settings: LocalResolutionSettings) -> AlignedPair | None:
+    """The pair in voxels as small as both scans allow at each place; None where they allow none smaller anywhere.
 
     Args:
         pair: in voxels of one size.
         settings: how small they are.
     """
-    assert pair.working.voxel_size is not None
-    clouds = locally_reduced(pair.points, pair.working.voxel_size, settings)
+    size = pair.working.voxel_size
+    assert size is not None
+    clouds = locally_reduced(pair.points, size, settings)
+    if all(cloud.sizes is None or (cloud.sizes >= size).all() for cloud in clouds):
+        return None
     surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), clouds)
     return pair._replace(working=dataclasses.replace(pair.working, clouds=clouds), surfaces=surfaces)
 

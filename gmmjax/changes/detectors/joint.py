@@ -114,17 +114,18 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         pair = self._aligned(checked)
         problem = joint_problem(pair.working, pair.registration, self.config, self.fit)
         surveys, coarse = surveys_of(pair, scans, self.evidence.free_space, self.evidence.view_checks), None
-        if self._refines(pair):
-            assert self.resolution is not None
-            coarse = pair.surfaces.map(lambda surface: surface.points)
-            pair = refined(pair, self.resolution)
+        finer = self._refined(pair)
+        if finer is not None:
+            coarse, pair = pair.surfaces.map(lambda surface: surface.points), finer
             surveys = each(lambda own, surface: dataclasses.replace(own, surface=surface), surveys, pair.surfaces)
         return AlignedScans(scans, checked, pair, coarse, surveys, problem, self.differences, self.distances)
 
-    def _refines(self, pair: AlignedPair) -> bool:
-        """Whether the scans were registered with fewer points than they have, and nobody asked for one voxel size."""
-        reduced = pair.working.voxel_size is not None and self.config.voxel_size is None
-        return reduced and self.resolution is not None and not pair.working.volumetric
+    def _refined(self, pair: AlignedPair) -> AlignedPair | None:
+        """The scans at their own resolution at each place; None where it is that of the registration, or was given."""
+        asked, reduced = self.config.voxel_size is not None, pair.working.voxel_size is not None
+        if asked or not reduced or pair.working.volumetric or self.resolution is None:
+            return None
+        return refined(pair, self.resolution)
 
     def fitted(self, prepared: AlignedScans, restarts: range, report: Callable[[float], None]) -> dict[str, np.ndarray]:
         """Fit; see `AbstractRestartDetector`."""
