@@ -19,8 +19,9 @@ class CandidateSettings:
 
     Attributes:
         first_distance: fraction of the limit of the distance up to which its probability is 0.
-        core_probability: of the nearly sure points that clusters are made of. At the threshold: a slight
-            misregistration chains half a scene to one cluster.
+        core_probability: of the nearly sure points that clusters are made of, and from which on the offset of a point
+            itself counts. At the threshold: a slight misregistration chains half a scene to one cluster, and single
+            points of a floor are taken along with what stands on it.
         smallest_core: number of such points that a candidate has, at least.
         smallest_local_core: the same where voxels are as small as the scans allow at each place. Fewer: noise makes
             candidates; 20: what the scans show with a dozen points is lost.
@@ -128,7 +129,7 @@ def probability_by_difference(
     by_distance = difference.distance / limits.local_distance(difference)
     by_distance = np.clip((by_distance - settings.first_distance) / (1 - settings.first_distance), 0, 1)
     of_mean, of_point = limits.relative_mean_offset(difference), limits.relative_point_offset(difference)
-    # Half the limit is common among single points: beside a change each of them would be taken along.
+    # Half the limit is common among single points: those beside a change would be taken along.
     of_point = np.where(of_point >= settings.core_probability, of_point, 0.0)
     return np.asarray(np.clip(np.maximum.reduce([by_distance, of_mean, of_point]), 0, 1))
 

@@ -14,13 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
-from gmmjax.geometry import (
-    MEAN_NEIGHBOURS,
-    MEDIAN_TO_DEVIATION,
-    LocalSurface,
-    evenly_chosen,
-    nearest_neighbours,
-)
+from gmmjax.geometry import MEAN_NEIGHBOURS, MEDIAN_TO_DEVIATION, LocalSurface, evenly_chosen, nearest_neighbours
 from gmmjax.pair import Pair, each, each_on_cores
 
 logger = logging.getLogger(__name__)
@@ -96,8 +90,8 @@ class LocalDifference(NamedTuple):
         thickness: standard deviation of the other cloud's points about their plane there.
         spacing: of the other cloud's points there.
         point_offset: absolute distance of the point itself along the normal of the other cloud's surface, where that
-            lies opposite, and 0 elsewhere: a pipe on a floor is narrower than what a local mean is
-            taken of. What is farther off is told by its distance.
+            lies opposite, and 0 elsewhere: a pipe on a floor is narrower than what a local mean is taken of. What is
+            farther off is told by its distance.
         point_noise: standard deviation of that offset, likewise.
         error: registration error there; None: that of the pair.
         own_spacing: of the cloud's own points there, where it differs from place to place; None: that of the pair.

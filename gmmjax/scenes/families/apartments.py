@@ -4,7 +4,6 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.pair import Pair
-from gmmjax.scenes.families.density import drawn_density
 from gmmjax.scenes.families.interior import Interior, between, furnished_room
 from gmmjax.scenes.families.staging import Place, Turnover, staged
 from gmmjax.scenes.families.things import (
@@ -24,9 +23,9 @@ from gmmjax.scenes.families.things import (
     tripod,
     vessel,
 )
-from gmmjax.scenes.families.tripods import drawn_scanners, scanned, stations
+from gmmjax.scenes.families.tripods import TripodSurveys, scene_from_tripods
 from gmmjax.scenes.ray_casting import Solid
-from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
+from gmmjax.scenes.surveyed_scene import SurveyedScene
 
 _THINGS = one_of(
     *(bag, bag, ball, bin_, box, box, chair, chair, clutter, drum, lamp, plant, screen, stack, suitcase, tripod, vessel)
@@ -50,11 +49,8 @@ def apartments(random: np.random.Generator) -> SurveyedScene:
     supports: list[Place] = [room.floor for room in scanned_rooms]
     supports += [top for room in scanned_rooms for top in room.tops]
     solids = staged(random, fixed, supports, _THINGS, int(random.integers(3, 9)), Turnover(appeared=4, disappeared=4))
-    poses = stations(random, places)
-    scanners = drawn_scanners(random, rays=100_000)
-    recordings = drawn_density(random, scanned(random, solids, poses, scanners), most=(25_000, 40_000), least=10_000)
-    frame = Frame.drawn(random, shift=0.05, degrees=0.4)
-    return surveyed_scene(solids, recordings, frame, hidden_by=0.04)
+    surveys = TripodSurveys(100_000, (25_000, 40_000), 10_000, hidden_by=0.04, shift=0.05)
+    return scene_from_tripods(random, solids, places, surveys)
 
 
 def _stations(

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from gmmjax.scenes.families.density import drawn_density
 from gmmjax.scenes.families.halls import building, station_places
 from gmmjax.scenes.families.staging import Support, Turnover, staged, top_of
 from gmmjax.scenes.families.things import (
@@ -17,10 +16,10 @@ from gmmjax.scenes.families.things import (
     rod,
     stack,
 )
-from gmmjax.scenes.families.tripods import drawn_scanners, scanned, stations
+from gmmjax.scenes.families.tripods import TripodSurveys, scene_from_tripods
 from gmmjax.scenes.objects import StandingObject
 from gmmjax.scenes.ray_casting import Solid
-from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
+from gmmjax.scenes.surveyed_scene import SurveyedScene
 
 
 def depots(random: np.random.Generator) -> SurveyedScene:
@@ -38,13 +37,8 @@ def depots(random: np.random.Generator) -> SurveyedScene:
     # As likely on the floor as in the racks.
     somewhere = [floor] * max(1, len(decks)) + decks
     solids = staged(random, fixed, somewhere, things, int(random.integers(8, 25)), Turnover(appeared=4, disappeared=4))
-    poses = stations(random, places)
-    scanners = drawn_scanners(random, rays=250_000, highest=(30.0, 80.0))
-    recordings = drawn_density(
-        random, scanned(random, solids, poses, scanners), most=(30_000, 110_000), least=15_000, fused=0.4
-    )
-    frame = Frame.drawn(random, shift=0.1, degrees=0.4)
-    return surveyed_scene(solids, recordings, frame, hidden_by=0.06)
+    surveys = TripodSurveys(250_000, (30_000, 110_000), 15_000, hidden_by=0.06, highest=(30.0, 80.0), fused=0.4)
+    return scene_from_tripods(random, solids, places, surveys)
 
 
 def _filled_rack(random: np.random.Generator, floor: Support) -> tuple[list[Solid], list[Support]]:

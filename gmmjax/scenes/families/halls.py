@@ -4,7 +4,6 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.pair import Pair
-from gmmjax.scenes.families.density import drawn_density
 from gmmjax.scenes.families.interior import between
 from gmmjax.scenes.families.staging import Support, Turnover, staged
 from gmmjax.scenes.families.things import (
@@ -22,10 +21,10 @@ from gmmjax.scenes.families.things import (
     table,
     tripod,
 )
-from gmmjax.scenes.families.tripods import drawn_scanners, scanned, stations
+from gmmjax.scenes.families.tripods import TripodSurveys, scene_from_tripods
 from gmmjax.scenes.objects import StandingObject
 from gmmjax.scenes.ray_casting import Solid
-from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
+from gmmjax.scenes.surveyed_scene import SurveyedScene
 
 
 def halls(random: np.random.Generator) -> SurveyedScene:
@@ -38,13 +37,8 @@ def halls(random: np.random.Generator) -> SurveyedScene:
         pallet, pallet, _crate, _crate, cart, stack, drum, machine, clutter, shelves, table, cupboard, tripod
     )
     solids = staged(random, fixed, [floor], things, int(random.integers(5, 20)), Turnover(appeared=4, disappeared=4))
-    poses = stations(random, places)
-    scanners = drawn_scanners(random, rays=140_000, highest=(15.0, 70.0))
-    recordings = drawn_density(
-        random, scanned(random, solids, poses, scanners), most=(30_000, 40_000), least=12_000, fused=0.9
-    )
-    frame = Frame.drawn(random, shift=0.1, degrees=0.4)
-    return surveyed_scene(solids, recordings, frame, hidden_by=0.06)
+    surveys = TripodSurveys(140_000, (30_000, 40_000), 12_000, hidden_by=0.06, highest=(15.0, 70.0), fused=0.9)
+    return scene_from_tripods(random, solids, places, surveys)
 
 
 def station_places(random: np.random.Generator, floor: Support) -> Pair[list[Float[np.ndarray, "2"]]]:

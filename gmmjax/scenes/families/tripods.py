@@ -1,4 +1,4 @@
-"""Surveys by a terrestrial scanner: where it stands, and how it measures."""
+"""Surveys by a terrestrial scanner: where it stands, how it measures, and the scene that it makes of solids."""
 
 import dataclasses
 
@@ -6,11 +6,60 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.pair import Pair, each
+from gmmjax.scenes.families.density import drawn_density
 from gmmjax.scenes.laser_scanner import Beam, TripodScanner
 from gmmjax.scenes.pose_errors import PoseErrors
 from gmmjax.scenes.ray_casting import Solid
 from gmmjax.scenes.recording import Recording
 from gmmjax.scenes.rigid_motions import upright
+from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
+
+
+@dataclasses.dataclass(frozen=True)
+class TripodSurveys:
+    """How two surveys from tripods are drawn.
+
+    Attributes:
+        rays: of a survey, from all of its stations together.
+        most: between how many points the denser cloud has, where it has so many.
+        least: points that the other one keeps.
+        hidden_by: a place is hidden when something on its ray is nearer by more than this, metres.
+        highest: between which elevations the highest rays are, degrees.
+        fused: share of the clouds that are fused in voxels; the others keep points drawn at random.
+        shift: largest shift of the misregistration, metres.
+        degrees: largest angle of the misregistration.
+    """
+
+    rays: int
+    most: tuple[int, int]
+    least: int
+    hidden_by: float
+    highest: tuple[float, float] = (60.0, 90.0)
+    fused: float = 0.7
+    shift: float = 0.1
+    degrees: float = 0.4
+
+
+def scene_from_tripods(
+    random: np.random.Generator,
+    solids: Pair[list[Solid]],
+    places: Pair[list[Float[np.ndarray, "2"]]],
+    surveys: TripodSurveys,
+) -> SurveyedScene:
+    """The scene that two surveys from tripods make of solids.
+
+    Args:
+        random: of everything.
+        solids: at the time of either survey.
+        places: of the tripods on the floor, metres.
+        surveys: how they are drawn.
+    """
+    poses = stations(random, places)
+    scanners = drawn_scanners(random, surveys.rays, surveys.highest)
+    recordings = scanned(random, solids, poses, scanners)
+    reduced = drawn_density(random, recordings, most=surveys.most, least=surveys.least, fused=surveys.fused)
+    frame = Frame.drawn(random, shift=surveys.shift, degrees=surveys.degrees)
+    return surveyed_scene(solids, reduced, frame, hidden_by=surveys.hidden_by)
 
 
 def drawn_scanners(

@@ -38,8 +38,7 @@ def write_large(paths: Pair[Path], points: int, kind: str = "hall", seed: int = 
     """
     made = kind_of(kind)
     site = made.site(drawn_from(kind, seed), True)
-    scans = (_parts(site, side, points, kind, seed, copies) for side in range(2))
-    return Pair(*(_write(path, parts) for path, parts in zip(paths, scans, strict=True)))
+    return Pair(*(_write(path, _parts(site, side, points, kind, seed, copies)) for side, path in enumerate(paths)))
 
 
 def _parts(site: Site, side: int, points: int, kind: str, seed: int, copies: int) -> Iterator[tuple[np.ndarray, int]]:

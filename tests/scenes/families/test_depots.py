@@ -4,27 +4,29 @@ import numpy as np
 import pytest
 
 from gmmjax.scenes import family_scene
-from gmmjax.scenes.families.staging import Support, top_of
 from gmmjax.scenes.families.things import footprint, height, rack, rod
 
-RANDOM = np.random.default_rng(0)
 scene_of = functools.cache(functools.partial(family_scene, "depots"))
 
 
 def test_rods_lie_on_the_floor():
-    for thing in (rod(RANDOM) for _ in range(20)):
+    random = np.random.default_rng(0)
+    for thing in (rod(random) for _ in range(20)):
         lowest = min(float(solid.centre[2] - (np.abs(solid.rotation) @ solid.extent)[2] / 2) for solid in thing)
         assert lowest == pytest.approx(0, abs=1e-12)
         assert height(thing) <= 0.26 and 0.4 <= footprint(thing) <= 2.5
 
 
-def test_goods_fit_between_the_decks_of_a_rack():
-    levels = 3
-    thing = rack(RANDOM, levels)
-    decks = [top_of(deck) for deck in thing[:levels]]
-    heights = [deck.middle[2, 3] for deck in decks]
-    assert np.diff(heights) == pytest.approx(heights[0], abs=0.05) and height(thing) >= heights[-1]
-    assert all(isinstance(deck, Support) and deck.size == decks[0].size for deck in decks)
+@pytest.mark.parametrize("levels", [1, 3])
+def test_the_first_solids_of_a_rack_are_its_decks_from_the_lowest_on(levels):
+    thing = rack(np.random.default_rng(0), levels)
+    decks, others = thing[:levels], thing[levels:]
+    step = decks[0].centre[2]
+    np.testing.assert_allclose([deck.centre[2] for deck in decks], step * np.arange(1, levels + 1), atol=0.05)
+    # Boards as wide as the rack; of beams and posts none is both wide and deep.
+    assert all(min(deck.extent[:2]) > 0.7 for deck in decks)
+    assert all(min(own.extent[:2]) < 0.1 for own in others)
+    assert height(thing) > decks[-1].centre[2]
 
 
 def test_what_changes_stands_on_the_floor_and_in_the_racks():
