@@ -1,13 +1,12 @@
 """Answers stay what they are unless a change of the code is meant to change them (then record them anew)."""
 
-import json
 import re
 
 import numpy as np
 import pytest
 
 from tests.recorded.commands import FILE, transcript
-from tests.recorded.results import TABLE_FILE, detected, of_real_pair, real_pairs, recorded
+from tests.recorded.results import detected, of_real_pair, real_pairs, recorded, recorded_table
 from tests.recorded.scenes import SCENES
 
 # Of the points, on another machine than the one that recorded: rounding decides where a probability is at a threshold.
@@ -29,7 +28,7 @@ def test_real_pairs_keep_their_changes(name):
     pairs = real_pairs()
     if name not in pairs:
         pytest.skip("GMMJAX_DATA names no folder with scan pairs")
-    was, found = json.loads(TABLE_FILE.read_text())[f"real: {name}"], of_real_pair(pairs[name])
+    was, found = recorded_table()[f"real: {name}"], of_real_pair(pairs[name])
     points = len(found.before) + len(found.after)
     assert [row[0] for row in found.table] == [row[0] for row in was["changes"]]
     for row, earlier in zip(found.table, was["changes"], strict=True):
