@@ -62,7 +62,7 @@ class AbstractBlockStore(abc.ABC):
         """All blocks, in the order of their numbers."""
         return [self.tree.block(number) for number in range(len(self.tree))]
 
-    def points_of(self, block: Block, margin: float) -> Pair[BlockPoints]:
+    def points_of(self, block: Block, margin: float, most_around: int | None = None) -> Pair[BlockPoints]:
         """The points in a block, and those around it that are nearer to it than a margin along every axis.
 
         They are the same, in the same order, however the clouds were read.
@@ -70,13 +70,15 @@ class AbstractBlockStore(abc.ABC):
         Args:
             block: one of the blocks.
             margin: around it, in the unit of the clouds.
+            most_around: points of either cloud in the margin, at most: of more, every second, fourth, eighth, ... of
+                each block is taken. None: all of them.
         """
         lower, upper = block.lower - margin, block.lower + block.edge + margin
-        parts = [self.inside(block.number)]
+        around = Pair(_Around(most_around), _Around(most_around))
         for number in self.tree.near(block, margin):
-            around = self.inside(int(number))
-            parts.append(around.map(lambda own: own.part(within_box(own.points, lower, upper))))
-        return each(lambda *own: _with_margin(own), *parts)
+            for own, points in zip(around, self.inside(int(number)), strict=True):
+                own.add(points.part(within_box(points.points, lower, upper)))
+        return each(lambda own, others: _with_margin((own, *others.parts)), self.inside(block.number), around)
 
 
 class MemoryBlockStore(AbstractBlockStore):
@@ -110,6 +112,32 @@ class MemoryBlockStore(AbstractBlockStore):
             lambda ends, counts: slice(ends[number] - counts[number], ends[number]), self._ends, self._tree.counts
         )
         return each(lambda points, place: points.part(place), self._points, places)
+
+
+class _Around:
+    """Points of one cloud around a block: all of them, or every second, fourth, ... where there are too many.
+
+    Attributes:
+        parts: in the order of the blocks.
+    """
+
+    def __init__(self, most: int | None):
+        self.parts: list[StoredPoints] = []
+        self._most, self._step, self._passed = most, 1, 0
+
+    def add(self, points: StoredPoints) -> None:
+        """Takes the points of one more block."""
+        self.parts.append(_every(self._step, points, first=-self._passed % self._step))
+        self._passed += len(points.points)
+        while self._most is not None and sum(len(own.points) for own in self.parts) > self._most:
+            self._step *= 2
+            together = StoredPoints(*(np.concatenate(own) for own in zip(*self.parts, strict=True)))
+            self.parts = [_every(2, together)]
+
+
+def _every(step: int, points: StoredPoints, first: int = 0) -> StoredPoints:
+    """Every second, third, ... of some points; a slice would keep all of them in memory."""
+    return points if step == 1 else points.part(np.arange(first, len(points.points), step))
 
 
 def _with_margin(parts: tuple[StoredPoints, ...]) -> BlockPoints:

@@ -6,10 +6,10 @@ the scans were registered in: what is compared with far away need not be fine.
 
 import dataclasses
 import functools
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int64
 from scipy.spatial import cKDTree
 
 from gmmjax.changes import (
@@ -37,11 +37,19 @@ class LocalDifferenceSettings:
     Attributes:
         margin: width of the zone around a block, in its voxels, whose own voxels are seen. Small: planes at the rim of
             a block are of fewer points, and what has moved out of it has coarse counterparts; large: more work twice.
-        coarse_margin: the same for the coarse cloud, in its voxels. Small: a block may be far from what is next to it.
+        margin_fineness: voxels of other blocks that are more than so many times as small as the block's are joined.
+            Next to a sparse block may be dense ones, and large voxels have a wide margin. Infinite: they stay; time and
+            memory grow with the range of densities.
+        margin_points: points of either cloud in the margin that the signed distance is measured in, at most, evenly
+            chosen. Fewer: the mean of a surface at the rim is of fewer points; more: memory, 60 bytes each.
+        coarse_margin: as `margin`, of the coarse cloud, in its voxels. Small: a block may be far from what is next to
+            it.
         nearest: number of coarse points that are seen, however far they are: where the other scan has nothing near.
     """
 
     margin: float = 12.0
+    margin_fineness: float = 4.0
+    margin_points: int = 1_000_000
     coarse_margin: float = 8.0
     nearest: int = 64
 
@@ -81,21 +89,21 @@ def block_differences(
         distances: of the cylinders of the signed distance.
     """
     own = voxels.of_block(block.number)
-    margin = settings.margin * float(np.median(np.concatenate([side.sizes for side in own])))
-    counts = own.map(lambda side: len(side.points))
-    near = [voxels.of_block(int(number)) for number in store.tree.near(block, margin)]
-    seen = each(lambda *parts: [part.points for part in parts], own, *near)
-    far = margin + settings.coarse_margin * coarse.voxel_size
-    around = each(lambda fine, everywhere: _seen(block, fine, everywhere, (margin, far), settings), seen, coarse.points)
-    surfaces = around.map(LocalSurface.of)
+    size = float(np.median(np.concatenate([side.sizes for side in own])))
+    margin, counts = settings.margin * size, own.map(lambda side: len(side.points))
+    numbers = store.tree.near(block, margin)
+    fine = _fine_around(numbers, voxels, _grown(block, margin), size / settings.margin_fineness)
+    rough = coarse.points.map(lambda side: _coarse_around(block, side, margin, coarse.voxel_size, settings))
+    points = own.map(lambda side: side.points)
+    surfaces = each(lambda *parts: LocalSurface.of(np.concatenate(parts)), points, fine, rough)
     inside = counts.map(np.arange)
     compared = functools.partial(local_difference, settings=differences)
     local = each(compared, surfaces, surfaces.swapped, inside)
     spacings = each(lambda surface, chosen: surface.spacing(chosen), surfaces, inside)
     cores = each(CorePoints.of, surfaces, coarse.towards, inside)
-    points = store.points_of(block, margin).map(lambda around: around.points)
+    scans = store.points_of(block, margin, settings.margin_points).map(lambda around: around.points)
     none = counts.map(np.zeros)
-    figures = distances_at(points, cores, local, none, distances, margin)
+    figures = distances_at(scans, cores, local, none, distances, margin)
     values: dict[str, np.ndarray] = {}
     for side, *found in zip(NAMES, local, spacings, figures, strict=True):
         values |= {f"{name}_{side}": array for name, array in _named(*found).items()}
@@ -151,23 +159,35 @@ class BlockDifferences:
         return PointFigures(distance, detection, significance)
 
 
-def _seen(
+_Box: TypeAlias = tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]
+
+
+def _fine_around(
+    numbers: Int64[np.ndarray, " b"], voxels: LocalVoxels, box: _Box, least: float
+) -> Pair[Float64[np.ndarray, "_ 3"]]:
+    """The voxels of some blocks in a box, those below a size joined; one block after the other, to save memory."""
+    parts = Pair([np.empty((0, 3))], [np.empty((0, 3))])
+    for number in numbers.tolist():
+        for own, found in zip(voxels.of_block(number, least), parts, strict=True):
+            found.append(own.points[within_box(own.points, *box)])
+    return parts.map(np.concatenate)
+
+
+def _coarse_around(
     block: Block,
-    fine: list[Float64[np.ndarray, "_ 3"]],
     everywhere: Float64[np.ndarray, "c 3"],
-    margins: tuple[float, float],
+    margin: float,
+    voxel_size: float,
     settings: LocalDifferenceSettings,
 ) -> Float64[np.ndarray, "n 3"]:
-    """The voxels of a block, then those of the others in the margin, and then the coarse points beyond it."""
-    (lower, upper), outer = (_grown(block, margin) for margin in margins)
-    own, *others = fine
-    around = np.zeros(len(everywhere), bool)
-    around[within_box(everywhere, *outer)] = True
-    around[within_box(everywhere, lower, upper)] = False
-    if not around.any():
-        around[nearest_neighbours(cKDTree(everywhere), block.centre[None], settings.nearest)[1]] = True
-    return np.concatenate([own, *(part[within_box(part, lower, upper)] for part in others), everywhere[around]])
+    """The coarse points around a block, beyond the margin in which fine ones are seen."""
+    boxes = _grown(block, margin), _grown(block, margin + settings.coarse_margin * voxel_size)
+    inner, outer = (within_box(everywhere, *box) for box in boxes)
+    around = np.setdiff1d(outer, inner, assume_unique=True)
+    if not len(around):
+        around = nearest_neighbours(cKDTree(everywhere), block.centre[None], settings.nearest)[1][0]
+    return everywhere[around]
 
 
-def _grown(block: Block, margin: float) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+def _grown(block: Block, margin: float) -> _Box:
     return block.lower - margin, block.lower + block.edge + margin

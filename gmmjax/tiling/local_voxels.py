@@ -82,13 +82,16 @@ class LocalVoxels:
         level = int(np.argmax(few))
         return cls(records, lattice, lattice.finest * 2.0**level, Pair(*numbers[:, level].tolist()))
 
-    def of_block(self, number: int) -> Pair[Voxels]:
+    def of_block(self, number: int, least: float = 0.0) -> Pair[Voxels]:
         """The voxels of a block.
 
         Args:
             number: of the block.
+            least: edge of a voxel, at least; the next smaller size of the lattice is taken, and never a smaller one
+                than of all blocks.
         """
-        return self._voxels(number).map(lambda own: joined(own, self.least)[0])
+        level = np.floor(np.log2(max(least / self.least, 1.0)) + 1e-6)
+        return self._voxels(number).map(lambda own: joined(own, self.least * 2.0**level)[0])
 
     def members(self, number: int) -> Pair[Int64[np.ndarray, " n"]]:
         """The voxel of each point in a block, in the order of the points.

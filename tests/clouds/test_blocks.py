@@ -62,6 +62,21 @@ def test_every_row_is_in_one_block_and_the_margin_is_what_is_near(pair, margin, 
     assert sum(block.counts.before + block.counts.after for block in store.blocks) == sum(map(len, pair))
 
 
+@settings(max_examples=12)
+@given(clouds(), st.floats(0.5, 4), st.integers(1, 200))
+def test_a_margin_of_too_many_points_is_thinned_and_the_block_is_not(pair, margin, most):
+    store = store_of(pair, dataclasses.replace(SMALL, most_points=50.0))
+    for block in store.blocks:
+        everything, thinned = store.points_of(block, margin), store.points_of(block, margin, most)
+        for whole, own in zip(everything, thinned, strict=True):
+            np.testing.assert_array_equal(own.rows[own.inside], whole.rows[whole.inside])
+            around, kept = whole.rows[~whole.inside], own.rows[~own.inside]
+            assert set(kept) <= set(around) and len(kept) == len(set(kept)) <= most
+            np.testing.assert_array_equal(own.points[~own.inside], whole.points[~whole.inside][np.isin(around, kept)])
+            if len(around) <= most:
+                np.testing.assert_array_equal(kept, around)
+
+
 @settings(max_examples=8)
 @given(clouds(), st.integers(40, 400))
 def test_blocks_do_not_depend_on_the_chunks_or_the_order_of_the_points(pair, size):

@@ -30,11 +30,11 @@ def detected(points, folder, *, size=1_000_000, **named):
     return detected_in(points.map(lambda own: ChunkedArray(own, size)), folder, **named)
 
 
-def detected_in(clouds, folder, *, threads=1, config=CONFIG, settings=SETTINGS, **named):
+def detected_in(clouds, folder, *, threads=1, config=CONFIG, **named):
     with (
         ThreadPoolExecutor(threads) as executor,
         tiled_changes(
-            clouds, config=config, workers=Workers(executor=executor), folder=folder, settings=settings, **named
+            clouds, config=config, workers=Workers(executor=executor), folder=folder, settings=SETTINGS, **named
         ) as found,
     ):
         arrays = {name: np.array(values) for name, values in found.rows.arrays().items()}
@@ -87,15 +87,12 @@ def test_tiles_and_workers_change_no_bit(points, found, tmp_path, tile_size, thr
     assert list(tmp_path.iterdir()) == []
 
 
-def test_voxels_get_more_with_the_points_unless_they_are_bounded(tmp_path):
-    dense = Pair(False, True).map(lambda box: np.concatenate([room(seed, box=box) for seed in range(4)]))
-    few = dataclasses.replace(SETTINGS.resolution, most_voxels=2_000)
-    counts = []
-    for points_per_voxel in (1.0, np.inf):
-        own = dataclasses.replace(SETTINGS, resolution=few, points_per_voxel=points_per_voxel)
-        compared = detected(dense, tmp_path, settings=own)[1].clouds.after.points
-        counts.append((np.abs(compared - BOX[0]) < 0.5).all(axis=1).sum())
-    assert counts[0] > 2 * counts[1]
+def test_the_bound_of_voxels_grows_with_the_points_of_the_larger_scan():
+    default = TiledDetectionSettings()
+    assert default.most_voxels(Pair(10, 1_000_000)) == default.resolution.most_voxels
+    assert default.most_voxels(Pair(500_000_000, 20_000_000)) == 100_000_000
+    bounded = dataclasses.replace(default, points_per_voxel=np.inf)
+    assert bounded.most_voxels(Pair(500_000_000, 20_000_000)) == default.resolution.most_voxels
 
 
 def test_nothing_is_found_where_nothing_changed(tmp_path):

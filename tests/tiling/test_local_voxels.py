@@ -4,7 +4,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gmmjax.tiling.local_voxels import Voxels, joined
+from gmmjax.changes import NAMES, VoxelLattice
+from gmmjax.pair import Pair
+from gmmjax.tiling.local_voxels import LocalVoxels, Voxels, joined
+from gmmjax.tiling.records import BlockRecords, BlockResult, write_record
 
 SIZE = 0.25
 
@@ -42,3 +45,16 @@ def test_joined_voxels_are_those_of_the_lattice():
     same_voxel = member[:, None] == member
     same_cell = (cells[:, None] == cells).all(axis=2)
     np.testing.assert_array_equal(same_voxel, same_cell)
+
+
+def test_voxels_of_a_block_are_as_large_as_asked_for_and_no_smaller_than_of_all_blocks(tmp_path):
+    pair = Pair(voxels(2), voxels(3))
+    parts = zip(NAMES, pair, strict=True)
+    values = {f"{name}_{side}": array for side, own in parts for name, array in own._asdict().items()}
+    records = BlockRecords(tmp_path)
+    records.add(write_record(tmp_path, 0, BlockResult(values, Pair({}, {}))))
+    of_all = LocalVoxels(records, VoxelLattice(np.zeros(3), 2 * SIZE, 1), SIZE, Pair(200, 200))
+    for asked, least in ((0.0, SIZE), (1.9 * SIZE, SIZE), (2 * SIZE, 2 * SIZE), (5 * SIZE, 4 * SIZE)):
+        for own, found in zip(pair, of_all.of_block(0, asked), strict=True):
+            assert found.sizes.min() == least
+            np.testing.assert_allclose(found.mass.sum(), own.mass.sum())
