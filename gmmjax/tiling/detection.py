@@ -90,9 +90,6 @@ class TiledDetectionSettings:
         most_points: of both clouds in a block. Few: more is margin; many: more memory for each worker.
         resolution: how small the voxels are. Its `most_voxels` is a bound on time, about ten seconds of one core for a
             million: fewer, and dense scans are compared at less than their resolution.
-        points_per_voxel: of a cloud, on average, from which on it may have more voxels than these. Infinite: the voxels
-            get ever larger with the number of points, and so do the margins of the blocks, which take most of the time
-            and of the memory in the end.
         differences: what the voxels of a block are compared with.
         scales: what the limits are computed from.
         regions: how much is taken at full resolution around what looks changed.
@@ -103,19 +100,10 @@ class TiledDetectionSettings:
     largest_voxel: float = 2.0
     most_points: int = 1_000_000
     resolution: LocalResolutionSettings = LocalResolutionSettings(most_voxels=4_000_000)
-    points_per_voxel: float = 5.0
     differences: LocalDifferenceSettings = LocalDifferenceSettings()
     scales: LocalScaleSettings = LocalScaleSettings()
     regions: RegionsOfInterestSettings = RegionsOfInterestSettings()
     tiles: TileSettings = TileSettings()
-
-    def most_voxels(self, points: Pair[int]) -> int:
-        """The number of voxels that neither of two clouds has more of.
-
-        Args:
-            points: number of points of each.
-        """
-        return max(self.resolution.most_voxels, int(max(points) / self.points_per_voxel))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -365,8 +353,7 @@ def _fine_pass(
     records = tiles.compute(
         block_voxels, (place.voxels, settings.resolution), _part(clock, "Taking the scans apart", 0.4, 0.5)
     )
-    most_voxels = settings.most_voxels(coarse.thinned.map(lambda own: own.total))
-    voxels = LocalVoxels.of(records, place.voxels, most_voxels)
+    voxels = LocalVoxels.of(records, place.voxels, settings.resolution.most_voxels)
     clock.start("differences", "Comparing the scans", 0.5)
     arguments = (voxels, clouds, settings.differences, detector.differences, detector.distances)
     found = tiles.compute(block_differences, arguments, _part(clock, "Comparing the scans", 0.5, 0.7))

@@ -1,6 +1,5 @@
 """Changes of scans of any size, found in tiles."""
 
-import dataclasses
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -85,14 +84,6 @@ def test_tiles_and_workers_change_no_bit(points, found, tmp_path, tile_size, thr
         assert values.tobytes() == arrays[name].tobytes(), name
     assert [change.to_dict() for change in record.shown] == [change.to_dict() for change in found[1].shown]
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_bound_of_voxels_grows_with_the_points_of_the_larger_scan():
-    default = TiledDetectionSettings()
-    assert default.most_voxels(Pair(10, 1_000_000)) == default.resolution.most_voxels
-    assert default.most_voxels(Pair(500_000_000, 20_000_000)) == 100_000_000
-    bounded = dataclasses.replace(default, points_per_voxel=np.inf)
-    assert bounded.most_voxels(Pair(500_000_000, 20_000_000)) == default.resolution.most_voxels
 
 
 def test_nothing_is_found_where_nothing_changed(tmp_path):
