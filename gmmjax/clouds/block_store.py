@@ -70,8 +70,8 @@ class AbstractBlockStore(abc.ABC):
         Args:
             block: one of the blocks.
             margin: around it, in the unit of the clouds.
-            most_around: points of either cloud in the margin, at most: of more, every second, fourth, eighth, ... is
-                taken. None: all of them.
+            most_around: points of either cloud in the margin, at most, and at least 1: of more, every second, fourth,
+                eighth, ... is taken. None: all of them.
         """
         lower, upper = block.lower - margin, block.lower + block.edge + margin
         around = Pair(_Around(most_around), _Around(most_around))
