@@ -34,7 +34,8 @@ class SurfaceRegistrationSettings:
 
     Attributes:
         voxels: of either cloud that starts are searched and refined on.
-        sampled_points: of either cloud, at most, that these voxels are made of.
+        sampled_points: of either cloud, at most, that these voxels are made of. Few: a voxel of a large site has some
+            five, whose mean is so rough that the site, slid along itself, fits as well; many: time.
         start_points: of the after cloud that each start is refined with, evenly in the directions of their normals.
         start_icp: ICP for each start.
         finalists: distinct transforms that are refined further.
@@ -61,7 +62,7 @@ class SurfaceRegistrationSettings:
     """
 
     voxels: int = 8_000
-    sampled_points: int = 40_000
+    sampled_points: int = 200_000
     start_points: int = 250
     start_icp: IcpSettings = dataclasses.replace(ICP, steps=12)
     finalists: int = 2
