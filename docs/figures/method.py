@@ -19,7 +19,8 @@ from matplotlib.patches import Ellipse, Patch
 from gmmjax import Changes, DetectionConfig, GaussianMixture, earth_movers_distance, fit_mixture
 from gmmjax.changes import JointDetector, Scan
 from gmmjax.changes.detectors.aligned_scans import AlignedScans
-from gmmjax.changes.evidence.free_space import Survey, observation
+from gmmjax.changes.evidence.free_space import observation
+from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.fit.joint_fit import JointFits
 from gmmjax.changes.progress import Clock
 from gmmjax.clouds import PointCloud

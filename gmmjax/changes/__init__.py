@@ -64,9 +64,12 @@ if TYPE_CHECKING:
     from gmmjax.changes.evidence.facts import FACTS as FACTS
     from gmmjax.changes.evidence.facts import measured as measured
     from gmmjax.changes.evidence.facts import names_of as names_of
-    from gmmjax.changes.evidence.free_space import Survey as Survey
     from gmmjax.changes.evidence.local_examination import LocalExaminationSettings as LocalExaminationSettings
     from gmmjax.changes.evidence.local_examination import examined_spacing as examined_spacing
+    from gmmjax.changes.evidence.seen_first import SeenFirstSettings as SeenFirstSettings
+    from gmmjax.changes.evidence.seen_first import seen_first as seen_first
+    from gmmjax.changes.evidence.seen_first import seen_first_at as seen_first_at
+    from gmmjax.changes.evidence.survey import Survey as Survey
     from gmmjax.changes.evidence.verdict import Verdict as Verdict
     from gmmjax.changes.evidence.verdict_file import Verdicts as Verdicts
     from gmmjax.changes.evidence.verdict_file import read_verdicts as read_verdicts

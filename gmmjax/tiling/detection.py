@@ -30,6 +30,7 @@ from gmmjax.changes import (
     Measured,
     Progress,
     Scan,
+    Survey,
     VoxelLattice,
     WorkingCloud,
     common_unit,
@@ -71,6 +72,7 @@ from gmmjax.tiling.records import BlockRecords
 from gmmjax.tiling.regions_of_interest import RefinedCloud, RegionsOfInterestSettings, refined_clouds
 from gmmjax.tiling.row_columns import RowColumns
 from gmmjax.tiling.row_results import MISSING, RowResults, fill_rows, fill_rows_of_points
+from gmmjax.tiling.seen_first import Looks, block_seen_first, seen_first_of_blocks
 from gmmjax.tiling.tiles import TileSettings, tiles_of
 from gmmjax.tiling.worker import BlockTask
 from gmmjax.tiling.workers import Workers
@@ -362,7 +364,7 @@ def _fine_pass(
     clock.start("regions", "Looking for what changed", 0.7)
     blocks = ComparedBlocks(store, voxels, differences, scales, detector.candidates)
     fine = refined_clouds(blocks, clouds, detector.config.threshold, detector.examination, settings.regions)
-    refined = _with_points_of(coarse.prepared, fine, scales, store.offset)
+    refined = _with_points_of(_sighted(coarse, tiles, clock), fine, scales, store.offset)
     changes = detector.changes_of(refined, clock)
     changes = _counted(changes, refined, coarse.thinned, place.clouds.clouds.map(_whole))
     clock.start("rows", "Labelling all points", 0.95)
@@ -379,6 +381,23 @@ def _coarse_clouds(prepared: AlignedScans, offset: Float64[np.ndarray, "3"], vox
     points = prepared.pair.surfaces.map(lambda surface: surface.points - offset)
     towards = each(lambda survey, own: sensor_places(_moved_by(survey.views, offset), own), prepared.surveys, points)
     return CoarseClouds(points, voxel_size, towards)
+
+
+def _sighted(coarse: _CoarsePass, tiles: _Tiles, clock: Clock) -> AlignedScans:
+    """The scans, with what their sensors saw first in each direction where they are known."""
+    prepared, offset = coarse.prepared, tiles.store.offset
+    if all(own.views is None for own in prepared.surveys):
+        return prepared
+
+    def looks(own: Survey, thinned: ThinnedCloud) -> Looks | None:
+        views = _moved_by(own.views, offset)
+        return None if views is None else Looks.of(views, thinned.total, own.settings.directions)
+
+    arguments = (each(looks, prepared.surveys, coarse.thinned),)
+    records = tiles.compute(block_seen_first, arguments, _part(clock, "Following the lines of sight", 0.7, 0.72))
+    points = seen_first_of_blocks(records)
+    surveys = each(lambda own, seen: own.sighted_by(seen + offset), prepared.surveys, points)
+    return dataclasses.replace(prepared, surveys=surveys)
 
 
 def _moved_by(views: SensorViews | None, offset: Float64[np.ndarray, "3"]) -> SensorViews | None:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.evidence.free_space import Survey
+from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.evidence.view_checks import check_views
 from gmmjax.clouds import read_cloud
 from gmmjax.clouds.e57 import CARTESIAN

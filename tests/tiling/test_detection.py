@@ -4,8 +4,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
-from gmmjax.changes import DetectionConfig, detect_changes
+from gmmjax.changes import DetectionConfig, Survey, detect_changes
 from gmmjax.clouds import SensorViews, open_cloud
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
@@ -131,13 +132,21 @@ def test_rows_that_are_not_compared_have_no_label(points, found, tmp_path):
     assert (np.delete(labels, [0, 8]) == found[0]["labels_after"]).mean() > 0.999
 
 
-def test_views_tell_what_was_not_observed(points, tmp_path):
+def test_views_tell_what_was_not_observed(points, tmp_path, monkeypatch):
+    shown, sighted_by = [], Survey.sighted_by
+    monkeypatch.setattr(Survey, "sighted_by", lambda own, seen: shown.append(seen) or sighted_by(own, seen))
     # The second scanner stands behind a box of which it sees the near sides only.
     views = points.map(lambda own: SensorViews.from_positions(own, [(7.0, 5.0, 1.5)]))
     arrays, record = detected(points, tmp_path, views=views)
     assert [change.kind for change in record.shown] == ["appeared"]
     assert arrays["unobserved_before"].any()
     assert np.isnan(arrays["distance_before"][arrays["unobserved_before"]]).all()
+    # What its station saw first is of the scan itself.
+    assert len(shown) == 2
+    assert all(cKDTree(own).query(seen)[0].max() < 1e-6 for own, seen in zip(points, shown, strict=True))
+    others, _ = detected(points, tmp_path, views=views, tile_size=2.0, threads=3)
+    for name, values in arrays.items():
+        assert values.tobytes() == others[name].tobytes(), name
 
 
 @pytest.mark.parametrize(

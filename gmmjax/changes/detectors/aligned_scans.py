@@ -12,8 +12,8 @@ from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.detectors.detector import Scan
 from gmmjax.changes.differences import Differences, DifferenceSettings, differences_between
 from gmmjax.changes.evidence.examination import observed_places
-from gmmjax.changes.evidence.free_space import FreeSpaceSettings, Survey
 from gmmjax.changes.evidence.local_examination import LocalScene
+from gmmjax.changes.evidence.survey import FreeSpaceSettings, Survey
 from gmmjax.changes.evidence.view_checks import ViewCheckSettings, usable_views
 from gmmjax.changes.fit.joint_fit import FramedPoints
 from gmmjax.changes.fit.joint_problem import JointProblem
@@ -123,7 +123,7 @@ class AlignedScans:
 
     def without_views(self) -> "AlignedScans":
         """The same scans, where nobody knows the poses of the sensor."""
-        return dataclasses.replace(self, surveys=self.surveys.map(lambda own: dataclasses.replace(own, views=None)))
+        return dataclasses.replace(self, surveys=self.surveys.map(Survey.without_views))
 
     def labels_of(self, changes: Changes) -> Pair[Int[np.ndarray, " _"]]:
         """The labels of a record for the points that were compared."""

@@ -55,7 +55,7 @@ from gmmjax.clouds import SensorViews
 from gmmjax.errors import warn
 from gmmjax.geometry import LocalSurface
 from gmmjax.mixtures import FitStatus
-from gmmjax.pair import Pair, each
+from gmmjax.pair import Pair, each, each_on_cores
 
 Rows: TypeAlias = Int[np.ndarray, " n"]
 # Whether a cloud is the after cloud.
@@ -118,6 +118,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         if finer is not None:
             coarse, pair = pair.surfaces.map(lambda surface: surface.points), finer
             surveys = each(lambda own, surface: dataclasses.replace(own, surface=surface), surveys, pair.surfaces)
+            surveys = each_on_cores(lambda own, points: own.sighted_by(points), surveys, pair.points)
         return AlignedScans(scans, checked, pair, coarse, surveys, problem, self.differences, self.distances)
 
     def _refined(self, pair: AlignedPair) -> AlignedPair | None:

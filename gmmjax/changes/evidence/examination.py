@@ -16,16 +16,10 @@ from gmmjax.changes.evidence.candidate import Candidate, Surroundings, Surroundi
 from gmmjax.changes.evidence.continuation import Continuation, ContinuationSettings
 from gmmjax.changes.evidence.coverage_edge import ReferenceSurfaces
 from gmmjax.changes.evidence.facts import measured
-from gmmjax.changes.evidence.free_space import (
-    FreeSpaceSettings,
-    Observed,
-    Sightlines,
-    Survey,
-    observation,
-    sightlines,
-)
+from gmmjax.changes.evidence.free_space import Observed, Sightlines, observation, sightlines
 from gmmjax.changes.evidence.pieces import PieceSettings, cut
 from gmmjax.changes.evidence.support_planes import SupportSettings, supports
+from gmmjax.changes.evidence.survey import FreeSpaceSettings, Survey
 from gmmjax.changes.evidence.verdict import Judgement, judged
 from gmmjax.changes.evidence.verdict_file import Verdicts
 from gmmjax.changes.evidence.view_checks import ViewCheckSettings

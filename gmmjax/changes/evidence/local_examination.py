@@ -33,7 +33,7 @@ from gmmjax.changes.evidence.examination import (
     observed_places,
     warn_of_unlike,
 )
-from gmmjax.changes.evidence.free_space import Survey
+from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.evidence.verdict_file import Verdicts
 from gmmjax.changes.explanation import Explanation
 from gmmjax.changes.fit.restart_values import RestartValues

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from gmmjax.changes.evidence.free_space import Survey
+from gmmjax.changes.evidence.survey import Survey
 from gmmjax.clouds import SensorViews
 from gmmjax.errors import InputError, warn
 from gmmjax.geometry import DepthImage, Frustum, frustums
@@ -64,7 +64,7 @@ def usable_views(name: str, survey: Survey, settings: ViewCheckSettings = ViewCh
     if contradiction is None:
         return survey
     warn(contradiction)
-    return dataclasses.replace(survey, views=None)
+    return survey.without_views()
 
 
 def check_views(name: str, survey: Survey, settings: ViewCheckSettings = ViewCheckSettings()) -> str | None:

@@ -4,7 +4,7 @@ import numpy as np
 
 from gmmjax.changes.candidates import Candidates
 from gmmjax.changes.differences import DetectionLimits, DifferenceSettings, LocalDifference
-from gmmjax.changes.evidence.free_space import Survey
+from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.clouds import SensorViews
 from gmmjax.pair import Pair

@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.evidence.free_space import FreeSpaceSettings, Observed, Survey, observation, sightlines
+from gmmjax.changes.evidence.free_space import Observed, observation, sightlines
+from gmmjax.changes.evidence.survey import FreeSpaceSettings, Survey
 from gmmjax.clouds import SensorViews
 from tests.changes.rooms import around, box, looking, scanned
 

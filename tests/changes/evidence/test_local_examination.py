@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gmmjax.changes import DetectionConfig, JointDetector, Scan
+from gmmjax.changes import Clock, DetectionConfig, JointDetector, Scan, silent
+from gmmjax.clouds import SensorViews
 from gmmjax.pair import Pair
 from gmmjax.scenes.laser_scanner import Beam, TripodScanner
 from gmmjax.scenes.ray_casting import Solid
@@ -65,6 +66,17 @@ def test_what_is_smaller_than_a_voxel_of_the_registration_is_found(found, survey
         assert (labels[truth == box] >= 0).mean() > 0.65
         # Voxels at its foot are of box and floor.
         assert (labels[truth < 0] >= 0).sum() < 0.15 * (truth == box).sum()
+
+
+def test_what_a_station_sees_past_is_told_by_the_scan_itself(surveys):
+    station = [(0.0, 0.0, 1.7)]
+    scans = surveys.map(lambda own: Scan(own[0], SensorViews.from_positions(own[0], station)))
+    prepared = JointDetector(CONFIG).prepared(scans, Clock(silent))
+    for scan, survey in zip(scans, prepared.surveys, strict=True):
+        assert len(survey.sighted.points) > 2 * 50_000
+        assert np.isin(survey.sighted.points, scan.cloud).all()
+    unknown = prepared.without_views().surveys
+    assert unknown.before.sighted is None and unknown.before.views is None
 
 
 def test_the_registration_s_own_voxels_show_less(found, surveys):

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from gmmjax.changes.evidence.free_space import Observed, Survey, observation
+from gmmjax.changes.evidence.free_space import Observed, observation
+from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.evidence.view_checks import check_views
 from gmmjax.clouds import SensorViews
 from gmmjax.scenes.families.halls import halls

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from gmmjax.changes.evidence.free_space import FreeSpaceSettings, Survey
+from gmmjax.changes.evidence.survey import FreeSpaceSettings, Survey
 from gmmjax.changes.evidence.view_checks import ViewCheckSettings, check_views, usable_views
 from gmmjax.clouds import SensorViews, read_cloud, read_views
 from gmmjax.errors import InputError, InputWarning

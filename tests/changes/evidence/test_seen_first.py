@@ -1,0 +1,158 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from gmmjax.changes.evidence.free_space import Observed, observation, sightlines
+from gmmjax.changes.evidence.seen_first import SeenFirstSettings, angles_between, seen_first, seen_first_at
+from gmmjax.changes.evidence.survey import FreeSpaceSettings, Survey
+from gmmjax.clouds import SensorViews, voxel_grid
+
+CELL = 2.0
+POST = 3.0
+WALL = 8.0
+
+
+def views_at(*places):
+    poses = np.tile(np.eye(4), (len(places), 1, 1))
+    poses[:, :3, 3] = places
+    return SensorViews(poses, (360.0, 179.9), 100.0)
+
+
+VIEWS = views_at((0.0, 0.0, 0.0), (5.0, 1.0, 0.0))
+
+
+@st.composite
+def clouds(draw):
+    random = np.random.default_rng(draw(st.integers(0, 2**31)))
+    return random.normal(size=(draw(st.integers(1, 400)), 3)) * [6.0, 6.0, 2.0]
+
+
+@settings(max_examples=30, deadline=None)
+@given(clouds())
+def test_what_is_left_out_has_something_nearer_beside_it_in_every_view(points):
+    kept = points[seen_first_at(points, VIEWS, CELL)]
+    for place in VIEWS.poses[:, :3, 3]:
+        own, others = points - place, kept - place
+        ranges, nearest = np.linalg.norm(own, axis=1), np.linalg.norm(others, axis=1)
+        cosine = (own / ranges[:, None]) @ (others / nearest[:, None]).T
+        # The diagonal of a cell, whose width is at most its height, a little more in the rows at the poles.
+        beside = cosine >= np.cos(np.radians(1.6 * CELL))
+        assert (np.where(beside, nearest, np.inf).min(axis=1) <= ranges + 1e-9).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(clouds(), st.randoms(use_true_random=False))
+def test_neither_order_nor_parts_matter(points, random):
+    order = np.array(random.sample(range(len(points)), len(points)))
+    whole = points[seen_first_at(points, VIEWS, CELL)]
+    shuffled = points[order]
+    np.testing.assert_array_equal(
+        np.sort(shuffled[seen_first_at(shuffled, VIEWS, CELL)], axis=0), np.sort(whole, axis=0)
+    )
+    parts = np.concatenate([part[seen_first_at(part, VIEWS, CELL)] for part in np.array_split(shuffled, 3)])
+    np.testing.assert_array_equal(np.sort(parts[seen_first_at(parts, VIEWS, CELL)], axis=0), np.sort(whole, axis=0))
+
+
+def test_a_motion_of_survey_and_sensor_changes_nothing():
+    points = np.random.default_rng(0).normal(size=(3000, 3))
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = Rotation.from_euler("xyz", [20, 40, 60], degrees=True).as_matrix(), [9.0, -4.0, 2.0]
+    moved = points @ motion[:3, :3].T + motion[:3, 3]
+    kept, other = seen_first_at(points, VIEWS, CELL), seen_first_at(moved, VIEWS.moved(motion), CELL)
+    # Points on the border of two cells may be rounded to either.
+    assert len(np.setxor1d(kept, other)) <= 3
+
+
+def test_only_what_a_view_shows_is_seen():
+    points = np.array([[0.0, 0.0, 2.0], [0.0, 0.0, -2.0], [0.0, 0.0, 200.0], [2.0, 0.0, 0.1]])
+    ahead = SensorViews(np.eye(4)[None], (60.0, 40.0), 50.0)
+    assert seen_first_at(points, ahead, CELL).tolist() == [0]
+
+
+def test_the_number_of_points_is_bounded():
+    points = np.random.default_rng(1).normal(size=(20_000, 3))
+    everything, cell = seen_first(points, VIEWS, SeenFirstSettings(cell=0.01))
+    assert (len(everything), cell) == (20_000, 0.01)
+    few, coarser = seen_first(points, VIEWS, SeenFirstSettings(cell=0.01, most_points=500))
+    assert 0 < len(few) <= 500 and coarser > 0.01
+    assert np.isin(few, everything).all()
+    some, _ = seen_first(points, VIEWS, SeenFirstSettings(cell=0.01, most_looks=10_000))
+    assert len(some) == 5_000 and (some % 4 == 0).all()
+
+
+def test_no_points_are_none():
+    rows, cell = seen_first(np.empty((0, 3)), VIEWS)
+    assert len(rows) == 0 and cell == SeenFirstSettings().cell
+
+
+@pytest.mark.parametrize("step", [0.5, 2.0])
+def test_the_angle_to_the_fourth_neighbour_on_a_grid_is_its_step(step):
+    angles = np.radians(np.arange(-10, 10, step))
+    across, down = (own.ravel() for own in np.meshgrid(angles, angles))
+    ranges = np.random.default_rng(2).uniform(1, 20, len(across))
+    directions = np.stack([np.sin(across) * np.cos(down), np.sin(down), np.cos(across) * np.cos(down)], axis=1)
+    own = angles_between(directions * ranges[:, None], 4)
+    assert np.degrees(np.median(own)) == pytest.approx(step, rel=0.02)
+    assert angles_between(directions[:1], 4).tolist() == [0]
+
+
+def scan(step=0.3):
+    """A wall behind a post of 8 cm near a scanner that looks along z."""
+    angles = np.radians(np.arange(-25.0, 25.0, step))
+    across, down = (np.tan(own.ravel()) for own in np.meshgrid(angles, angles / 2))
+    post = np.abs(across) * POST < 0.04
+    depth = np.where(post, POST, WALL)
+    noise = np.random.default_rng(3).normal(size=len(depth)) * 0.002
+    return np.stack([across, down, np.ones_like(depth)], axis=1) * (depth + noise)[:, None]
+
+
+@pytest.fixture(scope="module")
+def survey():
+    """The survey in voxels of a quarter of a metre, and as its sensor saw it."""
+    points = scan()
+    coarse = Survey.of(voxel_grid(points, 0.25).points, views_at((0.0, 0.0, 0.0)))
+    return coarse, coarse.sighted_by(points)
+
+
+def test_a_post_hides_what_is_behind_it_and_not_what_is_beside_it(survey):
+    coarse, sighted = survey
+    angles = np.radians([0.0, 3.0, -3.0, 5.0])
+    places = np.stack([np.tan(angles) * 6.0, np.full(4, 0.1), np.full(4, 6.0)], axis=1)
+    assert observation(places, sighted, 0.3).tolist() == [Observed.unobserved, *[Observed.free] * 3]
+    # In voxels the post is as wide as they are by angle, with those around it.
+    assert (observation(places, coarse, 0.3)[:3] == Observed.unobserved).all()
+    assert sightlines(places, sighted, 0.3).blocked.tolist() == [1, 0, 0, 0]
+
+
+def test_the_surface_of_the_survey_still_tells_what_is_near(survey):
+    _, sighted = survey
+    places = np.array([[2.0, 0.1, WALL - 0.1], [2.0, 0.1, WALL + 1.0]])
+    assert observation(places, sighted, 0.3).tolist() == [Observed.surface, Observed.unobserved]
+
+
+def test_without_views_nothing_is_seen(survey):
+    _, sighted = survey
+    unknown = sighted.without_views()
+    assert unknown.views is None and unknown.sighted is None
+    assert unknown.sighted_by(scan()) is unknown
+    assert observation(np.array([[1.0, 0.0, 5.0]]), unknown, 0.3).tolist() == [Observed.unobserved]
+
+
+def test_bins_are_never_finer_than_the_step_of_a_scanner():
+    """A second scanner samples the wall finely: between its own lines of sight the first one still sees nothing."""
+    points, beside = scan(step=1.0), np.array([1.5, 0.0, WALL - 1.0])
+    grid = np.stack(
+        [own.ravel() for own in np.meshgrid(np.arange(0.5, 2.5, 0.01), np.arange(-1, 1, 0.01), WALL)], axis=1
+    )
+    views = views_at((0.0, 0.0, 0.0), beside)
+    fine = FreeSpaceSettings(directions=SeenFirstSettings(cell=0.05))
+    survey = Survey.of(voxel_grid(points, 0.25).points, views, fine).sighted_by(np.concatenate([points, grid]))
+    shown = [
+        level.bin_size
+        for _, image in survey.sighted.images(0)
+        for level in image.levels
+        if (level.nearest < len(image.ranges)).any()
+    ]
+    assert np.degrees(min(shown)) >= 1.0

@@ -1,0 +1,64 @@
+"""What sensors see first, block by block."""
+
+import numpy as np
+import pytest
+
+from gmmjax.changes import SeenFirstSettings, Survey, seen_first_at
+from gmmjax.clouds import ArrayCloud, BlockSettings, MemoryBlockStore, PlacedClouds, SensorViews, tree_of
+from gmmjax.pair import Pair
+from gmmjax.tiling.compute import compute_here
+from gmmjax.tiling.records import BlockRecords, write_record
+from gmmjax.tiling.seen_first import Looks, block_seen_first, seen_first_of_blocks
+from tests.tiling.rooms import room
+
+STATION = np.array([1.0, 1.0, 1.2])
+
+
+@pytest.fixture(scope="module")
+def points():
+    return Pair(room(0, box=False), room(1, box=True))
+
+
+def found(points, looks, folder):
+    """The points of all blocks, and the offset that they are relative to."""
+    placed = PlacedClouds(points.map(ArrayCloud), None)
+    store = MemoryBlockStore(placed, tree_of(placed, BlockSettings(finest_voxel=np.inf, most_points=20_000.0)))
+    assert len(store.blocks) > 4
+    records = BlockRecords(folder)
+    for block, result in compute_here(store, block_seen_first, (looks(store.offset),)):
+        records.add(write_record(folder, block.number, result))
+    return seen_first_of_blocks(records), store.offset
+
+
+def moved(views, offset):
+    shift = np.eye(4)
+    shift[:3, 3] = -offset
+    return views.moved(shift)
+
+
+def test_the_first_of_the_blocks_are_the_first_of_all(points, tmp_path):
+    views = SensorViews.from_positions(points.after, [STATION])
+    settings = SeenFirstSettings(cell=1.0)
+
+    def looks(offset):
+        return Pair(None, Looks.of(moved(views, offset), len(points.after), settings))
+
+    (before, after), offset = found(points, looks, tmp_path)
+    assert len(before) == 0 and len(after) < len(points.after) / 2
+    left = (after + offset)[seen_first_at(after + offset, views, settings.cell)]
+    whole = points.after[seen_first_at(points.after, views, settings.cell)]
+    assert len(left) == len(whole)
+    np.testing.assert_allclose(np.sort(left, axis=0), np.sort(whole, axis=0), atol=1e-9)
+    survey = Survey.of(points.after[::20], views).sighted_by(after + offset)
+    assert 0 < len(survey.sighted.points) <= len(after)
+
+
+def test_of_many_looks_some_points_are_taken(points, tmp_path):
+    views = SensorViews.from_positions(points.after, [STATION])
+
+    def looks(offset):
+        few = SeenFirstSettings(cell=0.01, most_looks=len(points.after) // 3)
+        return Pair(None, Looks.of(moved(views, offset), len(points.after), few))
+
+    (_, after), _ = found(points, looks, tmp_path)
+    assert len(after) < 0.34 * len(points.after)
