@@ -198,10 +198,17 @@ def _beyond(
 ) -> Float64[np.ndarray, " n"]:
     """How far the surface in the direction of each place is behind it, in limits; 0 where none is."""
     beyond = np.where(np.isfinite(found.range), np.maximum(found.range - ranges, 0) / places.margin, 0.0)
-    near = np.flatnonzero((beyond > 0) & places.near)
-    behind = survey.occluders[found.point[near]]
-    in_front = _in_front(places.points[near], survey.surface, behind, position) / places.offset[near]
-    beyond[near] = np.where(survey.flat[behind], np.maximum(in_front, 0), 0.0)
+    chosen = np.flatnonzero(beyond > 0)
+    behind = survey.occluders[found.point[chosen]]
+    in_front = _in_front(places.points[chosen], survey.surface, behind, position)
+    if survey.cell is not None:
+        in_front -= survey.settings.tilts * _height_error(places.points[chosen], survey.surface, behind)
+    in_front /= places.offset[chosen]
+    near, flat = places.near[chosen], survey.flat[behind]
+    beyond[chosen[near]] = np.where(flat, np.maximum(in_front, 0), 0.0)[near]
+    if survey.cell is not None:
+        # No line of sight passes a place in the plane that it ends on: a floor at a grazing angle, with a hole in it.
+        beyond[chosen[~near & flat & (in_front <= 1)]] = 0.0
     return beyond
 
 
@@ -239,6 +246,13 @@ def _height(
 ) -> Float64[np.ndarray, " n"]:
     """The signed distance of each place from the plane of one of the surface's points."""
     return np.asarray(((points - surface.centres[of]) * surface.normals[of]).sum(axis=1))
+
+
+def _height_error(
+    points: Float64[np.ndarray, "n 3"], surface: LocalSurface, of: Int64[np.ndarray, " n"]
+) -> Float64[np.ndarray, " n"]:
+    """The standard deviation of the height of each place above the plane of one of the points, by the plane's tilt."""
+    return surface.tilts(of) * surface.heights(points, of).beside
 
 
 def _in_front(

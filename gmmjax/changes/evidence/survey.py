@@ -37,6 +37,8 @@ class FreeSpaceSettings:
             1: planes through noise and around edges are used.
         images: the size of the depth images and of their bins.
         directions: how finely directions are told apart in scans that are compared at their own resolution.
+        tilts: in these, number of standard deviations of the tilt of a plane through the points that a view saw, by
+            which a place must be in front of it to be free. 0: noise in a small plane frees the floor beside it.
     """
 
     spacing_neighbour: int = 4
@@ -48,6 +50,7 @@ class FreeSpaceSettings:
     sparse_flatness: float = 0.15
     images: DepthImageSettings = DepthImageSettings()
     directions: SeenFirstSettings = SeenFirstSettings()
+    tilts: float = 2.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

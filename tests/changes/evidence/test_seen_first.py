@@ -156,3 +156,25 @@ def test_bins_are_never_finer_than_the_step_of_a_scanner():
         if (level.nearest < len(image.ranges)).any()
     ]
     assert np.degrees(min(shown)) >= 1.0
+
+
+def test_a_floor_at_a_grazing_angle_is_not_seen_through():
+    """Below a second scanner the floor has a hole, at whose far side a line of sight of the first one ends."""
+    height, away, random = 1.6, 8.0, np.random.default_rng(4)
+    across, along = (own.ravel() for own in np.meshgrid(np.arange(-3, 3, 0.02), np.arange(-3, 3, 0.02)))
+    around = np.hypot(across, along) > 0.6
+    ring = np.stack([across, np.full_like(across, height), away + along], axis=1)[around]
+    ring[:, 1] += random.normal(0, 0.002, len(ring))
+    views = views_at((0.0, 0.0, 0.0), (0.0, 0.0, away))
+    below = np.tan(np.radians(np.arange(2.0, 40.0, 0.5)))
+    aside = np.tan(np.radians(np.arange(-20.0, 20.0, 0.5)))
+    aside, below = (own.ravel() for own in np.meshgrid(aside, below))
+    floor = np.stack([aside * height / below, np.full_like(below, height), height / below], axis=1)
+    floor = floor[np.hypot(floor[:, 0], floor[:, 2] - away) > 0.6]
+    survey = Survey.of(voxel_grid(np.concatenate([ring, floor]), 0.1).points, views)
+    survey = survey.sighted_by(np.concatenate([ring, floor]))
+    beside, along = (own.ravel() for own in np.meshgrid(np.arange(-0.3, 0.31, 0.1), np.arange(-0.3, 0.41, 0.1)))
+    hole = np.stack([beside, np.full_like(beside, height), away + along], axis=1)
+    assert (observation(hole, survey, 0.05, 0.01) != Observed.free).all()
+    standing = hole - np.array([0.0, 0.5, 0.0])
+    assert (observation(standing, survey, 0.05, 0.01) == Observed.free).mean() > 0.9
