@@ -208,7 +208,8 @@ def _beyond(
     beyond[chosen[near]] = np.where(flat, np.maximum(in_front, 0), 0.0)[near]
     if survey.cell is not None:
         # No line of sight passes a place in the plane that it ends on: a floor at a grazing angle, with a hole in it.
-        beyond[chosen[~near & flat & (in_front <= 1)]] = 0.0
+        limited = np.isfinite(places.offset[chosen])
+        beyond[chosen[~near & flat & limited & (in_front <= 1)]] = 0.0
     return beyond
 
 
