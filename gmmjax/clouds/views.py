@@ -186,6 +186,12 @@ class SensorViews:
         """The views after a rigid motion of the world: x becomes `transform @ x`."""
         return SensorViews(transform[None] @ self.poses, self.field_of_view, self.max_range)
 
+    def relative_to(self, offset: Float64[np.ndarray, "3"]) -> "SensorViews":
+        """The views in coordinates relative to an offset: x becomes x - offset."""
+        poses = self.poses.copy()
+        poses[:, :3, 3] -= offset
+        return SensorViews(poses, self.field_of_view, self.max_range)
+
     def in_camera(self, points: Float64[np.ndarray, "n 3"], view: int) -> Float64[np.ndarray, "n 3"]:
         """The points in the coordinates of one camera."""
         rotation, position = self.poses[view, :3, :3], self.poses[view, :3, 3]

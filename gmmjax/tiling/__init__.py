@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from gmmjax.tiling.compute import compute_blocks as compute_blocks
     from gmmjax.tiling.compute import compute_here as compute_here
     from gmmjax.tiling.detection import TiledChanges as TiledChanges
-    from gmmjax.tiling.detection import TiledDetectionSettings as TiledDetectionSettings
     from gmmjax.tiling.detection import tiled_changes as tiled_changes
+    from gmmjax.tiling.detection_settings import TiledDetectionSettings as TiledDetectionSettings
     from gmmjax.tiling.disk_store import DiskBlockStore as DiskBlockStore
     from gmmjax.tiling.disk_store import temporary_block_store as temporary_block_store
     from gmmjax.tiling.disk_store import write_block_store as write_block_store

@@ -109,6 +109,14 @@ def test_moved_with_the_world(seed):
         np.testing.assert_allclose(here, there, atol=1e-9)
 
 
+def test_relative_to_an_offset():
+    views, offset = SensorViews(some_poses(3), (60, 45), 4.0), np.array([5e5, 5.2e6, 30.0])
+    points = np.random.default_rng(3).normal(0, 5, (20, 3))
+    survey = views.relative_to(-offset)
+    for view in range(len(views)):
+        np.testing.assert_allclose(survey.in_camera(points + offset, view), views.in_camera(points, view), atol=1e-8)
+
+
 def test_at_the_origin_just_holds_the_points():
     points = np.random.default_rng(0).uniform([-1, -0.4, 1.0], [1, 0.6, 3], (500, 3))
     views = SensorViews.at_origin(points)

@@ -30,18 +30,12 @@ def found(points, looks, folder):
     return seen_first_of_blocks(records), store.offset
 
 
-def moved(views, offset):
-    shift = np.eye(4)
-    shift[:3, 3] = -offset
-    return views.moved(shift)
-
-
 def test_the_first_of_the_blocks_are_the_first_of_all(points, tmp_path):
     views = SensorViews.from_positions(points.after, [STATION])
     settings = SeenFirstSettings(cell=1.0)
 
     def looks(offset):
-        return Pair(None, Looks.of(moved(views, offset), len(points.after), settings))
+        return Pair(None, Looks.of(views.relative_to(offset), len(points.after), settings))
 
     (before, after), offset = found(points, looks, tmp_path)
     assert len(before) == 0 and len(after) < len(points.after) / 2
@@ -58,7 +52,7 @@ def test_of_many_looks_some_points_are_taken(points, tmp_path):
 
     def looks(offset):
         few = SeenFirstSettings(cell=0.01, most_looks=len(points.after) // 3)
-        return Pair(None, Looks.of(moved(views, offset), len(points.after), few))
+        return Pair(None, Looks.of(views.relative_to(offset), len(points.after), few))
 
     (_, after), _ = found(points, looks, tmp_path)
     assert len(after) < 0.34 * len(points.after)

@@ -41,8 +41,10 @@ def seen_first(
 ) -> tuple[Int64[np.ndarray, " m"], float]:
     """Which points are the nearest ones in some cell of directions of some view.
 
+    A depth buffer of the sphere of directions of each view.
+
     Args:
-        points: of a survey.
+        points: of a survey, in the unit of the scan.
         views: where it was taken from, in the same frame.
         settings: how finely directions are told apart.
 

@@ -1,0 +1,131 @@
+"""The coarse pass: both scans thinned to what fits into memory, registered, and the frame of their blocks."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+from jaxtyping import Float64
+
+from gmmjax.changes import NAMES, AlignedScans, Clock, DetectionConfig, JointDetector, Scan, VoxelLattice
+from gmmjax.clouds import (
+    ChunkedCloud,
+    CroppedCloud,
+    Lattice,
+    PlacedClouds,
+    SensorViews,
+    ThinnedCloud,
+    read_both,
+    thinned_cloud,
+)
+from gmmjax.errors import InputError
+from gmmjax.geometry import transformed
+from gmmjax.pair import Pair, each
+from gmmjax.tiling.detection_settings import TiledDetectionSettings
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CoarsePass:
+    """Both scans, thinned and registered.
+
+    Attributes:
+        detector: by which they are compared.
+        thinned: as they were given.
+        prepared: registered.
+    """
+
+    detector: JointDetector
+    thinned: Pair[ThinnedCloud]
+    prepared: AlignedScans
+
+    @property
+    def transform(self) -> Float64[np.ndarray, "4 4"] | None:
+        """What takes the after cloud into the frame of the before cloud; None: it is in it."""
+        registration = self.prepared.pair.registration
+        return registration.transform if registration.applied else None
+
+
+def coarse_pass(
+    clouds: Pair[ChunkedCloud],
+    views: Pair[SensorViews | None],
+    config: DetectionConfig,
+    clock: Clock,
+    settings: TiledDetectionSettings,
+) -> CoarsePass:
+    """Both scans, thinned and registered.
+
+    Args:
+        clouds: of both surveys.
+        views: where their sensors stood; None: not known.
+        config: of the detection.
+        clock: of its progress.
+        settings: how many points are kept in memory.
+
+    Raises:
+        InputError: a scan without points, scans that fill volumes, or those that the detector refuses.
+    """
+    clock.start("reading", "Reading the scans", 0.0)
+    inside = _cropped(clouds, config)
+    thinned = read_both(lambda chunks: thinned_cloud(chunks, settings.thinned), inside.map(lambda own: own.chunks()))
+    for side, own in zip(NAMES, thinned, strict=True):
+        if not own.total:
+            raise InputError(f"{side}: has no points{' inside the crop box' * (config.crop is not None)}")
+    detector = JointDetector(config, resolution=None)
+    scans = each(lambda own, known: Scan(own.points, known), thinned, views)
+    prepared = detector.prepared(scans, clock)
+    if prepared.volumetric:
+        raise InputError(
+            "before, after: the clouds fill volumes, as artificial mixtures do, and are no scans of surfaces; compare "
+            "fewer of their points, without tiles"
+        )
+    return CoarsePass(detector, thinned, prepared)
+
+
+def _cropped(clouds: Pair[ChunkedCloud], config: DetectionConfig) -> Pair[ChunkedCloud]:
+    if config.crop is None:
+        return clouds
+    lower, upper = np.array(config.crop[:3]), np.array(config.crop[3:])
+    return clouds.map(lambda own: CroppedCloud(own, lower, upper))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Place:
+    """Both clouds in one frame, and the grids that they are taken apart by.
+
+    Attributes:
+        clouds: both.
+        lattice: of the blocks.
+        voxels: of the voxels, relative to the offset.
+    """
+
+    clouds: PlacedClouds
+    lattice: Lattice
+    voxels: VoxelLattice
+
+
+def place_of(
+    coarse: CoarsePass, clouds: Pair[ChunkedCloud], config: DetectionConfig, settings: TiledDetectionSettings
+) -> Place:
+    """Where the blocks begin: whole numbers of the cubes whose voxels are halved or not, as far as they are larger.
+
+    Args:
+        coarse: both scans, registered.
+        clouds: of both surveys.
+        config: of the detection, which may crop them.
+        settings: how small the voxels are.
+    """
+    resolution, working = settings.resolution, coarse.prepared.pair.working
+    voxel_size = working.voxel_size or settings.largest_voxel * working.spacing
+    corners = _corners(coarse)
+    lower = corners.min(axis=0) - voxel_size
+    extent = float((corners.max(axis=0) - lower).max()) + voxel_size
+    cube = resolution.voxels_per_edge * voxel_size
+    edge = float(cube * 2.0 ** max(0, np.ceil(np.log2(extent / cube))))
+    placed = PlacedClouds(_cropped(clouds, config), coarse.transform)
+    return Place(placed, Lattice(lower, edge), VoxelLattice.of(np.zeros(3), edge, voxel_size, resolution.halvings))
+
+
+def _corners(coarse: CoarsePass) -> Float64[np.ndarray, "16 3"]:
+    """The corners of the boxes of both clouds, in the frame of the before cloud."""
+    boxes = coarse.thinned.map(lambda own: np.array(list(itertools.product(*np.array(own.bounds).T))))
+    after = boxes.after if coarse.transform is None else transformed(boxes.after, coarse.transform)
+    return np.concatenate([boxes.before, after])
