@@ -107,6 +107,9 @@ def candidates_of(
         else:
             # The mixture's Gaussians are far larger than what the finest voxels show.
             spacing, own, looks_changed = sizes, settings.local, by_difference
+            if observed is not None:
+                # What the other survey looked through was not there, however near its next surface is.
+                looks_changed = np.where(observed > 0, 1.0, by_difference)
         labels = clusters_by_observation(points, looks_changed, observed, spacing, threshold, own)
         return Candidates(points, difference, excess, looks_changed, labels, observed)
 

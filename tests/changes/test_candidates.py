@@ -128,3 +128,16 @@ def test_both_clouds_have_candidates_of_their_own_by_the_mean_of_the_restarts():
     assert (found.before.labels == -1).all() and (found.after.labels == 0).all()
     np.testing.assert_array_equal(found.before.looks_changed, 0.5)
     assert found.after.points is points.after and found.after.difference is local.after
+
+
+def test_where_voxels_are_local_what_the_other_survey_saw_through_is_a_candidate():
+    points, sizes = Pair(blob((0, 0, 0), 30), blob((0, 0, 0), 50, 1)), Pair(np.full(30, SPACING), np.full(50, SPACING))
+    local = points.map(lambda own: difference(np.zeros(len(own))))
+    excess = points.map(lambda own: by_restart(np.zeros((1, len(own)))))
+    # The before cloud is a dozen points before a wall that the other survey sees behind them.
+    observed = Pair(np.where(np.arange(30) < 12, 1, 0).astype(np.int8), np.zeros(50, np.int8))
+    found = candidates_of(points, Differences(local, LIMITS), excess, observed, sizes=sizes)
+    np.testing.assert_array_equal(found.before.labels, np.where(np.arange(30) < 12, 0, -1))
+    assert (found.after.labels == -1).all()
+    unknown = candidates_of(points, Differences(local, LIMITS), excess, sizes=sizes)
+    assert (unknown.before.labels == -1).all()
