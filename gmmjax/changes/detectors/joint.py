@@ -17,6 +17,7 @@ from gmmjax.changes.detectors.detector import Scan
 from gmmjax.changes.detectors.restart_detector import AbstractRestartDetector, Outcome
 from gmmjax.changes.differences import DifferenceSettings, LocalDifference
 from gmmjax.changes.evidence.candidate import Candidate
+from gmmjax.changes.evidence.displaced_surfaces import with_both_places
 from gmmjax.changes.evidence.examination import (
     EvidenceSettings,
     Examined,
@@ -271,11 +272,12 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
 
     def _examined(self, prepared: AlignedScans, fits: JointFits, candidates: Pair[Candidates]) -> Pair[Examined]:
         verdicts, threshold = self._verdicts(), self.config.threshold
+        limits, smallest = prepared.differences.limits, self.candidates.smallest_local_core
         if prepared.coarse is None:
-            limits = prepared.differences.limits
             return examined(candidates, prepared.surveys, limits, verdicts, threshold, self.evidence)
         scene = prepared.scene(functools.partial(_of_points, fits))
-        return examined_locally(candidates, scene, verdicts, threshold, self.evidence, self.examination)
+        found = examined_locally(candidates, scene, verdicts, threshold, self.evidence, self.examination)
+        return with_both_places(found, candidates, prepared.surveys, limits, smallest, self.evidence.surroundings)
 
     def _candidates(
         self, prepared: AlignedScans, fits: JointFits, observed: Pair[np.ndarray | None]

@@ -87,6 +87,39 @@ class Displacements(NamedTuple):
     vectors: Float[np.ndarray, "m 3"]
     opposite: Bool[np.ndarray, " m"]
 
+    @classmethod
+    def of(
+        cls,
+        points: Float[np.ndarray, "m 3"],
+        surface: LocalSurface,
+        limits: DetectionLimits,
+        settings: SurroundingsSettings = SurroundingsSettings(),
+    ) -> "Displacements":
+        """How far some points are off a surface.
+
+        Args:
+            points: of one cloud.
+            surface: of the other cloud.
+            limits: of distances and offsets.
+            settings: what lies opposite a point.
+        """
+        there = surface.nearest(points)
+        heights, spacing = surface.heights(points, there), surface.spacing(there)
+        opposite = heights.beside <= settings.opposite * spacing
+        opposite &= np.abs(heights.above) <= limits.settings.opposite_height * spacing
+        return cls(heights.above[:, None] * surface.normals[there], opposite)
+
+    def sure(
+        self, error: float | Float[np.ndarray, " m"], settings: SurroundingsSettings = SurroundingsSettings()
+    ) -> Bool[np.ndarray, " m"]:
+        """Which points are surely off the surface opposite them, to either side.
+
+        Args:
+            error: standard deviation of the offset of an unchanged surface, of each point or of all.
+            settings: by how many errors a point is surely off.
+        """
+        return np.asarray(self.opposite & (np.linalg.norm(self.vectors, axis=1) > settings.sure * error))
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Surroundings:
@@ -162,11 +195,7 @@ class Surroundings:
 
     def displacements(self, points: Float[np.ndarray, "m 3"]) -> Displacements:
         """How far some points are off the surface of the other cloud."""
-        there = self.surface.nearest(points)
-        heights, spacing = self.surface.heights(points, there), self.surface.spacing(there)
-        opposite = heights.beside <= self.settings.opposite * spacing
-        opposite &= np.abs(heights.above) <= self.limits.settings.opposite_height * spacing
-        return Displacements(heights.above[:, None] * self.surface.normals[there], opposite)
+        return Displacements.of(points, self.surface, self.limits, self.settings)
 
     @functools.cached_property
     def excess(self) -> list[Excess]:
