@@ -128,11 +128,11 @@ def detect(
     if plot is not None:
         from gmmjax.plotting import check_figure_file
 
-        check_figure_file(plot)
+        check_figure_file(plot, created=out)
     if map_2d is not None:
         from gmmjax.plotting import check_map_file
 
-        check_map_file(map_2d)
+        check_map_file(map_2d, created=out)
     use_compilation_cache()
     with contextlib.ExitStack() as results:
         with (

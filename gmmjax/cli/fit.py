@@ -66,7 +66,7 @@ def fit(
     if plot is not None:
         from gmmjax.plotting import check_figure_file
 
-        check_figure_file(plot)
+        check_figure_file(plot, created=out)
     use_compilation_cache()
     with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
         progress("Reading the cloud", 0.0)

@@ -20,11 +20,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def check_figure_file(path: str | os.PathLike[str]) -> None:
+def check_figure_file(path: str | os.PathLike[str], created: Path | None = None) -> None:
     """Whether a figure can be written to this file; called before a long computation.
 
     Args:
         path: its ending tells the format: .png, .svg, .pdf or another one that matplotlib knows.
+        created: a folder that will be there when the figure is written; None: no other one than now.
 
     Raises:
         InputError: matplotlib is not installed; an ending that it does not know; a folder that is missing or cannot be
@@ -42,6 +43,21 @@ def check_figure_file(path: str | os.PathLike[str]) -> None:
         )
     if file.is_dir():
         raise InputError(f"{file}: is a folder; give the name of a file, such as {file / 'changes.png'}")
+    check_folder_of(file, created)
+
+
+def check_folder_of(file: Path, created: Path | None = None) -> None:
+    """Whether a file can be written to its folder.
+
+    Args:
+        file: that will be written.
+        created: a folder that will be there by then; None: no other one than now.
+
+    Raises:
+        InputError: the folder is missing or cannot be written.
+    """
+    if created is not None and file.parent.absolute() == created.absolute():
+        return
     if not file.parent.is_dir() or not os.access(file.parent, os.W_OK):
         raise InputError(f"{file}: its folder is missing or cannot be written; create it, or choose another one")
 

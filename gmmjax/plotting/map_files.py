@@ -8,18 +8,19 @@ from gmmjax.clouds import PointCloud
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 from gmmjax.plotting.change_map import map_figure
-from gmmjax.plotting.figure_files import check_figure_file, write_figure
+from gmmjax.plotting.figure_files import check_figure_file, check_folder_of, write_figure
 from gmmjax.reporting.geotiff import check_rasterio, write_geotiff
 from gmmjax.reporting.map_cells import ChangeMapSettings, change_map
 
 GEOTIFF = (".tif", ".tiff")
 
 
-def check_map_file(path: str | os.PathLike[str]) -> None:
+def check_map_file(path: str | os.PathLike[str], created: Path | None = None) -> None:
     """Whether a map can be written to this file; called before a long computation.
 
     Args:
         path: .tif or .tiff for GeoTIFF, else as of `check_figure_file`.
+        created: as of `check_figure_file`.
 
     Raises:
         InputError: what it needs is not installed; an ending that is not known; a folder that is missing or cannot be
@@ -27,13 +28,12 @@ def check_map_file(path: str | os.PathLike[str]) -> None:
     """
     file = Path(path)
     if file.suffix.lower() not in GEOTIFF:
-        check_figure_file(file)
+        check_figure_file(file, created)
         return
     check_rasterio()
     if file.is_dir():
         raise InputError(f"{file}: is a folder; give the name of a file, such as {file / 'map.tif'}")
-    if not file.parent.is_dir() or not os.access(file.parent, os.W_OK):
-        raise InputError(f"{file}: its folder is missing or cannot be written; create it, or choose another one")
+    check_folder_of(file, created)
 
 
 def write_map(
