@@ -11,6 +11,7 @@ from gmmjax.scenes.families.apartments import apartments
 from gmmjax.scenes.families.corridors import corridors
 from gmmjax.scenes.families.depots import depots
 from gmmjax.scenes.families.doors import doors
+from gmmjax.scenes.families.earthworks import earthworks
 from gmmjax.scenes.families.halls import halls
 from gmmjax.scenes.families.rooms import kitchens, rooms
 from gmmjax.scenes.families.small_motions import small_motions
@@ -37,6 +38,7 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator], SurveyedScene]] = Mapping
         "apartments": apartments,
         "yards": yards,
         "depots": depots,
+        "earthworks": earthworks,
     }
 )
 

@@ -2,22 +2,19 @@
 
 import numpy as np
 from jaxtyping import Float
-from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from gmmjax.geometry import rigid_transform
 from gmmjax.pair import Pair, each
 from gmmjax.scenes.families.arrangements import Arrangement, chance
 from gmmjax.scenes.families.flights import flown_over
-from gmmjax.scenes.families.room_surveys import level_poses
+from gmmjax.scenes.families.rough_ground import cover, is_displaced, lifted, on_tripods, rock, rough
 from gmmjax.scenes.families.staging import Support
 from gmmjax.scenes.families.things import moved, pillar
 from gmmjax.scenes.laser_scanner import AirborneScanner, Beam, TripodScanner
-from gmmjax.scenes.objects import StandingObject
-from gmmjax.scenes.ray_casting import UNLABELLED, Solid
 from gmmjax.scenes.recording import Recording
 from gmmjax.scenes.rigid_motions import looking_at
-from gmmjax.scenes.shapes import Ellipsoid, Ground, Vegetation
+from gmmjax.scenes.shapes import Ground
 from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
 
 
@@ -40,7 +37,7 @@ def terrain(random: np.random.Generator) -> SurveyedScene:
     free = Support(np.eye(4), (0.8 * edge, 0.8 * edge), gap=0.02 * edge)
     for _ in range(changes):
         _change(random, arrangement, ground, free)
-    _cover(random, arrangement, ground, edge)
+    cover(random, arrangement, ground, edge)
     flown = chance(random, 0.4)
     beam = Beam(
         noise=noise,
@@ -56,7 +53,7 @@ def terrain(random: np.random.Generator) -> SurveyedScene:
         recordings = _stations(random, arrangement, ground, edge, beam)
     frame = Frame.drawn(random, shift=random.uniform(0.0, 0.1), degrees=0.05)
     hidden_by = 0.03 + 3 * (noise + beam.growth * edge)
-    covers = arrangement.solids.map(lambda own: [solid for solid in own if _is_patch(solid)])
+    covers = arrangement.solids.map(lambda own: [solid for solid in own if is_displaced(solid)])
     return surveyed_scene(arrangement.solids, recordings, frame, hidden_by=hidden_by, covers=covers)
 
 
@@ -65,21 +62,12 @@ def _slope(random: np.random.Generator, edge: float) -> Ground:
     nodes = 121
     cells = np.array([0.25, 0.06, 0.015]) * nodes
     heights = random.uniform([0.0, 0.0, 0.0], [0.06, 0.012, 0.002]) * edge
-    relief = _rough(random, nodes, cells, heights)
+    relief = rough(random, nodes, cells, heights)
     up = np.linspace(-0.5, 0.5, nodes) * edge * np.tan(np.radians(random.uniform(5, 40)))
     relief = relief + up[None, :]
     relief -= (relief.min() + relief.max()) / 2
     extent = np.array([edge, edge, np.ptp(relief) + 1.0])
     return Ground(np.zeros(3), extent, heights=relief)
-
-
-def _rough(random: np.random.Generator, nodes: int, cells: np.ndarray, heights: np.ndarray) -> np.ndarray:
-    """Smooth random heights: white noise, filtered over so many cells, of these standard deviations."""
-    total = np.zeros((nodes, nodes))
-    for cell, height in zip(cells, heights, strict=True):
-        part = gaussian_filter(random.standard_normal((nodes, nodes)), cell, mode="wrap")
-        total += part * (height / part.std())
-    return total
 
 
 def _change(random: np.random.Generator, arrangement: Arrangement, ground: Ground, free: Support) -> None:
@@ -91,11 +79,11 @@ def _change(random: np.random.Generator, arrangement: Arrangement, ground: Groun
         if patch is not None:
             (arrangement.comes if kind == "deposit" else arrangement.goes)((patch,))
     else:
-        boulder = _rock(random, min(random.uniform(0.03, 0.1) * edge, random.uniform(2.0, 6.0)))
+        boulder = rock(random, min(random.uniform(0.03, 0.1) * edge, random.uniform(2.0, 6.0)))
         level = free.pose(random, boulder)
         if level is None:
             return
-        place = rigid_transform(level[:3, :3], _lifted(ground, level[:2, 3]))
+        place = rigid_transform(level[:3, :3], lifted(ground, level[:2, 3]))
         standing = moved(boulder, place)
         if kind == "comes":
             arrangement.comes(standing)
@@ -105,35 +93,10 @@ def _change(random: np.random.Generator, arrangement: Arrangement, ground: Groun
             arrangement.moves(standing, _rolled(random, ground, place, edge))
 
 
-def _rock(random: np.random.Generator, size: float) -> StandingObject:
-    """Of one to three ellipsoids or blocks, half in the ground at the origin."""
-    parts = []
-    for _ in range(int(random.integers(1, 4))):
-        kind = Ellipsoid if chance(random, 0.6) else Solid
-        extent = size * random.uniform(0.5, 1.2, 3)
-        centre = size * random.uniform([-0.3, -0.3, 0.0], [0.3, 0.3, 0.3])
-        parts.append(kind(centre, extent, axes=_any_rotation(random)))
-    return tuple(parts)
-
-
-def _any_rotation(random: np.random.Generator) -> Float[np.ndarray, "3 3"]:
-    return np.asarray(Rotation.from_quat(random.standard_normal(4)).as_matrix())
-
-
-def _on_ground(random: np.random.Generator, ground: Ground, half: float) -> Float[np.ndarray, "4 4"]:
-    """The motion from the origin to a random place of the ground."""
-    return rigid_transform(translation=_lifted(ground, random.uniform(-half, half, 2)))
-
-
-def _lifted(ground: Ground, place: np.ndarray) -> np.ndarray:
-    """The point of the ground above x and y."""
-    return np.array([*place, ground.height_at(place[None])[0]])
-
-
 def _rolled(random: np.random.Generator, ground: Ground, place: np.ndarray, edge: float) -> Float[np.ndarray, "4 4"]:
     """A motion down the slope by 1 to 30 % of its length, with any rotation."""
     down = place[:2, 3] + [random.uniform(-0.05, 0.05) * edge, -random.uniform(0.01, 0.3) * edge]
-    target = _lifted(ground, np.clip(down, -0.45 * edge, 0.45 * edge))
+    target = lifted(ground, np.clip(down, -0.45 * edge, 0.45 * edge))
     rotation = Rotation.from_rotvec(random.uniform(0, 1.5) * random.standard_normal(3)).as_matrix()
     return np.asarray(rigid_transform(rotation, target) @ np.linalg.inv(place))
 
@@ -150,7 +113,7 @@ def _patch(random: np.random.Generator, ground: Ground, free: Support) -> Ground
     nodes = 41
     steps = np.linspace(-1.2, 1.2, nodes)
     x, y = np.meshgrid(steps, steps, indexing="ij")
-    outline = 1 + _rough(random, nodes, np.array([0.12 * nodes]), np.array([0.15]))
+    outline = 1 + rough(random, nodes, np.array([0.12 * nodes]), np.array([0.15]))
     bump = thickness * np.clip(2 * (outline - x**2 - y**2), -1.0, 1.0)
     # Thin edges are left out: nobody could call them changed.
     buried = bump < 0.3 * thickness
@@ -160,25 +123,6 @@ def _patch(random: np.random.Generator, ground: Ground, free: Support) -> Ground
     centre = np.array([*middle, (surface.min() + surface.max()) / 2])
     extent = np.array([*(2.4 * radius), np.ptp(surface) + 0.01])
     return Ground(centre, extent, heights=surface - centre[2])
-
-
-def _is_patch(solid: Solid) -> bool:
-    """Whether it is ground that came or went."""
-    return isinstance(solid, Ground) and solid.label != UNLABELLED
-
-
-def _cover(random: np.random.Generator, arrangement: Arrangement, ground: Ground, edge: float) -> None:
-    """Rocks and bushes that stay, few or many."""
-    for _ in range(int(random.integers(0, 25))):
-        size = edge * np.exp(random.uniform(np.log(0.005), np.log(0.05)))
-        arrangement.stays(moved(_rock(random, size), _on_ground(random, ground, 0.48 * edge)))
-    if chance(random, 0.3):
-        return
-    free_path, tall = random.uniform(0.05, 0.6), random.uniform(0.2, 3.0)
-    for _ in range(int(random.integers(3, 40))):
-        extent = tall * random.uniform([0.5, 0.5, 0.4], [1.5, 1.5, 1.2])
-        bush = Vegetation(np.array([0.0, 0.0, 0.35 * extent[2]]), extent, free_path=free_path)
-        arrangement.stays(moved((bush,), _on_ground(random, ground, 0.48 * edge)))
 
 
 def _stations(
@@ -192,7 +136,7 @@ def _stations(
         scanner: TripodScanner | AirborneScanner = TripodScanner(beam, int(2.5 * rays), lowest=-60.0, highest=40.0)
         places = random.uniform(-0.3, 0.3, (stations, 2)) * edge
         stands = Pair(places, places + again * random.standard_normal((stations, 2)))
-        poses = stands.map(lambda own: _on_tripods(random, ground, own))
+        poses = stands.map(lambda own: on_tripods(random, ground, own))
     else:
         scanner = AirborneScanner(beam, random.uniform(50, 80), random.uniform(35, 60), int(2.5 * rays))
         foot = -edge * random.uniform(0.6, 1.0)
@@ -205,7 +149,3 @@ def _stations(
         arrangement.solids,
         poses,
     )
-
-
-def _on_tripods(random: np.random.Generator, ground: Ground, places: np.ndarray) -> Float[np.ndarray, "v 4 4"]:
-    return level_poses(random, places, list(ground.height_at(places) + random.uniform(1.5, 2.5)), np.zeros(3))
