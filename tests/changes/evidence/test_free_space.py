@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from gmmjax.changes.evidence.free_space import Observed, observation, sightlines
 from gmmjax.changes.evidence.survey import FreeSpaceSettings, Survey
 from gmmjax.clouds import SensorViews
+from gmmjax.scenes.rigid_motions import looking_at
 from tests.changes.rooms import around, box, looking, scanned
 
 MARGIN = 0.03
@@ -296,3 +299,21 @@ def test_what_counts_as_an_outlier_is_a_setting():
     )
     assert observed(place, cloud, one_camera(), MARGIN) == Observed.free
     assert observation(place, occluding, MARGIN) == Observed.unobserved
+
+
+def test_a_tilted_plane_through_noise_does_not_free_the_floor_in_a_hole():
+    random = np.random.default_rng(0)
+    noise, spacing = 0.02, 0.08
+    x, y = (own.ravel() for own in np.meshgrid(np.arange(1, 8, spacing), np.arange(-2, 2, spacing)))
+    floor = np.stack([x, y, noise * random.standard_normal(len(x))], axis=1)
+    hole = (abs(floor[:, :2] - [4.0, 0.0]) < 0.4).all(axis=1)
+    places = np.column_stack([random.uniform([3.6, -0.4], [4.4, 0.4], (2000, 2)), noise * random.standard_normal(2000)])
+    views = SensorViews(looking_at(np.array([0, 0, 1.5]), np.array([5.0, 0, 0.5]))[None], (80.0, 60.0), 30.0)
+
+    def free(tilts):
+        survey = Survey.of(floor[~hole], views, FreeSpaceSettings(tilts=tilts))
+        # Told apart by direction, as in scans that are compared at their own resolution.
+        by_direction = dataclasses.replace(survey, cell=0.2)
+        return (observation(places, by_direction, spacing, 1.5 * noise) == Observed.free).mean()
+
+    assert free(0.0) > 0.02 > 3 * free(FreeSpaceSettings().tilts)
