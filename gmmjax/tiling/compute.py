@@ -166,14 +166,16 @@ class _Driver:
         while self._hand_out():
             future = self._done.get()
             tile = self.running.pop(future)
+            found: list[RecordPlace] = []
             try:
-                found: list[RecordPlace] = future.result()
+                found = future.result()
             # A future that was cancelled, by a scheduler that has gone, is no `Exception`.
             except BaseException as error:
                 self._after_death(tile, error)
-            else:
-                yield found
             self._alone = False
+            # Before anything is made of the result: the worker does not wait for that.
+            self._hand_out()
+            yield found
 
     def _hand_out(self) -> bool:
         """Hands out tiles while there is room; whether anything is being computed."""

@@ -17,11 +17,12 @@ class TileSettings:
     """How blocks are put together to tiles.
 
     Attributes:
-        points: of both clouds in a tile, where no size is given. 0: each block is a tile; infinite: there is one.
+        points: of both clouds in a tile, where no size is given. 0: each block is a tile, and messages to the workers
+            take time; many: workers have nothing to do while others compute the last tiles; infinite: there is one.
         spacings: edge of a tile in point spacings, at least: below, every tile is margin. 0: any size is taken.
     """
 
-    points: float = 1e6
+    points: float = 2.5e5
     spacings: float = 10.0
 
 

@@ -2,7 +2,7 @@
 
 import errno
 import os
-from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -217,6 +217,34 @@ def test_a_folder_that_is_not_there(tree, tmp_path):
         temporary_block_store(placed(), tree, tmp_path / "missing"),
     ):
         pass
+
+
+class AtOnce(Executor):
+    """Computes when it is asked, and counts."""
+
+    def __init__(self):
+        self.submitted = 0
+
+    def submit(self, function, /, *arguments, **named):
+        self.submitted += 1
+        future = Future()
+        future.set_result(function(*arguments, **named))
+        return future
+
+
+def test_a_worker_has_its_next_tile_before_anything_is_made_of_the_last_one(tree, tmp_path):
+    executor, told = AtOnce(), []
+    tiles = len(tiles_of(tree, settings=TileSettings(points=800.0)))
+    with temporary_block_store(placed(), tree, tmp_path) as store:
+        compute_blocks(
+            store,
+            heights,
+            (0.3,),
+            workers=Workers(executor=executor, capacity=1),
+            progress=lambda *_: told.append(executor.submitted),
+            settings=TileSettings(points=800.0),
+        )
+    assert told == [min(number + 1, tiles) for number in range(1, tiles + 1)]
 
 
 def test_tiles_hold_each_block_once(tree):
