@@ -69,7 +69,7 @@ def compute_blocks(
     *,
     columns: Pair[RowColumns] | None = None,
     tile_size: float | None = None,
-    workers: Workers = Workers(),
+    workers: Workers | AbstractPool = Workers(),
     progress: Callable[[str, float], None] | None = None,
     settings: TileSettings = TileSettings(),
 ) -> BlockRecords:
@@ -84,7 +84,7 @@ def compute_blocks(
         arguments: of the task, after store and block.
         columns: that take what the task says of the rows; None: it is in the records only.
         tile_size: edge of a tile, in the unit of the clouds; None: tiles of about as many points each.
-        workers: where tiles are computed.
+        workers: where tiles are computed; a pool is left open, unless the computation fails.
         progress: called with a message and the share of the points that are done.
         settings: of the tiles.
 
@@ -138,16 +138,17 @@ def _new_folder(parent: Path, name: str) -> Path:
     return folder
 
 
-def _results(tiles: list[Tile], call: tuple[Any, ...], workers: Workers) -> Iterator[list[RecordPlace]]:
+def _results(tiles: list[Tile], call: tuple[Any, ...], workers: Workers | AbstractPool) -> Iterator[list[RecordPlace]]:
     """The results of tiles as they are done."""
-    pool = workers.pool(len(tiles))
+    pool = workers if isinstance(workers, AbstractPool) else workers.pool(len(tiles))
     driver = _Driver(tiles, call, pool)
     at_once = True
     try:
         yield from driver.results()
         at_once = False
     finally:
-        pool.stop(at_once=at_once)
+        if at_once or pool is not workers:
+            pool.stop(at_once=at_once)
         # Nobody writes any more when the folder is removed.
         wait(driver.running, timeout=10)
 

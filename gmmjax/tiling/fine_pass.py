@@ -1,11 +1,14 @@
 """The fine pass: what changed, by the scans at their own resolution wherever something looks changed."""
 
+import contextlib
 import dataclasses
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
 
+from gmmjax.batch import AbstractPool
 from gmmjax.changes import (
     NAMES,
     AlignedScans,
@@ -36,7 +39,7 @@ from gmmjax.tiling.records import BlockRecords
 from gmmjax.tiling.regions_of_interest import RefinedCloud, refined_clouds
 from gmmjax.tiling.row_results import MISSING, RowResults, fill_rows
 from gmmjax.tiling.seen_first import Looks, block_seen_first, seen_first_of_blocks
-from gmmjax.tiling.tiles import TileSettings
+from gmmjax.tiling.tiles import TileSettings, tiles_of
 from gmmjax.tiling.worker import BlockTask
 from gmmjax.tiling.workers import Workers
 
@@ -48,14 +51,26 @@ class Tiles:
     Attributes:
         store: of the blocks.
         tile_size: edge of a tile, in the unit of the surveys; None: tiles of about as many points each.
-        workers: that compute them.
+        workers: that compute them; those of a pool stay for the next task.
         settings: how blocks are put together.
     """
 
     store: DiskBlockStore
     tile_size: float | None
-    workers: Workers
+    workers: Workers | AbstractPool
     settings: TileSettings
+
+    @contextlib.contextmanager
+    def with_kept_workers(self) -> Iterator["Tiles"]:
+        """The same, whose workers start once for several tasks and end with the block of code: they hold memory."""
+        if isinstance(self.workers, AbstractPool):
+            yield self
+            return
+        pool = self.workers.pool(len(tiles_of(self.store.tree, self.tile_size, self.settings)))
+        try:
+            yield dataclasses.replace(self, workers=pool)
+        finally:
+            pool.stop(at_once=False)
 
     def compute(self, task: BlockTask, arguments: tuple[Any, ...], progress: Progress) -> BlockRecords:
         """What a task says of every block."""
@@ -99,13 +114,14 @@ def fine_pass(
     detector, prepared, store = coarse.detector, coarse.prepared, tiles.store
     clouds = _coarse_clouds(prepared, store.offset, place.voxels.voxel_size)
     clock.start("voxels", "Taking the scans apart", 0.4)
-    records = tiles.compute(
-        block_voxels, (place.voxels, settings.resolution), _part(clock, "Taking the scans apart", 0.4, 0.5)
-    )
-    voxels = LocalVoxels.of(records, place.voxels, settings.resolution.most_voxels)
-    clock.start("differences", "Comparing the scans", 0.5)
-    arguments = (voxels, clouds, settings.differences, detector.differences, detector.distances)
-    found = tiles.compute(block_differences, arguments, _part(clock, "Comparing the scans", 0.5, 0.7))
+    with tiles.with_kept_workers() as kept:
+        records = kept.compute(
+            block_voxels, (place.voxels, settings.resolution), _part(clock, "Taking the scans apart", 0.4, 0.5)
+        )
+        voxels = LocalVoxels.of(records, place.voxels, settings.resolution.most_voxels)
+        clock.start("differences", "Comparing the scans", 0.5)
+        arguments = (voxels, clouds, settings.differences, detector.differences, detector.distances)
+        found = kept.compute(block_differences, arguments, _part(clock, "Comparing the scans", 0.5, 0.7))
     differences = BlockDifferences(found)
     scales = local_scales(voxels, differences, prepared.pair.working.spacing, detector.differences, settings.scales)
     clock.start("regions", "Looking for what changed", 0.7)

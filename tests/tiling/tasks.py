@@ -6,6 +6,7 @@ import signal
 import numpy as np
 
 from gmmjax.errors import InputError
+from gmmjax.pair import Pair
 from gmmjax.tiling import BlockResult
 
 
@@ -27,6 +28,11 @@ def heights_after_death(store, block, margin, mark):
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return heights(store, block, margin)
+
+
+def process(store, block):
+    """The number of the process that computes it."""
+    return BlockResult({"process": np.array(os.getpid())}, Pair({}, {}))
 
 
 def fails(store, block):

@@ -23,7 +23,7 @@ from gmmjax.tiling import (
     tiles_of,
 )
 from tests.clouds.made_clouds import ChunkedArray, slope
-from tests.tiling.tasks import fails, heights, heights_after_death, interrupted
+from tests.tiling.tasks import fails, heights, heights_after_death, interrupted, process
 
 SMALL = BlockSettings(voxels=4, covered=0.05, least_points=8, cells=4, cell_points=1.0, most_points=300.0)
 MISSING = {"height": np.float64(np.nan), "block": np.int32(-1)}
@@ -245,6 +245,23 @@ def test_a_worker_has_its_next_tile_before_anything_is_made_of_the_last_one(tree
             settings=TileSettings(points=800.0),
         )
     assert told == [min(number + 1, tiles) for number in range(1, tiles + 1)]
+
+
+def test_the_workers_of_a_pool_stay_for_the_next_task_unless_one_fails(tree, tmp_path):
+    def processes(store):
+        return {int(result.values["process"]) for _, result in compute_blocks(store, process, workers=pool)}
+
+    pool = Workers(1).pool(2)
+    with temporary_block_store(placed(), tree, tmp_path) as store:
+        try:
+            (first,), (second,) = processes(store), processes(store)
+            assert first == second != os.getpid()
+            with pytest.raises(InputError, match="cannot be computed"):
+                compute_blocks(store, fails, workers=pool)
+            (third,) = processes(store)
+            assert third != first
+        finally:
+            pool.stop(at_once=False)
 
 
 def test_tiles_hold_each_block_once(tree):
