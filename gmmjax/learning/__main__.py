@@ -9,7 +9,7 @@ import tyro
 
 from gmmjax.changes import Verdicts, write_verdicts
 from gmmjax.errors import InputError, check_choice
-from gmmjax.learning.collection import LEARNED_FROM, Collected, collected, read_rows, write_rows
+from gmmjax.learning.collection import LEARNED_FROM, Collected, collected, collected_in
 from gmmjax.learning.left_out_table import left_out_table
 from gmmjax.learning.training import TrainingSettings, learned
 
@@ -21,7 +21,7 @@ def main(
     seeds: int = 80,
     first_seed: int = 0,
     workers: int = 1,
-    rows: Annotated[Path | None, tyro.conf.arg(metavar="FILE.npz")] = None,
+    rows: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None,
     left_out: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None,
 ) -> int:
     """Learn the verdict on changes from simulated scenes, and print how families that were left out are judged.
@@ -32,7 +32,8 @@ def main(
         seeds: scenes of every family.
         first_seed: of each family.
         workers: processes; the result does not depend on it.
-        rows: keep the candidates in this file; where it is there, they are read in place of simulating scenes.
+        rows: keep the candidates of each family in a file there; those that are there are read in place of simulating
+            scenes, so that an interrupted run goes on.
         left_out: write the verdict learned without a family to FAMILY.json there, for each of them.
     """
     try:
@@ -51,16 +52,15 @@ def main(
     return 0
 
 
-def _rows(families: tuple[str, ...], seeds: range, workers: int, path: Path | None) -> Collected:
-    if path is not None and path.is_file():
-        return read_rows(path)
+def _rows(families: tuple[str, ...], seeds: range, workers: int, folder: Path | None) -> Collected:
     for family in families:
         check_choice("--families", family, LEARNED_FROM)
-    found = collected(families, seeds, workers=workers, progress=_progress)
+    if folder is None:
+        found = collected(families, seeds, workers=workers, progress=_progress)
+    else:
+        found = collected_in(folder, families, seeds, workers=workers, progress=_progress)
     for failure in found.failed:
         print(f"left out: {failure}", file=sys.stderr)
-    if path is not None:
-        write_rows(path, found)
     return found
 
 

@@ -45,14 +45,17 @@ class Collected:
     Attributes:
         families: with the poses unknown, and with the poses given.
         failed: the scenes that detection refused, by name.
+        seeds: of the scenes of every family.
     """
 
     families: Mapping[str, Pair[CandidateRows]]
     failed: tuple[str, ...] = ()
+    seeds: tuple[int, ...] = ()
 
     def without(self, family: str) -> "Collected":
         """The candidates of all other families."""
-        return Collected({name: own for name, own in self.families.items() if name != family}, self.failed)
+        others = {name: own for name, own in self.families.items() if name != family}
+        return dataclasses.replace(self, families=others)
 
     def of(self, *, poses: bool) -> dict[str, CandidateRows]:
         """The candidates of each family.
@@ -111,7 +114,59 @@ def collected(
             failed.append(f"{family}, seed {seed}: {rows}")
         else:
             found[family].append(rows)
-    return Collected({family: _joined(parts) for family, parts in found.items()}, tuple(failed))
+    return Collected({family: _joined(parts) for family, parts in found.items()}, tuple(failed), tuple(seeds))
+
+
+def collected_in(
+    folder: Path,
+    families: Sequence[str],
+    seeds: Sequence[int],
+    *,
+    workers: int = 1,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+    settings: CollectionSettings = CollectionSettings(),
+) -> Collected:
+    """As `collected`, where the candidates of each family are kept in a file once they are there, and read from it.
+
+    The scenes of a family are drawn from its own seeds: one can be collected anew by removing its file.
+
+    Args:
+        folder: of the files FAMILY.npz; made where it is missing.
+        families: as of `collected`.
+        seeds: likewise.
+        workers: likewise.
+        progress: likewise, the share of one family.
+        settings: likewise.
+
+    Raises:
+        InputError: a file that cannot be written, is damaged, or was made of other seeds or with other facts.
+    """
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot make this folder: {error.strerror or error}") from error
+    failed = list[str]()
+    for family in families:
+        path = folder / f"{family}.npz"
+        if path.is_file():
+            if read_rows(path).seeds != tuple(seeds):
+                raise InputError(f"{path}: was collected from other seeds; remove it, or name another folder")
+            continue
+        own = collected([family], seeds, workers=workers, progress=progress, settings=settings)
+        write_rows(path, own)
+        failed += own.failed
+    return Collected(_joined_files(folder, families), tuple(failed), tuple(seeds))
+
+
+def _joined_files(folder: Path, families: Sequence[str]) -> dict[str, Pair[CandidateRows]]:
+    joined = {}
+    for family in families:
+        path = folder / f"{family}.npz"
+        own = read_rows(path).families
+        if family not in own:
+            raise InputError(f"{path}: has candidates of {', '.join(own) or 'no family'}; collect them again")
+        joined[family] = own[family]
+    return joined
 
 
 def _of_scenes(
@@ -172,6 +227,7 @@ def write_rows(path: Path, rows: Collected) -> None:
         for column, values in own._asdict().items()
     }
     names = {f"names/{side}": np.array(names_of(poses=side == "after")) for side in NAMES}
+    names["names/seeds"] = np.array(rows.seeds, int)
     try:
         with atomic_write(path) as file:
             np.savez_compressed(file, **arrays, **names)  # type: ignore[arg-type]
@@ -180,18 +236,24 @@ def write_rows(path: Path, rows: Collected) -> None:
 
 
 def read_rows(path: Path) -> Collected:
-    """Reads what `write_rows` wrote.
+    """Reads what `write_rows` wrote, or all files of a folder of `collected_in`.
 
     Raises:
         InputError: the file is missing or damaged, or was made with other facts.
     """
+    if path.is_dir():
+        names = [name for name in LEARNED_FROM if (path / f"{name}.npz").is_file()]
+        if not names:
+            raise InputError(f"{path}: has no candidates of a family; collect them there")
+        return Collected(_joined_files(path, names), seeds=read_rows(path / f"{names[0]}.npz").seeds)
     arrays = load_arrays(path)
     remedy = "collect the candidates again"
     if not isinstance(arrays, dict):
         raise InputError(f"{path}: is no archive of candidates; {remedy}")
+    seeds = tuple(arrays.pop("names/seeds", np.empty(0, int)).tolist())
     for side in NAMES:
-        names = arrays.pop(f"names/{side}", np.empty(0))
-        if tuple(names.tolist()) != names_of(poses=side == "after"):
+        facts = arrays.pop(f"names/{side}", np.empty(0))
+        if tuple(facts.tolist()) != names_of(poses=side == "after"):
             raise InputError(f"{path}: was made with other facts; {remedy}")
     families = dict.fromkeys(name.split("/")[0] for name in arrays)
     try:
@@ -201,7 +263,8 @@ def read_rows(path: Path) -> Collected:
                     *(CandidateRows(*(arrays[f"{family}/{side}/{column}"] for column in COLUMNS)) for side in NAMES)
                 )
                 for family in families
-            }
+            },
+            seeds=seeds,
         )
     except KeyError as error:
         raise InputError(f"{path}: lacks {error}; {remedy}") from error

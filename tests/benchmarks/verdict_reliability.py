@@ -1,8 +1,8 @@
 """How far the verdict's probabilities can be believed on families that were left out, drawn:
 
-`python -m tests.benchmarks.verdict_reliability --rows rows.npz --figure docs/images/verdict-reliability.svg`
+`python -m tests.benchmarks.verdict_reliability --rows rows --figure docs/images/verdict-reliability.svg`
 
-The rows are those that `python -m gmmjax.learning --rows rows.npz` keeps.
+The rows are those that `python -m gmmjax.learning --rows rows` keeps.
 """
 
 import argparse

@@ -4,7 +4,17 @@ import pytest
 from gmmjax.changes import DetectionConfig, names_of
 from gmmjax.errors import InputError
 from gmmjax.evaluation import LabelledCloud, LabelledPair
-from gmmjax.learning import CandidateRows, CollectionSettings, collected, read_rows, rows_of, write_rows
+from gmmjax.learning import (
+    CandidateRows,
+    Collected,
+    CollectionSettings,
+    collected,
+    collected_in,
+    collection,
+    read_rows,
+    rows_of,
+    write_rows,
+)
 from gmmjax.learning.candidate_rows import CHANGED, UNCHANGED, UNOBSERVED
 from gmmjax.learning.collection import LEARNED_FROM, training_sources
 from gmmjax.pair import Pair
@@ -40,13 +50,45 @@ def test_the_box_is_a_change_in_both_sets(found):
 
 
 def test_what_is_written_is_read_again(found, tmp_path):
-    from gmmjax.learning import Collected
-
     write_rows(tmp_path / "rows.npz", Collected({"room": found}))
     again = read_rows(tmp_path / "rows.npz")
     for was, now in zip(found, again.families["room"], strict=True):
         for before, after in zip(was, now, strict=True):
             np.testing.assert_array_equal(before, after)
+
+
+def test_an_interrupted_collection_goes_on(found, tmp_path, monkeypatch):
+    asked = []
+
+    def interrupted(families, seeds, **settings):
+        asked.extend(families)
+        if families == ["town"] and asked.count("town") == 1:
+            raise KeyboardInterrupt
+        return Collected({family: found for family in families}, (f"{families[0]}, seed 1: no",), tuple(seeds))
+
+    monkeypatch.setattr(collection, "collected", interrupted)
+    families, folder = ["rooms", "town", "yards"], tmp_path / "rows"
+    with pytest.raises(KeyboardInterrupt):
+        collected_in(folder, families, range(2))
+    whole = collected_in(folder, families, range(2))
+    assert asked == ["rooms", "town", "town", "yards"]
+    assert tuple(whole.families) == tuple(families) and whole.seeds == (0, 1)
+    assert whole.failed == ("town, seed 1: no", "yards, seed 1: no")
+    again = read_rows(folder)
+    assert again.families.keys() == whole.families.keys() and again.seeds == whole.seeds
+    np.testing.assert_array_equal(again.families["town"].after.values, found.after.values)
+    with pytest.raises(InputError, match=r"rooms\.npz: was collected from other seeds; remove it"):
+        collected_in(folder, families, range(3))
+    (folder / "town.npz").rename(folder / "rooms.npz")
+    with pytest.raises(InputError, match=r"rooms\.npz: has candidates of town"):
+        read_rows(folder)
+
+
+def test_a_folder_without_candidates_and_one_that_cannot_be_made(tmp_path):
+    with pytest.raises(InputError, match="has no candidates of a family"):
+        read_rows(tmp_path)
+    with pytest.raises(InputError, match="cannot make this folder"):
+        collected_in(tmp_path / "nowhere" / "rows", ["rooms"], [0])
 
 
 def test_candidates_of_other_facts_are_refused(found, tmp_path):
