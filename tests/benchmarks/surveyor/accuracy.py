@@ -5,13 +5,15 @@ import os
 import sys
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
 
 from gmmjax.evaluation import Scores
 from gmmjax.pair import Pair
 from tests.benchmarks.surveyor.kinds import simulated
-from tests.benchmarks.surveyor.peers import peer_scores
-from tests.benchmarks.surveyor.scoring import mistakes, scores
+from tests.benchmarks.surveyor.peers import peer_labels
+from tests.benchmarks.surveyor.scoring import mistakes, of_unjudged_changes, scores
 from tests.benchmarks.surveyor.surveys import SurveyedPair
 
 Views = Literal["given", "unknown"]
@@ -21,7 +23,7 @@ HEADINGS = (
     "segment F1 / point F1",
     "segment precision, recall",
     "point precision, recall",
-    "false in changed",
+    "false in changed (of changes that are not judged)",
     "false in unchanged",
     "CPU seconds (median)",
 )
@@ -38,6 +40,7 @@ class Line:
         unchanged: over those that did not.
         seconds: CPU time of each detection.
         failed: why a detection gave no result, of each that did not.
+        unjudged: false segments that are mostly of changes which are not judged.
     """
 
     kind: str
@@ -46,11 +49,16 @@ class Line:
     unchanged: Scores = Scores()
     seconds: tuple[float, ...] = ()
     failed: tuple[str, ...] = ()
+    unjudged: int = 0
 
-    def with_scores(self, own: Scores, *, unchanged: bool, seconds: float | None = None) -> "Line":
+    def with_labels(
+        self, pair: SurveyedPair, labels: Pair[np.ndarray], *, unchanged: bool, seconds: tuple[float, ...] = ()
+    ) -> "Line":
+        """With the scores of the labels of one more pair, and the CPU time that they took."""
         field = "unchanged" if unchanged else "changed"
-        taken = self.seconds if seconds is None else (*self.seconds, seconds)
-        return dataclasses.replace(self, **{field: getattr(self, field) + own}, seconds=taken)
+        scored: dict[str, Any] = {field: getattr(self, field) + scores(pair, labels)}
+        unjudged = self.unjudged + of_unjudged_changes(pair, labels)
+        return dataclasses.replace(self, **scored, seconds=(*self.seconds, *seconds), unjudged=unjudged)
 
     @property
     def goodness(self) -> tuple[float, float]:
@@ -67,7 +75,7 @@ class Line:
             f"{own.f1:.3f} / {own.point_f1:.3f}",
             f"{own.precision:.3f}, {own.recall:.3f} of {own.changes}",
             f"{own.point_precision:.3f}, {own.point_recall:.3f}",
-            f"{own.false_segments} of {own.segments}",
+            f"{own.false_segments} of {own.segments} ({self.unjudged})",
             f"{still.false_in_unchanged} in {still.unchanged_pairs}",
             f"{sorted(self.seconds)[len(self.seconds) // 2]:.1f}" if self.seconds else "",
         )
@@ -103,9 +111,9 @@ def accuracy(job: Job) -> list[Line]:
             if views == "given" and pair.views.before is None:
                 continue
             ours[views] = _detected(pair, line, views, changed)
-        for setting, own in peer_scores(job.kind, pair) if job.peers else ():
+        for setting, labels in peer_labels(job.kind, pair) if job.peers else ():
             line = theirs.get(setting) or Line(job.kind, f"{setting.name}: {setting.text}")
-            theirs[setting] = line.with_scores(own, unchanged=not changed)
+            theirs[setting] = line.with_labels(pair, labels, unchanged=not changed)
     return [*(line for line in ours.values() if line.seconds or line.failed), *_best(theirs)]
 
 
@@ -149,7 +157,7 @@ def _detected(pair: SurveyedPair, line: Line, views: Views, changed: bool) -> Li
         file=sys.stderr,
         flush=True,
     )
-    return line.with_scores(own, unchanged=not changed, seconds=seconds)
+    return line.with_labels(pair, labels, unchanged=not changed, seconds=(seconds,))
 
 
 def _cpu_seconds() -> float:

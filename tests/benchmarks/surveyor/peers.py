@@ -9,11 +9,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from gmmjax.clouds import voxel_grid
-from gmmjax.evaluation import Scores
 from gmmjax.evaluation.peers import has_m3c2
 from gmmjax.geometry import density_clusters
 from gmmjax.pair import Pair, each
-from tests.benchmarks.surveyor.scoring import scores
 from tests.benchmarks.surveyor.surveys import SurveyedPair
 
 # Points of a change, at least, at the resolution that a peer works at.
@@ -36,16 +34,15 @@ class Setting(NamedTuple):
     text: str
 
 
-def peer_scores(kind: str, pair: SurveyedPair) -> Iterator[tuple[Setting, Scores]]:
-    """The scores of every setting of every peer."""
+def peer_labels(kind: str, pair: SurveyedPair) -> Iterator[tuple[Setting, Pair[np.ndarray]]]:
+    """The labels that every setting of every peer gives."""
     for voxel in VOXELS[kind]:
         origin = pair.points.before.min(axis=0)
         grids = pair.points.map(lambda points, voxel=voxel, origin=origin: voxel_grid(points - origin, voxel))
         points = grids.map(lambda grid: grid.points)
         for setting, differs in itertools.chain(_cloud_to_cloud(points, voxel), _m3c2(points, voxel)):
             labels = each(lambda own, rows, voxel=voxel: _clusters(own, rows, voxel), points, differs)
-            full = each(lambda own, grid: own[grid.voxel_of_point], labels, grids)
-            yield setting, scores(pair, full)
+            yield setting, each(lambda own, grid: own[grid.voxel_of_point], labels, grids)
 
 
 def _cloud_to_cloud(points: Pair[np.ndarray], voxel: float) -> Iterator[tuple[Setting, Pair[np.ndarray]]]:

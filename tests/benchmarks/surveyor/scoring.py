@@ -22,6 +22,24 @@ def scores(pair: SurveyedPair, labels: Pair[np.ndarray]) -> Scores:
     return score_pair(*own, *truth)
 
 
+def of_unjudged_changes(pair: SurveyedPair, labels: Pair[np.ndarray]) -> int:
+    """How many of the false segments are mostly of changes that are too small or too thin to be judged.
+
+    Few of the points of such a segment are judged, those of its rim: by these it is false.
+
+    Args:
+        pair: with the truth.
+        labels: per point -1 or the number of a detected change.
+    """
+    number = 0
+    for truth, source, label in zip(pair.truth, pair.source, labels, strict=True):
+        judged = truth != UNJUDGED
+        segments = segment_truth(label[judged], LabelledCloud(np.zeros((judged.sum(), 3)), truth[judged]))
+        false = [segment for segment, change in segments.items() if change < 0]
+        number += sum(bool((source[label == segment] >= 0).mean() > 0.5) for segment in false)
+    return number
+
+
 def mistakes(pair: SurveyedPair, labels: Pair[np.ndarray]) -> list[str]:
     """Each change that was not found and each segment that is none, with its points and its place: for reading."""
     lines = []

@@ -15,7 +15,7 @@ from tests.benchmarks.surveyor import HELD_OUT, KINDS, __main__, accuracy, hall_
 from tests.benchmarks.surveyor.accuracy import Line, to_markdown
 from tests.benchmarks.surveyor.large import write_large
 from tests.benchmarks.surveyor.scanning import Beam, World, scanned
-from tests.benchmarks.surveyor.scoring import mistakes, scores
+from tests.benchmarks.surveyor.scoring import mistakes, of_unjudged_changes, scores
 from tests.benchmarks.surveyor.solids import UNJUDGED, Thing, box, distances, ellipsoid, first_hits, pipe, pole
 from tests.benchmarks.surveyor.surveys import Station, SurveyedPair
 from tests.benchmarks.surveyor.terrain import Columns, Terrain
@@ -129,6 +129,16 @@ def test_points_that_nobody_can_judge_count_for_nothing():
     assert nothing[0].startswith("before: change 0 missed, 10 points") and nothing[1].startswith(
         "after: segment 2 is none"
     )
+
+
+def test_a_false_segment_may_be_of_a_change_that_is_not_judged():
+    truth, source = np.repeat([-1, UNJUDGED, -1], [12, 20, 68]), np.repeat([-1, 4, -1], [12, 20, 68])
+    none = np.zeros(100, bool)
+    pair = SurveyedPair("own", *(Pair(own, own) for own in (np.zeros((100, 3)), truth, none, source)), Pair(None, None))
+    rim, elsewhere = np.repeat([-1, 3, -1], [10, 22, 68]), np.repeat([-1, 3, -1], [50, 22, 28])
+    assert scores(pair, Pair(rim, elsewhere)).false_segments == 2
+    assert of_unjudged_changes(pair, Pair(rim, elsewhere)) == 1
+    assert of_unjudged_changes(pair, Pair(elsewhere, elsewhere)) == 0
 
 
 def test_a_table_has_what_failed():
