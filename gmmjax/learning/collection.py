@@ -245,7 +245,10 @@ def read_rows(path: Path) -> Collected:
         names = [name for name in LEARNED_FROM if (path / f"{name}.npz").is_file()]
         if not names:
             raise InputError(f"{path}: has no candidates of a family; collect them there")
-        return Collected(_joined_files(path, names), seeds=read_rows(path / f"{names[0]}.npz").seeds)
+        drawn = {read_rows(path / f"{name}.npz").seeds for name in names}
+        if len(drawn) > 1:
+            raise InputError(f"{path}: its families were collected from different seeds; collect some of them again")
+        return Collected(_joined_files(path, names), seeds=drawn.pop())
     arrays = load_arrays(path)
     remedy = "collect the candidates again"
     if not isinstance(arrays, dict):

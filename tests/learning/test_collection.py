@@ -79,6 +79,10 @@ def test_an_interrupted_collection_goes_on(found, tmp_path, monkeypatch):
     np.testing.assert_array_equal(again.families["town"].after.values, found.after.values)
     with pytest.raises(InputError, match=r"rooms\.npz: was collected from other seeds; remove it"):
         collected_in(folder, families, range(3))
+    write_rows(folder / "yards.npz", Collected({"yards": found}, seeds=(0,)))
+    with pytest.raises(InputError, match="its families were collected from different seeds"):
+        read_rows(folder)
+    (folder / "yards.npz").unlink()
     (folder / "town.npz").rename(folder / "rooms.npz")
     with pytest.raises(InputError, match=r"rooms\.npz: has candidates of town"):
         read_rows(folder)
