@@ -1,12 +1,10 @@
 """Simulated pairs of every family, and the candidates that detection finds in them."""
 
-import concurrent.futures
 import dataclasses
 import functools
 import itertools
-import multiprocessing
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import get_args
 
@@ -17,6 +15,7 @@ from gmmjax.clouds import atomic_write, load_arrays
 from gmmjax.errors import ComputationError, InputError, InputWarning, check_choice
 from gmmjax.evaluation import CONDITIONS, LabelledPair, PairSource, family_sources, laboratory_sources
 from gmmjax.learning.candidate_rows import CandidateRows, rows_of
+from gmmjax.learning.scene_workers import over_workers
 from gmmjax.pair import Pair
 from gmmjax.scenes import FAMILIES, Difficulty, SurveyKind
 
@@ -108,7 +107,8 @@ def collected(
     tasks = [(family, seed) for family in families for seed in seeds]
     found: dict[str, list[Pair[CandidateRows]]] = {family: [] for family in families}
     failed = []
-    for done, ((family, seed), rows) in enumerate(zip(tasks, _of_scenes(tasks, workers, settings), strict=True), 1):
+    of_tasks = over_workers(functools.partial(_of_scene, settings=settings), tasks, workers)
+    for done, ((family, seed), rows) in enumerate(zip(tasks, of_tasks, strict=True), 1):
         progress(f"{family}, seed {seed}", done / len(tasks))
         if isinstance(rows, str):
             failed.append(f"{family}, seed {seed}: {rows}")
@@ -167,19 +167,6 @@ def _joined_files(folder: Path, families: Sequence[str]) -> dict[str, Pair[Candi
             raise InputError(f"{path}: has candidates of {', '.join(own) or 'no family'}; collect them again")
         joined[family] = own[family]
     return joined
-
-
-def _of_scenes(
-    tasks: Sequence[tuple[str, int]], workers: int, settings: CollectionSettings
-) -> Iterator[Pair[CandidateRows] | str]:
-    """`_of_scene` of all tasks, in their order: in this process, or in several others."""
-    of_scene = functools.partial(_of_scene, settings=settings)
-    if workers == 1:
-        yield from map(of_scene, tasks)
-        return
-    context = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(workers, mp_context=context) as pool:
-        yield from pool.map(of_scene, tasks)
 
 
 def _of_scene(task: tuple[str, int], settings: CollectionSettings) -> Pair[CandidateRows] | str:

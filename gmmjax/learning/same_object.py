@@ -5,9 +5,7 @@
 
 import argparse
 import json
-import multiprocessing
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import NamedTuple, get_args
 
@@ -31,6 +29,7 @@ from gmmjax.clouds import atomic_write
 from gmmjax.errors import InputError
 from gmmjax.geometry import transformed
 from gmmjax.learning.moved_scenes import KINDS_OF_SCENES, FoundScene, SceneSettings, found_scene
+from gmmjax.learning.scene_workers import over_workers
 from gmmjax.scenes import FAMILIES
 
 # Of each fact whether more of it speaks for one object (1), against it (-1), or either (0): what the overlap and the
@@ -172,10 +171,7 @@ def examples(first_seed: int, settings: LearningSettings, workers: int = 1) -> l
         kind: int(settings.scenes * (settings.of_families if kind in FAMILIES else 1)) for kind in KINDS_OF_SCENES
     }
     jobs = [Job(kind, first_seed + index, settings) for kind, count in counts.items() for index in range(count)]
-    if workers == 1:
-        return [example for job in jobs for example in job.run()]
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        return [example for own in pool.map(Job.run, jobs) for example in own]
+    return [example for own in over_workers(Job.run, jobs, workers) for example in own]
 
 
 def learned(given: Sequence[Example], settings: LearningSettings) -> SameObjectModel:

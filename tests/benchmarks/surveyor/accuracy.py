@@ -7,8 +7,6 @@ import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Literal
 
-import numpy as np
-
 from gmmjax.evaluation import Scores
 from gmmjax.pair import Pair
 from tests.benchmarks.surveyor.kinds import simulated
@@ -51,14 +49,11 @@ class Line:
     failed: tuple[str, ...] = ()
     unjudged: int = 0
 
-    def with_labels(
-        self, pair: SurveyedPair, labels: Pair[np.ndarray], *, unchanged: bool, seconds: tuple[float, ...] = ()
-    ) -> "Line":
-        """With the scores of the labels of one more pair, and the CPU time that they took."""
-        field = "unchanged" if unchanged else "changed"
-        scored: dict[str, Any] = {field: getattr(self, field) + scores(pair, labels)}
-        unjudged = self.unjudged + of_unjudged_changes(pair, labels)
-        return dataclasses.replace(self, **scored, seconds=(*self.seconds, *seconds), unjudged=unjudged)
+    def with_scores(self, own: Scores, unjudged: int, *, changed: bool, seconds: tuple[float, ...] = ()) -> "Line":
+        """With the scores of one more pair, its false segments that are not judged, and the CPU time that it took."""
+        field = "changed" if changed else "unchanged"
+        scored: dict[str, Any] = {field: getattr(self, field) + own}
+        return dataclasses.replace(self, **scored, seconds=(*self.seconds, *seconds), unjudged=self.unjudged + unjudged)
 
     @property
     def goodness(self) -> tuple[float, float]:
@@ -113,7 +108,8 @@ def accuracy(job: Job) -> list[Line]:
             ours[views] = _detected(pair, line, views, changed)
         for setting, labels in peer_labels(job.kind, pair) if job.peers else ():
             line = theirs.get(setting) or Line(job.kind, f"{setting.name}: {setting.text}")
-            theirs[setting] = line.with_labels(pair, labels, unchanged=not changed)
+            unjudged = of_unjudged_changes(pair, labels)
+            theirs[setting] = line.with_scores(scores(pair, labels), unjudged, changed=changed)
     return [*(line for line in ours.values() if line.seconds or line.failed), *_best(theirs)]
 
 
@@ -157,7 +153,7 @@ def _detected(pair: SurveyedPair, line: Line, views: Views, changed: bool) -> Li
         file=sys.stderr,
         flush=True,
     )
-    return line.with_labels(pair, labels, unchanged=not changed, seconds=(seconds,))
+    return line.with_scores(own, of_unjudged_changes(pair, labels), changed=changed, seconds=(seconds,))
 
 
 def _cpu_seconds() -> float:
