@@ -61,6 +61,9 @@ class DifferenceSettings:
             along a line of a scanner or a cable: the plane may be turned about it by any angle, and offsets from it say
             nothing. 0: where the lines of a scanner meet, straight above it, surfaces look displaced; 1: offsets say
             nothing anywhere.
+        denser: density of a cloud by that of the other one there, from which on relief between the points of the other
+            one is noise of its offset. 0: chance differences of density are noise; infinite: a bump that only the
+            dense cloud shows is an offset.
     """
 
     spacings: float = 3.0
@@ -77,6 +80,7 @@ class DifferenceSettings:
     finest_offset: float = 1e-6
     opposite_height: float = 1.0
     slenderness: float = 0.2
+    denser: float = 2.0
 
 
 class LocalDifference(NamedTuple):
@@ -85,8 +89,9 @@ class LocalDifference(NamedTuple):
     Attributes:
         distance: to the nearest point of the other cloud.
         offset: absolute distance between local means along the normal of the other cloud's surface.
-        noise: standard deviation of that offset by the scatter of both surfaces about their planes, and by the
-            uncertainty of the normal; infinite where the other cloud is a row of points, which has no normal.
+        noise: standard deviation of that offset by the scatter of both surfaces about their planes, by relief that the
+            other cloud is too sparse to show, and by the uncertainty of the normal; infinite where the other cloud is a
+            row of points, which has no normal.
         thickness: standard deviation of the other cloud's points about their plane there.
         spacing: of the other cloud's points there.
         point_offset: absolute distance of the point itself along the normal of the other cloud's surface, where that
@@ -128,9 +133,13 @@ class DetectionLimits(NamedTuple):
     offset: float
     settings: DifferenceSettings
 
+    def offset_errors(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
+        """The registration error or the noise of the offset at each point, whichever is greater."""
+        return np.maximum(self._error(difference), difference.noise)
+
     def local_offset(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
         """The limit of the offset of each point, by the registration error and the noise there."""
-        return self.settings.offsets * np.maximum(self._error(difference), difference.noise)
+        return self.settings.offsets * self.offset_errors(difference)
 
     def local_point_offset(self, difference: LocalDifference) -> Float[np.ndarray, " n"]:
         """The same of the offset of the point itself, whose noise is not averaged."""
@@ -215,8 +224,12 @@ def local_difference(
     of_means, of_points = other.heights(means, there), other.heights(points, there)
     normals, scatter = other.normals.take(there, axis=0), other.variances[there, 0]
     own_scatter = ((groups - means[:, None]) @ normals[:, :, None])[..., 0].var(axis=1)
-    of_planes = own_scatter / groups.shape[1] + scatter / other.neighbours.shape[1]
     tilts, reach, spacing = other.tilts(there), other.reach(there), other.spacing(there)
+    of_planes = own_scatter / groups.shape[1] + scatter / other.neighbours.shape[1]
+    # Relief within the cells of a sparse cloud does not show in it, and a dense mean lies within few of them.
+    density = (spacing / np.maximum(own.spacing(chosen), np.finfo(float).tiny)) ** 2
+    cells = np.maximum(groups.shape[1] / np.maximum(density, settings.denser), 1.0)
+    of_relief = np.where(density > settings.denser, scatter / cells, 0.0)
     # Beyond its edge, too, a plane is turned no farther than there.
     by_tilt, by_tilt_of_points = (tilts * np.minimum(heights.beside, reach) for heights in (of_means, of_points))
     in_rows = other.in_rows(there, settings.slenderness)
@@ -224,7 +237,7 @@ def local_difference(
     return LocalDifference(
         distance=nearest_neighbours(other.tree, points, 1)[0][:, 0],
         offset=np.abs(of_means.above),
-        noise=np.where(in_rows, np.inf, np.sqrt(of_planes + by_tilt**2)),
+        noise=np.where(in_rows, np.inf, np.sqrt(np.maximum(of_planes, of_relief) + by_tilt**2)),
         thickness=np.sqrt(scatter),
         spacing=spacing,
         point_offset=np.where(opposite, np.abs(of_points.above), 0.0),

@@ -107,6 +107,25 @@ def test_offsets_from_what_is_no_surface_are_uncertain():
     assert np.median(flat.noise / (flat.thickness * np.sqrt(1 / 8 + 1 / 16))) < 1.2
 
 
+def rough_ground(seed, count):
+    """Bumps of half a metre, on ten metres, without noise."""
+    places = np.random.default_rng(seed).uniform(0, 10, (count, 2))
+    waves = np.random.default_rng(0).normal(0, 2 * np.pi / 0.7, (2, 40))
+    phases = np.random.default_rng(1).uniform(0, 2 * np.pi, 40)
+    return np.column_stack([places, 0.01 * np.cos(places @ waves + phases).sum(axis=1)])
+
+
+def test_relief_that_the_other_cloud_is_too_sparse_to_show_is_noise():
+    """A bump between two points of the sparse cloud is off its plane everywhere, and nothing has changed."""
+    dense, sparse = rough_ground(2, 40_000), rough_ground(3, 300)
+    inside = (np.abs(dense[:, :2] - 5) < 4).all(axis=1)
+    found = difference(dense, sparse)
+    assert ((found.offset > 3 * found.noise)[inside]).mean() < 0.02
+    # Where both are dense, bumps do not hide what is lower by as much.
+    sunk = difference(dense, rough_ground(4, 40_000) - [0, 0, 0.06])
+    assert ((sunk.offset > 3 * sunk.noise)[inside]).mean() > 0.95
+
+
 def test_the_offset_of_a_point_counts_as_far_as_the_surface_lies_opposite():
     low, high = (np.array([[0.5, 0.5, height]]) for height in (0.01, 0.05))
     points, other = (LocalSurface.of(own) for own in (np.concatenate([floor(26), low, high]), floor(27)))

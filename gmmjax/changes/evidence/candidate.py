@@ -34,6 +34,8 @@ class SurroundingsSettings:
         directions: number of directions, evenly spread over the sphere, that are looked into.
         neighbourhood: how far the neighbourhood goes beyond four standard deviations of the candidate, in spacings. 0:
             what surrounds a small candidate says nothing.
+        within: standard deviations of a candidate along its axes, within which points of the other cloud are among its
+            own. Large: the floor below a thing is among its points; 0: nothing is.
         farthest: distance to unchanged points, in spacings, at most: where there are none. Larger: the same.
         nearby: distance, in spacings, within which unchanged points tell the registration error at a candidate. Larger:
             it is that of the whole scan.
@@ -41,7 +43,8 @@ class SurroundingsSettings:
             point. Larger: the rim of a hole lies opposite what is in the hole; 0: nothing does.
         undisplaced: number of the unchanged points next to a candidate that tell how far the whole surface is off
             there. Few: a displacement that thins out is taken for that of the whole surface.
-        sure: offset, in registration errors, from which on a point is surely off a surface. 0: by whatever it is off.
+        sure: offset, in registration errors and in standard deviations of the offset there, from which on a point is
+            surely off a surface. 0: by whatever it is off.
         chunk: number of points that are compared with all planes of a hull at a time: what fits the cache. It does not
             change what is measured.
         posteriors: of the joint mixtures that are held at a time, points times restarts: a bound on the memory, which
@@ -55,6 +58,7 @@ class SurroundingsSettings:
     least_around: int = 10
     directions: int = 32
     neighbourhood: float = 40.0
+    within: float = 2.0
     farthest: float = 1000.0
     nearby: float = 25.0
     opposite: float = 1.5
@@ -121,6 +125,29 @@ class Displacements(NamedTuple):
         return np.asarray(self.opposite & (np.linalg.norm(self.vectors, axis=1) > settings.sure * error))
 
 
+class Areas(NamedTuple):
+    """Areas of one cloud, those of its points: the square of their spacing.
+
+    Attributes:
+        differing: of all points that are of candidates.
+        everything: of all points.
+    """
+
+    differing: float
+    everything: float
+
+    @classmethod
+    def of(cls, labels: Int[np.ndarray, " n"], spacing: float | Float[np.ndarray, " n"]) -> "Areas":
+        """The areas of a cloud.
+
+        Args:
+            labels: of each point -1, or the number of its candidate.
+            spacing: of the points, at each or everywhere.
+        """
+        area = np.broadcast_to(np.asarray(spacing, float) ** 2, len(labels))
+        return cls(float(area[labels >= 0].sum()), float(area.sum()))
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Surroundings:
     """What the candidates of one cloud have in common.
@@ -135,6 +162,7 @@ class Surroundings:
         opposite: tree of those of them that are of candidates.
         surface: of the other cloud.
         limits: of distances and offsets.
+        areas: of the whole cloud, where only a part of it is here, too.
         sightlines: how surely the other survey observed each place to be empty; None: its views are not known.
         settings: what surrounds a candidate.
     """
@@ -148,6 +176,7 @@ class Surroundings:
     opposite: cKDTree
     surface: LocalSurface
     limits: DetectionLimits
+    areas: Areas
     sightlines: Sightlines | None = None
     settings: SurroundingsSettings = SurroundingsSettings()
 
@@ -192,6 +221,11 @@ class Surroundings:
     def relative_offset(self) -> Float[np.ndarray, " n"]:
         """Offset of each point, in its limit."""
         return np.asarray(self.limits.relative_offset(self.own.difference))
+
+    @functools.cached_property
+    def offset_errors(self) -> Float[np.ndarray, " n"]:
+        """Standard deviation of the offset of an unchanged surface at each point."""
+        return self.limits.offset_errors(self.own.difference)
 
     def displacements(self, points: Float[np.ndarray, "m 3"]) -> Displacements:
         """How far some points are off the surface of the other cloud."""
@@ -244,6 +278,11 @@ class Candidate:
     def points(self) -> Float[np.ndarray, "m 3"]:
         """Its points."""
         return self.surroundings.own.points[self.rows]
+
+    @property
+    def area(self) -> float:
+        """That of its points, in the square of the unit of the clouds."""
+        return len(self.rows) * self.spacing**2
 
     @functools.cached_property
     def centre(self) -> Float[np.ndarray, "3"]:
@@ -345,6 +384,16 @@ class Candidate:
         relative = other.data[chosen] - self.centre
         return np.asarray(relative[np.linalg.norm(relative, axis=1) > 0])
 
+    @property
+    def count_within(self) -> float:
+        """Number of points of the other cloud in its ellipsoid, whose axes have a spacing of width at least."""
+        if not len(self.around):
+            return 0.0
+        deviations, axes = self._axes
+        scaled = self.around @ axes / np.maximum(deviations, self.spacing / 2)
+        inside = (scaled**2).sum(axis=1) < self.surroundings.settings.within**2
+        return self.around_count * float(inside.mean())
+
     @functools.cached_property
     def directions(self) -> Float[np.ndarray, "k 3"]:
         """Unit directions of these points; none where there are too few."""
@@ -387,8 +436,9 @@ class Candidate:
         of_all = nearby.vectors[nearby.opposite].mean(axis=0) if nearby.opposite.any() else np.zeros(3)
         vectors = own.vectors - of_all
         mean = vectors[own.opposite].mean(axis=0)
-        to_one_side = vectors @ mean > self.surroundings.settings.sure * self._registration_error * np.linalg.norm(mean)
-        return np.asarray(own.opposite & to_one_side)
+        to_one_side = vectors @ (mean / max(float(np.linalg.norm(mean)), np.finfo(float).tiny))
+        sure = self.surroundings.settings.sure * self.surroundings.offset_errors[self.rows]
+        return np.asarray(own.opposite & (to_one_side > sure))
 
     @property
     def _displacements_nearby(self) -> Displacements:
@@ -397,12 +447,6 @@ class Candidate:
         count = min(self.surroundings.settings.undisplaced, unchanged.n)
         nearest = unchanged.query(self.centre, range(1, count + 1))[1] if count else np.zeros(0, int)
         return self.surroundings.displacements(np.asarray(unchanged.data)[nearest])
-
-    @property
-    def _registration_error(self) -> float:
-        """Standard deviation of the offset of an unchanged surface there."""
-        error = self.surroundings.own.difference.error
-        return self.surroundings.limits.registration_error if error is None else float(np.median(error[self.rows]))
 
     @property
     def cluster_rows(self) -> Int[np.ndarray, " c"]:

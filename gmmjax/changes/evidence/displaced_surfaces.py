@@ -48,9 +48,9 @@ def with_both_places(
     surfaces = surveys.map(lambda survey: survey.surface)
 
     def displaced(own: Candidates, other: LocalSurface) -> Bool[np.ndarray, " n"]:
-        result, rows, error = np.zeros(len(own.labels), bool), np.flatnonzero(own.labels >= 0), own.difference.error
+        result, rows = np.zeros(len(own.labels), bool), np.flatnonzero(own.labels >= 0)
         displacements = Displacements.of(own.points[rows], other, limits, settings)
-        result[rows] = displacements.sure(limits.registration_error if error is None else error[rows], settings)
+        result[rows] = displacements.sure(limits.offset_errors(own.difference)[rows], settings)
         return result
 
     off = each(displaced, candidates, surfaces.swapped)

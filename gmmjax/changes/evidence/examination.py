@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from gmmjax.changes.candidates import Candidates
 from gmmjax.changes.differences import DetectionLimits, Differences, LocalDifference
-from gmmjax.changes.evidence.candidate import Candidate, Surroundings, SurroundingsSettings, candidates_in
+from gmmjax.changes.evidence.candidate import Areas, Candidate, Surroundings, SurroundingsSettings, candidates_in
 from gmmjax.changes.evidence.continuation import Continuation, ContinuationSettings
 from gmmjax.changes.evidence.coverage_edge import ReferenceSurfaces
 from gmmjax.changes.evidence.facts import measured
@@ -99,6 +99,7 @@ def measured_candidates(
     surveys: Pair[Survey],
     limits: DetectionLimits,
     settings: EvidenceSettings = EvidenceSettings(),
+    areas: Pair[Areas] | None = None,
 ) -> Pair[list[Candidate]]:
     """The candidates of both clouds, cut into pieces, with all that facts are measured from.
 
@@ -107,7 +108,10 @@ def measured_candidates(
         surveys: the same clouds, with their views where they are known.
         limits: of distances and offsets.
         settings: how they are cut.
+        areas: of the whole clouds; None: they are whole.
     """
+    if areas is None:
+        areas = candidates.map(lambda own: Areas.of(own.labels, limits.spacing))
     # What is farther off than this is another surface: the top of a thin object does not cover the floor's plane.
     tolerance = settings.same_surface * limits.offset
     everything = surveys.map(lambda survey: survey.surface.tree)
@@ -122,12 +126,14 @@ def measured_candidates(
     support_planes = supports(points, labels, limits.spacing, settings.support)
     opposite = each(lambda own, label: cKDTree(own[label >= 0]), points, labels).swapped
 
-    def surroundings(own: _Cut, support: np.ndarray, opposite: cKDTree, survey: Survey) -> list[Candidate]:
+    def surroundings(
+        own: _Cut, support: np.ndarray, opposite: cKDTree, survey: Survey, areas: Areas
+    ) -> list[Candidate]:
         sight = None if survey.views is None else _sightlines(own.pieces, survey, limits)
-        around = Surroundings(*own, support, opposite, survey.surface, limits, sight, settings.surroundings)
+        around = Surroundings(*own, support, opposite, survey.surface, limits, areas, sight, settings.surroundings)
         return candidates_in(around)
 
-    return each(surroundings, cuts, support_planes, opposite, surveys.swapped)
+    return each(surroundings, cuts, support_planes, opposite, surveys.swapped, areas)
 
 
 class _Cut(NamedTuple):

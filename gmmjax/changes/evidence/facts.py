@@ -116,8 +116,12 @@ def displaced(candidate: Candidate) -> float:
 
 
 def gap(candidate: Candidate) -> float:
-    """Median distance to the other cloud, in spacings, from 0."""
-    return float(np.median(candidate.to_other))
+    """Median distance to the other cloud, in spacings, from 0; what is displaced counts as at that of a sure change.
+
+    The surface that eroded ground is displaced from may be nearer than the next point: its distance tells nothing.
+    """
+    share, sure = displaced(candidate), candidate.surroundings.limits.settings.spacings
+    return float((1 + np.median(candidate.to_other)) ** (1 - share) * (1 + sure) ** share - 1)
 
 
 def greatest_gap(candidate: Candidate) -> float:
@@ -173,6 +177,11 @@ def in_front(candidate: Candidate) -> float:
 def other_around(candidate: Candidate) -> float:
     """Points of the other cloud around it for each of its own, from 0."""
     return candidate.around_count / len(candidate.rows)
+
+
+def interspersed(candidate: Candidate) -> float:
+    """Points of the other cloud among its own, for each of these, from 0: clutter of which both have some points."""
+    return candidate.count_within / len(candidate.rows)
 
 
 def continued(candidate: Candidate) -> float:
@@ -241,9 +250,14 @@ def other_differing_nearby(candidate: Candidate) -> float:
 
 
 def differing_overall(candidate: Candidate) -> float:
-    """Share of its own cloud that is of candidates, 0 to 1: much where the surveys cover different places."""
-    around = candidate.surroundings
-    return float(around.differing.n / around.everything.n)
+    """Share of its own cloud, by area, that is of candidates, 0 to 1: much where the surveys cover different places."""
+    areas = candidate.surroundings.areas
+    return areas.differing / areas.everything
+
+
+def differing_elsewhere(candidate: Candidate) -> float:
+    """Area of all other candidates of its own cloud by its own, from 0: much where many places were not observed."""
+    return max(candidate.surroundings.areas.differing / candidate.area - 1, 0.0)
 
 
 def of_cluster(candidate: Candidate) -> float:
@@ -264,6 +278,11 @@ def seen_surface(candidate: Candidate) -> float:
 def not_seen(candidate: Candidate) -> float:
     """Share of its points whose place the other survey did not observe, 0 to 1."""
     return _share_observed(candidate, -1)
+
+
+def unreached(candidate: Candidate) -> float:
+    """Share of its points that no line of sight of the other survey reached, however near its surfaces are, 0 to 1."""
+    return float((candidate.sightlines.reached == 0).mean())
 
 
 def free_by_offset(candidate: Candidate) -> float:
@@ -321,7 +340,9 @@ FACTS: dict[str, Fact] = {
         offset_from_nearby, "it is {:.1f} times as far off the other scan as the surfaces nearby", "ratio", 1
     ),
     "displaced": Fact(displaced, "{:.0%} of it lies surely off the other scan's surface, on one side", "share", 1),
-    "gap": Fact(gap, "half of it is {:.1f} spacings of points from the other scan", "ratio"),
+    "gap": Fact(
+        gap, "it is {:.1f} spacings of points from the other scan, what is displaced counted as a sure change", "ratio"
+    ),
     "greatest_gap": Fact(greatest_gap, "its farthest point is {:.0f} spacings of points from the other scan", "ratio"),
     "excess": Fact(excess, "the mixture gives {:.0%} of it to its own scan alone", "share", 1),
     "agreement": Fact(agreement, "the restarts agree on {:.0%} of that", "share"),
@@ -332,6 +353,7 @@ FACTS: dict[str, Fact] = {
     "behind": Fact(behind, "{:.0%} of the other scan around it lies behind it", "share"),
     "in_front": Fact(in_front, "{:.0%} of the other scan around it lies in front of it", "share"),
     "other_around": Fact(other_around, "the other scan has {:.1f} points around it for each of its own", "ratio"),
+    "interspersed": Fact(interspersed, "the other scan has {:.1f} points among its own for each of these", "ratio"),
     "continued": Fact(continued, "{:.0%} of it continues surfaces that did not change", "share", -1),
     "at_edge": Fact(at_edge, "{:.0%} of it is a wall at the edge of what the other scan covers", "share", -1),
     "shown": Fact(shown, "the other scan shows {:.0%} of the surface that it stands on bare", "share", 1),
@@ -349,12 +371,14 @@ FACTS: dict[str, Fact] = {
         other_differing_nearby, "{:.0%} of the other scan around it differs from its own", "share"
     ),
     "differing_overall": Fact(differing_overall, "{:.0%} of its whole scan differs from the other", "share"),
+    "differing_elsewhere": Fact(differing_elsewhere, "{:.0f} times as much differs elsewhere in its scan", "ratio"),
     "of_cluster": Fact(of_cluster, "it is {:.0%} of what differs there", "share"),
     "seen_free": Fact(seen_free, "{:.0%} of it lies where the other survey saw through", "share", 1, poses=True),
     "seen_surface": Fact(
         seen_surface, "{:.0%} of it lies where the other survey saw a surface", "share", 0, poses=True
     ),
     "not_seen": Fact(not_seen, "{:.0%} of it lies where the other survey saw nothing", "share", -1, poses=True),
+    "unreached": Fact(unreached, "no line of sight of the other survey reached {:.0%} of it", "share", -1, poses=True),
     "free_by_offset": Fact(
         free_by_offset, "{:.0%} of it is off the surface that the other survey saw there", "share", 1, poses=True
     ),

@@ -32,11 +32,14 @@ class Sightlines(NamedTuple):
         blocked: number of views in which a surface in front occludes it.
         beyond: how far the surface behind is beyond the place, in limits: the offset's from the plane of a flat
             surface, the margin along the ray elsewhere; the greatest over the views with nothing in front; 0: none.
+        reached: number of views of which a line of sight ends at the place or behind it, however near the surface that
+            it ends on: in front of a place that none reaches a surface hides it.
     """
 
     through: Int64[np.ndarray, " n"]
     blocked: Int64[np.ndarray, " n"]
     beyond: Float64[np.ndarray, " n"]
+    reached: Int64[np.ndarray, " n"]
 
 
 def observation(
@@ -98,7 +101,8 @@ def sightlines(
         margin: as of `observation`.
         offset: as of `observation`.
     """
-    result = Sightlines(np.zeros(len(points), int), np.zeros(len(points), int), np.zeros(len(points)))
+    through, blocked, reached = np.zeros((3, len(points)), int)
+    result = Sightlines(through, blocked, np.zeros(len(points)), reached)
     if survey.views is None or not len(points):
         return result
     places = _Places.of(points, survey, margin, offset)
@@ -108,6 +112,7 @@ def sightlines(
             result.blocked[sight.shown] += sight.blocked
             unblocked = np.where(sight.blocked, 0.0, sight.beyond)
             result.beyond[sight.shown] = np.maximum(result.beyond[sight.shown], unblocked)
+            result.reached[sight.shown] += sight.ends & ~_hidden(places.chosen(sight.shown), sight, survey, view)
     return result
 
 
@@ -158,12 +163,21 @@ class _Sight(NamedTuple):
         through: whether the view saw past them.
         blocked: whether a surface occludes them.
         beyond: how far the surface behind them is from them, in limits.
+        found: the nearest point in the direction of each; those without one have an infinite range.
+        ranges: of the places.
     """
 
     shown: Int64[np.ndarray, " m"]
     through: Bool[np.ndarray, " m"]
     blocked: Bool[np.ndarray, " m"]
     beyond: Float64[np.ndarray, " m"]
+    found: Nearest
+    ranges: Float64[np.ndarray, " m"]
+
+    @property
+    def ends(self) -> Bool[np.ndarray, " m"]:
+        """In which directions there is a surface."""
+        return np.isfinite(self.found.range)
 
 
 def _sights(places: _Places, survey: Survey, view: int) -> Iterator[_Sight]:
@@ -186,7 +200,7 @@ def _sights(places: _Places, survey: Survey, view: int) -> Iterator[_Sight]:
         blocked[doubtful] = _occluded(
             group.chosen(doubtful), survey, position, image.around(directions[doubtful]), ranges[doubtful]
         )
-        yield _Sight(visible[inside], through & ~blocked, blocked, beyond)
+        yield _Sight(visible[inside], through & ~blocked, blocked, beyond, found, ranges)
 
 
 def _beyond(
@@ -211,6 +225,24 @@ def _beyond(
         limited = np.isfinite(places.offset[chosen])
         beyond[chosen[~near & flat & limited & (in_front <= 1)]] = 0.0
     return beyond
+
+
+def _hidden(places: _Places, sight: _Sight, survey: Survey, view: int) -> Bool[np.ndarray, " m"]:
+    """Which places lie behind the surface in their direction: its plane where it is flat, else its nearest point.
+
+    At a grazing angle a place on a surface is far before or behind the next point of it, and not off its plane.
+    """
+    assert survey.views is not None
+    position = survey.views.poses[view, :3, 3]
+    survey = survey.sighted or survey
+    result, ends = np.zeros(len(places.points), bool), np.flatnonzero(sight.ends)
+    met, group = survey.occluders[sight.found.point[ends]], places.chosen(ends)
+    error = survey.settings.tilts * _height_error(group.points, survey.surface, met)
+    behind_plane = -_in_front(group.points, survey.surface, met, position) > group.offset + error
+    clear = np.minimum(group.margin, survey.settings.clear * survey.spacing[met])
+    behind_point = sight.found.range[ends] < sight.ranges[ends] - clear
+    result[ends] = np.where(survey.flat[met], behind_plane, behind_point)
+    return result
 
 
 def _occluded(

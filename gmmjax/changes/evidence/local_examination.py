@@ -22,7 +22,7 @@ from gmmjax.changes.differences import (
     detection_limits,
     local_difference,
 )
-from gmmjax.changes.evidence.candidate import Candidate
+from gmmjax.changes.evidence.candidate import Areas, Candidate
 from gmmjax.changes.evidence.examination import (
     EvidenceSettings,
     Examined,
@@ -168,9 +168,15 @@ def candidates_by_resolution(
         settings: in what clouds they are examined.
     """
     resolutions = each(lambda own, cloud: _resolutions(own, cloud, settings), candidates, scene.clouds)
+    areas = each(_areas, candidates, scene.clouds)
     for resolution in sorted({value for own in resolutions for value in own.values()}):
         chosen = resolutions.map(functools.partial(_numbers_at, resolution))
-        yield _at_resolution(resolution, chosen, candidates, scene, evidence, settings)
+        yield _at_resolution(resolution, chosen, candidates, scene, areas, evidence, settings)
+
+
+def _areas(own: Candidates, cloud: WorkingCloud) -> Areas:
+    assert cloud.sizes is not None
+    return Areas.of(own.labels, cloud.sizes)
 
 
 def _numbers_at(resolution: float, of_candidates: dict[int, float]) -> list[int]:
@@ -204,6 +210,7 @@ def _at_resolution(
     chosen: Pair[list[int]],
     candidates: Pair[Candidates],
     scene: LocalScene,
+    areas: Pair[Areas],
     evidence: EvidenceSettings,
     settings: LocalExaminationSettings,
 ) -> AtResolution:
@@ -229,7 +236,7 @@ def _at_resolution(
         return Candidates(points, local, excess, looks_changed, label, seen)
 
     at_level = each(of_cloud, points, Pair(False, True), differences.local, labels, observed)
-    pieces = measured_candidates(at_level, surveys, differences.limits, evidence)
+    pieces = measured_candidates(at_level, surveys, differences.limits, evidence, areas)
     own = each(lambda found, label, numbers: _pieces_of(found, label, numbers), pieces, labels, chosen)
     return AtResolution(own, at_level, clouds.map(lambda cloud: cloud.member))
 

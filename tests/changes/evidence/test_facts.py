@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.differences import Differences
+from gmmjax.changes.evidence.candidate import Areas
 from gmmjax.changes.evidence.examination import measured_candidates, observed_places
 from gmmjax.changes.evidence.facts import FACTS, measured, names_of, sphere_directions
 from gmmjax.changes.evidence.free_space import Observed
@@ -28,7 +29,7 @@ CUBE = cube((1.0, 1.0), 0.4)
 UPWARDS = np.array([0.0, 0.0, 1.0])
 
 
-def scene(thing, own_floor, other, views=None, unit=1.0, rotation=np.eye(3), order=None):
+def scene(thing, own_floor, other, views=None, unit=1.0, rotation=np.eye(3), order=None, noise=None):
     """The facts of a thing on a floor that the other survey has without it, in any unit and frame."""
     points = np.concatenate([own_floor, thing])
     labels = np.repeat([-1, 0], [len(own_floor), len(thing)])
@@ -41,6 +42,9 @@ def scene(thing, own_floor, other, views=None, unit=1.0, rotation=np.eye(3), ord
         }
     )
     pair = Pair(candidates_of(points, labels), nothing_of(other))
+    if noise is not None:
+        difference = pair.before.difference._replace(noise=np.full(len(points), noise))
+        pair = Pair(pair.before._replace(difference=difference), pair.after)
     pair = pair.map(
         lambda own: own._replace(
             points=unit * own.points @ rotation.T,
@@ -76,6 +80,7 @@ def of_hole():
 
 def test_a_new_cube_on_a_floor_that_the_other_survey_saw_bare(of_cube):
     assert of_cube["seen_free"] > 0.9 and of_cube["seen_through"] > 0.9 and of_cube["depth_beyond"] > 1
+    assert of_cube["unreached"] < 0.1
     assert of_cube["shown"] > 0.5
     assert of_cube["continued"] < 0.1
     assert of_cube["compactness"] > 0.5
@@ -94,12 +99,20 @@ def test_eroded_ground_is_displaced_though_it_is_nearer_to_the_old_one_than_poin
     inside = in_square(FLOOR, (1, 1), 0.6)
     eroded = scene(FLOOR[inside] - SPACING / 2 * UPWARDS, FLOOR[~inside], OTHER)
     assert eroded["displaced"] > 0.95
+    # The distance tells nothing there: it is that of a sure change, three spacings.
+    assert 2.5 < eroded["gap"] <= 3
 
 
 def test_ground_is_not_displaced_where_all_of_it_is_off_by_the_same():
     inside = in_square(FLOOR, (1, 1), 0.6)
     everything_off = scene(FLOOR[inside], FLOOR[~inside], OTHER + SPACING / 2 * UPWARDS)
     assert everything_off["displaced"] < 0.05
+
+
+def test_ground_is_not_displaced_by_what_noise_explains():
+    inside = in_square(FLOOR, (1, 1), 0.6)
+    eroded = FLOOR[inside] - SPACING / 2 * UPWARDS
+    assert scene(eroded, FLOOR[~inside], OTHER, noise=SPACING / 4)["displaced"] < 0.05
 
 
 def test_what_has_nothing_opposite_or_lies_to_both_sides_is_not_displaced(of_hole):
@@ -121,10 +134,44 @@ def test_the_hidden_side_of_what_was_seen_through_is_known_by_it(both):
     hidden, *_ = measured_candidates(pair, surveys_of(pair, FROM_ABOVE), LIMITS).before
     facts = measured(hidden)
     assert facts["not_seen"] == 1 and facts["seen_free"] == facts["cluster_free"] == 0
+    assert facts["unreached"] > 0.9
     if both:
         assert 0.05 < facts["free_contact"] < 0.5 and facts["free_nearby"] > 0.3
     else:
         assert facts["free_contact"] == facts["free_nearby"] == 0
+
+
+def pieces_of(points, labels, other, areas=None):
+    pair = Pair(candidates_of(points, labels), nothing_of(other))
+    return [measured(piece) for piece in measured_candidates(pair, surveys_of(pair), LIMITS, areas=areas).before]
+
+
+def test_how_much_else_differs_is_told_by_area():
+    small, large = cube((0.5, 0.5), 0.2), cube((1.4, 1.4), 0.4)
+    points, labels = np.concatenate([FLOOR, small, large]), np.repeat([-1, 0, 1], [len(FLOOR), len(small), len(large)])
+    of_small, of_large = sorted(pieces_of(points, labels, OTHER), key=lambda facts: facts["count"])
+    ratio = len(large) / len(small)
+    assert of_small["differing_elsewhere"] == pytest.approx(ratio)
+    assert of_large["differing_elsewhere"] == pytest.approx(1 / ratio)
+    overall = (len(small) + len(large)) / len(points)
+    assert of_small["differing_overall"] == of_large["differing_overall"] == pytest.approx(overall)
+    # Of a part of a cloud the whole one counts, and a coarse point for as many fine ones as it stands for.
+    parts = Areas.of(np.array([0, 0, -1]), np.array([1.0, 2.0, 2.0])), Areas.of(np.array([-1]), 1.0)
+    assert parts[0] == (5.0, 9.0)
+    only = np.where(labels == 1, 1, -1)
+    (facts,) = pieces_of(points, only, OTHER, Pair(*parts))
+    assert facts["differing_overall"] == pytest.approx(5 / 9)
+    assert facts["differing_elsewhere"] == pytest.approx(5 / (len(large) * SPACING**2) - 1)
+
+
+def test_clutter_of_which_both_surveys_have_some_points_is_interspersed(of_cube):
+    random = np.random.default_rng(0)
+    clutter = [random.uniform(0.8, 1.2, (400, 3)) + np.array([0, 0, 0.2]) for _ in range(2)]
+    points, labels = np.concatenate([FLOOR, clutter[0]]), np.repeat([-1, 0], [len(FLOOR), 400])
+    (both,) = pieces_of(points, labels, np.concatenate([OTHER, clutter[1]]))
+    (alone,) = pieces_of(points, labels, OTHER)
+    assert 0.7 < both["interspersed"] < 1.3 and alone["interspersed"] == 0
+    assert of_cube["interspersed"] < 0.3
 
 
 def test_every_fact_is_finite_in_its_range_and_has_a_sentence(of_cube, of_hole):

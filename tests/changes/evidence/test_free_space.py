@@ -281,6 +281,40 @@ def test_sightlines_count_the_views():
         assert not any(values.any() for values in without)
 
 
+def test_lines_of_sight_reach_what_they_end_at_and_what_is_before_it():
+    screen = wall(1.0, half=0.2, spacing=0.02)
+    cloud = np.concatenate([wall(2.0), screen])
+    # Before the screen, on it, behind it by less than the margin and by more, on the wall beside it, and not in view.
+    places = np.array([[0, 0, 0.7], [0, 0, 1.0], [0, 0, 1.03], [0, 0, 1.5], [0.6, 0, 2.0], [0, 0, -1.0]])
+    reached = sightlines(places, Survey.of(cloud, one_camera()), 0.1, 0.01).reached
+    assert reached.tolist() == [1, 1, 0, 0, 1, 0]
+    beside = np.eye(4)
+    beside[0, 3] = 0.5
+    both = SensorViews(np.stack([np.eye(4), beside]), (60.0, 60.0), 5.0)
+    assert sightlines(places, Survey.of(cloud, both), 0.1, 0.01).reached.tolist() == [1, 2, 0, 1, 2, 0]
+    assert not sightlines(places, Survey.of(cloud), 0.1, 0.01).reached.any()
+
+
+def test_at_a_grazing_angle_a_floor_is_reached_between_its_points():
+    steps = np.arange(-1.0, 1.0, 0.02)
+    floor = np.stack([*(grid.ravel() for grid in np.meshgrid(steps, steps)), np.zeros(len(steps) ** 2)], axis=1)
+    views = SensorViews(looking((-2.0, 0, 0.2), (0, 0, 0))[None], (60.0, 40.0), 5.0)
+    places = np.random.default_rng(0).uniform([-0.6, -0.4, -0.002], [0.6, 0.4, 0.002], (500, 3))
+    assert sightlines(places, Survey.of(floor, views), 0.06, 0.01).reached.mean() > 0.98
+    below = sightlines(places - [0, 0, 0.03], Survey.of(floor, views), 0.06, 0.01)
+    assert below.reached.mean() < 0.02
+
+
+def test_what_is_not_flat_hides_by_its_points():
+    """Twigs: planes through sixteen points are in no particular direction."""
+    generator = np.random.default_rng(0)
+    survey = Survey.of(wall(2.0) + 0.02 * generator.normal(size=(40000, 3)), one_camera())
+    places = above(generator.uniform(-0.2, -0.15, 300), generator.uniform(-0.4, 0.4, 300))
+    assert sightlines(places, survey, 0.5, 0.01).reached.mean() < 0.05
+    open_clutter = dataclasses.replace(survey, settings=FreeSpaceSettings(clear=np.inf))
+    assert sightlines(places, open_clutter, 0.5, 0.01).reached.mean() > 0.5
+
+
 def test_sightlines_agree_with_the_observation(surveys):
     before, after, _ = surveys
     survey = Survey.of(after, VIEWS)
