@@ -124,9 +124,10 @@ def test_an_empty_record_is_one_that_can_be_read(tmp_path):
 
 
 def test_the_memory_of_what_a_run_started_is_sampled(tmp_path, monkeypatch):
-    sleeping = [sys.executable, "-c", "import time; time.sleep(60)"]
-    child = subprocess.Popen(sleeping)
+    sleeping = [sys.executable, "-c", "import time; print(flush=True); time.sleep(60)"]
+    child = subprocess.Popen(sleeping, stdout=subprocess.PIPE)
     try:
+        assert child.stdout is not None and child.stdout.readline()
         assert batch_memory.processes(os.getpid())[child.pid] == "worker"
         assert batch_memory.processes(os.getpid())[os.getpid()] == "driver"
         monkeypatch.setattr(batch_memory, "LEAST_GB", 1e-4)
@@ -134,7 +135,7 @@ def test_the_memory_of_what_a_run_started_is_sampled(tmp_path, monkeypatch):
         assert 1e-3 < resident <= peak < 0.1
     finally:
         child.kill()
-        child.wait()
+        child.communicate()
     assert batch_memory.memory_of(child.pid) is None
     log = tmp_path / "log.csv"
     rows = [

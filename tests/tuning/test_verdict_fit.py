@@ -82,7 +82,7 @@ def test_what_was_known_is_not_forgotten():
     facts = remembered_facts(DISTANT, 100)
     tuned = [changed(tuned_verdict(DISTANT, weighted(measured(40)), draw), facts) for draw in (1000.0, 10.0)]
     forgotten = [np.abs(own - changed(DISTANT, facts)).mean() for own in tuned]
-    assert forgotten[0] < 0.02 < forgotten[1]
+    assert forgotten[0] < 0.05 < forgotten[1]
 
 
 @pytest.mark.parametrize("kinds", [(CHANGED, NOT_CHANGED), (CHANGED, UNOBSERVED, UNCHANGED, NOT_CHANGED)])
