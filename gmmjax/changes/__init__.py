@@ -111,6 +111,7 @@ if TYPE_CHECKING:
     from gmmjax.changes.prepare.checking import CheckSettings as CheckSettings
     from gmmjax.changes.prepare.checking import check_overlap as check_overlap
     from gmmjax.changes.prepare.checking import check_pair as check_pair
+    from gmmjax.changes.prepare.checking import check_same_place as check_same_place
     from gmmjax.changes.prepare.local_resolution import LocalResolutionSettings as LocalResolutionSettings
     from gmmjax.changes.prepare.local_resolution import VoxelLattice as VoxelLattice
     from gmmjax.changes.prepare.local_resolution import reduced_on as reduced_on
@@ -121,6 +122,7 @@ if TYPE_CHECKING:
     from gmmjax.changes.prepare.separate_clouds import default_components as default_components
     from gmmjax.changes.prepare.separate_clouds import reduced as reduced
     from gmmjax.changes.prepare.units import common_unit as common_unit
+    from gmmjax.changes.prepare.units import stated_systems as stated_systems
     from gmmjax.changes.presentation import GivenCloud as GivenCloud
     from gmmjax.changes.presentation import Presented as Presented
     from gmmjax.changes.presentation import presented as presented

@@ -50,7 +50,8 @@ def detect_changes(
 
     Raises:
         InputError: clouds, views or settings that cannot be used; files that state two units or reference systems;
-            extents that do not overlap, where no registration is made or it is in doubt.
+            extents that do not overlap, where no registration is made or it is in doubt; or that are far apart in the
+            one reference system that both files state.
         ComputationError: no restart gave a mixture, or no pair of separate mixtures could be compared.
 
     Warns:

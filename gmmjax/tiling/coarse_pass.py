@@ -6,7 +6,17 @@ import itertools
 import numpy as np
 from jaxtyping import Float64
 
-from gmmjax.changes import NAMES, AlignedScans, Clock, DetectionConfig, JointDetector, Scan, VoxelLattice
+from gmmjax.changes import (
+    NAMES,
+    AlignedScans,
+    Clock,
+    DetectionConfig,
+    JointDetector,
+    Scan,
+    VoxelLattice,
+    check_same_place,
+    stated_systems,
+)
 from gmmjax.clouds import (
     ChunkedCloud,
     CroppedCloud,
@@ -61,7 +71,8 @@ def coarse_pass(
         settings: how many points are kept in memory.
 
     Raises:
-        InputError: a scan without points, scans that fill volumes, or those that the detector refuses.
+        InputError: a scan without points, scans of two places, scans that fill volumes, or those that the detector
+            refuses.
     """
     clock.start("reading", "Reading the scans", 0.0)
     inside = _cropped(clouds, config)
@@ -69,6 +80,7 @@ def coarse_pass(
     for side, own in zip(NAMES, thinned, strict=True):
         if not own.total:
             raise InputError(f"{side}: has no points{' inside the crop box' * (config.crop is not None)}")
+    check_same_place(thinned.map(lambda own: own.points), stated_systems(clouds))
     detector = JointDetector(config, resolution=None)
     scans = each(lambda own, known: Scan(own.points, known), thinned, views)
     prepared = detector.prepared(scans, clock)

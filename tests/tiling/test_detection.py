@@ -1,5 +1,6 @@
 """Changes of scans of any size, found in tiles."""
 
+import dataclasses
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -169,6 +170,15 @@ def test_scans_that_do_not_overlap_are_refused(points, tmp_path):
     with pytest.raises(InputError, match=r"before, after: the scans do not overlap \(before .*into one frame"):
         detected(Pair(points.before, points.after + np.array([5_000.0, 0.0, 0.0])), tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_scans_of_two_places_of_one_reference_system_are_refused(points, tmp_path):
+    apart = Pair(points.before, points.before + np.array([100.0, 0.0, 0.0]))
+    for side, own in zip(("before", "after"), apart, strict=True):
+        np.save(tmp_path / f"{side}.npy", own)
+    files = Pair("before", "after").map(lambda side: open_cloud(tmp_path / f"{side}.npy"))
+    with pytest.raises(InputError, match=r"the scans do not overlap .* both files state EPSG:25832"):
+        detected_in(files.map(lambda own: dataclasses.replace(own, crs="EPSG:25832")), tmp_path)
 
 
 def test_volumes_are_refused(tmp_path):

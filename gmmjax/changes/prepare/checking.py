@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
+from gmmjax.changes.prepare.units import stated_systems
 from gmmjax.changes.registration import Registration
 from gmmjax.clouds import PointCloud, as_points, box_text, canonical_order, crop_box, first_of_equals
 from gmmjax.errors import InputError, warn
@@ -31,10 +32,14 @@ class CheckSettings:
             differ by what one of them missed, hardly by more than 100. Infinite: no warning.
         largest_extent: in the unit of the clouds; the smallest is one over this. Sixth powers of a length, as in the
             determinant of a covariance, and of a thousandth of it stay within the range of float64, 1e-308 to 1e308.
+        apart: gap between the extents of clouds whose files state one coordinate reference system, in the larger
+            extent, above which they are not of one place. 0: scans that a registration would move are refused;
+            infinite: scans of two places that look alike are registered.
     """
 
     suspicious_scale: float = 100.0
     largest_extent: float = 1e45
+    apart: float = 1.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,7 +89,7 @@ def check_pair(
 
     Raises:
         InputError: a cloud that is not of real numbers [n, 3], has too few points or only equal ones, or an extent that
-            is too large or too small for float64.
+            is too large or too small for float64; clouds of two places of one reference system.
 
     Warns:
         InputWarning: extents that differ so much that the units must differ.
@@ -94,8 +99,36 @@ def check_pair(
         about = own.diagnostics(given)
         text = "%s: %d points of %r, %d rows without a position, %d points outside the crop box"
         logger.info(text, name, *(about[key] for key in ("points", "source", "rows_dropped", "cropped")))
+    check_same_place(checked.map(lambda own: own.points), stated_systems(clouds), settings)
     _warn_about_extents(checked.before.points, checked.after.points, settings)
     return checked
+
+
+def check_same_place(
+    points: Pair[Float[np.ndarray, "_ 3"]], systems: Pair[str | None], settings: CheckSettings = CheckSettings()
+) -> None:
+    """Checks that clouds in one coordinate reference system are not far apart.
+
+    Registration brings together whatever looks alike. Coordinates without a reference system may differ by any
+    displacement; those in one are those of a place.
+
+    Args:
+        points: of both clouds, in the frames that they were given in.
+        systems: that their files state.
+        settings: how far apart they may be.
+
+    Raises:
+        InputError: extents that are farther apart.
+    """
+    if systems.before is None or systems.before != systems.after:
+        return
+    boxes = points.map(_extent)
+    gap = max(float((boxes.after[0] - boxes.before[1]).max()), float((boxes.before[0] - boxes.after[1]).max()))
+    if gap > settings.apart * max(float(np.ptp(box, axis=0).max()) for box in boxes):
+        raise InputError(
+            f"before, after: the scans do not overlap ({_in_words(boxes)}), and both files state {systems.before}; "
+            "compare scans of one place, or correct the reference system or the coordinates of one of them"
+        )
 
 
 def check_overlap(clouds: Pair[CheckedCloud], registration: Registration | None = None) -> None:
@@ -110,14 +143,22 @@ def check_overlap(clouds: Pair[CheckedCloud], registration: Registration | None 
     """
     if registration is not None and registration.applied and not registration.in_doubt:
         return
-    boxes = clouds.map(lambda cloud: np.array([cloud.points.min(axis=0), cloud.points.max(axis=0)]))
+    boxes = clouds.map(lambda cloud: _extent(cloud.points))
     if (boxes.before[1] < boxes.after[0]).any() or (boxes.after[1] < boxes.before[0]).any():
-        extents = boxes.map(lambda box: box_text(box, float(np.ptp(box, axis=0).max())))
         raise InputError(
-            f"before, after: the scans do not overlap (before {extents.before}, after {extents.after}); they may be in "
-            "different coordinate systems or units: bring them into one frame first, and leave stray points out with "
-            "crop"
+            f"before, after: the scans do not overlap ({_in_words(boxes)}); they may be in different coordinate "
+            "systems or units: bring them into one frame first, and leave stray points out with crop"
         )
+
+
+def _extent(points: Float[np.ndarray, "_ 3"]) -> Float[np.ndarray, "2 3"]:
+    """The lowest and the highest corner of the box around some points."""
+    return np.array([points.min(axis=0), points.max(axis=0)])
+
+
+def _in_words(boxes: Pair[Float[np.ndarray, "2 3"]]) -> str:
+    extents = boxes.map(lambda box: box_text(box, float(np.ptp(box, axis=0).max())))
+    return f"before {extents.before}, after {extents.after}"
 
 
 def check_comparable(

@@ -21,7 +21,7 @@ def common_unit(clouds: Pair[Any], config: DetectionConfig) -> str | None:
     Raises:
         InputError: the files state two units, and the user gave none; or two reference systems.
     """
-    units, systems = clouds.map(lambda cloud: _stated(cloud, "unit")), clouds.map(lambda cloud: _stated(cloud, "crs"))
+    units, systems = clouds.map(lambda cloud: _stated(cloud, "unit")), stated_systems(clouds)
     if config.unit is None and None not in (*units,) and units.before != units.after:
         raise InputError(
             f"before is in {units.before} and after in {units.after}, as their files state; convert one of them, or "
@@ -33,6 +33,15 @@ def common_unit(clouds: Pair[Any], config: DetectionConfig) -> str | None:
             "reference systems cannot be compared; reproject one of them"
         )
     return config.unit or (units.before if units.before == units.after else None)
+
+
+def stated_systems(clouds: Pair[Any]) -> Pair[str | None]:
+    """The coordinate reference system that the file of each cloud states; None: it states none.
+
+    Args:
+        clouds: coordinates, or a cloud, a file or a survey.
+    """
+    return clouds.map(lambda cloud: _stated(cloud, "crs"))
 
 
 def _stated(cloud: Any, name: str) -> str | None:

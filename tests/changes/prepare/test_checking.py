@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gmmjax import InputError, InputWarning, PointCloud, detect_changes
-from gmmjax.changes.prepare.checking import check_comparable, check_overlap, check_pair
+from gmmjax.changes.prepare.checking import check_comparable, check_overlap, check_pair, check_same_place
 from gmmjax.changes.registration import Registration
 from gmmjax.pair import Pair
 
@@ -86,6 +86,23 @@ def test_a_registration_that_is_missing_or_in_doubt_leaves_the_error(applied, co
 
 def test_disjoint_extents_that_registration_brings_together_are_none():
     check_overlap_of(CLOUD, CLOUD + 100, Registration(np.eye(4), applied=True))
+
+
+def test_clouds_of_one_reference_system_that_are_far_apart_are_of_two_places():
+    """However alike they look; clouds of no system, or of local ones, may lie anywhere."""
+    extent = float(np.ptp(CLOUD, axis=0).max())
+    # The widths of the cloud and of the gap, along its longest axis.
+    near, far = (CLOUD + (1 + gap) * extent * np.eye(3)[np.ptp(CLOUD, axis=0).argmax()] for gap in (0.9, 1.1))
+    systems = Pair("EPSG:25832", "EPSG:25832")
+    message = r"do not overlap \(before .*, after .*\), and both files state EPSG:25832; compare scans of one place"
+    for pair in (Pair(CLOUD, far), Pair(far, CLOUD)):
+        with pytest.raises(InputError, match=message):
+            check_same_place(pair, systems)
+        with pytest.raises(InputError, match=message):
+            check_pair(pair.map(lambda points: PointCloud(points, np.arange(len(points)), crs="EPSG:25832")))
+        check_pair(pair)
+    check_same_place(Pair(CLOUD, near), systems)
+    check_same_place(Pair(CLOUD, far), Pair("EPSG:25832", None))
 
 
 @pytest.mark.parametrize("method", ["joint", "greedy"])
