@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from gmmjax.changes import Changes, DetectionConfig
 from gmmjax.cli.sensor_options import SensorOption
-from gmmjax.clouds import PointCloud, SurveyFiles
+from gmmjax.clouds import CloudChunk, PointCloud, SurveyFiles
+from gmmjax.errors import InputError
 from gmmjax.pair import Pair, each
 
 if TYPE_CHECKING:
@@ -99,14 +100,22 @@ def found_changes(
         yield _in_memory(scans, config, progress)
 
 
+def _check_seen_from_above(cloud: PointCloud | CloudChunk) -> None:
+    from gmmjax.reporting import check_upright
+
+    try:
+        check_upright(cloud.points)
+    except InputError as error:
+        raise InputError(f"--map-2d: {error}, or leave it out") from None
+
+
 def _in_memory(scans: ScansToCompare, config: DetectionConfig, progress: "Progress") -> FoundChanges:
     from gmmjax.changes import detect_changes
-    from gmmjax.reporting import check_upright
     from gmmjax.reporting.result_folder import write_result
 
     clouds = scans.surveys.map(lambda own: own.read())
     if scans.seen_from_above:
-        check_upright(clouds.after.points)
+        _check_seen_from_above(clouds.after)
     views = each(lambda sensor, cloud: sensor.views(cloud), scans.sensors, clouds)
     changes = detect_changes(
         clouds.before,
@@ -127,13 +136,12 @@ def _in_memory(scans: ScansToCompare, config: DetectionConfig, progress: "Progre
 def _in_tiles(
     scans: ScansToCompare, config: DetectionConfig, tiles: TileOptions, progress: "Progress"
 ) -> Iterator[FoundChanges]:
-    from gmmjax.reporting import check_upright
     from gmmjax.reporting.result_folder import write_tiled_result
     from gmmjax.tiling import Workers, tiled_changes
 
     surveys = scans.surveys
     if scans.seen_from_above:
-        check_upright(next(surveys.after.chunks()).points)
+        _check_seen_from_above(next(surveys.after.chunks()))
     views = each(lambda sensor, own: sensor.views(own) or own.views, scans.sensors, surveys)
     with tiled_changes(
         surveys,

@@ -56,3 +56,14 @@ def test_a_map_that_cannot_be_written_is_told_before_the_work(scans, tmp_path, c
         assert main([*words, "--map-2d", str(tmp_path / name)]) == 2
         assert message in capsys.readouterr().err.replace("\n", " ")
     assert not (tmp_path / "out").exists()
+
+
+def test_there_is_no_map_of_the_scans_of_a_depth_camera(tmp_path, capsys):
+    points = np.random.default_rng(0).uniform([-0.5, -0.5, 1.0], [0.5, 0.5, 2.0], (500, 3))
+    for name in ("before", "after"):
+        np.save(tmp_path / f"{name}.npy", points)
+    words = ["detect", *(str(tmp_path / f"{name}.npy") for name in ("before", "after")), "--out", str(tmp_path / "out")]
+    assert main([*words, "--map-2d", str(tmp_path / "out" / "map.png")]) == 2
+    message = " ".join(capsys.readouterr().err.split())
+    assert "--map-2d: the scans look like those of a depth camera" in message and message.endswith("or leave it out")
+    assert not (tmp_path / "out").exists()
