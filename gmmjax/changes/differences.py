@@ -61,9 +61,9 @@ class DifferenceSettings:
             along a line of a scanner or a cable: the plane may be turned about it by any angle, and offsets from it say
             nothing. 0: where the lines of a scanner meet, straight above it, surfaces look displaced; 1: offsets say
             nothing anywhere.
-        denser: density of a cloud by that of the other one there, from which on relief between the points of the other
-            one is noise of its offset. 0: chance differences of density are noise; infinite: a bump that only the
-            dense cloud shows is an offset.
+        density_ratio: density of a cloud by that of the other one there, above which relief between the points of the
+            other one counts as noise of its offset. 0: so it does in clouds of equal density; infinite: a bump that
+            only the dense cloud shows is an offset.
     """
 
     spacings: float = 3.0
@@ -80,7 +80,7 @@ class DifferenceSettings:
     finest_offset: float = 1e-6
     opposite_height: float = 1.0
     slenderness: float = 0.2
-    denser: float = 2.0
+    density_ratio: float = 2.0
 
 
 class LocalDifference(NamedTuple):
@@ -226,10 +226,8 @@ def local_difference(
     own_scatter = ((groups - means[:, None]) @ normals[:, :, None])[..., 0].var(axis=1)
     tilts, reach, spacing = other.tilts(there), other.reach(there), other.spacing(there)
     of_planes = own_scatter / groups.shape[1] + scatter / other.neighbours.shape[1]
-    # Relief within the cells of a sparse cloud does not show in it, and a dense mean lies within few of them.
-    density = (spacing / np.maximum(own.spacing(chosen), np.finfo(float).tiny)) ** 2
-    cells = np.maximum(groups.shape[1] / np.maximum(density, settings.denser), 1.0)
-    of_relief = np.where(density > settings.denser, scatter / cells, 0.0)
+    density_ratio = (spacing / np.maximum(own.spacing(chosen), np.finfo(float).tiny)) ** 2
+    of_relief = _unresolved_relief(scatter, density_ratio, groups.shape[1], settings)
     # Beyond its edge, too, a plane is turned no farther than there.
     by_tilt, by_tilt_of_points = (tilts * np.minimum(heights.beside, reach) for heights in (of_means, of_points))
     in_rows = other.in_rows(there, settings.slenderness)
@@ -243,6 +241,26 @@ def local_difference(
         point_offset=np.where(opposite, np.abs(of_points.above), 0.0),
         point_noise=np.where(in_rows, np.inf, np.sqrt(scatter + by_tilt_of_points**2)),
     )
+
+
+def _unresolved_relief(
+    scatter: Float[np.ndarray, " n"],
+    density_ratio: Float[np.ndarray, " n"],
+    averaged: int,
+    settings: DifferenceSettings,
+) -> Float[np.ndarray, " n"]:
+    """The variance of the offset by relief between the points of the other cloud, which it is too sparse to resolve.
+
+    The points of a dense cloud that are averaged lie in few cells of a sparse one, at least in one.
+
+    Args:
+        scatter: variance of the other cloud's points about their plane, for each point.
+        density_ratio: of the own cloud to the other one there.
+        averaged: number of points whose mean is compared.
+        settings: how much denser the own cloud must be.
+    """
+    cells = np.maximum(averaged / np.maximum(density_ratio, 1.0), 1.0)
+    return np.where(density_ratio > settings.density_ratio, scatter / cells, 0.0)
 
 
 def detection_limits(

@@ -277,7 +277,9 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             return examined(candidates, prepared.surveys, limits, verdicts, threshold, self.evidence)
         scene = prepared.scene(functools.partial(_of_points, fits))
         found = examined_locally(candidates, scene, verdicts, threshold, self.evidence, self.examination)
-        return with_both_places(found, candidates, prepared.surveys, limits, smallest, self.evidence.surroundings)
+        return with_both_places(
+            found, candidates, prepared.surveys, limits, smallest, self.evidence.surroundings.displacements
+        )
 
     def _candidates(
         self, prepared: AlignedScans, fits: JointFits, observed: Pair[np.ndarray | None]

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from gmmjax.changes.candidates import Candidates
 from gmmjax.changes.differences import DetectionLimits
-from gmmjax.changes.evidence.candidate import Displacements, SurroundingsSettings
+from gmmjax.changes.evidence.displacements import Displacements, DisplacementSettings
 from gmmjax.changes.evidence.examination import Examined
 from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.explanation import Explanation
@@ -28,7 +28,7 @@ def with_both_places(
     surveys: Pair[Survey],
     limits: DetectionLimits,
     smallest: int = 10,
-    settings: SurroundingsSettings = SurroundingsSettings(),
+    settings: DisplacementSettings = DisplacementSettings(),
 ) -> Pair[Examined]:
     """The changes, with the place in the other cloud of every surface that was displaced.
 

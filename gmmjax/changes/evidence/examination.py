@@ -12,13 +12,14 @@ from scipy.spatial import cKDTree
 
 from gmmjax.changes.candidates import Candidates
 from gmmjax.changes.differences import DetectionLimits, Differences, LocalDifference
-from gmmjax.changes.evidence.candidate import Areas, Candidate, Surroundings, SurroundingsSettings, candidates_in
+from gmmjax.changes.evidence.candidate import Candidate, candidates_in
 from gmmjax.changes.evidence.continuation import Continuation, ContinuationSettings
 from gmmjax.changes.evidence.coverage_edge import ReferenceSurfaces
 from gmmjax.changes.evidence.facts import measured
 from gmmjax.changes.evidence.free_space import Observed, Sightlines, observation, sightlines
 from gmmjax.changes.evidence.pieces import PieceSettings, cut
 from gmmjax.changes.evidence.support_planes import SupportSettings, supports
+from gmmjax.changes.evidence.surroundings import Areas, Surroundings, SurroundingsSettings
 from gmmjax.changes.evidence.survey import FreeSpaceSettings, Survey
 from gmmjax.changes.evidence.verdict import Judgement, judged
 from gmmjax.changes.evidence.verdict_file import Verdicts

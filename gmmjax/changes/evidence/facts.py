@@ -181,7 +181,7 @@ def other_around(candidate: Candidate) -> float:
 
 def interspersed(candidate: Candidate) -> float:
     """Points of the other cloud among its own, for each of these, from 0: clutter of which both have some points."""
-    return candidate.count_within / len(candidate.rows)
+    return candidate.interspersed_count / len(candidate.rows)
 
 
 def continued(candidate: Candidate) -> float:
@@ -341,7 +341,7 @@ FACTS: dict[str, Fact] = {
     ),
     "displaced": Fact(displaced, "{:.0%} of it lies surely off the other scan's surface, on one side", "share", 1),
     "gap": Fact(
-        gap, "it is {:.1f} spacings of points from the other scan, what is displaced counted as a sure change", "ratio"
+        gap, "it is {:.1f} spacings of points from the other scan, where displaced points count as changed", "ratio"
     ),
     "greatest_gap": Fact(greatest_gap, "its farthest point is {:.0f} spacings of points from the other scan", "ratio"),
     "excess": Fact(excess, "the mixture gives {:.0%} of it to its own scan alone", "share", 1),

@@ -108,11 +108,11 @@ def sightlines(
     places = _Places.of(points, survey, margin, offset)
     for view in range(len(survey.views)):
         for sight in _sights(places, survey, view):
-            result.through[sight.shown] += sight.through & (~places.near | places.off_plane)[sight.shown]
+            result.through[sight.shown] += sight.through & (~sight.places.near | sight.places.off_plane)
             result.blocked[sight.shown] += sight.blocked
             unblocked = np.where(sight.blocked, 0.0, sight.beyond)
             result.beyond[sight.shown] = np.maximum(result.beyond[sight.shown], unblocked)
-            result.reached[sight.shown] += sight.ends & ~_hidden(places.chosen(sight.shown), sight, survey, view)
+            result.reached[sight.shown] += _reached(sight, survey, view)
     return result
 
 
@@ -160,24 +160,21 @@ class _Sight(NamedTuple):
 
     Attributes:
         shown: their indices.
+        places: these places.
+        ranges: their distances from the sensor.
+        found: the nearest point in the direction of each; those without one have an infinite range.
         through: whether the view saw past them.
         blocked: whether a surface occludes them.
         beyond: how far the surface behind them is from them, in limits.
-        found: the nearest point in the direction of each; those without one have an infinite range.
-        ranges: of the places.
     """
 
     shown: Int64[np.ndarray, " m"]
+    places: _Places
+    ranges: Float64[np.ndarray, " m"]
+    found: Nearest
     through: Bool[np.ndarray, " m"]
     blocked: Bool[np.ndarray, " m"]
     beyond: Float64[np.ndarray, " m"]
-    found: Nearest
-    ranges: Float64[np.ndarray, " m"]
-
-    @property
-    def ends(self) -> Bool[np.ndarray, " m"]:
-        """In which directions there is a surface."""
-        return np.isfinite(self.found.range)
 
 
 def _sights(places: _Places, survey: Survey, view: int) -> Iterator[_Sight]:
@@ -200,7 +197,7 @@ def _sights(places: _Places, survey: Survey, view: int) -> Iterator[_Sight]:
         blocked[doubtful] = _occluded(
             group.chosen(doubtful), survey, position, image.around(directions[doubtful]), ranges[doubtful]
         )
-        yield _Sight(visible[inside], through & ~blocked, blocked, beyond, found, ranges)
+        yield _Sight(visible[inside], group, ranges, found, through & ~blocked, blocked, beyond)
 
 
 def _beyond(
@@ -227,21 +224,21 @@ def _beyond(
     return beyond
 
 
-def _hidden(places: _Places, sight: _Sight, survey: Survey, view: int) -> Bool[np.ndarray, " m"]:
-    """Which places lie behind the surface in their direction: its plane where it is flat, else its nearest point.
+def _reached(sight: _Sight, survey: Survey, view: int) -> Bool[np.ndarray, " m"]:
+    """Which places are not behind the surface in their direction: its plane where it is flat, else its nearest point.
 
-    At a grazing angle a place on a surface is far before or behind the next point of it, and not off its plane.
+    At a grazing angle a place on a surface is far in front of or behind the next point of it, and not off its plane.
     """
     assert survey.views is not None
     position = survey.views.poses[view, :3, 3]
     survey = survey.sighted or survey
-    result, ends = np.zeros(len(places.points), bool), np.flatnonzero(sight.ends)
-    met, group = survey.occluders[sight.found.point[ends]], places.chosen(ends)
-    error = survey.settings.tilts * _height_error(group.points, survey.surface, met)
-    behind_plane = -_in_front(group.points, survey.surface, met, position) > group.offset + error
-    clear = np.minimum(group.margin, survey.settings.clear * survey.spacing[met])
-    behind_point = sight.found.range[ends] < sight.ranges[ends] - clear
-    result[ends] = np.where(survey.flat[met], behind_plane, behind_point)
+    result, ends = np.zeros(len(sight.shown), bool), np.flatnonzero(np.isfinite(sight.found.range))
+    met, places = survey.occluders[sight.found.point[ends]], sight.places.chosen(ends)
+    error = survey.settings.tilts * _height_error(places.points, survey.surface, met)
+    behind_plane = -_in_front(places.points, survey.surface, met, position) > places.offset + error
+    tolerance = np.minimum(places.margin, survey.settings.behind * survey.spacing[met])
+    behind_point = sight.found.range[ends] < sight.ranges[ends] - tolerance
+    result[ends] = ~np.where(survey.flat[met], behind_plane, behind_point)
     return result
 
 

@@ -22,7 +22,7 @@ from gmmjax.changes.differences import (
     detection_limits,
     local_difference,
 )
-from gmmjax.changes.evidence.candidate import Areas, Candidate
+from gmmjax.changes.evidence.candidate import Candidate
 from gmmjax.changes.evidence.examination import (
     EvidenceSettings,
     Examined,
@@ -33,6 +33,7 @@ from gmmjax.changes.evidence.examination import (
     observed_places,
     warn_of_unlike,
 )
+from gmmjax.changes.evidence.surroundings import Areas
 from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.evidence.verdict_file import Verdicts
 from gmmjax.changes.explanation import Explanation

@@ -38,10 +38,10 @@ class FreeSpaceSettings:
         images: the size of the depth images and of their bins.
         directions: how finely directions are told apart in scans that are compared at their own resolution.
         tilts: in these, number of standard deviations of the tilt of a plane through the points that a view saw, by
-            which a place must be in front of it to be free. 0: noise in a small plane frees the floor beside it. By as
-            many more than the offset a place must be behind a plane to be hidden by it.
-        clear: number of spacings by which a point of a surface that is not flat must be nearer than a place to hide it.
-            0: places on such a surface are hidden by its noise; infinite: nothing hides in clutter.
+            which a place must be in front of it to be free. 0: noise in a small plane frees the floor beside it. A
+            place is behind a plane where it is by as many and by the offset.
+        behind: number of spacings by which a place is behind a point of a surface that is not flat. 0: the noise of
+            such a surface hides the places on it; infinite: nothing is hidden in clutter.
     """
 
     spacing_neighbour: int = 4
@@ -54,7 +54,7 @@ class FreeSpaceSettings:
     images: DepthImageSettings = DepthImageSettings()
     directions: SeenFirstSettings = SeenFirstSettings()
     tilts: float = 2.0
-    clear: float = 3.0
+    behind: float = 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -5,10 +5,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.differences import Differences
-from gmmjax.changes.evidence.candidate import Areas
 from gmmjax.changes.evidence.examination import measured_candidates, observed_places
 from gmmjax.changes.evidence.facts import FACTS, measured, names_of, sphere_directions
 from gmmjax.changes.evidence.free_space import Observed
+from gmmjax.changes.evidence.surroundings import Areas
 from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.clouds import SensorViews
 from gmmjax.pair import Pair

@@ -311,7 +311,7 @@ def test_what_is_not_flat_hides_by_its_points():
     survey = Survey.of(wall(2.0) + 0.02 * generator.normal(size=(40000, 3)), one_camera())
     places = above(generator.uniform(-0.2, -0.15, 300), generator.uniform(-0.4, 0.4, 300))
     assert sightlines(places, survey, 0.5, 0.01).reached.mean() < 0.05
-    open_clutter = dataclasses.replace(survey, settings=FreeSpaceSettings(clear=np.inf))
+    open_clutter = dataclasses.replace(survey, settings=FreeSpaceSettings(behind=np.inf))
     assert sightlines(places, open_clutter, 0.5, 0.01).reached.mean() > 0.5
 
 
