@@ -27,4 +27,5 @@ from gmmjax.learning.objective import log_probabilities as log_probabilities
 from gmmjax.learning.objective import signed as signed
 from gmmjax.learning.training import LeftOut as LeftOut
 from gmmjax.learning.training import TrainingSettings as TrainingSettings
+from gmmjax.learning.training import judged_left_out as judged_left_out
 from gmmjax.learning.training import learned as learned

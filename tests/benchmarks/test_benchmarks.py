@@ -8,7 +8,16 @@ import pytest
 
 from gmmjax import SensorViews
 from gmmjax.changes import FACTS, names_of, shipped_verdicts
-from gmmjax.learning import CHANGED, UNCHANGED, CandidateRows
+from gmmjax.learning import (
+    CHANGED,
+    LEARNED_FROM,
+    UNCHANGED,
+    CandidateRows,
+    Collected,
+    TrainingSettings,
+    write_rows,
+)
+from gmmjax.pair import Pair
 from tests.benchmarks import (
     checkout_process,
     checkouts,
@@ -21,6 +30,7 @@ from tests.benchmarks import (
     repeatability,
     scenes,
     tasks,
+    without_facts,
 )
 from tests.benchmarks.interleaved import Timing
 from tests.mixtures import plain_figueiredo_jain
@@ -217,3 +227,25 @@ def test_candidates_are_judged_by_the_verdict():
     assert probability[0] < 0.5 < probability[1]
     table = judged_candidates.table(shipped_verdicts(), families, poses=True)
     assert table.startswith("| family |") and "| made | 2 | 1 | 1.000 | 0 | 0 |" in table
+
+
+def test_facts_can_be_left_out_of_what_is_learned(tmp_path):
+    """Of facts that are noise but for one, no family is judged without that one."""
+    random, names = np.random.default_rng(0), names_of(poses=True)
+
+    def family():
+        kind = np.tile([UNCHANGED, CHANGED], 60)
+        values = random.uniform(0.4, 0.6, (120, len(names)))
+        values[:, names.index("count")] = 100
+        values[:, names.index("seen_free")] = kind == CHANGED
+        return CandidateRows(values, kind, np.full(120, 100), np.where(kind == CHANGED, 100, 0))
+
+    families = {name: Pair(CandidateRows.none(poses=False), family()) for name in LEARNED_FROM[:2]}
+    write_rows(tmp_path / "rows.npz", Collected(families))
+    left_out = TrainingSettings(penalties=(3.0,))
+    with_all, without = (
+        without_facts.table(tmp_path / "rows.npz", facts, poses=True, settings=left_out)
+        for facts in ((), ["seen_free"])
+    )
+    assert "| all | 240 | 120 | 1.000 | 0 | 0 |" in with_all
+    assert "| all | 240 | 120 | 1.000 |" not in without
