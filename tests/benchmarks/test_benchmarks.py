@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -13,9 +14,8 @@ from gmmjax.learning import (
     LEARNED_FROM,
     UNCHANGED,
     CandidateRows,
-    Collected,
     TrainingSettings,
-    write_rows,
+    read_rows,
 )
 from gmmjax.pair import Pair
 from tests.benchmarks import (
@@ -26,6 +26,7 @@ from tests.benchmarks import (
     judged_candidates,
     m3c2,
     numpy_figueiredo_jain,
+    other_generators,
     peers,
     repeatability,
     scenes,
@@ -33,6 +34,7 @@ from tests.benchmarks import (
     without_facts,
 )
 from tests.benchmarks.interleaved import Timing
+from tests.benchmarks.surveyor import kinds as surveyor_kinds
 from tests.mixtures import plain_figueiredo_jain
 
 
@@ -240,12 +242,41 @@ def test_facts_can_be_left_out_of_what_is_learned(tmp_path):
         values[:, names.index("seen_free")] = kind == CHANGED
         return CandidateRows(values, kind, np.full(120, 100), np.where(kind == CHANGED, 100, 0))
 
-    families = {name: Pair(CandidateRows.none(poses=False), family()) for name in LEARNED_FROM[:2]}
-    write_rows(tmp_path / "rows.npz", Collected(families))
-    left_out = TrainingSettings(penalties=(3.0,))
+    families = {name: family() for name in LEARNED_FROM[:2]}
+    settings = TrainingSettings(penalties=(3.0,))
     with_all, without = (
-        without_facts.table(tmp_path / "rows.npz", facts, poses=True, settings=left_out)
+        list(without_facts.tables(families, {"other": family()}, facts, poses=True, settings=settings))
         for facts in ((), ["seen_free"])
     )
-    assert "| all | 240 | 120 | 1.000 | 0 | 0 |" in with_all
-    assert "| all | 240 | 120 | 1.000 |" not in without
+    assert "| all | 240 | 120 | 1.000 | 0 | 0 |" in with_all[0]
+    assert "| other | 120 | 60 | 1.000 | 0 | 0 |" in with_all[1]
+    assert all("| 1.000 |" not in table for table in without)
+
+
+def test_candidates_of_other_generators_are_kept(tmp_path, monkeypatch, capsys):
+    """Those that are there are read, and those of other seeds refused."""
+    made = Pair(CandidateRows.none(poses=False), CandidateRows.none(poses=True))
+    monkeypatch.setattr(other_generators, "_of_scene", lambda task, kind, points: made)
+    arguments = ["other_generators", "--kinds", "street", "hall", "--seeds", "2", "--out", str(tmp_path / "others")]
+    monkeypatch.setattr(sys, "argv", arguments)
+    other_generators.main()
+    other_generators.main()
+    assert capsys.readouterr().out.count("0 candidates") == 2
+    assert read_rows(tmp_path / "others" / "hall.npz").families["hall"].after.kind.size == 0
+    monkeypatch.setattr(sys, "argv", [*arguments, "--first-seed", "5"])
+    with pytest.raises(SystemExit):
+        other_generators.main()
+    assert "collected from other seeds" in capsys.readouterr().err
+
+
+def test_all_points_of_a_scene_where_nothing_changed_are_judged(monkeypatch):
+    """Where something changed those that nobody can judge are not."""
+    judged = []
+    monkeypatch.setattr(
+        other_generators,
+        "rows_of_scans",
+        lambda scans, truths: judged.append(truths.before.judged.all()) or Pair(None, None),
+    )
+    for changed in (False, True):
+        other_generators._of_survey(surveyor_kinds.simulated("hall", 0, 5_000, changed=changed))
+    assert judged == [True, True, False, False]

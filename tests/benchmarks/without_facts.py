@@ -2,48 +2,78 @@
 
 `python -m tests.benchmarks.without_facts --rows rows --facts unreached interspersed differing_elsewhere`
 
-The rows are those that `python -m gmmjax.learning --rows rows` keeps.
+The rows are those that `python -m gmmjax.learning --rows rows` keeps. With `--others others`, the candidates that
+`python -m tests.benchmarks.other_generators --out others` keeps are judged, too, by what is learned on all families.
 """
 
 import argparse
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 from gmmjax.changes import FACTS, names_of
-from gmmjax.learning import CandidateRows, TrainingSettings, judged_left_out, left_out_table, read_rows
+from gmmjax.learning import CandidateRows, LeftOut, TrainingSettings, learned, left_out_table, read_rows
+from tests.benchmarks.judged_candidates import probabilities
 
 
 def without(rows: CandidateRows, facts: Collection[str], *, poses: bool) -> CandidateRows:
-    """The candidates without the columns of some facts.
+    """The candidates, of which some facts are all the same: these say nothing.
 
     Args:
-        rows: the candidates, with all facts.
+        rows: the candidates.
         facts: to leave out.
         poses: whether the poses are given.
     """
-    kept = [column for column, name in enumerate(names_of(poses=poses)) if name not in facts]
-    return rows._replace(values=rows.values[:, kept])
+    values = rows.values.copy()
+    values[:, [name in facts for name in names_of(poses=poses)]] = 0.0
+    return rows._replace(values=values)
 
 
-def table(rows: Path, facts: Collection[str], *, poses: bool, settings: TrainingSettings) -> str:
-    """A Markdown table of the families, each judged by what was learned on all others without the facts."""
-    families = {name: without(own, facts, poses=poses) for name, own in read_rows(rows).of(poses=poses).items()}
-    names = [name for name in names_of(poses=poses) if name not in facts]
-    return left_out_table(families, judged_left_out(families, names, settings))
+def tables(
+    families: Mapping[str, CandidateRows],
+    others: Mapping[str, CandidateRows],
+    facts: Collection[str],
+    *,
+    poses: bool,
+    settings: TrainingSettings,
+) -> Iterator[str]:
+    """Markdown tables: of the families, each judged by what was learned on all others, and of other kinds, by all.
+
+    Args:
+        families: the candidates of each.
+        others: those of other generators.
+        facts: to leave out.
+        poses: whether the poses are given.
+        settings: how the verdict is learned.
+    """
+    families, others = (
+        {name: without(own, facts, poses=poses) for name, own in rows.items() if len(own.kind)}
+        for rows in (families, others)
+    )
+    verdict, left_out = learned(families, poses=poses, settings=settings)
+    yield left_out_table(families, left_out)
+    if others:
+        judged = {name: probabilities(verdict, own) for name, own in others.items()}
+        yield left_out_table(others, LeftOut(judged, left_out.penalty, left_out.temperature), "other generator")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rows", type=Path, required=True)
+    parser.add_argument("--others", type=Path, help="folder of candidates of other generators")
     parser.add_argument("--facts", nargs="+", choices=list(FACTS), metavar="FACT", required=True)
     parser.add_argument("--poses", choices=("unknown", "given", "both"), default="both")
     parser.add_argument("--penalties", type=float, nargs="+", default=list(TrainingSettings().penalties))
     arguments = parser.parse_args()
     settings = TrainingSettings(penalties=tuple(arguments.penalties))
+    collected = read_rows(arguments.rows)
+    files = [] if arguments.others is None else [read_rows(path) for path in sorted(arguments.others.glob("*.npz"))]
     for name in ("unknown", "given") if arguments.poses == "both" else (arguments.poses,):
+        poses = name == "given"
+        others = {kind: own for file in files for kind, own in file.of(poses=poses).items()}
         for facts in ((), arguments.facts):
-            print(f"\n## Poses {name}, {'without ' + ', '.join(facts) if facts else 'with all facts'}\n")
-            print(table(arguments.rows, facts, poses=name == "given", settings=settings), flush=True)
+            print(f"\n## Poses {name}, {'without ' + ', '.join(facts) if facts else 'with all facts'}", flush=True)
+            for table in tables(collected.of(poses=poses), others, facts, poses=poses, settings=settings):
+                print(f"\n{table}", flush=True)
 
 
 if __name__ == "__main__":
