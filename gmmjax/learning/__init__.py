@@ -16,6 +16,7 @@ from gmmjax.learning.collection import Collected as Collected
 from gmmjax.learning.collection import CollectionSettings as CollectionSettings
 from gmmjax.learning.collection import collected as collected
 from gmmjax.learning.collection import collected_in as collected_in
+from gmmjax.learning.collection import kept_in as kept_in
 from gmmjax.learning.collection import read_rows as read_rows
 from gmmjax.learning.collection import training_sources as training_sources
 from gmmjax.learning.collection import write_rows as write_rows

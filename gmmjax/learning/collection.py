@@ -141,21 +141,38 @@ def collected_in(
     Raises:
         InputError: a file that cannot be written, is damaged, or was made of other seeds or with other facts.
     """
+    failed = list[str]()
+    for family in families:
+        collect = functools.partial(collected, [family], seeds, workers=workers, progress=progress, settings=settings)
+        failed += kept_in(folder, family, seeds, collect).failed
+    return Collected(_joined_files(folder, families), tuple(failed), tuple(seeds))
+
+
+def kept_in(folder: Path, name: str, seeds: Sequence[int], collect: Callable[[], Collected]) -> Collected:
+    """The candidates in a file of a folder; where it is missing they are collected, and kept in it.
+
+    Args:
+        folder: of the file NAME.npz; made where it is missing.
+        name: of the family or the kind of scenes.
+        seeds: of its scenes.
+        collect: gives the candidates.
+
+    Raises:
+        InputError: a file that cannot be written, is damaged, or was made of other seeds or with other facts.
+    """
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot make this folder: {error.strerror or error}") from error
-    failed = list[str]()
-    for family in families:
-        path = folder / f"{family}.npz"
-        if path.is_file():
-            if read_rows(path).seeds != tuple(seeds):
-                raise InputError(f"{path}: was collected from other seeds; remove it, or name another folder")
-            continue
-        own = collected([family], seeds, workers=workers, progress=progress, settings=settings)
+    path = folder / f"{name}.npz"
+    if not path.is_file():
+        own = collect()
         write_rows(path, own)
-        failed += own.failed
-    return Collected(_joined_files(folder, families), tuple(failed), tuple(seeds))
+        return own
+    kept = read_rows(path)
+    if kept.seeds != tuple(seeds):
+        raise InputError(f"{path}: was collected from other seeds; remove it, or name another folder")
+    return kept
 
 
 def _joined_files(folder: Path, families: Sequence[str]) -> dict[str, Pair[CandidateRows]]:

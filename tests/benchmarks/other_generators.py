@@ -3,7 +3,7 @@
 `python -m tests.benchmarks.other_generators --kinds held-out --first-seed 30 --seeds 4 --out others`
 
 Those of each kind are kept in a file, in which they are read in place of simulating scenes. What a verdict makes of
-them, learned with all facts or without some, is told by `python -m tests.benchmarks.without_facts --others others`.
+them, learned with all facts or without some, `python -m tests.benchmarks.without_facts --others others` tells.
 """
 
 import argparse
@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gmmjax.changes import Scan
-from gmmjax.errors import InputWarning
-from gmmjax.learning import CandidateRows, Collected, PointTruth, read_rows, rows_of, rows_of_scans, write_rows
+from gmmjax.errors import InputError, InputWarning
+from gmmjax.learning import CandidateRows, Collected, PointTruth, kept_in, rows_of, rows_of_scans
 from gmmjax.learning.scene_workers import over_workers
 from gmmjax.pair import Pair, each
 from tests.benchmarks.held_out.kinds import KINDS, held_out_pair
@@ -27,8 +27,8 @@ HELD_OUT = "held-out"
 SURVEYED = (*surveyor.KINDS, *surveyor.HELD_OUT)
 
 
-def rows_of_kind(kind: str, seeds: Sequence[int], points: int, workers: int = 1) -> Pair[CandidateRows]:
-    """The candidates of the scenes of one kind, each once with changes and once without; poses unknown, and given.
+def collected_of(kind: str, seeds: Sequence[int], points: int, workers: int = 1) -> Collected:
+    """The candidates of the scenes of one kind, each once with changes and once without.
 
     Args:
         kind: of `KINDS` or `SURVEYED`.
@@ -38,10 +38,11 @@ def rows_of_kind(kind: str, seeds: Sequence[int], points: int, workers: int = 1)
     """
     tasks = list(itertools.product(seeds, (True, False)))
     found = list(over_workers(functools.partial(_of_scene, kind=kind, points=points), tasks, workers))
-    return Pair(
-        CandidateRows.joined([rows.before for rows in found], poses=False),
-        CandidateRows.joined([rows.after for rows in found], poses=True),
+    rows = Pair(
+        CandidateRows.joined([own.before for own in found], poses=False),
+        CandidateRows.joined([own.after for own in found], poses=True),
     )
+    return Collected({kind: rows}, seeds=tuple(seeds))
 
 
 def _of_scene(task: tuple[int, bool], kind: str, points: int) -> Pair[CandidateRows]:
@@ -69,16 +70,13 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--out", type=Path, required=True, help="folder of the files KIND.npz")
     arguments = parser.parse_args()
-    arguments.out.mkdir(exist_ok=True)
     seeds = tuple(range(arguments.first_seed, arguments.first_seed + arguments.seeds))
     for kind in itertools.chain.from_iterable(KINDS if own == HELD_OUT else [own] for own in arguments.kinds):
-        path = arguments.out / f"{kind}.npz"
-        if path.is_file():
-            if read_rows(path).seeds != seeds:
-                parser.error(f"{path}: was collected from other seeds; remove it, or name another folder")
-            continue
-        rows = rows_of_kind(kind, seeds, arguments.points, arguments.workers)
-        write_rows(path, Collected({kind: rows}, seeds=seeds))
+        collect = functools.partial(collected_of, kind, seeds, arguments.points, arguments.workers)
+        try:
+            rows = kept_in(arguments.out, kind, seeds, collect).families[kind]
+        except InputError as error:
+            parser.error(str(error))
         print(f"{kind}: {len(rows.before.kind)} candidates, {len(rows.after.kind)} with poses", flush=True)
 
 

@@ -15,7 +15,6 @@ from gmmjax.learning import (
     UNCHANGED,
     CandidateRows,
     TrainingSettings,
-    read_rows,
 )
 from gmmjax.pair import Pair
 from tests.benchmarks import (
@@ -245,7 +244,7 @@ def test_facts_can_be_left_out_of_what_is_learned(tmp_path):
     families = {name: family() for name in LEARNED_FROM[:2]}
     settings = TrainingSettings(penalties=(3.0,))
     with_all, without = (
-        list(without_facts.tables(families, {"other": family()}, facts, poses=True, settings=settings))
+        list(without_facts.tables(families, [{"other": family()}], facts, poses=True, settings=settings))
         for facts in ((), ["seen_free"])
     )
     assert "| all | 240 | 120 | 1.000 | 0 | 0 |" in with_all[0]
@@ -255,14 +254,14 @@ def test_facts_can_be_left_out_of_what_is_learned(tmp_path):
 
 def test_candidates_of_other_generators_are_kept(tmp_path, monkeypatch, capsys):
     """Those that are there are read, and those of other seeds refused."""
-    made = Pair(CandidateRows.none(poses=False), CandidateRows.none(poses=True))
-    monkeypatch.setattr(other_generators, "_of_scene", lambda task, kind, points: made)
+    made, tasks_done = Pair(CandidateRows.none(poses=False), CandidateRows.none(poses=True)), []
+    monkeypatch.setattr(other_generators, "_of_scene", lambda task, kind, points: tasks_done.append(task) or made)
     arguments = ["other_generators", "--kinds", "street", "hall", "--seeds", "2", "--out", str(tmp_path / "others")]
     monkeypatch.setattr(sys, "argv", arguments)
     other_generators.main()
     other_generators.main()
-    assert capsys.readouterr().out.count("0 candidates") == 2
-    assert read_rows(tmp_path / "others" / "hall.npz").families["hall"].after.kind.size == 0
+    assert capsys.readouterr().out.count(": 0 candidates") == 4
+    assert tasks_done == [(0, True), (0, False), (1, True), (1, False)] * 2
     monkeypatch.setattr(sys, "argv", [*arguments, "--first-seed", "5"])
     with pytest.raises(SystemExit):
         other_generators.main()
@@ -271,12 +270,14 @@ def test_candidates_of_other_generators_are_kept(tmp_path, monkeypatch, capsys):
 
 def test_all_points_of_a_scene_where_nothing_changed_are_judged(monkeypatch):
     """Where something changed those that nobody can judge are not."""
-    judged = []
-    monkeypatch.setattr(
-        other_generators,
-        "rows_of_scans",
-        lambda scans, truths: judged.append(truths.before.judged.all()) or Pair(None, None),
-    )
+    asked = []
+
+    def rows_of_scans(scans, truths):
+        asked.append((scans.before.views is not None, truths.before.judged.all()))
+        return Pair("unknown", "given")
+
+    monkeypatch.setattr(other_generators, "rows_of_scans", rows_of_scans)
     for changed in (False, True):
-        other_generators._of_survey(surveyor_kinds.simulated("hall", 0, 5_000, changed=changed))
-    assert judged == [True, True, False, False]
+        pair = surveyor_kinds.simulated("hall", 0, 5_000, changed=changed)
+        assert other_generators._of_survey(pair) == Pair("unknown", "given")
+    assert asked == [(False, True), (True, True), (False, False), (True, False)]

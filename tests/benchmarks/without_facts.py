@@ -2,12 +2,13 @@
 
 `python -m tests.benchmarks.without_facts --rows rows --facts unreached interspersed differing_elsewhere`
 
-The rows are those that `python -m gmmjax.learning --rows rows` keeps. With `--others others`, the candidates that
-`python -m tests.benchmarks.other_generators --out others` keeps are judged, too, by what is learned on all families.
+The rows are those that `python -m gmmjax.learning --rows rows` keeps. With `--others others` the candidates that
+`python -m tests.benchmarks.other_generators --out others` keeps are judged, too, by what is learned on all families:
+a table for each folder.
 """
 
 import argparse
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from gmmjax.changes import FACTS, names_of
@@ -30,46 +31,49 @@ def without(rows: CandidateRows, facts: Collection[str], *, poses: bool) -> Cand
 
 def tables(
     families: Mapping[str, CandidateRows],
-    others: Mapping[str, CandidateRows],
+    others: Sequence[Mapping[str, CandidateRows]],
     facts: Collection[str],
     *,
     poses: bool,
     settings: TrainingSettings,
 ) -> Iterator[str]:
-    """Markdown tables: of the families, each judged by what was learned on all others, and of other kinds, by all.
+    """Markdown tables: of the families, each judged by what was learned on all others, and of other generators.
 
     Args:
         families: the candidates of each.
-        others: those of other generators.
+        others: those of other generators, of each kind; a table each.
         facts: to leave out.
         poses: whether the poses are given.
         settings: how the verdict is learned.
     """
-    families, others = (
+    families, *others = (
         {name: without(own, facts, poses=poses) for name, own in rows.items() if len(own.kind)}
-        for rows in (families, others)
+        for rows in (families, *others)
     )
     verdict, left_out = learned(families, poses=poses, settings=settings)
     yield left_out_table(families, left_out)
-    if others:
-        judged = {name: probabilities(verdict, own) for name, own in others.items()}
-        yield left_out_table(others, LeftOut(judged, left_out.penalty, left_out.temperature), "other generator")
+    for kinds in others:
+        judged = {name: probabilities(verdict, own) for name, own in kinds.items()}
+        yield left_out_table(kinds, LeftOut(judged, left_out.penalty, left_out.temperature), "other generator")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rows", type=Path, required=True)
-    parser.add_argument("--others", type=Path, help="folder of candidates of other generators")
+    parser.add_argument("--others", type=Path, nargs="+", default=[], help="folders of candidates of other generators")
     parser.add_argument("--facts", nargs="+", choices=list(FACTS), metavar="FACT", required=True)
     parser.add_argument("--poses", choices=("unknown", "given", "both"), default="both")
     parser.add_argument("--penalties", type=float, nargs="+", default=list(TrainingSettings().penalties))
     arguments = parser.parse_args()
     settings = TrainingSettings(penalties=tuple(arguments.penalties))
+    for folder in arguments.others:
+        if not any(folder.glob("*.npz")):
+            parser.error(f"--others {folder}: has no candidates; collect them there")
     collected = read_rows(arguments.rows)
-    files = [] if arguments.others is None else [read_rows(path) for path in sorted(arguments.others.glob("*.npz"))]
+    folders = [[read_rows(path) for path in sorted(folder.glob("*.npz"))] for folder in arguments.others]
     for name in ("unknown", "given") if arguments.poses == "both" else (arguments.poses,):
         poses = name == "given"
-        others = {kind: own for file in files for kind, own in file.of(poses=poses).items()}
+        others = [{kind: own for file in files for kind, own in file.of(poses=poses).items()} for files in folders]
         for facts in ((), arguments.facts):
             print(f"\n## Poses {name}, {'without ' + ', '.join(facts) if facts else 'with all facts'}", flush=True)
             for table in tables(collected.of(poses=poses), others, facts, poses=poses, settings=settings):
