@@ -63,6 +63,7 @@ from gmmjax.clouds.placed_clouds import tree_of as tree_of
 from gmmjax.clouds.ply import write_ply as write_ply
 from gmmjax.clouds.ply import write_ply_parts as write_ply_parts
 from gmmjax.clouds.point_cloud import PointCloud as PointCloud
+from gmmjax.clouds.point_cloud import intensity_field as intensity_field
 from gmmjax.clouds.read_both import read_both as read_both
 from gmmjax.clouds.reading import READERS as READERS
 from gmmjax.clouds.reading import open_cloud as open_cloud

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64, Int16, Int64
+from jaxtyping import Float64, Int16, Int64, UInt8
 
 from gmmjax.clouds.colors import ColorRange, color_bytes
-from gmmjax.clouds.point_cloud import PointCloud
+from gmmjax.clouds.point_cloud import PointCloud, intensity_field
 from gmmjax.clouds.source_file import SourceFile
 from gmmjax.clouds.views import SensorViews
 from gmmjax.errors import InputError, one_line
@@ -180,6 +180,37 @@ class CloudFile(abc.ABC):
         """
         return map(self._cloud, self._finite_blocks(size))
 
+    def colors_or_intensity(self, rows: Int64[np.ndarray, " n"]) -> UInt8[np.ndarray, "n 3"] | np.ndarray | None:
+        """The colours of some rows or, where the file has none, their intensity; None where it has neither.
+
+        The file is read once, some points at a time.
+
+        Args:
+            rows: of the file, in any order, that have a position.
+
+        Returns:
+            Red, green and blue [n, 3], or the intensity [n].
+
+        Raises:
+            InputError: as `row_blocks`, or colours that are none.
+        """
+        order, limits = np.argsort(rows), ColorRange()
+        wanted, parts = rows[order], list[np.ndarray]()
+        for block in self.row_blocks():
+            values = _colors_or_intensity(block)
+            if values is None:
+                return None
+            assert block.rows is not None
+            own = wanted[slice(*np.searchsorted(wanted, block.rows[[0, -1]] + [0, 1]))]
+            parts.append(values[np.searchsorted(block.rows, own)])
+            if block.colors is not None and block.colors.dtype != np.uint8:
+                limits = limits.with_channels(block.colors)
+        if not parts:
+            return None
+        found = np.concatenate(parts)
+        found[order] = found.copy()
+        return found if found.ndim == 1 else color_bytes(found, str(self.path), limits)
+
     @functools.cached_property
     def measures(self) -> Measures:
         """What only all points tell: the file is read for it, once."""
@@ -301,6 +332,13 @@ def finite_rows(block: RowBlock) -> RowBlock:
 def native(values: np.ndarray) -> np.ndarray:
     """The same numbers, contiguous and in the machine's byte order."""
     return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
+
+
+def _colors_or_intensity(block: RowBlock) -> np.ndarray | None:
+    if block.colors is not None:
+        return block.colors
+    name = intensity_field(block.columns)
+    return None if name is None else native(block.columns[name])
 
 
 def _arrays(block: RowBlock) -> list[np.ndarray]:

@@ -1,7 +1,8 @@
 """The record that every reader returns."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,6 +13,9 @@ from gmmjax.clouds.coordinates import as_points
 from gmmjax.clouds.source_file import FileRows, SourceFile
 from gmmjax.clouds.views import SensorViews
 from gmmjax.errors import InputError
+
+# What the fields are called that hold how much light came back, in the formats that can be read.
+INTENSITY = re.compile(r"(scalar[_ ])?(intensity|reflectance)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +144,15 @@ class PointCloud:
             colors=None if self.colors is None else self.colors[place],
             fields={name: values[place] for name, values in self.fields.items()},
         )
+
+
+def intensity_field(names: Iterable[str]) -> str | None:
+    """The field with the intensity of the scanner's returns, by its name; None where there is none.
+
+    Args:
+        names: of all fields.
+    """
+    return next(filter(INTENSITY.fullmatch, names), None)
 
 
 def _check_attributes(colors: np.ndarray | None, fields: Mapping[str, np.ndarray], count: int, prefix: str) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Int64, UInt8
 
 from gmmjax.clouds.cloud_file import CHUNK_POINTS, Bounds, CloudChunk, CloudFile
 from gmmjax.clouds.point_cloud import PointCloud
@@ -119,6 +119,34 @@ class SurveyFiles:
                     scan = np.full(len(rows), scans, np.int16) if scan is None else scan + np.int16(scans)
                 yield CloudChunk(points, rows + start, scan)
             scans += file.scans
+
+    def colors_or_intensity(self, rows: Int64[np.ndarray, " n"]) -> UInt8[np.ndarray, "n 3"] | np.ndarray | None:
+        """The colours of some rows, grey where a file has none; if none has any their intensity, NaN where it has none.
+
+        Args:
+            rows: of the survey, as of `CloudFile.colors_or_intensity`.
+
+        Returns:
+            Red, green and blue [n, 3], or the intensity [n]; None where no file has either.
+
+        Raises:
+            InputError: as `CloudFile.colors_or_intensity`.
+        """
+        places = [(rows >= own.start) & (rows < own.stop) for own in map(self.rows_of, range(len(self.files)))]
+        starts = [self.rows_of(index).start for index in range(len(self.files))]
+        found = [
+            file.colors_or_intensity(rows[place] - start)
+            for file, place, start in zip(self.files, places, starts, strict=True)
+        ]
+        known = [values for values in found if values is not None]
+        if not known:
+            return None
+        colored = any(values.ndim == 2 for values in known)
+        joined = np.full((len(rows), 3), NO_COLOR, np.uint8) if colored else np.full(len(rows), np.nan)
+        for place, values in zip(places, found, strict=True):
+            if values is not None and values.ndim == joined.ndim:
+                joined[place] = values
+        return joined
 
     def read(self) -> PointCloud:
         """All points, in memory; colours are grey, and fields NaN, where a file has none and another one has.

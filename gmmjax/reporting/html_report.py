@@ -139,10 +139,23 @@ def _facts(clouds: Pair[PointCloud], names: Pair[str], changes: Changes) -> dict
 
 def _resolution(changes: Changes) -> str:
     """How fine the comparison was, where that was recorded."""
-    texts = {"voxel_size": "Compared in voxels of {}.", "tolerance": "Registration error up to {} is tolerated."}
-    known = {name: changes.diagnostics.get(name) for name in texts}
-    lengths = {name: value for name, value in known.items() if isinstance(value, float) and value > 0}
-    return " ".join(texts[name].format(length_text(value, changes.unit)) for name, value in lengths.items())
+    names = "voxel_size", "finest_voxel_size", "tolerance"
+    known = {name: changes.diagnostics.get(name) for name in names}
+    lengths = {
+        name: length_text(value, changes.unit)
+        for name, value in known.items()
+        if isinstance(value, float) and value > 0
+    }
+    texts = []
+    if "voxel_size" in lengths:
+        coarse, finest = lengths["voxel_size"], lengths.get("finest_voxel_size")
+        local = (
+            f"{finest} to {coarse}, by what both scans show at each place" if finest not in (None, coarse) else coarse
+        )
+        texts.append(f"Compared in voxels of {local}.")
+    if "tolerance" in lengths:
+        texts.append(f"Registration error up to {lengths['tolerance']} is tolerated.")
+    return " ".join(texts)
 
 
 def _details(changes: Changes) -> str:

@@ -3,7 +3,6 @@
 import base64
 import dataclasses
 import math
-import re
 import zlib
 from typing import Any, NamedTuple
 
@@ -11,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8, UInt64
 
 from gmmjax.changes import Changes
-from gmmjax.clouds import PointCloud
+from gmmjax.clouds import PointCloud, intensity_field
 from gmmjax.geometry import evenly_chosen
 from gmmjax.pair import Pair, each
 from gmmjax.reporting.camera import initial_camera
@@ -22,8 +21,6 @@ from gmmjax.reporting.palette import KIND_COLORS
 # The label of unchanged points.
 NO_LABEL = 0xFFFF
 SIDES = ("before", "after")
-# What the fields are called that hold how much light came back, in the formats that can be read.
-INTENSITY = re.compile(r"(scalar[_ ])?(intensity|reflectance)", re.IGNORECASE)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -284,8 +281,8 @@ def _scan_values(cloud: PointCloud) -> np.ndarray | None:
     """The cloud's own colours, else its intensity, or None."""
     if cloud.colors is not None:
         return cloud.colors
-    names = [name for name in cloud.fields if INTENSITY.fullmatch(name)]
-    return cloud.fields[names[0]] if names else None
+    name = intensity_field(cloud.fields)
+    return None if name is None else cloud.fields[name]
 
 
 def _color_planes(values: np.ndarray, order: Int[np.ndarray, " n"], bits: int) -> dict[str, UInt8[np.ndarray, " n"]]:

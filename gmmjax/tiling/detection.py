@@ -31,7 +31,7 @@ from gmmjax.tiling.detection_settings import TiledDetectionSettings
 from gmmjax.tiling.disk_store import write_block_store
 from gmmjax.tiling.fine_pass import Comparison, Tiles, fine_pass
 from gmmjax.tiling.folder import working_folder
-from gmmjax.tiling.point_clouds import all_points
+from gmmjax.tiling.point_clouds import all_points, with_colors
 from gmmjax.tiling.row_columns import RowColumns
 from gmmjax.tiling.row_results import MISSING, RowResults, fill_rows_of_points
 from gmmjax.tiling.tiles import tiles_of
@@ -47,7 +47,8 @@ class TiledChanges:
             block of code of `tiled_changes`.
         shown: the same changes of the points that were compared in the end, fine where something looks changed and
             coarse elsewhere: what reports and figures show.
-        clouds: these points, either cloud in the frame of its survey.
+        clouds: these points, either cloud in the frame of its survey, with a row that is there and, where the files
+            have one, its colour or else its intensity.
         rows: of either survey, with the kind of change (0 for none), and all that `changes` has.
     """
 
@@ -139,4 +140,4 @@ def _compared_whole(
     changes = detector.changes_of(detector.prepared(scans, clock), clock)
     rows = RowResults(each(lambda side, count: RowColumns(disk / side, count, MISSING), NAMES, clouds.row_counts))
     fill_rows_of_points(rows, changes, points.map(lambda own: own.rows))
-    return Comparison(changes, points, rows)
+    return Comparison(changes, each(with_colors, points, clouds.clouds), rows)

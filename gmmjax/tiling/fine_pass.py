@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from gmmjax.batch import AbstractPool
 from gmmjax.changes import (
@@ -34,7 +34,7 @@ from gmmjax.tiling.disk_store import DiskBlockStore
 from gmmjax.tiling.local_differences import BlockDifferences, CoarseClouds, block_differences
 from gmmjax.tiling.local_scales import LocalScales, local_scales
 from gmmjax.tiling.local_voxels import LocalVoxels, Voxels, block_voxels
-from gmmjax.tiling.point_clouds import named_cloud, source_of, uncropped
+from gmmjax.tiling.point_clouds import named_cloud, source_of, uncropped, with_colors
 from gmmjax.tiling.records import BlockRecords
 from gmmjax.tiling.regions_of_interest import RefinedCloud, refined_clouds
 from gmmjax.tiling.row_results import MISSING, RowResults, fill_rows
@@ -129,11 +129,11 @@ def fine_pass(
     fine = refined_clouds(blocks, clouds, detector.config.threshold, detector.examination, settings.regions)
     refined = _with_points_of(_sighted(coarse, tiles, clock), fine, scales, store.offset)
     changes = detector.changes_of(refined, clock)
-    changes = _counted(changes, refined, coarse.thinned, place.clouds.clouds.map(uncropped))
+    changes = _counted(changes, refined, coarse.thinned, place.clouds.clouds.map(uncropped), voxels.finest)
     clock.start("rows", "Labelling all points", 0.95)
     rows = RowResults(columns_of(store, MISSING))
-    fill_rows(rows, blocks, fine, changes, detector.objects.surfaces)
-    return Comparison(changes, _given_clouds(refined, place.clouds.clouds), rows)
+    first = fill_rows(rows, blocks, fine, changes, detector.objects.surfaces)
+    return Comparison(changes, _given_clouds(refined, first, place.clouds.clouds), rows)
 
 
 def _part(clock: Clock, message: str, first: float, last: float) -> Progress:
@@ -192,24 +192,30 @@ def _working_cloud(points: Float64[np.ndarray, "n 3"], voxels: Voxels) -> Workin
     return WorkingCloud(points, voxels.mass, np.arange(len(points)), voxels.sizes)
 
 
-def _given_clouds(refined: AlignedScans, clouds: Pair[ChunkedCloud]) -> Pair[PointCloud]:
-    """The points that were compared, each cloud in the frame of its survey."""
+def _given_clouds(
+    refined: AlignedScans, rows: Pair[Int64[np.ndarray, " _"]], clouds: Pair[ChunkedCloud]
+) -> Pair[PointCloud]:
+    """The points that were compared, each cloud in the frame of its survey, with the colours of its rows."""
     registration, (before, after) = refined.pair.registration, refined.pair.points
     if registration.applied:
         after = transformed(after, np.linalg.inv(registration.transform))
 
-    def given(points: Float64[np.ndarray, "n 3"], cloud: ChunkedCloud) -> PointCloud:
-        return named_cloud(points, np.arange(len(points)), cloud)
+    def given(points: Float64[np.ndarray, "n 3"], rows: Int64[np.ndarray, " n"], cloud: ChunkedCloud) -> PointCloud:
+        return with_colors(named_cloud(points, rows, cloud), cloud)
 
-    return each(given, Pair(before, after), clouds)
+    return each_on_cores(given, Pair(before, after), rows, clouds)
 
 
 def _counted(
-    changes: Changes, refined: AlignedScans, thinned: Pair[ThinnedCloud], clouds: Pair[ChunkedCloud]
+    changes: Changes,
+    refined: AlignedScans,
+    thinned: Pair[ThinnedCloud],
+    clouds: Pair[ChunkedCloud],
+    finest_voxel_size: float,
 ) -> Changes:
-    """The record with the numbers of the scans' points in place of those of voxels."""
+    """The record with the numbers of the scans' points in place of those of voxels, and the finest voxels compared."""
     counts = np.zeros(len(changes) + 1)
-    diagnostics = dict(changes.diagnostics)
+    diagnostics = {**changes.diagnostics, "finest_voxel_size": finest_voxel_size}
     for side, own, scan, cloud in zip(NAMES, refined.pair.working.clouds, thinned, clouds, strict=True):
         counts += np.bincount(getattr(changes, f"labels_{side}") + 1, own.mass, len(counts))
         diagnostics[side] = {**diagnostics[side], "source": source_of(cloud), "points": scan.total}

@@ -58,12 +58,14 @@ class LocalVoxels:
         lattice: of the voxels, from the offset on.
         least: edge of a voxel, at least.
         counts: number of voxels of either cloud.
+        finest: edge of the smallest voxel that there is.
     """
 
     records: BlockRecords
     lattice: VoxelLattice
     least: float
     counts: Pair[int]
+    finest: float
 
     @classmethod
     def of(cls, records: BlockRecords, lattice: VoxelLattice, most: int) -> "LocalVoxels":
@@ -74,13 +76,15 @@ class LocalVoxels:
             lattice: of the voxels.
             most: number of voxels of either cloud.
         """
-        numbers = np.zeros((2, lattice.halvings + 1), np.int64)
+        numbers, smallest = np.zeros((2, lattice.halvings + 1), np.int64), np.inf
         for number in records.numbers:
             values = records.values(number)
             numbers += np.stack([values[f"numbers_{side}"].astype(np.int64) for side in NAMES])
+            smallest = min(smallest, *(float(values[f"sizes_{side}"].min(initial=np.inf)) for side in NAMES))
         few = np.append(numbers.max(axis=0)[:-1] <= most, True)
         level = int(np.argmax(few))
-        return cls(records, lattice, lattice.finest * 2.0**level, Pair(*numbers[:, level].tolist()))
+        least = lattice.finest * 2.0**level
+        return cls(records, lattice, least, Pair(*numbers[:, level].tolist()), max(smallest, least))
 
     def of_block(self, number: int, least: float = 0.0) -> Pair[Voxels]:
         """The voxels of a block.

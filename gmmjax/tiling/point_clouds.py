@@ -1,5 +1,7 @@
 """Points of scans of any size as point clouds, with what the files state that they are of."""
 
+import dataclasses
+
 import numpy as np
 from jaxtyping import Float64, Int64
 
@@ -17,6 +19,23 @@ def named_cloud(points: Float64[np.ndarray, "n 3"], rows: Int64[np.ndarray, " n"
     whole = uncropped(cloud)
     unit, crs = (getattr(whole, name, None) for name in ("unit", "crs"))
     return PointCloud(points, rows, source=source_of(whole), unit=unit, crs=crs)
+
+
+def with_colors(points: PointCloud, cloud: ChunkedCloud) -> PointCloud:
+    """Points of a cloud with the colours of their rows or, where its files have none, with their intensity.
+
+    Args:
+        points: with the rows that they are from.
+        cloud: that they are of; it is read once more, where it is of files with either.
+
+    Raises:
+        InputError: as `CloudFile.colors_or_intensity`.
+    """
+    whole = uncropped(cloud)
+    found = whole.colors_or_intensity(points.rows) if isinstance(whole, CloudFile | SurveyFiles) else None
+    if found is None:
+        return points
+    return dataclasses.replace(points, **({"colors": found} if found.ndim == 2 else {"fields": {"intensity": found}}))
 
 
 def uncropped(cloud: ChunkedCloud) -> ChunkedCloud:

@@ -55,12 +55,16 @@ class RefinedCloud(NamedTuple):
         blocks: the number of the block of each voxel of the blocks that is in a fine one, ascending.
         indices: its number in that block.
         rows: the fine voxel that it is in.
+        coarse_blocks: the number of the block of each coarse voxel, ascending.
+        coarse_indices: the number of the voxel in that block that is next to it.
     """
 
     own: ComparedVoxels
     blocks: Int[np.ndarray, " b"]
     indices: Int[np.ndarray, " b"]
     rows: Int[np.ndarray, " b"]
+    coarse_blocks: Int[np.ndarray, " c"]
+    coarse_indices: Int[np.ndarray, " c"]
 
     def rows_of(self, number: int, count: int) -> Int[np.ndarray, " v"]:
         """The fine voxel that each voxel of a block is in, -1 for those that are in none.
@@ -73,6 +77,16 @@ class RefinedCloud(NamedTuple):
         rows = np.full(count, -1)
         rows[self.indices[place]] = self.rows[place]
         return rows
+
+    def coarse_of(self, number: int) -> tuple[slice, Int[np.ndarray, " m"]]:
+        """The coarse voxels in a block, by their place in the cloud, and the voxel of the block that is next to each.
+
+        Args:
+            number: of the block.
+        """
+        start, stop = map(int, np.searchsorted(self.coarse_blocks, [number, number + 1]))
+        fine = len(self.own.looks_changed) - len(self.coarse_blocks)
+        return slice(fine + start, fine + stop), self.coarse_indices[start:stop]
 
 
 def refined_clouds(
@@ -204,17 +218,27 @@ class _Part(NamedTuple):
 
 
 class _Around(NamedTuple):
-    """The coarse points of a cloud in a block, with what was measured of the voxels next to them."""
+    """The coarse points of a cloud in a block, with what was measured of the voxels next to them.
+
+    Attributes:
+        points: in the block.
+        nearest: the voxel of the block next to each.
+        blocks: the number of the block.
+        indices: of that voxel in it.
+    """
 
     points: Float64[np.ndarray, "c 3"]
     nearest: ComparedVoxels
+    blocks: Int[np.ndarray, " c"]
+    indices: Int[np.ndarray, " c"]
 
     @classmethod
     def of(cls, block: Block, points: Float64[np.ndarray, "n 3"], own: ComparedVoxels) -> "_Around":
-        inside = points[within_box(points, block.lower, block.lower + block.edge)]
-        if not len(own.voxels.points):
-            return cls(inside[:0], own)
-        return cls(inside, _taken(own, cKDTree(own.voxels.points).query(inside)[1]))
+        inside, indices = points[within_box(points, block.lower, block.lower + block.edge)], np.empty(0, int)
+        if len(own.voxels.points):
+            indices = cKDTree(own.voxels.points).query(inside)[1]
+        count = len(indices)
+        return cls(inside[:count], _taken(own, indices), np.full(count, block.number), indices)
 
 
 def _found(
@@ -252,7 +276,8 @@ def _refined_cloud(
     beyond = np.flatnonzero(np.isinf(_spacings(places, coarse.points)))
     points, count = coarse.points[beyond], len(beyond)
     far = _taken(coarse.nearest, beyond)._replace(voxels=Voxels(points, np.ones(count), np.full(count, voxel_size)))
-    return RefinedCloud(_together([own, far]), fine.blocks, fine.indices, rows)
+    beside = coarse.blocks[beyond], coarse.indices[beyond]
+    return RefinedCloud(_together([own, far]), fine.blocks, fine.indices, rows, *beside)
 
 
 def _joined(own: ComparedVoxels, least: Float64[np.ndarray, " n"]) -> tuple[ComparedVoxels, Int[np.ndarray, " n"]]:

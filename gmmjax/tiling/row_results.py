@@ -62,7 +62,7 @@ def fill_rows(
     fine: Pair[RefinedCloud],
     changes: Changes,
     settings: SurfaceChangeSettings,
-) -> None:
+) -> Pair[Int[np.ndarray, " _"]]:
     """Fills the columns, block by block.
 
     Args:
@@ -71,18 +71,24 @@ def fill_rows(
         fine: the clouds that the changes were found in.
         changes: of these clouds.
         settings: how probable points outside of changes are.
+
+    Returns:
+        For each voxel of these clouds the first row that is in it; for a coarse one, that is in the voxel next to it.
     """
 
-    def fill(side: str, columns: RowColumns, own: RefinedCloud) -> None:
+    def fill(side: str, columns: RowColumns, own: RefinedCloud) -> Int[np.ndarray, " _"]:
         found, filling = _Found.of(side, own, changes, settings), FilledInBatches(columns)
+        first = np.full(len(own.own.looks_changed), np.iinfo(np.int64).max)
         for number in range(len(blocks.store.tree)):
             inside: StoredPoints = getattr(blocks.store.inside(number), side)
             member: Int[np.ndarray, " n"] = getattr(blocks.voxels.members(number), side)
             values = found.of_voxels(number, blocks.side(number, side))
             filling.fill(inside.rows, {name: array[member] for name, array in values.items()})
+            _take_first_rows(first, own, number, inside.rows, member)
         filling.flush()
+        return first
 
-    each_on_cores(fill, NAMES, results.columns, fine)
+    return each_on_cores(fill, NAMES, results.columns, fine)
 
 
 def fill_rows_of_points(results: RowResults, changes: Changes, rows: Pair[Int[np.ndarray, " _"]]) -> None:
@@ -95,6 +101,31 @@ def fill_rows_of_points(results: RowResults, changes: Changes, rows: Pair[Int[np
     """
     for side, columns, own in zip(NAMES, results.columns, rows, strict=True):
         columns.fill(own, changes.point_values(side))
+
+
+def _take_first_rows(
+    first: Int[np.ndarray, " m"],
+    cloud: RefinedCloud,
+    number: int,
+    rows: Int[np.ndarray, " n"],
+    member: Int[np.ndarray, " n"],
+) -> None:
+    """Lowers the first row of each voxel of a cloud to those of the points in a block.
+
+    Args:
+        first: of each voxel of the cloud; it is changed.
+        cloud: whose voxels they are.
+        number: of the block.
+        rows: of the points in it.
+        member: the voxel of the block that each point is in.
+    """
+    of_voxels = np.full(int(member.max(initial=-1)) + 1, np.iinfo(np.int64).max)
+    np.minimum.at(of_voxels, member, rows)
+    places = cloud.rows_of(number, len(of_voxels))
+    fine = places >= 0
+    np.minimum.at(first, places[fine], of_voxels[fine])
+    coarse, nearest = cloud.coarse_of(number)
+    first[coarse] = of_voxels[nearest]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

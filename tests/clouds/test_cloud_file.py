@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gmmjax.clouds import PointCloud, open_cloud, read_cloud, write_pcd
+from gmmjax.clouds import PointCloud, intensity_field, open_cloud, read_cloud, write_pcd, write_ply
+from gmmjax.clouds.cloud_file import CloudFile
 from gmmjax.errors import InputError
 from tests.clouds.formats import COUNT, WRITERS, write_all
 
@@ -44,6 +45,33 @@ def test_chunks_are_the_points_of_the_file(files, name):
             np.testing.assert_array_equal(np.concatenate([cloud.colors for cloud in clouds]), whole.colors)
 
     in_chunks()
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_colours_of_some_rows(files, name, monkeypatch):
+    monkeypatch.setattr(CloudFile.row_blocks, "__defaults__", (7,))
+    whole = read_cloud(files / name)
+    random = np.random.default_rng(0)
+    # In any order, and some of them twice.
+    chosen = random.integers(0, len(whole), 12)
+    found = open_cloud(files / name).colors_or_intensity(whole.rows[chosen])
+    field = intensity_field(whole.fields)
+    if whole.colors is not None:
+        assert found.dtype == np.uint8
+        np.testing.assert_array_equal(found, whole.colors[chosen])
+    elif field is not None:
+        np.testing.assert_array_equal(found, whole.fields[field][chosen])
+    else:
+        assert found is None
+
+
+def test_colours_without_a_file_that_has_them(tmp_path):
+    np.save(tmp_path / "a.npy", np.zeros((5, 3)))
+    assert open_cloud(tmp_path / "a.npy").colors_or_intensity(np.arange(3)) is None
+    write_ply(tmp_path / "a.ply", np.zeros((5, 3)), fields={"scalar_Intensity": np.arange(5.0)})
+    file = open_cloud(tmp_path / "a.ply")
+    np.testing.assert_array_equal(file.colors_or_intensity(np.array([3, 0, 3])), [3, 0, 3])
+    assert file.colors_or_intensity(np.arange(0)).shape == (0,)
 
 
 @pytest.mark.parametrize("name", WRITERS)

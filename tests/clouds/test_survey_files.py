@@ -76,6 +76,18 @@ def test_what_one_file_lacks(paths):
     assert (cloud.colors[counts[0] + counts[1] :] == 128).all()
 
 
+def test_colours_of_some_rows(paths, tmp_path):
+    cloud, survey = read_survey(paths), open_survey(paths)
+    chosen = np.random.default_rng(0).permutation(len(cloud))[: len(cloud) // 2]
+    np.testing.assert_array_equal(survey.colors_or_intensity(cloud.rows[chosen]), cloud.colors[chosen])
+    # Without colours the intensity, which only one of both has.
+    np.save(tmp_path / "a.npy", np.zeros((2, 3)))
+    write_ply(tmp_path / "b.ply", np.zeros((3, 3)), fields={"intensity": np.array([7.0, 8.0, 9.0])})
+    mixed = open_survey([tmp_path / "a.npy", tmp_path / "b.ply"])
+    np.testing.assert_array_equal(mixed.colors_or_intensity(np.array([4, 0, 2])), [9, np.nan, 7])
+    assert open_survey([tmp_path / "a.npy"]).colors_or_intensity(np.arange(2)) is None
+
+
 def test_a_survey_of_one_file_is_that_file(files):
     survey, single = read_survey([files / "a.ply"]), read_cloud(files / "a.ply")
     assert survey.file == single.file and not survey.files

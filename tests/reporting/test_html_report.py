@@ -54,6 +54,25 @@ def test_the_answer_and_what_was_compared(page):
     assert len(re.findall(r'<li class="change \w+" id="change-\d"', text)) == 3
 
 
+@pytest.mark.parametrize(
+    ("lengths", "sentence"),
+    [
+        ({"voxel_size": 0.25, "finest_voxel_size": 0.25}, "Compared in voxels of 0.25."),
+        ({"voxel_size": 0.25}, "Compared in voxels of 0.25."),
+        (
+            {"voxel_size": 0.25, "finest_voxel_size": 0.01},
+            "Compared in voxels of 0.010 to 0.25, by what both scans show",
+        ),
+        ({"voxel_size": None, "finest_voxel_size": None}, None),
+    ],
+)
+def test_the_resolution(pair, lengths, sentence):
+    before, after, changes = pair
+    changes = dataclasses.replace(changes, diagnostics={**changes.diagnostics, **lengths})
+    text = without_scripts(report_html(before, after, changes, close_ups=SMALL))
+    assert sentence in text if sentence else "Compared in voxels" not in text
+
+
 def test_nothing_is_loaded_from_anywhere(page):
     assert "http" not in without_scripts(page).replace("http-equiv", "")
     assert not re.search(r"<(script|link|iframe)[^>]*\s(src|href)=", page)

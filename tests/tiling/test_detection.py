@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from gmmjax.changes import DetectionConfig, Survey, detect_changes
-from gmmjax.clouds import SensorViews, open_cloud
+from gmmjax.clouds import SensorViews, open_cloud, write_ply
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 from gmmjax.tiling import TiledDetectionSettings, Workers, tiled_changes
@@ -131,6 +131,26 @@ def test_rows_that_are_not_compared_have_no_label(points, found, tmp_path):
     assert (labels[[0, 8]] == -1).all()
     assert np.isnan(arrays["distance_after"][[0, 8]]).all()
     assert (np.delete(labels, [0, 8]) == found[0]["labels_after"]).mean() > 0.999
+
+
+def test_what_is_shown_has_the_colours_of_its_rows(points, found, tmp_path):
+    """In reports of large scans as of small ones."""
+    colors = points.map(lambda own: np.random.default_rng(0).integers(0, 256, (len(own), 3)).astype(np.uint8))
+    intensity = np.arange(len(points.after), dtype=np.uint16)
+    write_ply(tmp_path / "before.ply", points.before, colors=colors.before)
+    write_ply(tmp_path / "after.ply", points.after, fields={"intensity": intensity})
+    clouds = Pair("before", "after").map(lambda side: open_cloud(tmp_path / f"{side}.ply"))
+    arrays, record = detected_in(clouds, tmp_path)
+    assert all(arrays[name].tobytes() == values.tobytes() for name, values in found[0].items())
+    shown = record.clouds
+    np.testing.assert_array_equal(shown.before.colors, colors.before[shown.before.rows])
+    np.testing.assert_array_equal(shown.after.fields["intensity"], intensity[shown.after.rows])
+    coarse = record.shown.diagnostics["voxel_size"]
+    for own, cloud in zip(points, shown, strict=True):
+        apart = np.linalg.norm(own[cloud.rows] - cloud.points, axis=1)
+        assert apart.max() < 2 * coarse and np.median(apart) < coarse
+    changed = record.shown.labels_after == 0
+    assert (arrays["labels_after"][shown.after.rows[changed]] == 0).all()
 
 
 def test_views_tell_what_was_not_observed(points, tmp_path, monkeypatch):

@@ -53,7 +53,7 @@ def test_voxels_of_a_block_are_as_large_as_asked_for_and_no_smaller_than_of_all_
     values = {f"{name}_{side}": array for side, own in parts for name, array in own._asdict().items()}
     records = BlockRecords(tmp_path)
     records.add(write_record(tmp_path, 0, BlockResult(values, Pair({}, {}))))
-    of_all = LocalVoxels(records, VoxelLattice(np.zeros(3), 2 * SIZE, 1), SIZE, Pair(200, 200))
+    of_all = LocalVoxels(records, VoxelLattice(np.zeros(3), 2 * SIZE, 1), SIZE, Pair(200, 200), SIZE)
     for asked, least in ((0.0, SIZE), (1.9 * SIZE, SIZE), (2 * SIZE, 2 * SIZE), (5 * SIZE, 4 * SIZE)):
         for own, found in zip(pair, of_all.of_block(0, asked), strict=True):
             assert found.sizes.min() == least

@@ -399,6 +399,7 @@ def _diagnostics(prepared: AlignedScans, fits: JointFits, clock: Clock) -> dict[
         "before": clouds.before,
         "after": clouds.after,
         "voxel_size": pair.working.voxel_size,
+        "finest_voxel_size": pair.working.finest_voxel_size,
         "spacing": pair.working.spacing,
         "volumetric": pair.working.volumetric,
         "tolerance": float(prepared.problem.prior.tolerance),

@@ -82,6 +82,12 @@ class WorkingPair:
     spacing: float
     volumetric: bool
 
+    @property
+    def finest_voxel_size(self) -> float | None:
+        """Edge of the smallest voxel; None: not reduced."""
+        smallest = [float(cloud.sizes.min()) for cloud in self.clouds if cloud.sizes is not None and len(cloud.sizes)]
+        return min(smallest, default=self.voxel_size)
+
     def with_after_of(self, points: Float[np.ndarray, "n 3"]) -> "WorkingPair":
         """The pair with an after cloud that is made of all these points, in voxels of the same edge."""
         after = _working_cloud(points, self.voxel_size)
