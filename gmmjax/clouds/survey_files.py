@@ -132,12 +132,11 @@ class SurveyFiles:
         Raises:
             InputError: as `CloudFile.colors_or_intensity`.
         """
-        places = [(rows >= own.start) & (rows < own.stop) for own in map(self.rows_of, range(len(self.files)))]
-        starts = [self.rows_of(index).start for index in range(len(self.files))]
-        found = [
-            file.colors_or_intensity(rows[place] - start)
-            for file, place, start in zip(self.files, places, starts, strict=True)
-        ]
+        places, found = [], []
+        for index, file in enumerate(self.files):
+            own = self.rows_of(index)
+            places.append((rows >= own.start) & (rows < own.stop))
+            found.append(file.colors_or_intensity(rows[places[-1]] - own.start))
         known = [values for values in found if values is not None]
         if not known:
             return None

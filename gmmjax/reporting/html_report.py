@@ -139,22 +139,19 @@ def _facts(clouds: Pair[PointCloud], names: Pair[str], changes: Changes) -> dict
 
 def _resolution(changes: Changes) -> str:
     """How fine the comparison was, where that was recorded."""
-    names = "voxel_size", "finest_voxel_size", "tolerance"
-    known = {name: changes.diagnostics.get(name) for name in names}
-    lengths = {
-        name: length_text(value, changes.unit)
-        for name, value in known.items()
-        if isinstance(value, float) and value > 0
-    }
+
+    def length(name: str) -> str | None:
+        value = changes.diagnostics.get(name)
+        return length_text(value, changes.unit) if isinstance(value, float) and value > 0 else None
+
+    size, finest, tolerance = map(length, ("voxel_size", "finest_voxel_size", "tolerance"))
     texts = []
-    if "voxel_size" in lengths:
-        coarse, finest = lengths["voxel_size"], lengths.get("finest_voxel_size")
-        local = (
-            f"{finest} to {coarse}, by what both scans show at each place" if finest not in (None, coarse) else coarse
-        )
-        texts.append(f"Compared in voxels of {local}.")
-    if "tolerance" in lengths:
-        texts.append(f"Registration error up to {lengths['tolerance']} is tolerated.")
+    if size and finest in (None, size):
+        texts.append(f"Compared in voxels of {size}.")
+    elif size:
+        texts.append(f"Compared in voxels of {finest} to {size}, as small as both scans allow at each place.")
+    if tolerance:
+        texts.append(f"Registration error up to {tolerance} is tolerated.")
     return " ".join(texts)
 
 

@@ -66,6 +66,11 @@ class RefinedCloud(NamedTuple):
     coarse_blocks: Int[np.ndarray, " c"]
     coarse_indices: Int[np.ndarray, " c"]
 
+    @property
+    def fine(self) -> int:
+        """The number of fine voxels."""
+        return len(self.own.looks_changed) - len(self.coarse_blocks)
+
     def rows_of(self, number: int, count: int) -> Int[np.ndarray, " v"]:
         """The fine voxel that each voxel of a block is in, -1 for those that are in none.
 
@@ -85,8 +90,7 @@ class RefinedCloud(NamedTuple):
             number: of the block.
         """
         start, stop = map(int, np.searchsorted(self.coarse_blocks, [number, number + 1]))
-        fine = len(self.own.looks_changed) - len(self.coarse_blocks)
-        return slice(fine + start, fine + stop), self.coarse_indices[start:stop]
+        return slice(self.fine + start, self.fine + stop), self.coarse_indices[start:stop]
 
 
 def refined_clouds(
@@ -109,9 +113,7 @@ def refined_clouds(
     places = _places(changed, threshold, blocks.candidates, examination, settings)
     found = each_on_cores(lambda side, points: _found(blocks, side, points, places, threshold), NAMES, coarse.points)
     clouds = found.map(lambda own: _refined_cloud(places, coarse.voxel_size, settings, *own))
-    logger.info(
-        "fine voxels where something looks changed: %d and %d", *clouds.map(lambda own: own.rows.max(initial=-1) + 1)
-    )
+    logger.info("fine voxels where something looks changed: %d and %d", *clouds.map(lambda own: own.fine))
     return clouds
 
 

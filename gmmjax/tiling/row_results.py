@@ -78,13 +78,16 @@ def fill_rows(
 
     def fill(side: str, columns: RowColumns, own: RefinedCloud) -> Int[np.ndarray, " _"]:
         found, filling = _Found.of(side, own, changes, settings), FilledInBatches(columns)
-        first = np.full(len(own.own.looks_changed), np.iinfo(np.int64).max)
+        first = np.full(len(own.own.looks_changed), columns.count)
         for number in range(len(blocks.store.tree)):
             inside: StoredPoints = getattr(blocks.store.inside(number), side)
             member: Int[np.ndarray, " n"] = getattr(blocks.voxels.members(number), side)
-            values = found.of_voxels(number, blocks.side(number, side))
+            voxels = blocks.side(number, side)
+            values = found.of_voxels(number, voxels)
             filling.fill(inside.rows, {name: array[member] for name, array in values.items()})
-            _take_first_rows(first, own, number, inside.rows, member)
+            of_voxels = np.full(len(voxels.looks_changed), columns.count)
+            np.minimum.at(of_voxels, member, inside.rows)
+            _take_first_rows(first, own, number, of_voxels)
         filling.flush()
         return first
 
@@ -107,20 +110,16 @@ def _take_first_rows(
     first: Int[np.ndarray, " m"],
     cloud: RefinedCloud,
     number: int,
-    rows: Int[np.ndarray, " n"],
-    member: Int[np.ndarray, " n"],
+    of_voxels: Int[np.ndarray, " v"],
 ) -> None:
-    """Lowers the first row of each voxel of a cloud to those of the points in a block.
+    """Lowers the first row of each voxel of a cloud to those of the voxels of a block.
 
     Args:
         first: of each voxel of the cloud; it is changed.
         cloud: whose voxels they are.
         number: of the block.
-        rows: of the points in it.
-        member: the voxel of the block that each point is in.
+        of_voxels: the first row in each voxel of the block.
     """
-    of_voxels = np.full(int(member.max(initial=-1)) + 1, np.iinfo(np.int64).max)
-    np.minimum.at(of_voxels, member, rows)
     places = cloud.rows_of(number, len(of_voxels))
     fine = places >= 0
     np.minimum.at(first, places[fine], of_voxels[fine])
@@ -148,8 +147,7 @@ class _Found:
     def of(cls, side: str, cloud: RefinedCloud, changes: Changes, settings: SurfaceChangeSettings) -> "_Found":
         values = {name: own for name, own in changes.point_values(side).items() if name not in PointFigures._fields}
         unobserved = values["unobserved"]
-        fine = cloud.rows.max(initial=-1) + 1
-        points, hidden = cloud.own.voxels.points[fine:], unobserved[fine:]
+        points, hidden = cloud.own.voxels.points[cloud.fine :], unobserved[cloud.fine :]
         return cls(cloud, values, (cKDTree(points), hidden) if hidden.any() else None, settings)
 
     def of_voxels(self, number: int, own: ComparedVoxels) -> dict[str, np.ndarray]:

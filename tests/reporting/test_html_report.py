@@ -61,7 +61,7 @@ def test_the_answer_and_what_was_compared(page):
         ({"voxel_size": 0.25}, "Compared in voxels of 0.25."),
         (
             {"voxel_size": 0.25, "finest_voxel_size": 0.01},
-            "Compared in voxels of 0.010 to 0.25, by what both scans show",
+            "Compared in voxels of 0.010 to 0.25, as small as both scans allow at each place.",
         ),
         ({"voxel_size": None, "finest_voxel_size": None}, None),
     ],

@@ -1,6 +1,7 @@
 """Voxels of blocks, joined to larger ones."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -58,3 +59,18 @@ def test_voxels_of_a_block_are_as_large_as_asked_for_and_no_smaller_than_of_all_
         for own, found in zip(pair, of_all.of_block(0, asked), strict=True):
             assert found.sizes.min() == least
             np.testing.assert_allclose(found.mass.sum(), own.mass.sum())
+
+
+@pytest.mark.parametrize(("most", "finest"), [(1000, SIZE), (150, 2 * SIZE)])
+def test_the_finest_voxel_is_one_that_is_there(tmp_path, most, finest):
+    # Half of what the lattice has at most; with fewer they are joined.
+    lattice, values = VoxelLattice(np.zeros(3), 2 * SIZE, 2), {}
+    for seed, side in enumerate(NAMES):
+        own = voxels(seed)
+        numbers = [len(joined(own, lattice.finest * 2.0**level)[0].mass) for level in range(lattice.halvings + 1)]
+        values |= {f"{name}_{side}": array for name, array in own._asdict().items()}
+        values[f"numbers_{side}"] = np.array(numbers)
+    records = BlockRecords(tmp_path)
+    records.add(write_record(tmp_path, 0, BlockResult(values, Pair({}, {}))))
+    assert lattice.finest == SIZE / 2
+    assert LocalVoxels.of(records, lattice, most).finest == finest
