@@ -278,11 +278,12 @@ def _distance_bytes(shares: Float[np.ndarray, " n"], levels: int) -> UInt8[np.nd
 
 
 def _scan_values(cloud: PointCloud) -> np.ndarray | None:
-    """The cloud's own colours, else its intensity, or None."""
-    if cloud.colors is not None:
-        return cloud.colors
-    name = intensity_field(cloud.fields)
-    return None if name is None else cloud.fields[name]
+    """The cloud's own colours, else its intensity; None without them, and where all points have the same."""
+    values, name = cloud.colors, intensity_field(cloud.fields)
+    if values is None and name is not None:
+        values = cloud.fields[name]
+    # Every LAS file has an intensity, many of them 0 throughout.
+    return values if values is not None and (values != values[:1]).any() else None
 
 
 def _color_planes(values: np.ndarray, order: Int[np.ndarray, " n"], bits: int) -> dict[str, UInt8[np.ndarray, " n"]]:

@@ -125,6 +125,16 @@ def test_colors_return_within_a_few_levels(pair):
     assert "brightness" not in packed_scene(clouds, changes).scene["after"]["attributes"]
 
 
+@pytest.mark.parametrize("field", ["intensity", "scalar_Reflectance"])
+def test_an_intensity_that_is_the_same_everywhere_is_none(pair, field):
+    """As in LAS files of scanners that measure none."""
+    clouds, changes = surveyed(pair)
+    plain = clouds.map(lambda cloud: dataclasses.replace(cloud, colors=None, fields={}))
+    same = plain.map(lambda cloud: dataclasses.replace(cloud, fields={field: np.zeros(len(cloud), np.uint16)}))
+    assert packed_scene(same, changes) == packed_scene(plain, changes)
+    assert not packed_scene(same, changes).scene["has"]["scan"]
+
+
 def test_intensity_is_shown_as_grey_where_there_are_no_colors(pair):
     clouds, changes = surveyed(pair)
     intensity = np.linspace(0, 60_000, len(clouds.after)).astype(np.uint16)
