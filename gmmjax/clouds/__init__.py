@@ -16,6 +16,7 @@ from gmmjax.clouds.blocks import box_text as box_text
 from gmmjax.clouds.blocks import require_overlap as require_overlap
 from gmmjax.clouds.canonical import canonical_order as canonical_order
 from gmmjax.clouds.canonical import first_of_equals as first_of_equals
+from gmmjax.clouds.canonical import morton_codes as morton_codes
 from gmmjax.clouds.canonical import morton_order as morton_order
 from gmmjax.clouds.cell_counts import CellCounts as CellCounts
 from gmmjax.clouds.cell_counts import Lattice as Lattice

@@ -9,10 +9,10 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped, UInt64
 
 from gmmjax.changes.prepare.resolution import WorkingCloud
-from gmmjax.clouds import AXIS_BITS, voxel_keys
+from gmmjax.clouds import AXIS_BITS, morton_codes, voxel_keys
 from gmmjax.pair import Pair, each
 
 
@@ -23,7 +23,8 @@ class LocalResolutionSettings:
     Space is divided into cubes of as many voxels, which are halved, with their voxels, as long as the smaller voxels
     still sample surfaces in either cloud. Rows of points along the lines of a scanner, with gaps between them, do not:
     halving the voxels doubles their number, on a surface it becomes four times as large, in a cloud of noise eight
-    times. The logarithm of that factor to the base of two is the box-counting dimension.
+    times. The logarithm of that factor to the base of two is the box-counting dimension. It is counted on two lattices,
+    half of a small voxel apart: a floor that lies on a boundary of voxels is in two layers of them on one.
 
     Attributes:
         voxels_per_edge: of a cube, a power of two. Fewer: the voxels of a few points differ by chance.
@@ -48,23 +49,41 @@ class LocalResolutionSettings:
     rare: float = 0.1
 
 
-class _Indices(NamedTuple):
-    """The voxel of each point on the finest grid.
+class _Cells(NamedTuple):
+    """The cell of each point on the finest grid.
 
     Attributes:
-        of_axes: its indices along the axes.
+        codes: Morton's numbers of the cells, ascending: three bits fewer are the cell that is twice as large.
+        halves: indices along x, y and z on a grid of cells half as large, axis by axis.
         rows: of the points, in their cloud.
     """
 
-    of_axes: Int[np.ndarray, "n 3"]
+    codes: UInt64[np.ndarray, " n"]
+    halves: Int[np.ndarray, "3 n"]
     rows: Int[np.ndarray, " n"]
 
-    def chosen(self, which: Bool[np.ndarray, " n"]) -> "_Indices":
-        return _Indices(self.of_axes[which], self.rows[which])
+    @classmethod
+    def of(cls, halves: Int[np.ndarray, "n 3"]) -> "_Cells":
+        """The cells of points, by their indices on the grid of cells half as large."""
+        of_axes = np.ascontiguousarray(halves.T)
+        codes = morton_codes((of_axes >> 1).astype(np.uint64))
+        rows = np.argsort(codes)
+        return cls(codes[rows], of_axes[:, rows], rows)
 
-    def key(self, halved: int) -> Int[np.ndarray, " n"]:
-        """One integer for the voxels that are so many times as large, in powers of two."""
-        return voxel_keys((self.of_axes >> halved).T)
+    def chosen(self, which: Bool[np.ndarray, " n"]) -> "_Cells":
+        return _Cells(self.codes[which], self.halves[:, which], self.rows[which])
+
+    def enlarged(self, doublings: int) -> UInt64[np.ndarray, " n"]:
+        """The cell of each point on the grid of so many times doubled cells."""
+        return self.codes >> np.uint64(3 * doublings)
+
+    def first(self, doublings: int) -> Bool[np.ndarray, " n"]:
+        """Which points are the first ones in their cell on that grid."""
+        return _changes(self.enlarged(doublings))
+
+    def within(self, doublings: int) -> Int[np.ndarray, "3 n"]:
+        """The indices from the corner of each point's cell on that grid on, on the grid of half the finest cells."""
+        return self.halves & (2 ** (doublings + 1) - 1)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -133,8 +152,8 @@ def reduced_on(
         settings: how small they are.
         most_voxels: of either cloud; None: the caller bounds their number, of all cubes.
     """
-    indices = offsets.map(lambda own: (own / lattice.finest).astype(np.int64))
-    levels = _levels(indices, lattice.halvings, settings)
+    halves = offsets.map(lambda own: (own / (lattice.finest / 2)).astype(np.int64))
+    indices, levels = halves.map(lambda own: own >> 1), _levels(halves, lattice.halvings, settings)
     if most_voxels is not None:
         levels = _bounded(indices, levels, most_voxels)
     return each(lambda *own: _working_cloud(lattice, *own), offsets, indices, levels)
@@ -161,15 +180,15 @@ def _of_level(
 ) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
     """The rows of the points of one level, and the key of the voxel of each."""
     rows = np.flatnonzero(levels == level)
-    return rows, _Indices(indices[rows], rows).key(level)
+    return rows, voxel_keys((indices[rows] >> level).T)
 
 
 def _levels(
-    indices: Pair[Int[np.ndarray, "_ 3"]], halvings: int, settings: LocalResolutionSettings
+    halves: Pair[Int[np.ndarray, "_ 3"]], halvings: int, settings: LocalResolutionSettings
 ) -> Pair[Int[np.ndarray, " _"]]:
     """How often the finest voxels are doubled at each point."""
-    levels = indices.map(lambda own: np.full(len(own), halvings))
-    left = indices.map(lambda own: _Indices(own, np.arange(len(own))))
+    levels = halves.map(lambda own: np.full(len(own), halvings))
+    left = halves.map(_Cells.of)
     for level in range(halvings, 0, -1):
         halved = _can_be_halved(left, level, settings)
         left = each(lambda own, which: own.chosen(which), left, halved)
@@ -178,28 +197,80 @@ def _levels(
     return levels
 
 
-def _can_be_halved(left: Pair[_Indices], level: int, settings: LocalResolutionSettings) -> Pair[Bool[np.ndarray, " _"]]:
+def _can_be_halved(left: Pair[_Cells], level: int, settings: LocalResolutionSettings) -> Pair[Bool[np.ndarray, " _"]]:
     """Which points are in cubes whose voxels of this level can be halved in both clouds."""
     edge = level + settings.voxels_per_edge.bit_length() - 1
-    keys = left.map(lambda own: own.key(edge))
-    cubes, cube = np.unique(np.concatenate([*keys]), return_inverse=True)
-    of_points = Pair(cube[: len(keys.before)], cube[len(keys.before) :])
-    counts = of_points.map(lambda own: np.bincount(own, minlength=len(cubes)))
+    first = left.map(lambda own: own.first(edge))
+    occupied = each(lambda own, which: own.enlarged(edge)[which], left, first)
+    cubes = np.union1d(*occupied)
+    cube = each(lambda own, which: np.asarray(np.searchsorted(cubes, own))[np.cumsum(which) - 1], occupied, first)
+    counts = cube.map(lambda own: np.bincount(own, minlength=len(cubes)))
     most = np.maximum(*counts)
     fit = most >= settings.least_in_cube
-    for own, place, count in zip(left, of_points, counts, strict=True):
-        smaller, larger = (_occupied(own.key(size), place, len(cubes)) for size in (level - 1, level))
+    for own, place, count in zip(left, cube, counts, strict=True):
+        voxels = _occupied(own, place, len(cubes), level)
         present = count >= settings.rare * most
-        dimension = np.log2(np.maximum(smaller, 1) / np.maximum(larger, 1))
+        dimension = voxels.dimension(_occupied_apart(own, place, len(cubes), level, edge))
         surface = (dimension >= settings.least_dimension) & (dimension <= settings.most_dimension)
-        fit &= ~present | (surface & (count >= settings.least_points * smaller))
-    return of_points.map(lambda own: fit[own])
+        fit &= ~present | (surface & (count >= settings.least_points * voxels.smaller))
+    return cube.map(lambda own: fit[own])
 
 
-def _occupied(voxels: Int[np.ndarray, " n"], cube: Int[np.ndarray, " n"], count: int) -> Int[np.ndarray, " c"]:
-    """The number of different voxels in each cube."""
-    first = np.unique(voxels, return_index=True)[1]
-    return np.bincount(cube[first], minlength=count)
+class _Occupied(NamedTuple):
+    """How many voxels of a lattice are occupied in each cube.
+
+    Attributes:
+        smaller: of half the size.
+        larger: of the size.
+    """
+
+    smaller: Int[np.ndarray, " c"]
+    larger: Int[np.ndarray, " c"]
+
+    def dimension(self, apart: "_Occupied") -> Float[np.ndarray, " c"]:
+        """The box-counting dimension of each cube, of the lattice on which fewer of the smaller voxels are occupied.
+
+        A floor that lies on a boundary of smaller voxels, which is none of the larger ones, occupies both layers.
+
+        Args:
+            apart: on a lattice that is half of a smaller voxel apart.
+        """
+        fewer = apart.smaller < self.smaller
+        smaller, larger = (np.where(fewer, *both) for both in zip(apart, self, strict=True))
+        return np.asarray(np.log2(np.maximum(smaller, 1) / np.maximum(larger, 1)))
+
+
+def _occupied(own: _Cells, cube: Int[np.ndarray, " n"], count: int, level: int) -> _Occupied:
+    """The voxels of the lattice.
+
+    Args:
+        own: the points of a cloud.
+        cube: that each is in.
+        count: number of cubes.
+        level: of the larger voxels.
+    """
+    return _Occupied(*(np.bincount(cube[own.first(size)], minlength=count) for size in (level - 1, level)))
+
+
+def _occupied_apart(own: _Cells, cube: Int[np.ndarray, " n"], count: int, level: int, edge: int) -> _Occupied:
+    """The voxels of a lattice that is half of a smaller voxel apart along each axis; `edge` is the level of the cubes.
+
+    In half cells of the finest grid, half of a smaller voxel has 2^(level - 1) along its edge.
+    """
+    shifted = own.within(edge) + 2 ** (level - 1)
+
+    def occupied(size: int) -> Int[np.ndarray, " c"]:
+        x, y, z = shifted >> (size + 1)
+        per_edge = 2 ** (edge - size) + 1
+        keys = np.sort(((cube * per_edge + x) * per_edge + y) * per_edge + z)
+        return np.bincount(keys[_changes(keys)] // per_edge**3, minlength=count)
+
+    return _Occupied(occupied(level - 1), occupied(level))
+
+
+def _changes(ascending: Shaped[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Which values are the first of their kind."""
+    return np.append(np.ones(min(1, len(ascending)), bool), ascending[1:] != ascending[:-1])
 
 
 def _working_cloud(

@@ -1,7 +1,7 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 
 from gmmjax.changes.prepare.local_resolution import LocalResolutionSettings, locally_reduced
 from gmmjax.pair import Pair
@@ -68,6 +68,18 @@ def test_scan_lines_with_gaps_between_them_are_no_surface():
     points = np.column_stack([lines, np.zeros(len(lines))])
     clouds = locally_reduced(Pair(points, points + np.array([0.002, 0.1, 0.0])), SIZE)
     assert np.median(clouds.before.sizes) >= SIZE / 2
+
+
+@given(st.floats(0.0, 1.0))
+@settings(max_examples=10, deadline=None)
+@example(0.5)
+@example(0.25)
+def test_the_height_of_a_floor_does_not_matter(height):
+    """A floor that lies on a boundary of smaller voxels, which is none of the larger ones, is in two layers of them."""
+    raised = [0.0, 0.0, height * SIZE]
+    points = Pair(*(np.concatenate([floor(seed, 30_000, (0, 0), (4, 4)) + raised, [[0, 0, 0]]]) for seed in (9, 10)))
+    clouds = locally_reduced(points, SIZE)
+    assert max(np.median(own.sizes) for own in clouds) <= SIZE / 8
 
 
 def test_voxels_are_not_smaller_than_the_noise():
