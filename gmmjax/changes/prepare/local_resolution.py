@@ -54,24 +54,24 @@ class _Cells(NamedTuple):
 
     Attributes:
         codes: Morton's numbers of the cells, ascending: three bits fewer are the cell that is twice as large.
-        halves: indices along x, y and z on a grid of cells half as large, axis by axis.
+        half_cells: indices along x, y and z on the grid of cells half as large, axis by axis.
         rows: of the points, in their cloud.
     """
 
     codes: UInt64[np.ndarray, " n"]
-    halves: Int[np.ndarray, "3 n"]
+    half_cells: Int[np.ndarray, "3 n"]
     rows: Int[np.ndarray, " n"]
 
     @classmethod
-    def of(cls, halves: Int[np.ndarray, "n 3"]) -> "_Cells":
+    def of(cls, half_cells: Int[np.ndarray, "n 3"]) -> "_Cells":
         """The cells of points, by their indices on the grid of cells half as large."""
-        of_axes = np.ascontiguousarray(halves.T)
+        of_axes = np.ascontiguousarray(half_cells.T)
         codes = morton_codes((of_axes >> 1).astype(np.uint64))
         rows = np.argsort(codes)
         return cls(codes[rows], of_axes[:, rows], rows)
 
     def chosen(self, which: Bool[np.ndarray, " n"]) -> "_Cells":
-        return _Cells(self.codes[which], self.halves[:, which], self.rows[which])
+        return _Cells(self.codes[which], self.half_cells[:, which], self.rows[which])
 
     def enlarged(self, doublings: int) -> UInt64[np.ndarray, " n"]:
         """The cell of each point on the grid of so many times doubled cells."""
@@ -79,11 +79,11 @@ class _Cells(NamedTuple):
 
     def first(self, doublings: int) -> Bool[np.ndarray, " n"]:
         """Which points are the first ones in their cell on that grid."""
-        return _changes(self.enlarged(doublings))
+        return _first_of_runs(self.enlarged(doublings))
 
     def within(self, doublings: int) -> Int[np.ndarray, "3 n"]:
-        """The indices from the corner of each point's cell on that grid on, on the grid of half the finest cells."""
-        return self.halves & (2 ** (doublings + 1) - 1)
+        """The indices of half cells, from the corner of each point's cell on that grid on."""
+        return self.half_cells & (2 ** (doublings + 1) - 1)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -152,8 +152,8 @@ def reduced_on(
         settings: how small they are.
         most_voxels: of either cloud; None: the caller bounds their number, of all cubes.
     """
-    halves = offsets.map(lambda own: (own / (lattice.finest / 2)).astype(np.int64))
-    indices, levels = halves.map(lambda own: own >> 1), _levels(halves, lattice.halvings, settings)
+    half_cells = offsets.map(lambda own: (own / (lattice.finest / 2)).astype(np.int64))
+    indices, levels = half_cells.map(lambda own: own >> 1), _levels(half_cells, lattice.halvings, settings)
     if most_voxels is not None:
         levels = _bounded(indices, levels, most_voxels)
     return each(lambda *own: _working_cloud(lattice, *own), offsets, indices, levels)
@@ -184,11 +184,11 @@ def _of_level(
 
 
 def _levels(
-    halves: Pair[Int[np.ndarray, "_ 3"]], halvings: int, settings: LocalResolutionSettings
+    half_cells: Pair[Int[np.ndarray, "_ 3"]], halvings: int, settings: LocalResolutionSettings
 ) -> Pair[Int[np.ndarray, " _"]]:
     """How often the finest voxels are doubled at each point."""
-    levels = halves.map(lambda own: np.full(len(own), halvings))
-    left = halves.map(_Cells.of)
+    levels = half_cells.map(lambda own: np.full(len(own), halvings))
+    left = half_cells.map(_Cells.of)
     for level in range(halvings, 0, -1):
         halved = _can_be_halved(left, level, settings)
         left = each(lambda own, which: own.chosen(which), left, halved)
@@ -263,13 +263,13 @@ def _occupied_apart(own: _Cells, cube: Int[np.ndarray, " n"], count: int, level:
         x, y, z = shifted >> (size + 1)
         per_edge = 2 ** (edge - size) + 1
         keys = np.sort(((cube * per_edge + x) * per_edge + y) * per_edge + z)
-        return np.bincount(keys[_changes(keys)] // per_edge**3, minlength=count)
+        return np.bincount(keys[_first_of_runs(keys)] // per_edge**3, minlength=count)
 
     return _Occupied(occupied(level - 1), occupied(level))
 
 
-def _changes(ascending: Shaped[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Which values are the first of their kind."""
+def _first_of_runs(ascending: Shaped[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Which values differ from the one before them."""
     return np.append(np.ones(min(1, len(ascending)), bool), ascending[1:] != ascending[:-1])
 
 
