@@ -1,7 +1,7 @@
 """An order of the points of a cloud that does not depend on the order they are given in."""
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int, UInt64
+from jaxtyping import Bool, Float64, Int, Shaped, UInt64
 
 # What doubles the distance between groups of bits until two zeros follow each of 21 bits.
 MORTON_MASKS = (
@@ -92,6 +92,11 @@ def _gathered_bits(numbers: UInt64[np.ndarray, " n"]) -> UInt64[np.ndarray, " n"
     return numbers
 
 
-def first_of_equals(points: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-    """Which points differ from the one before them: in the canonical order, each place once."""
-    return np.append(np.ones(min(1, len(points)), bool), (points[1:] != points[:-1]).any(axis=1))
+def first_of_equals(values: Shaped[np.ndarray, "n *_"]) -> Bool[np.ndarray, " n"]:
+    """Which values differ from the one before them: of sorted values, or of points in the canonical order, each once.
+
+    Args:
+        values: numbers [n], or points [n, 3].
+    """
+    different = values[1:] != values[:-1]
+    return np.append(np.ones(min(1, len(values)), bool), different.any(axis=tuple(range(1, values.ndim))))

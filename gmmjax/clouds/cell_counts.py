@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from jaxtyping import Float64, Int64, UInt64
 
-from gmmjax.clouds.canonical import morton_codes
+from gmmjax.clouds.canonical import first_of_equals, morton_codes
 from gmmjax.clouds.read_both import read_both
 from gmmjax.clouds.voxel_grid import AXIS_BITS
 from gmmjax.pair import Pair, each
@@ -137,7 +137,7 @@ class _Counter:
 
 def _distinct(codes: UInt64[np.ndarray, " n"]) -> tuple[UInt64[np.ndarray, " c"], Int64[np.ndarray, " c"]]:
     """The different ones of sorted codes, and where each comes first."""
-    first = np.append(np.ones(min(1, len(codes)), bool), codes[1:] != codes[:-1])
+    first = first_of_equals(codes)
     return codes[first], np.flatnonzero(first)
 
 

@@ -9,10 +9,10 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Shaped, UInt64
+from jaxtyping import Bool, Float, Int, UInt64
 
 from gmmjax.changes.prepare.resolution import WorkingCloud
-from gmmjax.clouds import AXIS_BITS, morton_codes, voxel_keys
+from gmmjax.clouds import AXIS_BITS, first_of_equals, morton_codes, voxel_keys
 from gmmjax.pair import Pair, each
 
 
@@ -24,7 +24,8 @@ class LocalResolutionSettings:
     still sample surfaces in either cloud. Rows of points along the lines of a scanner, with gaps between them, do not:
     halving the voxels doubles their number, on a surface it becomes four times as large, in a cloud of noise eight
     times. The logarithm of that factor to the base of two is the box-counting dimension. It is counted on two lattices,
-    half of a small voxel apart: a floor that lies on a boundary of voxels is in two layers of them on one.
+    shifted against each other by half of a small voxel: on one of them a floor may lie on a boundary of voxels, and
+    be in two layers of them.
 
     Attributes:
         voxels_per_edge: of a cube, a power of two. Fewer: the voxels of a few points differ by chance.
@@ -79,7 +80,7 @@ class _Cells(NamedTuple):
 
     def first(self, doublings: int) -> Bool[np.ndarray, " n"]:
         """Which points are the first ones in their cell on that grid."""
-        return _first_of_runs(self.enlarged(doublings))
+        return first_of_equals(self.enlarged(doublings))
 
     def within(self, doublings: int) -> Int[np.ndarray, "3 n"]:
         """The indices of half cells, from the corner of each point's cell on that grid on."""
@@ -153,34 +154,34 @@ def reduced_on(
         most_voxels: of either cloud; None: the caller bounds their number, of all cubes.
     """
     half_cells = offsets.map(lambda own: (own / (lattice.finest / 2)).astype(np.int64))
-    indices, levels = half_cells.map(lambda own: own >> 1), _levels(half_cells, lattice.halvings, settings)
+    levels = _levels(half_cells, lattice.halvings, settings)
     if most_voxels is not None:
-        levels = _bounded(indices, levels, most_voxels)
-    return each(lambda *own: _working_cloud(lattice, *own), offsets, indices, levels)
+        levels = _bounded(half_cells, levels, most_voxels)
+    return each(lambda *own: _working_cloud(lattice, *own), offsets, half_cells, levels)
 
 
 def _bounded(
-    indices: Pair[Int[np.ndarray, "_ 3"]], levels: Pair[Int[np.ndarray, " _"]], most: int
+    half_cells: Pair[Int[np.ndarray, "_ 3"]], levels: Pair[Int[np.ndarray, " _"]], most: int
 ) -> Pair[Int[np.ndarray, " _"]]:
     """The levels, the lowest raised until neither cloud has more voxels."""
     least = 0
-    while max(each(_count, indices, levels)) > most:
+    while max(each(_count, half_cells, levels)) > most:
         least += 1
         levels = levels.map(functools.partial(np.maximum, least))
     return levels
 
 
-def _count(indices: Int[np.ndarray, "n 3"], levels: Int[np.ndarray, " n"]) -> int:
+def _count(half_cells: Int[np.ndarray, "n 3"], levels: Int[np.ndarray, " n"]) -> int:
     """The number of occupied voxels."""
-    return sum(len(np.unique(_of_level(indices, levels, level)[1])) for level in np.unique(levels).tolist())
+    return sum(len(np.unique(_of_level(half_cells, levels, level)[1])) for level in np.unique(levels).tolist())
 
 
 def _of_level(
-    indices: Int[np.ndarray, "n 3"], levels: Int[np.ndarray, " n"], level: int
+    half_cells: Int[np.ndarray, "n 3"], levels: Int[np.ndarray, " n"], level: int
 ) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
     """The rows of the points of one level, and the key of the voxel of each."""
     rows = np.flatnonzero(levels == level)
-    return rows, voxel_keys((indices[rows] >> level).T)
+    return rows, voxel_keys((half_cells[rows] >> (level + 1)).T)
 
 
 def _levels(
@@ -210,7 +211,7 @@ def _can_be_halved(left: Pair[_Cells], level: int, settings: LocalResolutionSett
     for own, place, count in zip(left, cube, counts, strict=True):
         voxels = _occupied(own, place, len(cubes), level)
         present = count >= settings.rare * most
-        dimension = voxels.dimension(_occupied_apart(own, place, len(cubes), level, edge))
+        dimension = voxels.dimension(_occupied_shifted(own, place, len(cubes), level, edge))
         surface = (dimension >= settings.least_dimension) & (dimension <= settings.most_dimension)
         fit &= ~present | (surface & (count >= settings.least_points * voxels.smaller))
     return cube.map(lambda own: fit[own])
@@ -227,63 +228,64 @@ class _Occupied(NamedTuple):
     smaller: Int[np.ndarray, " c"]
     larger: Int[np.ndarray, " c"]
 
-    def dimension(self, apart: "_Occupied") -> Float[np.ndarray, " c"]:
+    def dimension(self, shifted: "_Occupied") -> Float[np.ndarray, " c"]:
         """The box-counting dimension of each cube, of the lattice on which fewer of the smaller voxels are occupied.
 
         A floor that lies on a boundary of smaller voxels, which is none of the larger ones, occupies both layers.
 
         Args:
-            apart: on a lattice that is half of a smaller voxel apart.
+            shifted: on a lattice that is shifted by half of a smaller voxel.
         """
-        fewer = apart.smaller < self.smaller
-        smaller, larger = (np.where(fewer, *both) for both in zip(apart, self, strict=True))
+        fewer = shifted.smaller < self.smaller
+        smaller, larger = (np.where(fewer, *both) for both in zip(shifted, self, strict=True))
         return np.asarray(np.log2(np.maximum(smaller, 1) / np.maximum(larger, 1)))
 
 
-def _occupied(own: _Cells, cube: Int[np.ndarray, " n"], count: int, level: int) -> _Occupied:
-    """The voxels of the lattice.
+def _occupied(own: _Cells, cube: Int[np.ndarray, " n"], cubes: int, level: int) -> _Occupied:
+    """The occupied voxels of the lattice.
 
     Args:
         own: the points of a cloud.
-        cube: that each is in.
-        count: number of cubes.
+        cube: the number of the cube that each is in.
+        cubes: how many there are.
         level: of the larger voxels.
     """
-    return _Occupied(*(np.bincount(cube[own.first(size)], minlength=count) for size in (level - 1, level)))
+    return _Occupied(*(np.bincount(cube[own.first(size)], minlength=cubes) for size in (level - 1, level)))
 
 
-def _occupied_apart(own: _Cells, cube: Int[np.ndarray, " n"], count: int, level: int, edge: int) -> _Occupied:
-    """The voxels of a lattice that is half of a smaller voxel apart along each axis; `edge` is the level of the cubes.
+def _occupied_shifted(own: _Cells, cube: Int[np.ndarray, " n"], cubes: int, level: int, edge: int) -> _Occupied:
+    """The occupied voxels of a lattice that is shifted by half of a smaller voxel along each axis.
 
-    In half cells of the finest grid, half of a smaller voxel has 2^(level - 1) along its edge.
+    Args:
+        own: the points of a cloud.
+        cube: the number of the cube that each is in.
+        cubes: how many there are.
+        level: of the larger voxels.
+        edge: level of the cubes.
     """
+    # Half of a smaller voxel, in half cells of the finest grid.
     shifted = own.within(edge) + 2 ** (level - 1)
 
     def occupied(size: int) -> Int[np.ndarray, " c"]:
         x, y, z = shifted >> (size + 1)
         per_edge = 2 ** (edge - size) + 1
         keys = np.sort(((cube * per_edge + x) * per_edge + y) * per_edge + z)
-        return np.bincount(keys[_first_of_runs(keys)] // per_edge**3, minlength=count)
+        return np.bincount(keys[first_of_equals(keys)] // per_edge**3, minlength=cubes)
 
     return _Occupied(occupied(level - 1), occupied(level))
-
-
-def _first_of_runs(ascending: Shaped[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Which values differ from the one before them."""
-    return np.append(np.ones(min(1, len(ascending)), bool), ascending[1:] != ascending[:-1])
 
 
 def _working_cloud(
     lattice: VoxelLattice,
     offsets: Float[np.ndarray, "n 3"],
-    indices: Int[np.ndarray, "n 3"],
+    half_cells: Int[np.ndarray, "n 3"],
     levels: Int[np.ndarray, " n"],
 ) -> WorkingCloud:
     """The means of the voxels, those of the smallest size first."""
     member = np.empty(len(offsets), int)
     means, masses, sizes = ([np.empty((0, 3))], [np.empty(0)], [np.empty(0)])
     for level in np.unique(levels).tolist():
-        rows, own = _of_level(indices, levels, level)
+        rows, own = _of_level(half_cells, levels, level)
         keys, place = np.unique(own, return_inverse=True)
         mass = np.bincount(place).astype(float)
         member[rows] = place + sum(len(own) for own in masses)
