@@ -10,6 +10,7 @@ import pytest
 from gmmjax.changes import Changes
 from gmmjax.cli import main
 from gmmjax.clouds import read_cloud, write_ply
+from gmmjax.reporting.summary import unobserved_text
 from tests.tiling.rooms import of_box, room
 
 QUICK = ["--restarts", "1", "--max-components", "12", "--registration", "never"]
@@ -60,6 +61,9 @@ def test_the_record_and_the_report_are_of_the_whole_scans(result):
     assert record["diagnostics"]["before"]["points"] == len(room(0, box=False))
     page = (result / "report.html").read_text()
     assert re.search(rf"after\.ply</bdi></b> \({len(room(1, box=True)):,} points\)", page)
+    unobserved = unobserved_text(Changes.load(result))
+    assert unobserved is not None
+    assert f">By the other survey: {unobserved.split(': ')[1]}<" in page
     assert {path.name for path in result.parent.iterdir()} == {"result", "plot.png"}
 
 

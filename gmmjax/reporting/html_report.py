@@ -43,6 +43,7 @@ def report_html(
     changes: Changes,
     title: str | None = None,
     close_ups: CloseUpSettings = CloseUpSettings(),
+    recorded: Changes | None = None,
 ) -> str:
     """The report of a detection as one self-contained page.
 
@@ -52,6 +53,8 @@ def report_html(
         changes: what was found.
         title: of the page; default the names of the two files.
         close_ups: how the pictures of the changes are drawn.
+        recorded: the same changes with labels of all points, where the clouds have some of them: how much was not
+            observed is a fraction of all. None: the clouds have all.
 
     Returns:
         HTML, with the points and the viewer inside.
@@ -82,7 +85,7 @@ def report_html(
 </head>
 <body>
 <main>
-{_header(clouds, names, changes, title)}
+{_header(clouds, names, changes if recorded is None else recorded, title)}
 <div class="bench">
 {viewer_section(packed.scene, names, pictures.overview(), changes)}
 {panel}

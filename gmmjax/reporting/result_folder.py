@@ -155,7 +155,7 @@ def _write_files(
     write_map(folder / MAP_FILE, changes, crs)
     each_on_cores(lambda side, own: write_scans(folder, side, own), NAMES, scans)
     with atomic_write(folder / REPORT_FILE) as file:
-        file.write(report_html(clouds.before, clouds.after, shown).encode())
+        file.write(report_html(clouds.before, clouds.after, shown, recorded=changes).encode())
     with atomic_write(folder / CONFIG_FILE) as file:
         tomli_w.dump(_portable(changes.config), file)
 

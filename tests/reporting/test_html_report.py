@@ -54,6 +54,16 @@ def test_the_answer_and_what_was_compared(page):
     assert len(re.findall(r'<li class="change \w+" id="change-\d"', text)) == 3
 
 
+def test_how_much_was_not_observed_is_of_all_points_where_some_are_shown(pair):
+    before, after, changes = pair
+    some = dataclasses.replace(changes, unobserved_after=np.arange(len(after)) < 100)
+    assert "20 % of the after cloud" in text_of(before, after, some)
+    none_found = dataclasses.replace(
+        labelled(changes, np.full(400, -1), np.full(5_000, -1), ()), unobserved_after=np.arange(5_000) < 350
+    )
+    assert "7 % of the after cloud" in text_of(before, after, some, recorded=none_found)
+
+
 @pytest.mark.parametrize(
     ("lengths", "sentence"),
     [
