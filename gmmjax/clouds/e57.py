@@ -257,7 +257,8 @@ def _decoded(file: Path, size: int) -> Iterator[Iterator[bytearray]]:
 def _check(scans: list[dict[str, Any]], file: Path) -> None:
     """Whether there are points, with coordinates and a pose that is one."""
     if not any(scan["count"] for scan in scans):
-        raise InputError(f"{file}: its {len(scans)} scans have no points; export the file again with its point data")
+        what = f"has no points in any of its scans ({len(scans)})" if scans else "has no scan"
+        raise InputError(f"{file}: {what}; export the file again with its point data")
     for number, scan in enumerate(scans):
         if scan["count"] and not any(set(axes) <= set(scan["fields"]) for axes in (CARTESIAN, SPHERICAL)):
             listed = ", ".join(scan["fields"][:6]) or "nothing"
