@@ -225,7 +225,7 @@ def local_difference(
     normals, scatter = other.normals.take(there, axis=0), other.variances[there, 0]
     own_scatter = ((groups - means[:, None]) @ normals[:, :, None])[..., 0].var(axis=1)
     tilts, reach, spacing = other.tilts(there), other.reach(there), other.spacing(there)
-    of_planes = own_scatter / groups.shape[1] + scatter / other.neighbours.shape[1]
+    of_planes = own_scatter / groups.shape[1] + scatter / other.counts.take(there)
     density_ratio = (spacing / np.maximum(own.spacing(chosen), np.finfo(float).tiny)) ** 2
     of_relief = _unresolved_relief(scatter, density_ratio, groups.shape[1], settings)
     # Beyond its edge, too, a plane is turned no farther than there.

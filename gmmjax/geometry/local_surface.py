@@ -14,8 +14,31 @@ from gmmjax.geometry.rigid import rotated, transformed
 # Neighbours that a plane goes through, and those whose mean stands for a point: averages see offsets below the noise.
 PLANE_NEIGHBOURS = 16
 MEAN_NEIGHBOURS = 8
-# k points that fill a disc of radius r evenly are r sqrt(pi / k) apart, with a spread of r / sqrt 2 about its centre.
-SPACING_PER_SPREAD = np.sqrt(2 * np.pi / PLANE_NEIGHBOURS)
+
+
+@dataclasses.dataclass(frozen=True)
+class RowSettings:
+    """Where the nearest neighbours of a point are a row, such as a line of a scanner on a floor far away.
+
+    The plane goes through more of them there, where these are flat and fill what they surround.
+
+    Attributes:
+        slenderness: width by length of the neighbours, up to which they are a row: their plane may be turned about it.
+            0: no neighbours are a row; 1: all are.
+        neighbours: number of nearest neighbours that the plane goes through in place of a row. Few: the next lines are
+            not among them; many: planes of what is far away. 0: rows stay.
+        flatness: largest standard deviation of these from their plane, by that along their width. 0: rows stay; 1: the
+            plane of a cable is that of the clutter around it.
+        cells: number of cells along either axis of their plane, within one and a half standard deviations.
+        filled: fraction of these cells with points, at least. 0: any two lines, such as a post and a beam, make a plane
+            through no face of either; 1: lines that are far from each other make none.
+    """
+
+    slenderness: float = 0.2
+    neighbours: int = 64
+    flatness: float = 0.03
+    cells: int = 4
+    filled: float = 0.65
 
 
 class Heights(NamedTuple):
@@ -41,6 +64,7 @@ class LocalSurface:
         centres: mean of these neighbours.
         normals: unit normal of their plane, in no particular sense.
         variances: principal variances of these neighbours, the least first.
+        counts: how many neighbours each plane goes through: more than these where they are a row.
     """
 
     points: Float64[np.ndarray, "n 3"]
@@ -49,6 +73,7 @@ class LocalSurface:
     centres: Float64[np.ndarray, "n 3"]
     normals: Float64[np.ndarray, "n 3"]
     variances: Float64[np.ndarray, "n 3"]
+    counts: Int[np.ndarray, " n"]
 
     @classmethod
     def of(
@@ -57,7 +82,8 @@ class LocalSurface:
         neighbours: int = PLANE_NEIGHBOURS,
         tree: cKDTree | None = None,
         *,
-        chunk: int = 250_000,
+        rows: RowSettings = RowSettings(),
+        chunk: int = 4_000_000,
     ) -> "LocalSurface":
         """The surface of a cloud of at least one point, with planes through this number of nearest neighbours.
 
@@ -65,18 +91,26 @@ class LocalSurface:
             points: of the cloud.
             neighbours: of each point, itself counted.
             tree: of the points; None: it is made.
-            chunk: points whose planes are computed at a time: bounds the memory, about 500 bytes each, and does not
-                change the planes.
+            rows: which neighbours are a row, and what the plane goes through there.
+            chunk: neighbours through which planes are computed at a time: bounds the memory, about 40 bytes each, and
+                does not change the planes.
         """
         tree = cKDTree(points) if tree is None else tree
         indices = nearest_neighbours(tree, points, neighbours)[1]
+        step = max(1, chunk // indices.shape[1])
         # `take` is several times as fast as an index array in brackets.
-        parts = [
-            local_planes(points.take(indices[first : first + chunk], axis=0))
-            for first in range(0, max(len(points), 1), chunk)
-        ]
-        centres, normals, variances = (np.concatenate(values) for values in zip(*parts, strict=True))
-        return cls(points, tree, indices, centres, normals, variances)
+        parts = [local_planes(points.take(own, axis=0)) for own in _chunks(indices, step)]
+        planes = LocalPlanes(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+        counts = np.full(len(points), indices.shape[1])
+        if indices.shape[1] < rows.neighbours:
+            in_rows = np.flatnonzero(_slender(planes.variances, rows.slenderness))
+            for chosen in _chunks(in_rows, max(1, chunk // rows.neighbours)):
+                wide = nearest_neighbours(tree, points[chosen], rows.neighbours)[1]
+                across, surface = _planes_across(points.take(wide, axis=0), rows)
+                counts[chosen[surface]] = wide.shape[1]
+                for values, others in zip(planes, across, strict=True):
+                    values[chosen[surface]] = others[surface]
+        return cls(points, tree, indices, *planes, counts)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -95,7 +129,9 @@ class LocalSurface:
 
     def spacing(self, chosen: Int[np.ndarray, " c"]) -> Float64[np.ndarray, " c"]:
         """Distance of neighbouring points on the surface at some of the points, by the spread of the neighbours."""
-        return np.asarray(SPACING_PER_SPREAD * np.sqrt(self.variances[chosen, 1:].sum(axis=1)))
+        # k points that fill a disc of radius r evenly are r sqrt(pi / k) apart, with a spread of r / sqrt 2.
+        spread = self.variances[chosen, 1:].sum(axis=1)
+        return np.asarray(np.sqrt(2 * np.pi / self.counts[chosen] * spread))
 
     def heights(self, places: Float64[np.ndarray, "m 3"], chosen: Int[np.ndarray, " m"]) -> Heights:
         """Where places are with respect to the planes of some of the points, one each.
@@ -120,7 +156,7 @@ class LocalSurface:
         middle axis, for many points (Anderson 1963, Asymptotic theory for principal component analysis).
         """
         least, middle = self.variances[chosen, 0], self.variances[chosen, 1]
-        determined = self.neighbours.shape[1] * (middle - least) ** 2
+        determined = self.counts[chosen] * (middle - least) ** 2
         at_most = np.maximum(np.maximum(determined, least * middle), np.finfo(np.float64).tiny)
         return np.asarray(np.sqrt(least * middle / at_most))
 
@@ -131,7 +167,7 @@ class LocalSurface:
             chosen: indices of points.
             slenderness: width by length of what a plane goes through, up to which it is a row.
         """
-        return np.asarray(self.variances[chosen, 1] <= slenderness**2 * self.variances[chosen, 2])
+        return _slender(self.variances[chosen], slenderness)
 
     @functools.cached_property
     def all_means(self) -> Float64[np.ndarray, "n 3"]:
@@ -163,19 +199,63 @@ class LocalSurface:
         """The surface after a rigid transform."""
         points = transformed(self.points, transform)
         normals = rotated(self.normals, transform)
-        return LocalSurface(
-            points, cKDTree(points), self.neighbours, transformed(self.centres, transform), normals, self.variances
-        )
+        centres = transformed(self.centres, transform)
+        return dataclasses.replace(self, points=points, tree=cKDTree(points), centres=centres, normals=normals)
 
 
-def local_planes(
-    groups: Float64[np.ndarray, "n k 3"],
-) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n 3"]]:
-    """Centre, unit normal and principal variances, least first, of each group of points."""
+class LocalPlanes(NamedTuple):
+    """The planes through groups of points.
+
+    Attributes:
+        centres: of the groups.
+        normals: unit normals, in no particular sense.
+        variances: principal variances of the groups, the least first.
+    """
+
+    centres: Float64[np.ndarray, "n 3"]
+    normals: Float64[np.ndarray, "n 3"]
+    variances: Float64[np.ndarray, "n 3"]
+
+
+def local_planes(groups: Float64[np.ndarray, "n k 3"]) -> LocalPlanes:
+    """The plane through each group of points."""
     centres = groups.mean(axis=1)
     centred = groups - centres[:, None]
     variances, axes = np.linalg.eigh(centred.swapaxes(1, 2) @ centred / groups.shape[1])
-    return centres, axes[:, :, 0], np.maximum(variances, 0)
+    return LocalPlanes(centres, axes[:, :, 0], np.maximum(variances, 0))
+
+
+def _planes_across(
+    groups: Float64[np.ndarray, "m k 3"], settings: RowSettings
+) -> tuple[LocalPlanes, Bool[np.ndarray, " m"]]:
+    """The planes through the many neighbours of points in rows, and which of these planes are surfaces."""
+    planes = local_planes(groups)
+    least, middle, _ = planes.variances.T
+    surface = ~_slender(planes.variances, settings.slenderness) & (least <= settings.flatness**2 * middle)
+    surface[surface] = _filled(groups[surface], settings.cells) >= settings.filled
+    return planes, surface
+
+
+def _filled(groups: Float64[np.ndarray, "m k 3"], cells: int) -> Float64[np.ndarray, " m"]:
+    """Fraction of the square cells in the plane of each group of points that have some of them."""
+    centred = groups - groups.mean(axis=1, keepdims=True)
+    variances, axes = np.linalg.eigh(centred.swapaxes(1, 2) @ centred / groups.shape[1])
+    deviations = np.sqrt(np.maximum(variances[:, None, 1:], np.finfo(np.float64).tiny))
+    along = (centred @ axes[:, :, 1:] / deviations + 1.5) / 3
+    column, row = np.clip((cells * along).astype(int), 0, cells - 1).transpose(2, 0, 1)
+    occupied = np.zeros((len(groups), cells**2), bool)
+    occupied[np.arange(len(groups))[:, None], cells * row + column] = True
+    return np.asarray(occupied.mean(axis=1))
+
+
+def _chunks(values: np.ndarray, step: int) -> list[np.ndarray]:
+    """The values, so many at a time; one part of none where there are none."""
+    return [values[first : first + step] for first in range(0, max(len(values), 1), step)]
+
+
+def _slender(variances: Float64[np.ndarray, "n 3"], slenderness: float) -> Bool[np.ndarray, " n"]:
+    """Which groups of points with these principal variances are rows."""
+    return np.asarray(variances[:, 1] <= slenderness**2 * variances[:, 2])
 
 
 def evenly_chosen(count: int, size: int) -> Int[np.ndarray, " m"]:

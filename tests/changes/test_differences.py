@@ -185,3 +185,17 @@ def test_a_change_that_fills_a_region_is_no_registration_error_of_dense_scans():
     usual = own.limits.registration_error
     assert np.median(own.local.before.error[middle]) < 1.3 * usual
     assert np.median(everywhere.local.before.error[middle]) > 1.5 * usual
+
+
+def test_what_stands_on_a_floor_that_was_sampled_along_lines_is_off_it():
+    """As by a scanner far away, where a line is farther from the next one than the thing is wide."""
+    along, line = np.meshgrid(0.05 * np.arange(300), 0.6 * np.arange(15))
+    random = np.random.default_rng(3)
+    far = np.column_stack([along.ravel(), line.ravel(), 0.001 * random.standard_normal(along.size)])
+    pallet = floor(9, 1500, 0.003, height=0.12) * [0.5, 0.5, 1] + [7, 4, 0]
+    bare = floor(10, 1500, 0.003) * [0.5, 0.5, 1] + [7, 4, 0]
+    on_it, without = difference(pallet, far), difference(bare, far)
+    assert np.median(on_it.offset) == pytest.approx(0.12, abs=0.005)
+    assert (on_it.offset > 7 * on_it.noise).all() and np.median(without.offset) < 0.003
+    # By the distance alone nothing is there that the other survey could not have missed.
+    assert (on_it.distance < 3 * on_it.spacing).all()
