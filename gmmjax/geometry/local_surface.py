@@ -20,7 +20,8 @@ MEAN_NEIGHBOURS = 8
 class RowSettings:
     """Where the nearest neighbours of a point are a row, such as a line of a scanner on a floor far away.
 
-    The plane goes through more of them there, where these are flat and fill what they surround.
+    The plane goes through more of them there, where these are flat and fill what they surround. The values come from
+    development on the halls of docs/results.md.
 
     Attributes:
         slenderness: width by length of the neighbours, up to which they are a row: their plane may be turned about it.
@@ -219,32 +220,40 @@ class LocalPlanes(NamedTuple):
 
 def local_planes(groups: Float64[np.ndarray, "n k 3"]) -> LocalPlanes:
     """The plane through each group of points."""
+    return _principal(groups)[0]
+
+
+def _principal(groups: Float64[np.ndarray, "n k 3"]) -> tuple[LocalPlanes, Float64[np.ndarray, "n 3 3"]]:
+    """The plane through each group of points, and its principal axes as columns, that of the least variance first."""
     centres = groups.mean(axis=1)
     centred = groups - centres[:, None]
     variances, axes = np.linalg.eigh(centred.swapaxes(1, 2) @ centred / groups.shape[1])
-    return LocalPlanes(centres, axes[:, :, 0], np.maximum(variances, 0))
+    return LocalPlanes(centres, axes[:, :, 0], np.maximum(variances, 0)), axes
 
 
 def _planes_across(
     groups: Float64[np.ndarray, "m k 3"], settings: RowSettings
 ) -> tuple[LocalPlanes, Bool[np.ndarray, " m"]]:
     """The planes through the many neighbours of points in rows, and which of these planes are surfaces."""
-    planes = local_planes(groups)
+    planes, axes = _principal(groups)
     least, middle, _ = planes.variances.T
-    surface = ~_slender(planes.variances, settings.slenderness) & (least <= settings.flatness**2 * middle)
-    surface[surface] = _filled(groups[surface], settings.cells) >= settings.filled
-    return planes, surface
+    flat = ~_slender(planes.variances, settings.slenderness) & (least <= settings.flatness**2 * middle)
+    deviations = np.sqrt(np.maximum(planes.variances[:, None, 1:], np.finfo(np.float64).tiny))
+    in_plane = (groups - planes.centres[:, None]) @ axes[:, :, 1:] / deviations
+    return planes, flat & (_filled(in_plane, settings.cells) >= settings.filled)
 
 
-def _filled(groups: Float64[np.ndarray, "m k 3"], cells: int) -> Float64[np.ndarray, " m"]:
-    """Fraction of the square cells in the plane of each group of points that have some of them."""
-    centred = groups - groups.mean(axis=1, keepdims=True)
-    variances, axes = np.linalg.eigh(centred.swapaxes(1, 2) @ centred / groups.shape[1])
-    deviations = np.sqrt(np.maximum(variances[:, None, 1:], np.finfo(np.float64).tiny))
-    along = (centred @ axes[:, :, 1:] / deviations + 1.5) / 3
-    column, row = np.clip((cells * along).astype(int), 0, cells - 1).transpose(2, 0, 1)
-    occupied = np.zeros((len(groups), cells**2), bool)
-    occupied[np.arange(len(groups))[:, None], cells * row + column] = True
+def _filled(in_plane: Float64[np.ndarray, "m k 2"], cells: int) -> Float64[np.ndarray, " m"]:
+    """Fraction of the square cells, within one and a half standard deviations, that have some of the points.
+
+    Args:
+        in_plane: the points of each group along the axes of its plane, in standard deviations; those beyond count in
+            the cells at the rim.
+        cells: number along either axis.
+    """
+    column, row = np.clip(cells * (in_plane + 1.5) / 3, 0, cells - 1).astype(int).transpose(2, 0, 1)
+    occupied = np.zeros((len(in_plane), cells**2), bool)
+    occupied[np.arange(len(in_plane))[:, None], cells * row + column] = True
     return np.asarray(occupied.mean(axis=1))
 
 
