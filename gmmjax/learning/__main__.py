@@ -18,7 +18,7 @@ def main(
     *,
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.json")] = None,
     families: tuple[str, ...] = LEARNED_FROM,
-    seeds: int = 80,
+    seeds: int = 48,
     first_seed: int = 0,
     workers: int = 1,
     rows: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None,

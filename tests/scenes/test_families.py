@@ -13,8 +13,8 @@ from gmmjax.scenes.families.things import box, moved
 # One scene of each family in which something changes.
 SEEDS = {"rooms": 7, "kitchens": 0, "station": 1, "corridors": 1, "halls": 0, "depots": 0, "apartments": 1, "yards": 1}
 
-# Points of a cloud, at most: depots are dense.
-MOST = dict.fromkeys(FAMILIES, 42_000) | {"depots": 115_000}
+# Points of a cloud, at most: some families are as dense as scans.
+MOST = dict.fromkeys(FAMILIES, 42_000) | {"apartments": 105_000, "depots": 210_000, "halls": 260_000}
 
 scene_of = functools.cache(lambda name: family_scene(name, SEEDS.get(name, 0)))
 

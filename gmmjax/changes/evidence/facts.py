@@ -50,16 +50,6 @@ def count(candidate: Candidate) -> float:
     return float(len(candidate.rows))
 
 
-def length(candidate: Candidate) -> float:
-    """Standard deviation along its longest axis, in spacings, from 0."""
-    return float(candidate.deviations[2])
-
-
-def width(candidate: Candidate) -> float:
-    """Standard deviation along its middle axis, in spacings, from 0."""
-    return float(candidate.deviations[1])
-
-
 def thickness(candidate: Candidate) -> float:
     """Standard deviation along its shortest axis, in spacings, from 0."""
     return float(candidate.deviations[0])
@@ -68,11 +58,6 @@ def thickness(candidate: Candidate) -> float:
 def compactness(candidate: Candidate) -> float:
     """Its shortest axis by its longest one, 0 to 1: 0 for all that is flat."""
     return float(candidate.deviations[0] / max(candidate.deviations[2], 1e-9))
-
-
-def slenderness(candidate: Candidate) -> float:
-    """Its middle axis by its longest one, 0 to 1: 0 for a strip."""
-    return float(candidate.deviations[1] / max(candidate.deviations[2], 1e-9))
 
 
 def fill(candidate: Candidate) -> float:
@@ -232,8 +217,9 @@ def opposite_nearby(candidate: Candidate) -> float:
 
 
 def opposite_contact(candidate: Candidate) -> float:
-    """Share of its points beside candidates of the other cloud, 0 to 1."""
-    return float(candidate.beside(candidate.surroundings.opposite).mean())
+    """Share of its points beside candidates of the other cloud, 0 to 1; none where these stand on it, and hide it."""
+    hidden = supports(candidate) * (1 - displaced(candidate))
+    return float(candidate.beside(candidate.surroundings.opposite).mean()) * (1 - hidden)
 
 
 def differing_nearby(candidate: Candidate) -> float:
@@ -256,8 +242,8 @@ def differing_overall(candidate: Candidate) -> float:
 
 
 def differing_elsewhere(candidate: Candidate) -> float:
-    """Area of all other candidates of its own cloud by its own, from 0: much where many places were not observed."""
-    return max(candidate.surroundings.areas.differing / candidate.area - 1, 0.0)
+    """Share of what differs in its own cloud, by area, that is of others, 0 (the only candidate) to 1 (one of many)."""
+    return 1 - candidate.area / max(candidate.surroundings.areas.differing, candidate.area)
 
 
 def of_cluster(candidate: Candidate) -> float:
@@ -322,11 +308,8 @@ def free_contact(candidate: Candidate) -> float:
 
 FACTS: dict[str, Fact] = {
     "count": Fact(count, "it has {:.0f} points at the resolution of the comparison", "count", 1),
-    "length": Fact(length, "it is {:.0f} spacings of points long (standard deviation)", "ratio"),
-    "width": Fact(width, "it is {:.1f} spacings of points wide (standard deviation)", "ratio"),
     "thickness": Fact(thickness, "it is {:.1f} spacings of points thick (standard deviation)", "ratio"),
     "compactness": Fact(compactness, "its thickness is {:.0%} of its length", "share"),
-    "slenderness": Fact(slenderness, "its width is {:.0%} of its length", "share"),
     "fill": Fact(fill, "{:.1f} points fill each square spacing of its extent", "ratio"),
     "distance": Fact(distance, "half of it is {:.1f} times as far from the other scan as noise explains", "ratio", 1),
     "least_distance": Fact(
@@ -371,7 +354,7 @@ FACTS: dict[str, Fact] = {
         other_differing_nearby, "{:.0%} of the other scan around it differs from its own", "share"
     ),
     "differing_overall": Fact(differing_overall, "{:.0%} of its whole scan differs from the other", "share"),
-    "differing_elsewhere": Fact(differing_elsewhere, "{:.0f} times as much differs elsewhere in its scan", "ratio"),
+    "differing_elsewhere": Fact(differing_elsewhere, "{:.0%} of what differs in its scan lies elsewhere", "share"),
     "of_cluster": Fact(of_cluster, "it is {:.0%} of what differs there", "share"),
     "seen_free": Fact(seen_free, "{:.0%} of it lies where the other survey saw through", "share", 1, poses=True),
     "seen_surface": Fact(

@@ -49,7 +49,7 @@ def apartments(random: np.random.Generator) -> SurveyedScene:
     supports: list[Place] = [room.floor for room in scanned_rooms]
     supports += [top for room in scanned_rooms for top in room.tops]
     solids = staged(random, fixed, supports, _THINGS, int(random.integers(3, 9)), Turnover(appeared=4, disappeared=4))
-    surveys = TripodSurveys(100_000, (25_000, 40_000), 10_000, hidden_by=0.04, shift=0.05)
+    surveys = TripodSurveys((100_000, 400_000), (25_000, 100_000), 10_000, hidden_by=0.04, shift=0.05)
     return scene_from_tripods(random, solids, places, surveys)
 
 

@@ -37,7 +37,8 @@ def depots(random: np.random.Generator) -> SurveyedScene:
     # As likely on the floor as in the racks.
     somewhere = [floor] * max(1, len(decks)) + decks
     solids = staged(random, fixed, somewhere, things, int(random.integers(8, 25)), Turnover(appeared=4, disappeared=4))
-    surveys = TripodSurveys(250_000, (30_000, 110_000), 15_000, hidden_by=0.06, highest=(30.0, 80.0), fused=0.4)
+    rays, most = (250_000, 1_000_000), (30_000, 200_000)
+    surveys = TripodSurveys(rays, most, 15_000, hidden_by=0.06, highest=(30.0, 80.0), fused=0.4)
     return scene_from_tripods(random, solids, places, surveys)
 
 

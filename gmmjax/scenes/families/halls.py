@@ -37,7 +37,8 @@ def halls(random: np.random.Generator) -> SurveyedScene:
         pallet, pallet, _crate, _crate, cart, stack, drum, machine, clutter, shelves, table, cupboard, tripod
     )
     solids = staged(random, fixed, [floor], things, int(random.integers(5, 20)), Turnover(appeared=4, disappeared=4))
-    surveys = TripodSurveys(140_000, (30_000, 40_000), 12_000, hidden_by=0.06, highest=(15.0, 70.0), fused=0.9)
+    rays, most = (140_000, 1_000_000), (30_000, 250_000)
+    surveys = TripodSurveys(rays, most, 12_000, hidden_by=0.06, highest=(15.0, 70.0), fused=0.5)
     return scene_from_tripods(random, solids, places, surveys)
 
 

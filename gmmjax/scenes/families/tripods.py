@@ -20,7 +20,8 @@ class TripodSurveys:
     """How two surveys from tripods are drawn.
 
     Attributes:
-        rays: of a survey, from all of its stations together.
+        rays: between how many a survey has, from all of its stations together. The more there are, the more of them end
+            in the air at depth edges; fused in voxels, each such point weighs as much as a surface's.
         most: between how many points the denser cloud has, where it has so many.
         least: points that the other one keeps.
         hidden_by: a place is hidden when something on its ray is nearer by more than this, metres.
@@ -30,7 +31,7 @@ class TripodSurveys:
         degrees: largest angle of the misregistration.
     """
 
-    rays: int
+    rays: tuple[int, int]
     most: tuple[int, int]
     least: int
     hidden_by: float
@@ -63,13 +64,13 @@ def scene_from_tripods(
 
 
 def drawn_scanners(
-    random: np.random.Generator, rays: int, highest: tuple[float, float] = (60.0, 90.0)
+    random: np.random.Generator, rays: tuple[int, int], highest: tuple[float, float] = (60.0, 90.0)
 ) -> Pair[TripodScanner]:
     """The scanners of two surveys: one make, or two.
 
     Args:
         random: of everything.
-        rays: of a survey, from all of its stations together.
+        rays: between how many a survey has, from all of its stations together.
         highest: between which elevations the highest rays are, degrees.
     """
     full = random.random() < 0.75
@@ -80,11 +81,12 @@ def drawn_scanners(
             growth=random.uniform(0.0, 0.0004),
             least_range=random.uniform(0.3, 0.8),
             max_range=random.uniform(20, 80),
-            mixed=random.uniform(0.0, 0.3),
+            mixed=random.uniform(0.0, 0.5),
             lost=random.uniform(0.0, 0.05),
         )
         horizontal = 360.0 if full else random.uniform(200, 300)
-        return TripodScanner(beam, rays, horizontal, random.uniform(-65, -40), random.uniform(*highest))
+        count = int(np.exp(random.uniform(*np.log(rays))))
+        return TripodScanner(beam, count, horizontal, random.uniform(-65, -40), random.uniform(*highest))
 
     first = one()
     return Pair(first, one() if random.random() < 0.4 else first)

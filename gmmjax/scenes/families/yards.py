@@ -27,7 +27,7 @@ def yards(random: np.random.Generator) -> SurveyedScene:
     staying = int(random.choice([0, 1, 2, 4], p=[0.4, 0.25, 0.2, 0.15]))
     turnover = Turnover(appeared=2, disappeared=2, moved=1)
     solids = staged(random, _ground(random, half), [ground], things, staying, turnover)
-    scanners = drawn_scanners(random, rays=int(random.uniform(40_000, 120_000)), highest=(5.0, 40.0))
+    scanners = drawn_scanners(random, rays=(40_000, 120_000), highest=(5.0, 40.0))
     recordings = scanned(random, solids, Pair(*(_all_around(random, half) for _ in range(2))), scanners)
     recordings = drawn_density(random, recordings, most=(3_000, 30_000), least=2_000)
     return surveyed_scene(solids, recordings, Frame.drawn(random, shift=0.05, degrees=0.3), hidden_by=0.04)

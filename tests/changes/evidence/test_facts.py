@@ -150,10 +150,10 @@ def test_how_much_else_differs_is_told_by_area():
     small, large = cube((0.5, 0.5), 0.2), cube((1.4, 1.4), 0.4)
     points, labels = np.concatenate([FLOOR, small, large]), np.repeat([-1, 0, 1], [len(FLOOR), len(small), len(large)])
     of_small, of_large = sorted(pieces_of(points, labels, OTHER), key=lambda facts: facts["count"])
-    ratio = len(large) / len(small)
-    assert of_small["differing_elsewhere"] == pytest.approx(ratio)
-    assert of_large["differing_elsewhere"] == pytest.approx(1 / ratio)
-    overall = (len(small) + len(large)) / len(points)
+    differing = len(small) + len(large)
+    assert of_small["differing_elsewhere"] == pytest.approx(len(large) / differing)
+    assert of_large["differing_elsewhere"] == pytest.approx(len(small) / differing)
+    overall = differing / len(points)
     assert of_small["differing_overall"] == of_large["differing_overall"] == pytest.approx(overall)
     # Of a part of a cloud the whole one counts, and a coarse point for as many fine ones as it stands for.
     parts = Areas.of(np.array([0, 0, -1]), np.array([1.0, 2.0, 2.0])), Areas.of(np.array([-1]), 1.0)
@@ -161,7 +161,19 @@ def test_how_much_else_differs_is_told_by_area():
     only = np.where(labels == 1, 1, -1)
     (facts,) = pieces_of(points, only, OTHER, Pair(*parts))
     assert facts["differing_overall"] == pytest.approx(5 / 9)
-    assert facts["differing_elsewhere"] == pytest.approx(5 / (len(large) * SPACING**2) - 1)
+    assert facts["differing_elsewhere"] == pytest.approx(1 - len(large) * SPACING**2 / 5)
+
+
+@pytest.mark.parametrize("hides", [True, False])
+def test_a_floor_is_not_beside_what_stands_on_it_but_a_shifted_box_is_beside_itself(hides):
+    hole = in_square(FLOOR, (1, 1), 0.4)
+    thing, later = (FLOOR[hole], CUBE) if hides else (CUBE, CUBE + np.array([2 * SPACING, 0, 0]))
+    pair = Pair((FLOOR[~hole], thing), (OTHER[~in_square(OTHER, (1, 1), 0.4)], later)).map(
+        lambda own: candidates_of(np.concatenate(own), np.repeat([-1, 0], [*map(len, own)]))
+    )
+    facts = measured(max(measured_candidates(pair, surveys_of(pair), LIMITS).before, key=lambda own: len(own.rows)))
+    assert (facts["supports"] > 0.9) == hides
+    assert facts["opposite_contact"] < 0.1 if hides else facts["opposite_contact"] > 0.9
 
 
 def test_clutter_of_which_both_surveys_have_some_points_is_interspersed(of_cube):

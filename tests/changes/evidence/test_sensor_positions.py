@@ -12,8 +12,8 @@ from gmmjax.scenes.families.halls import halls
 
 @pytest.fixture(scope="module")
 def scene():
-    """A hall, scanned from a single station, and later from two."""
-    return halls(np.random.default_rng(2))
+    """A hall in metres, scanned from a single station in either survey."""
+    return halls(np.random.default_rng(48))
 
 
 def test_the_positions_of_a_scanner_tell_nearly_what_its_poses_do(scene):
