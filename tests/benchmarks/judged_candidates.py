@@ -1,6 +1,9 @@
 """How the verdict judges candidates of scenes that it was not learned from:
 
 `python -m tests.benchmarks.judged_candidates --first-seed 100 --seeds 10 --workers 2`
+
+With `--others others` it judges the candidates that `python -m tests.benchmarks.other_generators --out others` keeps,
+in place of those of the families.
 """
 
 import argparse
@@ -10,7 +13,9 @@ import jax
 import numpy as np
 
 from gmmjax.changes import Verdict, Verdicts, read_verdicts, shipped_verdicts
+from gmmjax.errors import InputError
 from gmmjax.learning import LEARNED_FROM, CandidateRows, LeftOut, collected, left_out_table
+from tests.benchmarks.other_generators import kept_candidates
 
 
 def probabilities(verdict: Verdict, rows: CandidateRows) -> np.ndarray:
@@ -33,13 +38,26 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=100, help="beyond those of the training")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--others", type=Path, help="folder of candidates of other generators, to judge these")
     arguments = parser.parse_args()
     verdicts = shipped_verdicts() if arguments.verdict is None else read_verdicts(arguments.verdict)
-    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-    found = collected(arguments.families, seeds, workers=arguments.workers)
-    for poses in (False, True):
+    for poses, families in zip((False, True), _candidates(parser, arguments), strict=True):
         print(f"\n## Poses {'given' if poses else 'unknown'}\n")
-        print(table(verdicts, found.of(poses=poses), poses=poses))
+        print(table(verdicts, families, poses=poses))
+
+
+def _candidates(
+    parser: argparse.ArgumentParser, arguments: argparse.Namespace
+) -> tuple[dict[str, CandidateRows], dict[str, CandidateRows]]:
+    """Those with the poses unknown, and those with the poses given."""
+    if arguments.others is None:
+        seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+        found = collected(arguments.families, seeds, workers=arguments.workers)
+        return found.of(poses=False), found.of(poses=True)
+    try:
+        return kept_candidates(arguments.others, poses=False), kept_candidates(arguments.others, poses=True)
+    except InputError as error:
+        parser.error(f"--others {error}")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,8 @@
 `python -m tests.benchmarks.other_generators --kinds held-out --first-seed 30 --seeds 4 --out others`
 
 Those of each kind are kept in a file, in which they are read in place of simulating scenes. What a verdict makes of
-them, learned with all facts or without some, `python -m tests.benchmarks.without_facts --others others` tells.
+them, `python -m tests.benchmarks.judged_candidates --others others` tells, and of one that is learned without some
+facts `python -m tests.benchmarks.without_facts --others others`.
 """
 
 import argparse
@@ -15,7 +16,7 @@ from pathlib import Path
 
 from gmmjax.changes import Scan
 from gmmjax.errors import InputError, InputWarning
-from gmmjax.learning import CandidateRows, Collected, PointTruth, kept_in, rows_of, rows_of_scans
+from gmmjax.learning import CandidateRows, Collected, PointTruth, kept_in, read_rows, rows_of, rows_of_scans
 from gmmjax.learning.scene_workers import over_workers
 from gmmjax.pair import Pair, each
 from tests.benchmarks.held_out.kinds import KINDS, held_out_pair
@@ -59,6 +60,22 @@ def _of_survey(pair: SurveyedPair) -> Pair[CandidateRows]:
     truths = pair.truth.map(lambda truth: PointTruth((truth != UNJUDGED) | pair.unchanged, truth >= 0))
     unknown, given = (rows_of_scans(each(Scan, pair.points, views), truths) for views in (Pair(None, None), pair.views))
     return Pair(unknown.before, given.after)
+
+
+def kept_candidates(folder: Path, *, poses: bool) -> dict[str, CandidateRows]:
+    """The candidates of each kind that are kept in a folder.
+
+    Args:
+        folder: of the files KIND.npz.
+        poses: whether the poses are given.
+
+    Raises:
+        InputError: there are none, or a file is damaged or was made with other facts.
+    """
+    files = sorted(folder.glob("*.npz"))
+    if not files:
+        raise InputError(f"{folder}: has no candidates; collect them there")
+    return {kind: own for file in files for kind, own in read_rows(file).of(poses=poses).items()}
 
 
 def main() -> None:

@@ -14,7 +14,9 @@ from gmmjax.learning import (
     LEARNED_FROM,
     UNCHANGED,
     CandidateRows,
+    Collected,
     TrainingSettings,
+    write_rows,
 )
 from gmmjax.pair import Pair
 from tests.benchmarks import (
@@ -217,17 +219,33 @@ def test_m3c2_is_given_the_same_as_py4dgeo(tmp_path, monkeypatch):
         assert np.isfinite(timings["ours"].answer.level_of_detection).mean() > 0.9
 
 
-def test_candidates_are_judged_by_the_verdict():
-    """Of two the one of which all facts that can speak for a change do."""
-    names = names_of(poses=True)
+def unchanged_and_changed(*, poses):
+    """Two candidates: no fact of the first speaks for a change, all that can do of the second."""
+    names = names_of(poses=poses)
     alike = np.array([FACTS[name].change >= 0 for name in names], float)
     rows = np.stack([np.zeros(len(names)), alike])
     rows[:, names.index("count")] = 100
-    families = {"made": CandidateRows(rows, np.array([UNCHANGED, CHANGED]), np.full(2, 100), np.array([0, 100]))}
+    return CandidateRows(rows, np.array([UNCHANGED, CHANGED]), np.full(2, 100), np.array([0, 100]))
+
+
+def test_candidates_are_judged_by_the_verdict():
+    families = {"made": unchanged_and_changed(poses=True)}
     probability = judged_candidates.probabilities(shipped_verdicts().poses_given, families["made"])[:, CHANGED]
     assert probability[0] < 0.5 < probability[1]
     table = judged_candidates.table(shipped_verdicts(), families, poses=True)
     assert table.startswith("| family |") and "| made | 2 | 1 | 1.000 | 0 | 0 |" in table
+
+
+def test_candidates_of_other_generators_are_judged_by_the_verdict(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["judged_candidates", "--others", str(tmp_path)])
+    with pytest.raises(SystemExit):
+        judged_candidates.main()
+    assert f"{tmp_path}: has no candidates" in capsys.readouterr().err
+    rows = Pair(unchanged_and_changed(poses=False), unchanged_and_changed(poses=True))
+    write_rows(tmp_path / "hall.npz", Collected({"hall": rows}))
+    judged_candidates.main()
+    unknown, given = capsys.readouterr().out.split("## Poses given")
+    assert all("| hall | 2 | 1 |" in table for table in (unknown, given)) and "| 1.000 | 0 | 0 |" in given
 
 
 def test_facts_can_be_left_out_of_what_is_learned(tmp_path):

@@ -12,8 +12,10 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from gmmjax.changes import FACTS, names_of
+from gmmjax.errors import InputError
 from gmmjax.learning import CandidateRows, LeftOut, TrainingSettings, learned, left_out_table, read_rows
 from tests.benchmarks.judged_candidates import probabilities
+from tests.benchmarks.other_generators import kept_candidates
 
 
 def without(rows: CandidateRows, facts: Collection[str], *, poses: bool) -> CandidateRows:
@@ -66,14 +68,13 @@ def main() -> None:
     parser.add_argument("--penalties", type=float, nargs="+", default=list(TrainingSettings().penalties))
     arguments = parser.parse_args()
     settings = TrainingSettings(penalties=tuple(arguments.penalties))
-    for folder in arguments.others:
-        if not any(folder.glob("*.npz")):
-            parser.error(f"--others {folder}: has no candidates; collect them there")
     collected = read_rows(arguments.rows)
-    folders = [[read_rows(path) for path in sorted(folder.glob("*.npz"))] for folder in arguments.others]
     for name in ("unknown", "given") if arguments.poses == "both" else (arguments.poses,):
         poses = name == "given"
-        others = [{kind: own for file in files for kind, own in file.of(poses=poses).items()} for files in folders]
+        try:
+            others = [kept_candidates(folder, poses=poses) for folder in arguments.others]
+        except InputError as error:
+            parser.error(f"--others {error}")
         for facts in ((), arguments.facts):
             print(f"\n## Poses {name}, {'without ' + ', '.join(facts) if facts else 'with all facts'}", flush=True)
             for table in tables(collected.of(poses=poses), others, facts, poses=poses, settings=settings):
