@@ -28,6 +28,9 @@ class CandidateSettings:
         cluster_radius: within which such points are neighbours, in spacings (the radius of DBSCAN).
         cluster_neighbours: of a core point, itself counted (the minimum of DBSCAN).
         growth: a candidate takes in points that reach the threshold within this many radii.
+        outliers: fraction of these nearly sure points that belongs to no surface, at most: single points in the air
+            between two surfaces are no change, and things have some points beside each other. 1: where a dense scan
+            has many of them they are candidates.
     """
 
     first_distance: float = 0.3
@@ -37,6 +40,7 @@ class CandidateSettings:
     cluster_radius: float = 5.0
     cluster_neighbours: int = 8
     growth: float = 2.0
+    outliers: float = 0.9
 
     @property
     def local(self) -> "CandidateSettings":
@@ -78,6 +82,7 @@ def candidates_of(
     threshold: float = 0.5,
     settings: CandidateSettings = CandidateSettings(),
     sizes: Pair[Float[np.ndarray, " _"] | None] = Pair(None, None),
+    outliers: Pair[Bool[np.ndarray, " _"] | None] = Pair(None, None),
 ) -> Pair[Candidates]:
     """The candidates of both clouds.
 
@@ -90,6 +95,7 @@ def candidates_of(
         settings: which points look changed.
         sizes: of the voxel of each point, where they differ from place to place; None: the spacing of the pair is
             everywhere.
+        outliers: which points belong to no surface; None: none of them.
     """
     limits = differences.limits
 
@@ -99,6 +105,7 @@ def candidates_of(
         excess: RestartValues,
         observed: np.ndarray | None,
         sizes: np.ndarray | None,
+        outliers: np.ndarray | None,
     ) -> Candidates:
         by_difference = probability_by_difference(difference, limits, settings)
         spacing: float | np.ndarray
@@ -110,10 +117,10 @@ def candidates_of(
             if observed is not None:
                 # What the other survey looked through was not there, however near its next surface is.
                 looks_changed = np.where(observed > 0, 1.0, by_difference)
-        labels = clusters_by_observation(points, looks_changed, observed, spacing, threshold, own)
+        labels = clusters_by_observation(points, looks_changed, observed, spacing, threshold, own, outliers)
         return Candidates(points, difference, excess, looks_changed, labels, observed)
 
-    return each_on_cores(of_cloud, points, differences.local, excess, observed, sizes)
+    return each_on_cores(of_cloud, points, differences.local, excess, observed, sizes, outliers)
 
 
 def probability_by_difference(
@@ -160,6 +167,7 @@ def clusters_by_observation(
     spacing: float | Float[np.ndarray, " n"],
     threshold: float = 0.5,
     settings: CandidateSettings = CandidateSettings(),
+    outliers: Bool[np.ndarray, " n"] | None = None,
 ) -> Int[np.ndarray, " n"]:
     """The clusters of `clusters_with_core`, of the places that the other survey observed and of the others.
 
@@ -173,6 +181,7 @@ def clusters_by_observation(
         spacing: of neighbouring points, at each point or everywhere.
         threshold: probability from which on a point belongs to a cluster.
         settings: of the clusters.
+        outliers: which points belong to no surface; None: none of them.
 
     Returns:
         For each point -1, or the number of its cluster.
@@ -182,7 +191,8 @@ def clusters_by_observation(
     if observed is not None:
         groups = [observed >= 0, observed < 0]
     for group in groups:
-        own = clusters_with_core(points[group], probability[group], spacings[group], threshold, settings)
+        of_group = None if outliers is None else outliers[group]
+        own = clusters_with_core(points[group], probability[group], spacings[group], threshold, settings, of_group)
         labels[group] = np.where(own >= 0, own + labels.max(initial=-1) + 1, -1)
     return labels
 
@@ -193,8 +203,12 @@ def clusters_with_core(
     spacing: float | Float[np.ndarray, " n"],
     threshold: float = 0.5,
     settings: CandidateSettings = CandidateSettings(),
+    outliers: Bool[np.ndarray, " n"] | None = None,
 ) -> Int[np.ndarray, " n"]:
     """Density clusters of nearly sure points, with the points beside them that reach the threshold.
+
+    A cluster of points nearly all of which belong to no surface is none. Rays that hit an edge and what is behind it
+    end in the air in between, at other places in every scan: the denser a scan, the nearer these are to each other.
 
     Args:
         points: of one cloud.
@@ -202,6 +216,7 @@ def clusters_with_core(
         spacing: of neighbouring points, at each point or everywhere.
         threshold: probability from which on a point belongs to a cluster.
         settings: of the clusters.
+        outliers: which points belong to no surface; None: none of them.
 
     Returns:
         For each point -1, or the number of its cluster.
@@ -211,7 +226,9 @@ def clusters_with_core(
     core = np.flatnonzero(probability >= max(settings.core_probability, threshold))
     labels[core] = density_clusters(points[core], radius[core], settings.cluster_neighbours)
     counts = np.bincount(labels[labels >= 0], minlength=1)
-    labels[np.isin(labels, np.flatnonzero(counts < settings.smallest_core))] = -1
+    of_none = 0 if outliers is None else np.bincount(labels[(labels >= 0) & outliers], minlength=len(counts))
+    none = (counts < settings.smallest_core) | (of_none > settings.outliers * counts)
+    labels[np.isin(labels, np.flatnonzero(none))] = -1
     core, others = np.flatnonzero(labels >= 0), np.flatnonzero((labels < 0) & (probability >= threshold))
     if len(core):
         tree, reach, workers = cKDTree(points[core]), settings.growth * radius[others], workers_for(len(others))

@@ -11,7 +11,9 @@ from gmmjax.changes.candidates import (
     probability_by_difference,
 )
 from gmmjax.changes.differences import DetectionLimits, Differences, DifferenceSettings, LocalDifference
+from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.fit.restart_values import RestartValues
+from gmmjax.clouds import SensorViews
 from gmmjax.pair import Pair
 
 SPACING = 0.01
@@ -110,6 +112,15 @@ def test_how_far_a_candidate_grows_is_a_setting(cloud):
     assert (labels[:40] == 0).all() and (labels[70:95] == -1).any()
 
 
+def test_a_group_of_outliers_is_no_candidate_and_one_with_some_of_them_is_whole(cloud):
+    outliers = np.zeros(len(cloud[0]), bool)
+    outliers[:35], outliers[40:69] = True, True
+    labels = clusters_with_core(*cloud, SPACING, outliers=outliers)
+    np.testing.assert_array_equal(labels, np.repeat([0, -1, 0, -1, -1], [40, 30, 25, 30, 1]))
+    off = clusters_with_core(*cloud, SPACING, settings=CandidateSettings(outliers=1.0), outliers=outliers)
+    np.testing.assert_array_equal(off, clusters_with_core(*cloud, SPACING))
+
+
 def test_no_points_have_no_candidates():
     assert clusters_with_core(np.zeros((0, 3)), np.zeros(0), SPACING).shape == (0,)
 
@@ -128,6 +139,28 @@ def test_both_clouds_have_candidates_of_their_own_by_the_mean_of_the_restarts():
     assert (found.before.labels == -1).all() and (found.after.labels == 0).all()
     np.testing.assert_array_equal(found.before.looks_changed, 0.5)
     assert found.after.points is points.after and found.after.difference is local.after
+
+
+def test_flying_pixels_before_a_wall_are_no_candidate_and_a_small_object_is():
+    """Single points in the air, near enough to each other and to the wall for clusters."""
+    steps = np.arange(60) * SPACING
+    wall = np.stack(np.meshgrid(steps, steps, [0.0]), axis=-1).reshape(-1, 3)
+    flying = np.random.default_rng(0).uniform((0, 0, 0.05), (0.3, 0.3, 0.15), (160, 3))
+    item = blob((0.3, 0.3, 0.3), 14)
+    points, parts = np.concatenate([wall, item, flying]), [len(wall), len(item), len(flying)]
+    local, excess = difference(np.repeat([0.0, 1.0, 1.0], parts)), by_restart(np.zeros((1, len(points))))
+    differences, sizes = Differences(Pair(local, local), LIMITS), np.full(len(points), SPACING)
+
+    def labels(outliers):
+        both = Pair(points, points), differences, Pair(excess, excess)
+        found = candidates_of(*both, sizes=Pair(sizes, sizes), outliers=Pair(outliers, outliers))
+        return np.split(found.before.labels, np.cumsum(parts)[:2])[1:]
+
+    assert (labels(None)[1] >= 0).mean() > 0.9
+    scanner = np.eye(4)[None]
+    scanner[0, :3, 3] = 0.3, 0.3, 2.0
+    of_item, of_flying = labels(Survey.of(points, SensorViews(scanner, (360.0, 170.0), 10.0)).outliers)
+    assert (of_item >= 0).all() and (of_flying == -1).all()
 
 
 def test_where_voxels_are_local_what_the_other_survey_saw_through_is_a_candidate():

@@ -287,8 +287,9 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         points = prepared.pair.surfaces.map(lambda surface: surface.points)
         excess = each(lambda own, after: _of_points(fits, own, after), points, AFTER)
         sizes = prepared.pair.working.clouds.map(lambda cloud: cloud.sizes)
-        threshold = self.config.threshold
-        return candidates_of(points, prepared.differences, excess, observed, threshold, self.candidates, sizes)
+        outliers = each_on_cores(lambda survey: survey.outliers, prepared.surveys)
+        settings = self.config.threshold, self.candidates
+        return candidates_of(points, prepared.differences, excess, observed, *settings, sizes, outliers)
 
     def _standard_errors(self, prepared: AlignedScans, joint: JointFits, changes: Changes) -> tuple[float | None, ...]:
         """Of the probability by mixture, distance and offset; in volumes of that by components."""

@@ -131,10 +131,15 @@ class Survey:
 
     @property
     def _sparse(self) -> Bool[np.ndarray, " n"]:
-        """Which points, on no flat surface, are farther apart than usual at their range from the nearest view."""
+        """Which points, on no flat surface, are farther apart than usual at their range from the nearest view.
+
+        None without views: at any spacing a point may be of a surface far away.
+        """
         distances, widest = self._neighbour_distances, self.settings.widest_spacing
+        if self.views is None:
+            return np.zeros(len(distances), bool)
         sparse = (distances > widest * np.median(distances)) & ~self._flat(self.settings.sparse_flatness)
-        if self.views is None or not sparse.any():
+        if not sparse.any():
             return np.asarray(sparse)
         ranges = cKDTree(self.views.poses[:, :3, 3]).query(self.points)[0]
         angles = distances / np.maximum(ranges, np.finfo(float).tiny)
