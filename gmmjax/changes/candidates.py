@@ -28,9 +28,8 @@ class CandidateSettings:
         cluster_radius: within which such points are neighbours, in spacings (the radius of DBSCAN).
         cluster_neighbours: of a core point, itself counted (the minimum of DBSCAN).
         growth: a candidate takes in points that reach the threshold within this many radii.
-        outliers: fraction of these nearly sure points that belongs to no surface, at most: single points in the air
-            between two surfaces are no change, and things have some points beside each other. 1: where a dense scan
-            has many of them they are candidates.
+        outliers: largest fraction of these nearly sure points that may belong to no surface, empirical: single points
+            in the air between two surfaces are no change. 1: where a dense scan has many of them they are candidates.
     """
 
     first_distance: float = 0.3
@@ -207,8 +206,8 @@ def clusters_with_core(
 ) -> Int[np.ndarray, " n"]:
     """Density clusters of nearly sure points, with the points beside them that reach the threshold.
 
-    A cluster of points nearly all of which belong to no surface is none. Rays that hit an edge and what is behind it
-    end in the air in between, at other places in every scan: the denser a scan, the nearer these are to each other.
+    Clusters nearly all of whose sure points belong to no surface are left out. Rays that hit an edge and what is behind
+    it end in the air in between, at other places in every scan: the denser a scan, the nearer they are to each other.
 
     Args:
         points: of one cloud.
@@ -226,9 +225,9 @@ def clusters_with_core(
     core = np.flatnonzero(probability >= max(settings.core_probability, threshold))
     labels[core] = density_clusters(points[core], radius[core], settings.cluster_neighbours)
     counts = np.bincount(labels[labels >= 0], minlength=1)
-    of_none = 0 if outliers is None else np.bincount(labels[(labels >= 0) & outliers], minlength=len(counts))
-    none = (counts < settings.smallest_core) | (of_none > settings.outliers * counts)
-    labels[np.isin(labels, np.flatnonzero(none))] = -1
+    outlying = 0 if outliers is None else np.bincount(labels[(labels >= 0) & outliers], minlength=len(counts))
+    rejected = (counts < settings.smallest_core) | (outlying > settings.outliers * counts)
+    labels[np.isin(labels, np.flatnonzero(rejected))] = -1
     core, others = np.flatnonzero(labels >= 0), np.flatnonzero((labels < 0) & (probability >= threshold))
     if len(core):
         tree, reach, workers = cKDTree(points[core]), settings.growth * radius[others], workers_for(len(others))

@@ -288,8 +288,16 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         excess = each(lambda own, after: _of_points(fits, own, after), points, AFTER)
         sizes = prepared.pair.working.clouds.map(lambda cloud: cloud.sizes)
         outliers = each_on_cores(lambda survey: survey.outliers, prepared.surveys)
-        settings = self.config.threshold, self.candidates
-        return candidates_of(points, prepared.differences, excess, observed, *settings, sizes, outliers)
+        return candidates_of(
+            points,
+            prepared.differences,
+            excess,
+            observed,
+            self.config.threshold,
+            self.candidates,
+            sizes,
+            outliers,
+        )
 
     def _standard_errors(self, prepared: AlignedScans, joint: JointFits, changes: Changes) -> tuple[float | None, ...]:
         """Of the probability by mixture, distance and offset; in volumes of that by components."""

@@ -21,7 +21,8 @@ class FreeSpaceSettings:
             a square grid, and right on average for points at random. Fewer: surfaces have holes to see through.
         widest_spacing: largest spacing of a point, in median spacings; beyond it a point is an outlier, unless it is of
             a sparse surface, or so far from the nearest view that its spacing by angle is not as many times the median
-            one. Larger: isolated points occlude much of a view; 1: bent surfaces occlude less.
+            one. Without views it is not known how far, and no such point is an outlier. Larger: isolated points occlude
+            much of a view; 1: bent surfaces occlude less.
         sparse_flatness: as `flatness`, for the surface of such a point. 0: near sparse surfaces do not occlude.
         outlier_distance: a point whose spacing exceeds this many times the median spacing of its neighbours is an
             outlier, such as the flying pixels of a depth camera at the edges of objects, and occludes nothing.
@@ -135,9 +136,9 @@ class Survey:
 
         None without views: at any spacing a point may be of a surface far away.
         """
-        distances, widest = self._neighbour_distances, self.settings.widest_spacing
         if self.views is None:
-            return np.zeros(len(distances), bool)
+            return np.zeros(len(self.points), bool)
+        distances, widest = self._neighbour_distances, self.settings.widest_spacing
         sparse = (distances > widest * np.median(distances)) & ~self._flat(self.settings.sparse_flatness)
         if not sparse.any():
             return np.asarray(sparse)

@@ -335,6 +335,15 @@ def test_what_counts_as_an_outlier_is_a_setting():
     assert observation(place, occluding, MARGIN) == Observed.unobserved
 
 
+def test_sparse_points_on_no_plane_are_outliers_only_where_their_range_is_known():
+    """A dozen spacings apart, three metres from the wall: nobody knows whether a scanner far away had no more."""
+    generator = np.random.default_rng(0)
+    sparse = generator.uniform((-0.3, -0.3, 4.7), (0.3, 0.3, 5.3), (100, 3))
+    cloud, points = np.concatenate([wall(2.0), sparse]), slice(-len(sparse), None)
+    assert Survey.of(cloud, one_camera(max_range=10.0)).outliers[points].mean() > 0.5
+    assert Survey.of(cloud).outliers[points].mean() < 0.3
+
+
 def test_a_tilted_plane_through_noise_does_not_free_the_floor_in_a_hole():
     random = np.random.default_rng(0)
     noise, spacing = 0.02, 0.08
