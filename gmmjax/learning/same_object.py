@@ -70,7 +70,7 @@ class LearningSettings(NamedTuple):
             points: what looks the same after a rotation is recognised all the same.
     """
 
-    scenes: int = 60
+    scenes: int = 120
     of_families: float = 0.5
     scene: SceneSettings = SceneSettings()
     others: float = 2.0
