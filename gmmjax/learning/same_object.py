@@ -59,7 +59,7 @@ class LearningSettings(NamedTuple):
     """What is learned from.
 
     Attributes:
-        scenes: number of scenes of each kind that is made for this.
+        scenes: number of scenes of each kind that is made for this. Fewer: the weights differ from sample to sample.
         of_families: of them, the share that is simulated of each family: few of their things move.
         scene: what the rearranged places are like.
         others: weight of an example of two objects in different places: fewer things move, and more come and go, than
