@@ -171,12 +171,15 @@ class Survey:
         assert self.views is not None
         if view not in self._images:
             points, settings = self.views.in_camera(self.points[self.occluders], view), self.settings.images
-            spacing = self.spacing[self.occluders] if self.cell is None else self._spacing_by_direction(view)
             self._images[view] = [
-                (frustum, DepthImage.of(points, spacing, frustum, settings))
+                (frustum, DepthImage.of(points, self.spacing_in(view), frustum, settings))
                 for frustum in frustums(self.views.field_of_view, settings)
             ]
         return self._images[view]
+
+    def spacing_in(self, view: int) -> Float64[np.ndarray, " m"]:
+        """Distance of each occluder to its neighbours as one view sees them: on the surface, or by direction."""
+        return self.spacing[self.occluders] if self.cell is None else self._spacing_by_direction(view)
 
     def _spacing_by_direction(self, view: int) -> Float64[np.ndarray, " m"]:
         """Distance of each occluder to its neighbours by direction, across the line of sight.

@@ -3,7 +3,7 @@ import pytest
 
 from gmmjax.changes.evidence.survey import FreeSpaceSettings, Survey
 from gmmjax.changes.evidence.view_checks import ViewCheckSettings, check_views, usable_views
-from gmmjax.clouds import SensorViews, read_cloud, read_views
+from gmmjax.clouds import SensorViews, read_cloud, read_views, voxel_grid
 from gmmjax.errors import InputError, InputWarning
 from gmmjax.scenes.ray_casting import Solid, cast
 from tests.changes.rooms import around, box, scanned
@@ -126,23 +126,75 @@ def scan():
     return STAND + np.concatenate([rays[met] * ranges[met, None], 0.15 * rays[screen]])
 
 
-def scanner(x=0.0, y=0.0):
+def scanner(x=0.0, y=0.0, reach=9.0):
     """A turning scanner at the middle of the room, or beside it."""
     pose = np.eye(4)
     pose[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
     pose[:3, 3] = STAND + np.array([x, y, 0])
-    return SensorViews(pose[None], (360.0, 170.0), 9.0)
+    return SensorViews(pose[None], (360.0, 170.0), reach)
 
 
 def test_a_scanner_that_sees_its_own_stand_passes(scan):
     assert contradiction("views_before", scanner(), scan) is None
-    strict = ViewCheckSettings(most_hidden=0.0)
+    strict = ViewCheckSettings(most_hidden=0.0, covered_bins=1)
     assert "hidden by others" in check_views("views_before", Survey.of(scan, scanner()), strict)
+
+
+@pytest.fixture(scope="module")
+def scan_through_racks():
+    """A scan of a store, most of whose walls are seen through the gaps between the goods in two racks."""
+    walls = [block((0, side * 6.1, 1.5), (12.4, 0.2, 3)) for side in (-1, 1)]
+    walls += [block((side * 6.1, 0, 1.5), (0.2, 12.4, 3)) for side in (-1, 1)]
+    goods = [
+        block((across, side * 2.5, 0.2 + 0.5 * level), (0.4, 0.8, 0.3))
+        for side in (-1, 1)
+        for across in np.arange(-4.4, 4.5, 0.8)
+        for level in range(6)
+    ]
+    solids = [block((0, 0, -0.1), (12.4, 12.4, 0.2)), *walls, *goods]
+    azimuth, elevation = np.meshgrid(np.arange(0, 360, 0.4), np.arange(-50, 30, 0.4))
+    azimuth, elevation = np.radians(azimuth.ravel()), np.radians(elevation.ravel())
+    across = np.cos(elevation)
+    rays = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)], axis=1)
+    ranges, _ = cast(solids, STAND, rays)
+    met = ranges < 12
+    return STAND + rays[met] * ranges[met, None]
+
+
+def test_what_is_seen_through_gaps_is_not_hidden(scan_through_racks):
+    """In voxels that are as large as the gaps it seems to be, and so it does where bins at edges count."""
+    voxels = Survey.of(voxel_grid(scan_through_racks, 0.16).points, scanner())
+    assert check_views("views_before", voxels, points=scan_through_racks) is None
+    assert "hidden by others" in check_views("views_before", voxels)
+    edges = ViewCheckSettings(covered_bins=1)
+    assert "hidden by others" in check_views("views_before", voxels, edges, scan_through_racks)
+
+
+@pytest.mark.parametrize("place", [(0.0, 4.2), (0.0, -4.2)])
+def test_a_scanner_behind_racks_is_not_taken_for_one_between_them(scan_through_racks, place):
+    voxels = Survey.of(voxel_grid(scan_through_racks, 0.16).points, scanner(*place, reach=15.0))
+    assert "hidden by others" in check_views("views_before", voxels, points=scan_through_racks)
 
 
 @pytest.mark.parametrize("place", [(3.0, 0.0), (-3.0, 0.0), (0.0, 2.0), (1.5, 0.0), (-1.5, 0.0)])
 def test_a_scanner_elsewhere_does_not(scan, place):
     assert "hidden by others" in contradiction("views_before", scanner(*place), scan)
+
+
+def test_a_view_of_nothing_but_outliers(scan):
+    """It covers nothing, and the other view is still told to be of another place."""
+    strays = np.array([[0.0, 40.0, 1.0], [0.0, 41.5, 2.0], [0.5, 44.0, 0.5]])
+    through_a_wall, away = np.eye(4), np.eye(4)
+    through_a_wall[:3, :3], through_a_wall[:3, 3] = [[0, 0, -1], [1, 0, 0], [0, -1, 0]], [4.5, 0.1, 1]
+    away[:3, :3], away[:3, 3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]], [0, 35, 1]
+    points = np.concatenate([scan, strays])
+    views = SensorViews(np.stack([through_a_wall, away]), (80.0, 80.0), 90.0)
+    survey = Survey.of(points, views)
+    assert survey.outliers[-3:].all()
+    assert np.flatnonzero(views.in_field_of_view(views.in_camera(points, 1))).tolist() == list(
+        range(len(scan), len(points))
+    )
+    assert "hidden by others" in check_views("views_before", survey, ViewCheckSettings(most_outside=1.0))
 
 
 def test_the_views_of_real_scans(scan_pairs):
