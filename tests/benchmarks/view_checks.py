@@ -8,20 +8,18 @@ with up to four million rays.
 import argparse
 import zlib
 from collections.abc import Iterator
-from unittest import mock
 
 import numpy as np
 
 from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.evidence.view_checks import check_views
+from gmmjax.changes.prepare.resolution import ResolutionSettings
 from gmmjax.clouds import SensorViews, voxel_grid, voxel_size_for
 from gmmjax.errors import InputError
 from gmmjax.geometry import rigid_transform
 from gmmjax.learning import LEARNED_FROM, training_sources
-from gmmjax.scenes.families import tripods
 from gmmjax.scenes.families.depots import depots
-
-VOXELS = 50_000
+from gmmjax.scenes.families.tripods import TripodSurveys
 
 
 def surveys(family: str, seed: int) -> Iterator[tuple[np.ndarray, SensorViews]]:
@@ -35,17 +33,16 @@ def surveys(family: str, seed: int) -> Iterator[tuple[np.ndarray, SensorViews]]:
 
 def dense_surveys(seed: int) -> Iterator[tuple[np.ndarray, SensorViews]]:
     """Both surveys of a depot of half a million to two million points."""
-    dense = tripods.TripodSurveys(
-        (1_500_000, 4_000_000), (500_000, 2_000_000), 100_000, hidden_by=0.06, highest=(30.0, 80.0), fused=0.4
-    )
-    with mock.patch("gmmjax.scenes.families.depots.TripodSurveys", lambda *_, **__: dense):
-        scene = depots(np.random.default_rng([seed, zlib.crc32(b"dense_depots")]))
+    rays, most = (1_500_000, 4_000_000), (500_000, 2_000_000)
+    dense = TripodSurveys(rays, most, 100_000, hidden_by=0.06, highest=(30.0, 80.0), fused=0.4)
+    scene = depots(np.random.default_rng([seed, zlib.crc32(b"dense_depots")]), dense)
     yield from zip(scene.clouds, scene.views, strict=True)
 
 
 def refused(points: np.ndarray, views: SensorViews) -> bool:
     """Whether the views contradict the survey, or see none of it."""
-    reduced = points if len(points) <= VOXELS else voxel_grid(points, voxel_size_for(points, VOXELS)).points
+    voxels = ResolutionSettings().voxels
+    reduced = points if len(points) <= voxels else voxel_grid(points, voxel_size_for(points, voxels)).points
     try:
         return check_views("views", Survey.of(reduced, views), points=points) is not None
     except InputError:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Float64, Int
+from jaxtyping import Float, Int
 
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.detectors.detector import Scan
@@ -162,9 +162,7 @@ def surveys_of(
     if views.after is not None and pair.registration.applied:
         views = Pair(views.before, views.after.moved(pair.registration.transform))
 
-    def survey(
-        name: str, surface: LocalSurface, views: SensorViews | None, points: Float64[np.ndarray, "n 3"]
-    ) -> Survey:
+    def survey(name: str, surface: LocalSurface, views: SensorViews | None, points: Float[np.ndarray, "n 3"]) -> Survey:
         return usable_views(f"views_{name}", Survey(surface, views, free_space), checks, points)
 
     return each(survey, NAMES, pair.surfaces, views, pair.points)

@@ -171,8 +171,9 @@ class Survey:
         assert self.views is not None
         if view not in self._images:
             points, settings = self.views.in_camera(self.points[self.occluders], view), self.settings.images
+            spacing = self.spacing_in(view)
             self._images[view] = [
-                (frustum, DepthImage.of(points, self.spacing_in(view), frustum, settings))
+                (frustum, DepthImage.of(points, spacing, frustum, settings))
                 for frustum in frustums(self.views.field_of_view, settings)
             ]
         return self._images[view]

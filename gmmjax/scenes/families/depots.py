@@ -22,8 +22,18 @@ from gmmjax.scenes.ray_casting import Solid
 from gmmjax.scenes.surveyed_scene import SurveyedScene
 
 
-def depots(random: np.random.Generator) -> SurveyedScene:
-    """Halls of 15 to 40 m with racks, in which goods, cartons, pipes and boards come, go and move."""
+def depots(
+    random: np.random.Generator,
+    surveys: TripodSurveys = TripodSurveys(
+        (250_000, 1_000_000), (30_000, 200_000), 15_000, hidden_by=0.06, highest=(30.0, 80.0), fused=0.4
+    ),
+) -> SurveyedScene:
+    """Halls of 15 to 40 m with racks, in which goods, cartons, pipes and boards come, go and move.
+
+    Args:
+        random: of everything.
+        surveys: how they are surveyed.
+    """
     size = random.uniform([15.0, 8.0, 3.5], [40.0, 18.0, 8.0])
     floor = Support(np.eye(4), (float(size[0]), float(size[1])), gap=0.1)
     places = station_places(random, floor)
@@ -37,8 +47,6 @@ def depots(random: np.random.Generator) -> SurveyedScene:
     # As likely on the floor as in the racks.
     somewhere = [floor] * max(1, len(decks)) + decks
     solids = staged(random, fixed, somewhere, things, int(random.integers(8, 25)), Turnover(appeared=4, disappeared=4))
-    rays, most = (250_000, 1_000_000), (30_000, 200_000)
-    surveys = TripodSurveys(rays, most, 15_000, hidden_by=0.06, highest=(30.0, 80.0), fused=0.4)
     return scene_from_tripods(random, solids, places, surveys)
 
 
