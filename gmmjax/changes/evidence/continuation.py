@@ -48,6 +48,9 @@ class ContinuationSettings:
             noisy points of a continued wall are reported as changes.
         least_flatness: the same, in spacings, at least, where the surfaces are without noise. 0: only rounding is
             allowed for.
+        bare: density of its own cloud's points of a surface below a segment, at most, by that of the other cloud's,
+            both by what they are beside it, where only the other cloud has the surface. 0: none of a floor may be seen
+            beside a pipe on it; 1: the surface is shown wherever it is.
         coverage_edge: walls at the edge of the coverage, and when points of the two clouds are at the same place.
     """
 
@@ -60,6 +63,7 @@ class ContinuationSettings:
     far_width: float = 2.0
     noise_deviations: float = 3.0
     least_flatness: float = 0.5
+    bare: float = 0.75
     coverage_edge: CoverageEdgeSettings = CoverageEdgeSettings()
 
 
@@ -71,7 +75,7 @@ class Continuation(NamedTuple):
         at_edge: the points on walls at the edge of the other survey's coverage; not looked for where nearly all of the
             segment is continued.
         shown: largest share of the segment's footprint on one of those planes where the other cloud has the plane and
-            its own has not: what the other survey observed there, the segment hides or replaces.
+            its own has less of it: what the other survey observed there, the segment hides or replaces.
     """
 
     continued: Bool[np.ndarray, " m"]
@@ -169,20 +173,52 @@ def _shown(
     settings: ContinuationSettings,
 ) -> float:
     """The largest share of a segment's footprint on a plane that only the other cloud has there."""
-    near, other = settings.coverage_edge.near * reference.spacing, reference.other.data
-    shares = [0.0]
+    clear, shares = flatness + reference.tolerance, [0.0]
     for plane in planes:
         on_plane = plane.distance(segment) <= flatness
         if on_plane.mean() > settings.continued:
             continue
-        # Cells of one size: the footprint of an upright side is a line, however many points it has.
-        footprint = voxel_grid(plane.projections(segment[~on_plane]), near).points
-        surface = other[plane.distance(other) <= flatness + reference.tolerance]
-        own = adjacent[plane.distance(adjacent) <= flatness + reference.tolerance]
-        shown = plane.near(footprint, surface, near)
-        shown[shown] = ~plane.near(footprint[shown], own, near)
-        shares.append(float(shown.mean()))
+        other, own = (
+            plane.projections(cloud[plane.distance(cloud) <= clear]) for cloud in (reference.other.data, adjacent)
+        )
+        footprint = plane.projections(segment[~on_plane])
+        shares.append(_share_shown(footprint, other, own, reference.spacing, settings))
     return max(shares)
+
+
+def _share_shown(
+    segment: Float64[np.ndarray, "m 3"],
+    other: Float64[np.ndarray, "k 3"],
+    own: Float64[np.ndarray, "n 3"],
+    spacing: float,
+    settings: ContinuationSettings,
+) -> float:
+    """The share of a footprint where the other cloud has a surface, and its own cloud a part of that at most.
+
+    By density: what is as narrow as a pipe has points of its own cloud's floor within reach on either side.
+
+    Args:
+        segment: projections of its points onto a plane.
+        other: those of the other cloud's points on it.
+        own: likewise of its own cloud.
+        spacing: of the points.
+        settings: when the surface is bare.
+    """
+    near, reach = settings.coverage_edge.near * spacing, settings.reach * spacing
+    # Cells of one size: the footprint of an upright side is a line, however many points it has.
+    footprint, fine = (voxel_grid(segment, size).points for size in (near, spacing))
+    other = other[within_box(other, footprint.min(axis=0) - reach, footprint.max(axis=0) + reach)]
+    if not len(other):
+        return 0.0
+    outline = cKDTree(fine)
+
+    def around(points: Float64[np.ndarray, "n 3"]) -> int:
+        distances = outline.query(points, distance_upper_bound=reach)[0]
+        return int(((distances > near) & np.isfinite(distances)).sum())
+
+    own_by_other = (around(own) + 1) / (around(other) + 1)
+    others, owns = (cKDTree(points).query_ball_point(footprint, near, return_length=True) for points in (other, own))
+    return float(((others > 0) & (owns <= settings.bare * own_by_other * others)).mean())
 
 
 def _covered(

@@ -180,7 +180,7 @@ def at_edge(candidate: Candidate) -> float:
 
 
 def shown(candidate: Candidate) -> float:
-    """Share of its footprint where the other cloud has the bare surface that it stands on, and its own not, 0 to 1."""
+    """Share of its footprint where the other cloud has the bare surface that it stands on, and its own less, 0 to 1."""
     return candidate.continuation.shown
 
 

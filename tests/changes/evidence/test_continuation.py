@@ -178,3 +178,19 @@ def test_the_bare_floor_of_the_other_survey_shows_below_an_object(surveys):
     thing, floor = (continuation(full[labels == label], reference) for label in (0, 1))
     assert thing.shown > 0.4
     assert floor.shown < 0.1
+
+
+def test_the_bare_floor_shows_below_what_is_as_narrow_as_two_spacings():
+    """The floor of its own cloud is within reach of all of it, on either side."""
+    board = box((-0.2, 0.1, 0), (0.4, 2 * SPACING, 0.1))
+    full, empty = room(board, seed=1, noise=0.002), room(seed=2, noise=0.002)
+    lower, upper = grown(board, 0.005)
+    inside = ((full > lower) & (full < upper) & (full[:, [2]] > 0.03)).all(axis=1)
+    reference = ReferenceSurfaces.of(full[~inside], empty, 0.01, SPACING)
+    assert continuation(full[inside], reference).shown > 0.6
+    # The floor itself, beside it, is bare in neither cloud.
+    shift = np.array([0, 0.2, 0])
+    beside = ((full > lower + shift) & (full < upper + shift)).all(axis=1)
+    reference = ReferenceSurfaces.of(full[~beside & ~inside], empty, 0.01, SPACING)
+    assert continuation(full[beside], reference).shown < 0.2
+    assert continuation(full[inside], reference, ContinuationSettings(bare=0.0)).shown < 0.3
