@@ -48,9 +48,9 @@ class ContinuationSettings:
             noisy points of a continued wall are reported as changes.
         least_flatness: the same, in spacings, at least, where the surfaces are without noise. 0: only rounding is
             allowed for.
-        bare: density of its own cloud's points of a surface below a segment, at most, by that of the other cloud's,
-            both by what they are beside it, where only the other cloud has the surface. 0: none of a floor may be seen
-            beside a pipe on it; 1: the surface is shown wherever it is.
+        bare: the other cloud shows the surface below a segment bare where the density of the segment's own cloud there
+            is at most this fraction of that of the other cloud, each relative to its density beside the segment. 0: the
+            floor on either side of a pipe counts as floor below it; 1: any surface below a segment is bare.
         coverage_edge: walls at the edge of the coverage, and when points of the two clouds are at the same place.
     """
 
@@ -193,15 +193,15 @@ def _share_shown(
     spacing: float,
     settings: ContinuationSettings,
 ) -> float:
-    """The share of a footprint where the other cloud has a surface, and its own cloud a part of that at most.
+    """The share of a footprint where the other cloud has a surface that the segment's own cloud largely lacks.
 
-    By density: what is as narrow as a pipe has points of its own cloud's floor within reach on either side.
+    Densities are compared, because within reach of something as narrow as a pipe there is floor on either side.
 
     Args:
-        segment: projections of its points onto a plane.
-        other: those of the other cloud's points on it.
-        own: likewise of its own cloud.
-        spacing: of the points.
+        segment: its points, projected onto the plane of the surface.
+        other: points of the other cloud on that plane, projected likewise.
+        own: those of the segment's own cloud.
+        spacing: distance of neighbouring points.
         settings: when the surface is bare.
     """
     near, reach = settings.coverage_edge.near * spacing, settings.reach * spacing

@@ -37,10 +37,10 @@ class VolumeSettings:
             it always does, and a box before a wall may be taken for a part of the wall that receded.
         below: distance along the surface, in spacings of the other scan, up to which it has a surface below a point.
             0: no change has; infinite: the surface is taken to go on below a change that nobody saw the ground of.
-        nearest: difference between the heights of a point above the surface below it and above the nearest point of the
-            other scan, at most, by that height; where most points have more, what is nearest is a wall, a rack or a
-            shelf, and the change is measured down to what it stands on. Infinite: to whatever the other scan has in the
-            direction of what is nearest.
+        nearest: difference between the height of a point above the surface below it and that above the nearest point of
+            the other scan, as a fraction of the former, at most. Where most points have a larger one, what is nearest
+            is a wall, a rack or a shelf, and the change is measured down to the plane that it stands on. Infinite: it
+            is always measured in the direction of what is nearest.
         same: fraction of the points of a change, at least, that lie in front of or behind those of a change of the
             other scan, of which it is the other surface: both have one volume. Above 1: it is counted twice.
         most_points: points of a scan about a change, at most: a bound on the memory.
@@ -92,36 +92,25 @@ class _Place(NamedTuple):
         part: of the change.
         surface: some of its points with their normals.
         reference: the surface of the other scan about it.
-        gained: whether there is more now.
-        outward: mean normal of the reference below it, to the outer side.
+        outward: unit normal of the reference below it, to the outer side.
         on_surface: whether the other scan saw that surface below it.
-        highest: what lies further than this along it is above the change, such as a shelf.
+        gained: whether there is more now.
+        highest: coordinate along the normal above which everything is something else, such as a shelf above the change.
     """
 
     mean: Float64[np.ndarray, " 3"]
     part: MeasuredPart
     surface: LocalSurface
     reference: LocalSurface
-    gained: bool
     outward: Float64[np.ndarray, " 3"]
-    on_surface: bool = False
+    on_surface: bool
+    gained: bool
     highest: float = np.inf
 
     @property
     def spacing(self) -> float:
         """Of the points of the surface."""
         return float(np.median(self.surface.spacing(np.arange(len(self.surface)))))
-
-    def heights(self, settings: VolumeSettings) -> Float64[np.ndarray, " n"]:
-        """Of the points of the surface above the reference."""
-        return HeightAbove(self.reference, self.outward, settings.surfaces).of(self.surface.points)
-
-    def is_below(self, settings: VolumeSettings) -> Bool[np.ndarray, " n"]:
-        """For each point of the surface whether the reference has a surface below it."""
-        points, nearest = self.surface.points, self.reference.nearest(self.surface.points)
-        across = np.linalg.svd(self.outward[None])[2][1:]
-        beside = cKDTree(self.reference.points @ across.T).query(points @ across.T)[0]
-        return np.asarray(beside <= settings.below * self.reference.spacing(nearest))
 
 
 def with_volumes(
@@ -172,42 +161,67 @@ def _place(
         rows = np.array([int(other.nearest(item.mean[None])[0])])
     surface = LocalSurface.of(part.points[evenly_chosen(len(part.points), settings.surfaces.sample)])
     around = other.points[rows] - item.mean
-    place = _Place(item.mean, part, surface, LocalSurface.of(around), part.after, np.zeros(3))
-    nearest = _on_nearest(place, distance, settings)
-    standing = None if nearest.on_surface else _standing(place, around, settings)
-    return nearest if standing is None else standing
+    place = _on_nearest(item.mean, part, surface, LocalSurface.of(around), distance, settings)
+    if place.on_surface or part.plane is None:
+        return place
+    return _on_plane(place, part.plane.up, around, settings)
 
 
-def _standing(place: _Place, around: Float64[np.ndarray, "n 3"], settings: VolumeSettings) -> _Place | None:
-    """A change on the plane that it stands on; None where it stands on none, or the other scan did not see that."""
-    if place.part.plane is None:
-        return None
-    up = place.part.plane.up
-    own, others = place.part.points @ up, around @ up
-    # Between walls and racks most of what the other scan has nearby is not below it.
-    lower = others <= (own.min() + own.max()) / 2
-    if not lower.any():
-        return None
-    place = place._replace(reference=LocalSurface.of(around[lower]), outward=up, highest=float(own.max()))
-    return place._replace(on_surface=True) if np.mean(place.is_below(settings)) >= settings.on_surface else None
-
-
-def _on_nearest(place: _Place, distance: float | None, settings: VolumeSettings) -> _Place:
-    """A change on the surface that is nearest to it."""
-    surface, reference = place.surface, place.reference
+def _on_nearest(
+    mean: Float64[np.ndarray, " 3"],
+    part: MeasuredPart,
+    surface: LocalSurface,
+    reference: LocalSurface,
+    distance: float | None,
+    settings: VolumeSettings,
+) -> _Place:
+    """A change on the part of the other scan's surface that is nearest to it."""
     nearest = reference.nearest(surface.points)
     below = reference.normals[nearest]
-    place = place._replace(outward=np.linalg.eigh(below.T @ below)[1][:, -1])
+    outward = np.linalg.eigh(below.T @ below)[1][:, -1]
+    heights = HeightAbove(reference, outward, settings.surfaces).of(surface.points)
     # Beside walls and racks the nearest points are theirs, and not at the height of what is below in that direction.
-    heights, above = place.heights(settings), (surface.points - reference.points[nearest]) @ place.outward
-    same = np.abs(heights - above) <= settings.nearest * np.abs(heights) + reference.spacing(nearest)
-    place = place._replace(on_surface=bool(np.mean(place.is_below(settings) & same) >= settings.on_surface))
+    to_nearest = (surface.points - reference.points[nearest]) @ outward
+    consistent = np.abs(heights - to_nearest) <= settings.nearest * np.abs(heights) + reference.spacing(nearest)
+    observed = _observed_below(surface, reference, outward, settings)
+    on_surface = bool(np.mean(observed & consistent) >= settings.on_surface)
     # Towards the after surface where that lies on the outer side; else what appeared was added.
     layer = np.mean(np.abs((surface.normals * below).sum(axis=1)) >= settings.aligned) >= settings.on_surface
-    if place.on_surface and layer and distance:
-        place = place._replace(gained=distance > 0)
-    outside = float(np.median(place.heights(settings))) > 0
-    return place if outside == (place.gained == place.part.after) else place._replace(outward=-place.outward)
+    gained = distance > 0 if on_surface and layer and distance else part.after
+    if (float(np.median(heights)) > 0) != (gained == part.after):
+        outward = -outward
+    return _Place(mean, part, surface, reference, outward, on_surface, gained)
+
+
+def _on_plane(
+    place: _Place, up: Float64[np.ndarray, " 3"], around: Float64[np.ndarray, "n 3"], settings: VolumeSettings
+) -> _Place:
+    """The place above the plane that the change stands on; as it is where the other scan did not see that plane.
+
+    Args:
+        place: on no surface by what is nearest.
+        up: unit normal of the plane.
+        around: points of the other scan about the change.
+        settings: when it is on a surface.
+    """
+    own, others = place.part.points @ up, around @ up
+    # Between walls and racks most of what the other scan has nearby is not below it.
+    lower = around[others <= (own.min() + own.max()) / 2]
+    if not len(lower):
+        return place
+    reference = LocalSurface.of(lower)
+    if np.mean(_observed_below(place.surface, reference, up, settings)) < settings.on_surface:
+        return place
+    return place._replace(reference=reference, outward=up, on_surface=True, highest=float(own.max()))
+
+
+def _observed_below(
+    surface: LocalSurface, reference: LocalSurface, outward: Float64[np.ndarray, " 3"], settings: VolumeSettings
+) -> Bool[np.ndarray, " n"]:
+    """For each point of a change whether the other scan has a surface below or above it, along this normal."""
+    across = np.linalg.svd(outward[None])[2][1:]
+    beside = cKDTree(reference.points @ across.T).query(surface.points @ across.T)[0]
+    return np.asarray(beside <= settings.below * reference.spacing(reference.nearest(surface.points)))
 
 
 def _counted_in(places: Sequence[_Place], settings: VolumeSettings) -> list[int | None]:

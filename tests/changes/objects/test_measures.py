@@ -118,23 +118,30 @@ def test_nothing_else_of_the_change_is_altered(crate):
         np.testing.assert_equal(getattr(found, name), getattr(before, name))
 
 
-@pytest.fixture(scope="module")
-def shelved(crate):
-    """The crate in a rack: below a shelf, between two uprights that are nearer to most of it than the floor."""
+def in_rack(crate, above, beside):
+    """The crate in a rack, this far below a shelf and between two uprights this far from it."""
     random = np.random.default_rng(1)
-    shelf = np.insert(sheet(2.0, 2.0) - 1, 2, CRATE[2] + 0.12, axis=1)
-    uprights = [np.insert(sheet(1.6, 1.2) - [0.8, 0], 1, side * (CRATE[1] / 2 + 0.1), axis=1) for side in (-1, 1)]
+    shelf = np.insert(sheet(2.0, 2.0) - 1, 2, CRATE[2] + above, axis=1)
+    uprights = [np.insert(sheet(1.6, 1.2) - [0.8, 0], 1, side * (CRATE[1] / 2 + beside), axis=1) for side in (-1, 1)]
     rack = np.concatenate([shelf, *uprights]) @ ROTATION.T
     rack += random.normal(0, 0.001, rack.shape)
     before, floor, points = crate
     return np.concatenate([before, rack]), np.concatenate([floor, rack]), points
 
 
-def test_what_stands_in_a_rack_is_measured_down_to_the_floor_and_not_to_the_shelf_above_it(shelved):
+def test_what_stands_in_a_rack_is_measured_down_to_the_floor_and_not_to_the_shelf_above_it(crate):
+    shelved = in_rack(crate, 0.15, 0.15)
     found = measured_crate(shelved)
-    assert found.gain_or_loss == "gain"
-    assert found.volume == pytest.approx(np.prod(CRATE), rel=0.2)
-    assert abs(found.volume - np.prod(CRATE)) < found.volume_error < np.prod(CRATE)
+    assert (found.volume_method, found.gain_or_loss) == ("surface", "gain")
+    assert found.volume == pytest.approx(np.prod(CRATE), rel=0.1)
+    assert abs(found.volume - np.prod(CRATE)) < found.volume_error < 0.2 * np.prod(CRATE)
     # By what is nearest, most of which is of the rack, it is not even half of it.
     nearest = MeasureSettings(volumes=VolumeSettings(nearest=np.inf))
     assert measured_crate(shelved, settings=nearest).volume < 0.5 * np.prod(CRATE)
+
+
+def test_of_what_touches_a_rack_and_has_no_support_plane_the_hull_is_measured(crate):
+    found = measured_crate(in_rack(crate, 0.12, 0.1))
+    assert (found.volume_method, found.gain_or_loss) == ("hull", "gain")
+    assert found.volume == pytest.approx(np.prod(CRATE), rel=0.2)
+    assert abs(found.volume - np.prod(CRATE)) < found.volume_error < np.prod(CRATE)
