@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array as JaxArray
 
+from gmmjax._matrix_products import in_full_precision
 from gmmjax.mixtures.covariance_type import CovarianceType, constrained
 from gmmjax.mixtures.expectation_maximisation import WAITING_WEIGHT, FeatureChunks
 from gmmjax.mixtures.mixture import GaussianMixture
@@ -14,6 +15,7 @@ from gmmjax.mixtures.quadratic import density_coefficients, split_feature_sums
 HIGHEST_LOG_RATIO = 80.0
 
 
+@in_full_precision
 def component_wise_sweep(
     mixture: GaussianMixture,
     chunks: FeatureChunks,

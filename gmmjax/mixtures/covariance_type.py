@@ -5,12 +5,14 @@ from typing import Literal, get_args
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from gmmjax._matrix_products import in_full_precision
 from gmmjax._typing import Array
 
 CovarianceType = Literal["full", "diagonal", "spherical", "tied"]
 COVARIANCE_TYPES: tuple[CovarianceType, ...] = get_args(CovarianceType)
 
 
+@in_full_precision
 def constrained(
     covariances: Float[Array, "k d d"], mass: Float[Array, " k"], covariance_type: CovarianceType
 ) -> Float[Array, "k d d"]:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float, Int
 
+from gmmjax._matrix_products import in_full_precision
 from gmmjax._typing import Array
 from gmmjax.mixtures.covariance_type import CovarianceType, constrained
 from gmmjax.mixtures.mixture import GaussianMixture
@@ -121,6 +122,7 @@ def _differentiated(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tupl
     return _feature_sums(*primals), _feature_sums_tangents(primals, tangents)
 
 
+@in_full_precision
 def _feature_sums_tangents(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[JaxArray, JaxArray]:
     r"""Derivatives of $\sum_n m_n r_n \phi_n^T$, where $r_n$ is the softmax of $\theta \phi_n$, and of the likelihood.
 
@@ -164,6 +166,7 @@ def _native_feature_sums(parameters: JaxArray, features: JaxArray, mass: JaxArra
     return sums, log_likelihood
 
 
+@in_full_precision
 def _plain_feature_sums(parameters: JaxArray, features: JaxArray, mass: JaxArray) -> tuple[JaxArray, JaxArray]:
 
     def add_chunk(

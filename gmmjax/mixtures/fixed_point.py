@@ -16,6 +16,8 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float, Int
 
+from gmmjax._matrix_products import in_full_precision
+
 _Parameters = TypeVar("_Parameters")
 
 # Steps of the past that the next one is made of.
@@ -179,6 +181,7 @@ class AndersonAcceleration(optx.AbstractFixedPointSolver[Any, Any, _Past]):
         return y, aux, {}
 
 
+@in_full_precision
 def _combined(past: _Past) -> Float[JaxArray, " p"]:
     """The last image, corrected by the differences of images whose residuals' differences explain its residual."""
     known = past.known[1:, None]

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int, PRNGKeyArray
 
 from gmmjax._host import float64_on_host
+from gmmjax._matrix_products import in_full_precision
 from gmmjax._typing import Array, Scalar
 from gmmjax.mixtures.covariance_type import CovarianceType, parameters_per_component, shared_parameters
 
@@ -65,6 +66,7 @@ class GaussianMixture(eqx.Module):
         return self.count * (per_component + 1) - 1 + shared_parameters(self.dimension, covariance_type)
 
     @float64_on_host
+    @in_full_precision
     def log_joint(self, points: Float[Array, "n d"]) -> Float[Array, "n k"]:
         r"""$\log w_k N(x_n; \mu_k, \Sigma_k)$ for every point and slot; minus infinity in dead slots.
 
@@ -99,6 +101,7 @@ class GaussianMixture(eqx.Module):
         return jnp.argmax(self.log_joint(points), axis=1)
 
     @float64_on_host
+    @in_full_precision
     def sample(self, key: PRNGKeyArray, n: int) -> Float[Array, "n d"]:
         """Draws n independent points from the mixture."""
         key_components, key_points = jax.random.split(key)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from gmmjax._matrix_products import in_full_precision
 from gmmjax._typing import Array
 from gmmjax.mixtures.mixture import GaussianMixture
 
@@ -37,6 +38,7 @@ def density_coefficients(means: Float[Array, "k d"], covariances: Float[Array, "
     return jax.vmap(_density_coefficients)(means, covariances)
 
 
+@in_full_precision
 def _density_coefficients(mean: Float[Array, " d"], covariance: Float[Array, "d d"]) -> Float[Array, " f"]:
     dimension = len(mean)
     factor = jnp.linalg.cholesky(covariance)

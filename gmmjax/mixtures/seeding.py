@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array as JaxArray
 from jaxtyping import Float, PRNGKeyArray
 
+from gmmjax._matrix_products import in_full_precision
 from gmmjax._typing import Array
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.prior import Prior
@@ -30,6 +31,7 @@ def initial_mixture(points: WeightedPoints, components: int, prior: Prior, key: 
     return GaussianMixture.masked(weights, means, covariances, live)
 
 
+@in_full_precision
 def spherical_variance(points: WeightedPoints) -> Float[Array, ""]:
     r"""$\sigma^2$ of (2.17): a tenth of the mean variance along the axes."""
     coordinates, mass = jnp.asarray(points.points), jnp.asarray(points.mass)

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax._host import is_traced
+from gmmjax._matrix_products import in_full_precision
 from gmmjax._typing import Array, Scalar
 from gmmjax.mixtures.annihilation import Fit
 from gmmjax.mixtures.mixture import GaussianMixture
@@ -28,6 +29,7 @@ class Standardisation(eqx.Module):
     spread: Scalar
 
     @classmethod
+    @in_full_precision
     def of(cls, points: WeightedPoints) -> "Standardisation":
         """The frame of the points."""
         weights = points.mass / points.mass.sum()

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from gmmjax._matrix_products import in_full_precision
 from gmmjax._typing import Array
 from gmmjax.mixtures.mixture import GaussianMixture
 
@@ -33,6 +34,7 @@ class StandardisedMixture(eqx.Module):
             covariances=jax.vmap(_divided)(factors, half.swapaxes(1, 2)),
         )
 
+    @in_full_precision
     def mixture(self, reference: GaussianMixture) -> GaussianMixture:
         """The mixture itself; dead slots have their constants, whatever stands in them here."""
         factors = jnp.linalg.cholesky(reference.covariances)

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from gmmjax._matrix_products import in_full_precision
 from gmmjax._typing import Array
 from gmmjax.mixtures import GaussianMixture
 
@@ -48,6 +49,7 @@ def euclidean(means_before: Float[Array, "k0 d"], means_after: Float[Array, "k1 
     return _root(_squared_distances(means_before, means_after), 0.0)
 
 
+@in_full_precision
 def bures_wasserstein(
     means_before: Float[Array, "k0 d"],
     covariances_before: Float[Array, "k0 d d"],

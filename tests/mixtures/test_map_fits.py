@@ -105,7 +105,7 @@ print(len(jax.devices()), len(told), [fit.bits.tolist() for fit in ours])
 def test_several_devices_share_the_fits():
     """Two host devices, and a stack of fits that does not divide by two for one of the padded sizes."""
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2"
-    environment = {**os.environ, "XLA_FLAGS": flags}
+    environment = {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
     done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
     assert done.stdout.strip() == "2 6 [[32, 32], [32, 32], [32, 32]]"

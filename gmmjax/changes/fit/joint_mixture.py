@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from gmmjax._matrix_products import in_full_precision
 from gmmjax._typing import Array, Scalar
 from gmmjax.mixtures import GaussianMixture, coefficients, noise_coefficients, quadratic_features
 
@@ -52,6 +53,7 @@ def density_ratio(joint: JointMixture) -> Float[Array, ""]:
     return odds[order][jnp.searchsorted(cumulative, cumulative[-1] / 2)]
 
 
+@in_full_precision
 def intensities(joint: JointMixture, points: Float[Array, "n d"]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """The expected density of observations of the before and of the after cloud at each point, noise included.
 
@@ -68,6 +70,7 @@ def responsibilities(joint: JointMixture, points: Float[Array, "n d"], after: bo
     return jax.nn.softmax(log_joint(joint, points, after), axis=0)
 
 
+@in_full_precision
 def log_joint(joint: JointMixture, points: Float[Array, "n d"], after: bool) -> Float[Array, "rows n"]:
     """Logarithm of each component's joint density of a point and its cloud; the last row is the noise's."""
     source = jnp.full((1, len(points)), float(after), points.dtype)

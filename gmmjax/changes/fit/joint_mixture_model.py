@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, PRNGKeyArray
 
+from gmmjax._matrix_products import in_full_precision
 from gmmjax._typing import Array, Scalar
 from gmmjax.changes.fit.joint_mixture import JointMixture
 from gmmjax.mixtures import (
@@ -160,6 +161,7 @@ def joint_chunks(points: SourcedPoints) -> FeatureChunks:
     return FeatureChunks(features, chunks.mass, chunks.dimension)
 
 
+@in_full_precision
 def initial_joint_mixture(
     points: SourcedPoints, slots: int, prior: Prior, key: PRNGKeyArray, components: int | Int[Array, ""] | None = None
 ) -> JointMixture:
