@@ -20,6 +20,7 @@ from gmmjax.learning import (
 )
 from gmmjax.pair import Pair
 from tests.benchmarks import (
+    accelerator,
     checkout_process,
     checkouts,
     displacements,
@@ -76,6 +77,13 @@ def test_transport_and_its_peers_agree():
         gone, new = peers.pot_greedy(*pair)
         assert set(np.flatnonzero(removed.disappeared[index])) == set(gone)
         assert set(np.flatnonzero(removed.appeared[index])) == set(new)
+
+
+def test_an_accelerator_is_compared_with_the_cores():
+    case = next(case for case in accelerator.cases(quick=True) if case.function is accelerator.transported)
+    cells = accelerator.row(case, "cpu", repeats=1).strip("| ").split(" | ")
+    assert len(cells) == len(accelerator.COLUMNS)
+    assert cells[0] == case.what and cells[6] == "0 of the distance" and cells[7] == "1"
 
 
 def test_the_fused_loop_sums_what_em_sums(cloud):
