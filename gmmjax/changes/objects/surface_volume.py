@@ -37,7 +37,7 @@ class SurfaceVolumeSettings:
         steepest: least cosine between the normal of such a plane and that of the change. 0: upright surfaces, such as
             the trunks on a slope, have heights without bounds.
         beyond: points this far above or below all that is of the change, in its thickness, belong to something else,
-            such as branches above a slope. Infinite: they are taken for ground.
+            such as branches above a slope or a shelf above a floor. Infinite: they are taken for ground.
         rim: what lies around the labelled points is of the change as long as its mean difference, ring by ring,
             exceeds this number of standard errors. Infinite: the thin rim, below the limit of detection, is left out.
         certain: cells beyond the labelled points, whose difference with their neighbours exceeds this number of

@@ -185,12 +185,41 @@ def _on_nearest(
     consistent = np.abs(heights - to_nearest) <= settings.nearest * np.abs(heights) + reference.spacing(nearest)
     observed = _observed_below(surface, reference, outward, settings)
     on_surface = bool(np.mean(observed & consistent) >= settings.on_surface)
+    if on_surface:
+        reference = _of_one_level(reference, reference.points[nearest[consistent]], part.points, outward, settings)
+        heights = HeightAbove(reference, outward, settings.surfaces).of(surface.points)
     # Towards the after surface where that lies on the outer side; else what appeared was added.
     layer = np.mean(np.abs((surface.normals * below).sum(axis=1)) >= settings.aligned) >= settings.on_surface
     gained = distance > 0 if on_surface and layer and distance else part.after
     if (float(np.median(heights)) > 0) != (gained == part.after):
         outward = -outward
     return _Place(mean, part, surface, reference, outward, on_surface, gained)
+
+
+def _of_one_level(
+    reference: LocalSurface,
+    below: Float64[np.ndarray, "n 3"],
+    points: Float64[np.ndarray, "m 3"],
+    outward: Float64[np.ndarray, " 3"],
+    settings: VolumeSettings,
+) -> LocalSurface:
+    """A surface without what is far above and below the change, such as the shelf above what lies on a floor.
+
+    Args:
+        reference: of the other scan, about the change.
+        below: its points next to the change.
+        points: of the change.
+        outward: unit normal of what is below.
+        settings: how far, and how steep a surface may be.
+    """
+    heights = np.concatenate([below, points]) @ outward
+    across = np.linalg.svd(outward[None])[2][1:]
+    beside = cKDTree(points @ across.T).query(reference.points @ across.T)[0]
+    slope = np.sqrt(1 / settings.surfaces.steepest**2 - 1) if settings.surfaces.steepest else np.inf
+    margin = settings.surfaces.beyond * np.ptp(heights) + slope * beside
+    others = reference.points @ outward
+    kept = (others >= heights.min() - margin) & (others <= heights.max() + margin)
+    return reference if kept.all() else LocalSurface.of(reference.points[kept])
 
 
 def _on_plane(

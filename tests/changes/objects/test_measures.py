@@ -10,6 +10,7 @@ from gmmjax.changes.objects.cloud_changes import change_of
 from gmmjax.changes.objects.hull_volume import HullVolumeSettings
 from gmmjax.changes.objects.measures import MeasureSettings, with_measures
 from gmmjax.changes.objects.support_plane import SupportPlaneSettings
+from gmmjax.changes.objects.surface_volume import SurfaceVolumeSettings
 from gmmjax.changes.objects.volumes import VolumeSettings
 from gmmjax.pair import Pair
 
@@ -145,3 +146,17 @@ def test_of_what_touches_a_rack_and_has_no_support_plane_the_hull_is_measured(cr
     assert (found.volume_method, found.gain_or_loss) == ("hull", "gain")
     assert found.volume == pytest.approx(np.prod(CRATE), rel=0.2)
     assert abs(found.volume - np.prod(CRATE)) < found.volume_error < np.prod(CRATE)
+
+
+def test_what_lies_far_above_a_part_of_a_change_is_no_surface_below_it(crate):
+    """A shelf in both scans, above one end of the crate, by more than the crate is high."""
+    random = np.random.default_rng(2)
+    shelf = np.insert(sheet(0.8, 2.0) + np.array([0.15, -1.0]), 2, 2.5 * CRATE[2], axis=1) @ ROTATION.T
+    shelf += random.normal(0, 0.001, shelf.shape)
+    before, floor, points = crate
+    below_shelf = np.concatenate([before, shelf]), np.concatenate([floor, shelf]), points
+    found = measured_crate(below_shelf)
+    assert (found.volume_method, found.gain_or_loss) == ("surface", "gain")
+    assert found.volume == pytest.approx(measured_crate(crate).volume, rel=0.05)
+    every_level = MeasureSettings(volumes=VolumeSettings(surfaces=SurfaceVolumeSettings(beyond=np.inf)))
+    assert abs(measured_crate(below_shelf, settings=every_level).volume - found.volume) > 0.2 * found.volume
