@@ -1,5 +1,7 @@
 """Differences between two surfaces, cell by cell: their noise, the cells without one, and what is hidden from view."""
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 from scipy import ndimage
@@ -72,24 +74,48 @@ def _interpolated(
         return np.full(int(missing.sum()), np.nan)
 
 
+class Hidden(NamedTuple):
+    """What nobody saw behind a change, in cells.
+
+    Attributes:
+        volume: what is to be added for it: negative where it was lost, or where the last cells count for too much.
+        error: its standard error.
+    """
+
+    volume: float
+    error: float
+
+
 def hidden(
     difference: Float64[np.ndarray, "r c"],
+    shown: Bool[np.ndarray, "r c"],
     footprint: Bool[np.ndarray, "r c"],
     foreign: Bool[np.ndarray, "r c"],
     widest: int,
-) -> float:
-    """What may be hidden behind a change, in cells: between its outline and the surface that is seen behind it.
+) -> Hidden:
+    """What may be hidden behind a change: between its outline and the surface that is seen behind it.
 
-    What a steep side hides lies below the line of sight, on which the differences fall evenly to those behind.
+    What a steep side hides lies below the line of sight, on which the differences fall evenly to those behind. The
+    change ends anywhere between the near edge of the last cells before it, of which some part was seen, and there.
+
+    Args:
+        difference: of each cell.
+        shown: the cells where the scan in which the surface is higher has points.
+        footprint: the cells of the change.
+        foreign: those of other changes.
+        widest: how far behind the change it may be, in cells.
     """
+    known = np.isfinite(difference)
     near = ndimage.distance_transform_edt(~footprint) <= widest
-    missing = ~np.isfinite(difference) & ~footprint & ~foreign & near
+    missing = ~known & ~footprint & ~foreign & near
     shadow = ndimage.binary_propagation(ndimage.binary_dilation(footprint, SQUARE) & missing, mask=missing)
     if not shadow.any():
-        return 0.0
+        return Hidden(0.0, 0.0)
     sense = np.sign(np.nansum(difference[footprint]))
-    sight = np.nan_to_num(_interpolated(difference, shadow))
-    return float(sense * np.maximum(sense * sight, 0).sum())
+    last = footprint & known & ndimage.binary_dilation(shadow & ~shown, CROSS > 0)
+    room = np.maximum(sense * np.nan_to_num(_interpolated(difference, shadow)), 0).sum()
+    of_last = np.maximum(sense * difference[last], 0).sum()
+    return Hidden(float(sense * (room - of_last) / 2), float((room + of_last) / np.sqrt(12)))
 
 
 def noise(difference: Float64[np.ndarray, "r c"], footprint: Bool[np.ndarray, "r c"]) -> float:

@@ -169,6 +169,7 @@ class SurfaceMap(NamedTuple):
         across: unit vectors along them.
         difference: by how much the after scan is above the before scan, without the offset; NaN where one of them has
             no points.
+        shown: the cells where the scan in which the surface is higher has points: elsewhere is its shadow.
         offset: what both scans differ by in the surroundings.
         counts: of the points of the change.
         labelled: the cells with points of the change, gaps between them closed.
@@ -180,6 +181,7 @@ class SurfaceMap(NamedTuple):
     grid: PlaneGrid
     across: Float64[np.ndarray, "2 3"]
     difference: Float64[np.ndarray, "r c"]
+    shown: Bool[np.ndarray, "r c"]
     offset: _Offset
     counts: Int[np.ndarray, "r c"]
     labelled: Bool[np.ndarray, "r c"]
@@ -201,7 +203,8 @@ class SurfaceMap(NamedTuple):
         grid = _grid(change, across, settings)
         if grid is None:
             return None
-        difference = _differences(change, across, grid, settings)
+        heights = _heights(change, across, grid, settings)
+        difference = heights.after - heights.before
         # A cell on the border of two changes is of the one that has more points there.
         counts, others = (grid.counts(points @ across.T) for points in (change.points, change.others))
         foreign = others > counts
@@ -215,13 +218,16 @@ class SurfaceMap(NamedTuple):
         beside = (distance > settings.clear) & ~foreign
         difference = _without_spikes(difference, core, beside, settings)
         offset = _offset(difference, beside, int(core.sum()), registration_error, settings)
-        grown = _grown(difference - offset.value, core, foreign, offset, settings)
+        higher = heights.after if np.nansum((difference - offset.value)[core]) >= 0 else heights.before
+        shown = np.isfinite(higher)
+        grown = _grown(difference - offset.value, core, shown, foreign, offset, settings)
         # Once more, in the surroundings of all of it.
         width = max(settings.clear, settings.surroundings * np.sqrt(grown.sum() / np.pi))
         distance = ndimage.distance_transform_edt(~grown) - _widest(grown, settings)
         around = (distance > settings.clear) & (distance <= settings.clear + width) & ~foreign
         offset = _offset(difference, around, int(grown.sum()), registration_error, settings)
-        return cls(change, grid, across, difference - offset.value, offset, counts, core, grown, foreign)
+        difference = difference - offset.value
+        return cls(change, grid, across, difference, shown, offset, counts, core, grown, foreign)
 
     def volume(self, settings: SurfaceVolumeSettings = SurfaceVolumeSettings()) -> SurfaceVolume:
         """The volume between both surfaces over the change, its thin rim included.
@@ -235,15 +241,14 @@ class SurfaceMap(NamedTuple):
         difference, offset = self.difference, self.offset
         footprint, left_out = _with_rim(difference, self.core, self.foreign, _widest(self.core, settings), settings)
         whole, gaps = filled(difference, footprint)
-        behind = hidden(difference, footprint, self.foreign, _widest(self.core, settings))
+        behind = hidden(difference, self.shown, footprint, self.foreign, _widest(self.core, settings))
         of_cells = max(noise(difference, footprint), offset.density * footprint.sum())
         area, quantile = self.grid.edge**2, float(stats.t.ppf((1 + settings.confidence) / 2, offset.freedom))
         common = float(quantile * area * footprint.sum() * offset.error)
-        # Anything between nothing and all that the other lines of sight leave room for.
-        independent = quantile * area * np.sqrt(of_cells + gaps + left_out**2 + behind**2 / 12)
+        independent = quantile * area * np.sqrt(of_cells + gaps + left_out**2 + behind.error**2)
         return SurfaceVolume(
             area=float(area * (_labelled_share(self, settings) * self.labelled).sum()),
-            gain=float(area * (whole[footprint].sum() + behind / 2)),
+            gain=float(area * (whole[footprint].sum() + behind.volume)),
             error=float(np.hypot(common, independent)),
             registration_error=common,
         )
@@ -289,10 +294,10 @@ def _spacing(
     return float(np.median(reach) * np.sqrt(np.pi / count))
 
 
-def _differences(
+def _heights(
     change: ChangeSurface, across: Float64[np.ndarray, "2 3"], grid: PlaneGrid, settings: SurfaceVolumeSettings
-) -> Float64[np.ndarray, "r c"]:
-    """By how much the after scan is above the before scan in each cell; NaN where one has no points."""
+) -> Pair[Float64[np.ndarray, "r c"]]:
+    """The height of both scans in each cell; NaN where one has no points."""
     heights = HeightAbove(change.reference, change.outward, settings)
     own = heights.of(change.points)
     lower, upper = min(float(own.min()), 0.0), max(float(own.max()), 0.0)
@@ -306,8 +311,7 @@ def _differences(
         whole = ndimage.binary_erosion(grid.counts(labelled @ across.T) > 0, SQUARE)
         return np.where(whole, grid.means(labelled @ across.T, heights.of(labelled), settings.parts), found)
 
-    maps = each(map_of, change.clouds, change.labelled)
-    return maps.after - maps.before
+    return each(map_of, change.clouds, change.labelled)
 
 
 class HeightAbove:
@@ -402,6 +406,7 @@ def _offset(
 def _grown(
     difference: Float64[np.ndarray, "r c"],
     core: Bool[np.ndarray, "r c"],
+    shown: Bool[np.ndarray, "r c"],
     excluded: Bool[np.ndarray, "r c"],
     offset: _Offset,
     settings: SurfaceVolumeSettings,
@@ -412,7 +417,10 @@ def _grown(
     error = np.sqrt(np.divide(offset.density, number, out=np.full(number.shape, np.inf), where=number > 0))
     smooth = np.nan_to_num(sense * smoothed(difference))
     certain = (smooth > settings.certain * np.hypot(error, offset.error)) & (number > 0) & ~excluded
-    return np.asarray(ndimage.binary_propagation(core, mask=core | certain, structure=SQUARE))
+    grown = ndimage.binary_propagation(core, mask=core | certain, structure=SQUARE)
+    # Into the shadow of what rises no further than between cells that are seen; of a pit the shadow is a part.
+    between = ndimage.binary_fill_holes(ndimage.binary_closing(grown & shown, SQUARE, _widest(core, settings)))
+    return np.asarray(core | (grown & (shown | between)))
 
 
 def _with_rim(

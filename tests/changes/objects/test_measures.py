@@ -160,3 +160,20 @@ def test_what_lies_far_above_a_part_of_a_change_is_no_surface_below_it(crate):
     assert found.volume == pytest.approx(measured_crate(crate).volume, rel=0.05)
     every_level = MeasureSettings(volumes=VolumeSettings(surfaces=SurfaceVolumeSettings(beyond=np.inf)))
     assert abs(measured_crate(below_shelf, settings=every_level).volume - found.volume) > 0.2 * found.volume
+
+
+def in_shadow(points, station):
+    """Which points of the floor the crate hides from a station."""
+    steps = np.linspace(0, 1, 200)[:, None, None]
+    along = (points @ ROTATION)[None] + steps * (station - points @ ROTATION)[None]
+    inside = (np.abs(along[..., 0]) < CRATE[0] / 2) & (np.abs(along[..., 1]) < CRATE[1] / 2)
+    return (inside & (along[..., 2] < CRATE[2])).any(axis=0)
+
+
+def test_the_shadow_of_a_crate_is_not_of_the_crate(crate):
+    """Nobody sees the floor behind it from the corner in front of the two sides that were seen."""
+    before, floor, points = crate
+    shaded = before, floor[~in_shadow(floor, np.array([-2.0, -2.0, 1.5]))], points
+    found = measured_crate(shaded)
+    assert found.volume == pytest.approx(np.prod(CRATE), rel=0.1)
+    assert measured_crate(crate).volume_error < found.volume_error < 0.3 * np.prod(CRATE)
