@@ -7,13 +7,10 @@ because sums are in another order on another platform.
 """
 
 import argparse
-import contextlib
 import itertools
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -24,9 +21,10 @@ from gmmjax import detect_changes
 from gmmjax.mixtures import map_fits
 from tests.benchmarks import tasks
 from tests.benchmarks.conftest import seconds
-from tests.benchmarks.interleaved import Elsewhere, Interleaved, load, timed
+from tests.benchmarks.interleaved import Interleaved, load
 from tests.benchmarks.page import put
 from tests.benchmarks.scenes import gaussian_cloud, hall_pair, mixtures
+from tests.benchmarks.workers import worker
 
 COLUMNS = ("what", "cores", "GPU", "cores / GPU", "compilation, cores", "GPU", "largest difference", "turns", "load")
 RESTARTS = 8
@@ -59,7 +57,7 @@ def main() -> None:
     for case in cases(arguments.quick):
         rows.append(row(case, arguments.platform, arguments.repeats))
         print(rows[-1], file=sys.stderr, flush=True)
-    with process(arguments.platform) as on_platform:
+    with worker(platform=arguments.platform) as on_platform:
         device = on_platform(device_kind).answer
     put(arguments.page, "accelerator", "\n".join([f"The GPU is {device}.", "", *rows]))
 
@@ -107,7 +105,7 @@ def probabilities(size: int) -> np.ndarray:
 def row(case: Case, platform: str, repeats: int) -> str:
     """Wall seconds on the cores and on the platform, compilation apart."""
     before = load()
-    with process("cpu") as on_cores, process(platform) as on_platform:
+    with worker(platform="cpu") as on_cores, worker(platform=platform) as on_platform:
         turns = Interleaved(
             {
                 "cores": lambda: on_cores(case.function, *case.arguments),
@@ -126,21 +124,6 @@ def row(case: Case, platform: str, repeats: int) -> str:
         *(str(len(both[0].walls)), f"{max(before, load()):.1f}"),
     ]
     return "| " + " | ".join(cells) + " |"
-
-
-@contextlib.contextmanager
-def process(platform: str) -> Iterator[Callable[..., Elsewhere]]:
-    """A process in which JAX has only this platform: call it with a function and its arguments."""
-    with ProcessPoolExecutor(1, get_context("spawn"), initializer=_only, initargs=(platform,)) as pool:
-        yield lambda function, *arguments: pool.submit(_timed_call, function, *arguments).result()
-
-
-def _only(platform: str) -> None:
-    jax.config.update("jax_platforms", platform)
-
-
-def _timed_call(function: Callable[..., Any], *arguments: Any) -> Elsewhere:
-    return timed(lambda: function(*arguments))
 
 
 if __name__ == "__main__":

@@ -6,20 +6,29 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
+import jax
+
 from tests.benchmarks.interleaved import Elsewhere, timed
 
 
 @contextlib.contextmanager
-def worker(cores):
-    """A process that sees so many cores, from before JAX is imported there: call it with a function and arguments."""
-    chosen = set(sorted(os.sched_getaffinity(0))[:cores])
+def worker(cores=None, platform=None):
+    """A process: call it with a function and arguments.
+
+    Args:
+        cores: that it sees, from before JAX is imported there; None: all.
+        platform: the only one that JAX has there; None: as here.
+    """
+    chosen = sorted(os.sched_getaffinity(0))[:cores]
     with ProcessPoolExecutor(
         1, mp_context=get_context("spawn"), initializer=os.sched_setaffinity, initargs=(0, chosen)
     ) as pool:
-        yield lambda function, *arguments: pool.submit(_timed_call, function, *arguments).result()
+        yield lambda function, *arguments: pool.submit(_timed_call, platform, function, *arguments).result()
 
 
-def _timed_call(function, *arguments) -> Elsewhere:
+def _timed_call(platform, function, *arguments) -> Elsewhere:
+    if platform not in (None, jax.config.jax_platforms):
+        jax.config.update("jax_platforms", platform)
     return timed(lambda: function(*arguments))
 
 
