@@ -215,8 +215,8 @@ def _of_one_level(
     heights = np.concatenate([below, points]) @ outward
     across = np.linalg.svd(outward[None])[2][1:]
     beside = cKDTree(points @ across.T).query(reference.points @ across.T)[0]
-    slope = np.sqrt(1 / settings.surfaces.steepest**2 - 1) if settings.surfaces.steepest else np.inf
-    margin = settings.surfaces.beyond * np.ptp(heights) + slope * beside
+    steepest = np.tan(np.arccos(settings.surfaces.steepest))
+    margin = settings.surfaces.beyond * np.ptp(heights) + steepest * beside
     others = reference.points @ outward
     kept = (others >= heights.min() - margin) & (others <= heights.max() + margin)
     return reference if kept.all() else LocalSurface.of(reference.points[kept])
