@@ -41,8 +41,8 @@ class SurfaceVolumeSettings:
         rim: what lies around the labelled points is of the change as long as its mean difference, ring by ring,
             exceeds this number of standard errors. Infinite: the thin rim, below the limit of detection, is left out.
         certain: cells beyond the labelled points, whose difference with their neighbours exceeds this number of
-            standard errors, are of the change like those that are labelled. 0: noise beside it is; infinite: what
-            the detection has missed of it is left to the rim.
+            standard errors, and how the heights differ in a cell, are of the change like those that are labelled. 0:
+            noise beside it is; infinite: what the detection has missed of it is left to the rim.
         reach: distance of such cells from the labelled ones, at most, in half extents of the change. 0: there are none;
             large: much is looked at that has nothing to do with it.
         widest_rim: width of the rim, at most, in radii of the change. 0: there is none.
@@ -203,8 +203,8 @@ class SurfaceMap(NamedTuple):
         grid = _grid(change, across, settings)
         if grid is None:
             return None
-        heights = _heights(change, across, grid, settings)
-        difference = heights.after - heights.before
+        maps = _height_maps(change, across, grid, settings)
+        difference = maps.after.heights - maps.before.heights
         # A cell on the border of two changes is of the one that has more points there.
         counts, others = (grid.counts(points @ across.T) for points in (change.points, change.others))
         foreign = others > counts
@@ -218,9 +218,10 @@ class SurfaceMap(NamedTuple):
         beside = (distance > settings.clear) & ~foreign
         difference = _without_spikes(difference, core, beside, settings)
         offset = _offset(difference, beside, int(core.sum()), registration_error, settings)
-        higher = heights.after if np.nansum((difference - offset.value)[core]) >= 0 else heights.before
-        shown = np.isfinite(higher)
-        grown = _grown(difference - offset.value, core, shown, foreign, offset, settings)
+        higher = maps.after if np.nansum((difference - offset.value)[core]) >= 0 else maps.before
+        shown = np.isfinite(higher.heights)
+        spread = smoothed(np.fmax(maps.before.spread, maps.after.spread))
+        grown = _grown(difference - offset.value, core, shown, spread, foreign, offset, settings)
         # Once more, in the surroundings of all of it.
         width = max(settings.clear, settings.surroundings * np.sqrt(grown.sum() / np.pi))
         distance = ndimage.distance_transform_edt(~grown) - _widest(grown, settings)
@@ -294,22 +295,32 @@ def _spacing(
     return float(np.median(reach) * np.sqrt(np.pi / count))
 
 
-def _heights(
+class _HeightMap(NamedTuple):
+    """The mean height of a scan in each cell, and its standard deviation there; NaN where it has no points."""
+
+    heights: Float64[np.ndarray, "r c"]
+    spread: Float64[np.ndarray, "r c"]
+
+
+def _height_maps(
     change: ChangeSurface, across: Float64[np.ndarray, "2 3"], grid: PlaneGrid, settings: SurfaceVolumeSettings
-) -> Pair[Float64[np.ndarray, "r c"]]:
-    """The height of both scans in each cell; NaN where one has no points."""
+) -> Pair[_HeightMap]:
+    """The heights of both scans."""
     heights = HeightAbove(change.reference, change.outward, settings)
     own = heights.of(change.points)
     lower, upper = min(float(own.min()), 0.0), max(float(own.max()), 0.0)
     margin = settings.beyond * (upper - lower)
 
-    def map_of(cloud: Float64[np.ndarray, "n 3"], labelled: Float64[np.ndarray, "m 3"]) -> Float64[np.ndarray, "r c"]:
+    def map_of(cloud: Float64[np.ndarray, "n 3"], labelled: Float64[np.ndarray, "m 3"]) -> _HeightMap:
         places, values = cloud @ across.T, heights.of(cloud)
         near = (values >= lower - margin) & (values <= upper + margin)
         found = grid.means(places[near], values[near], settings.parts)
         # What is seen below an overhang, such as the floor under a table, is not the surface of the change.
         whole = ndimage.binary_erosion(grid.counts(labelled @ across.T) > 0, SQUARE)
-        return np.where(whole, grid.means(labelled @ across.T, heights.of(labelled), settings.parts), found)
+        squares = grid.means(places[near], values[near] ** 2, settings.parts)
+        spread = np.sqrt(np.maximum(squares - found**2, 0))
+        found = np.where(whole, grid.means(labelled @ across.T, heights.of(labelled), settings.parts), found)
+        return _HeightMap(found, spread)
 
     return each(map_of, change.clouds, change.labelled)
 
@@ -407,6 +418,7 @@ def _grown(
     difference: Float64[np.ndarray, "r c"],
     core: Bool[np.ndarray, "r c"],
     shown: Bool[np.ndarray, "r c"],
+    spread: Float64[np.ndarray, "r c"],
     excluded: Bool[np.ndarray, "r c"],
     offset: _Offset,
     settings: SurfaceVolumeSettings,
@@ -417,6 +429,8 @@ def _grown(
     error = np.sqrt(np.divide(offset.density, number, out=np.full(number.shape, np.inf), where=number > 0))
     smooth = np.nan_to_num(sense * smoothed(difference))
     certain = (smooth > settings.certain * np.hypot(error, offset.error)) & (number > 0) & ~excluded
+    # Where a scan has several levels, as in a rack, their mean depends on how much was seen of each.
+    certain &= smooth > np.nan_to_num(spread)
     grown = ndimage.binary_propagation(core, mask=core | certain, structure=SQUARE)
     # Into the shadow of what rises no further than between cells that are seen; of a pit the shadow is a part.
     between = ndimage.binary_fill_holes(ndimage.binary_closing(grown & shown, SQUARE, _widest(core, settings)))

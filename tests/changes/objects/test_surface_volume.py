@@ -127,3 +127,25 @@ def test_a_change_of_repeated_points_has_no_volume():
     before, _ = ground(np.random.default_rng(5))
     change = ChangeSurface(Pair(NOTHING, point), Pair(before, point), NOTHING, LocalSurface.of(before), UP)
     assert SurfaceMap.of(change, 0.005) is None
+
+
+def test_what_differs_beside_it_at_several_levels_is_not_of_the_change():
+    """A rack that reaches to the lens, of which the surveys saw its two levels more or less often."""
+    random = np.random.default_rng(6)
+
+    def racked(cloud, share):
+        high = (
+            (cloud[:, 0] > 1.0)
+            & (cloud[:, 0] < 3.0)
+            & (np.abs(cloud[:, 1]) < 1.5)
+            & (random.random(len(cloud)) < share)
+        )
+        return cloud + 0.15 * high[:, None] * UP
+
+    before, _ = ground(random)
+    after, lens = ground(random, THICKNESS)
+    clouds = Pair(racked(before, 0.3), racked(after, 0.6))
+    labelled = after[(np.abs(lens) > 0.05) & (after[:, 0] < 1.0)]
+    change = ChangeSurface(Pair(NOTHING, labelled), clouds, NOTHING, LocalSurface.of(before), UP)
+    found = SurfaceMap.of(change, 0.005)
+    assert (found.core & ~found.labelled).sum() < 0.15 * found.labelled.sum()
