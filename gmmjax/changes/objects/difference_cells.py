@@ -75,10 +75,10 @@ def _interpolated(
 
 
 class Hidden(NamedTuple):
-    """What nobody saw behind a change, in cells.
+    """What nobody saw behind a change, in areas of a cell times the unit of the differences.
 
     Attributes:
-        volume: what is to be added for it: negative where it was lost, or where the last cells count for too much.
+        volume: to be added for it, signed as the differences, or the other way where the last cells count too much.
         error: its standard error.
     """
 
@@ -95,8 +95,9 @@ def hidden(
 ) -> Hidden:
     """What may be hidden behind a change: between its outline and the surface that is seen behind it.
 
-    What a steep side hides lies below the line of sight, on which the differences fall evenly to those behind. The
-    change ends anywhere between the near edge of the last cells before it, of which some part was seen, and there.
+    What a steep side hides lies below the line of sight, on which the differences fall evenly to those behind. At the
+    least the change ends where the last cells that were seen begin, at the most it fills all below that line: the
+    volume is uniform between both.
 
     Args:
         difference: of each cell.

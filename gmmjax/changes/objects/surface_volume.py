@@ -41,8 +41,8 @@ class SurfaceVolumeSettings:
         rim: what lies around the labelled points is of the change as long as its mean difference, ring by ring,
             exceeds this number of standard errors. Infinite: the thin rim, below the limit of detection, is left out.
         certain: cells beyond the labelled points, whose difference with their neighbours exceeds this number of
-            standard errors, and how the heights differ in a cell, are of the change like those that are labelled. 0:
-            noise beside it is; infinite: what the detection has missed of it is left to the rim.
+            standard errors, and the standard deviation of the heights within a cell, are of the change like those that
+            are labelled. 0: noise beside it is; infinite: what the detection has missed of it is left to the rim.
         reach: distance of such cells from the labelled ones, at most, in half extents of the change. 0: there are none;
             large: much is looked at that has nothing to do with it.
         widest_rim: width of the rim, at most, in radii of the change. 0: there is none.
@@ -169,7 +169,7 @@ class SurfaceMap(NamedTuple):
         across: unit vectors along them.
         difference: by how much the after scan is above the before scan, without the offset; NaN where one of them has
             no points.
-        shown: the cells where the scan in which the surface is higher has points: elsewhere is its shadow.
+        shown: the cells where the scan with the higher surface has points; the others are in its shadow.
         offset: what both scans differ by in the surroundings.
         counts: of the points of the change.
         labelled: the cells with points of the change, gaps between them closed.

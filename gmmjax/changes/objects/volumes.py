@@ -208,15 +208,15 @@ def _of_one_level(
     Args:
         reference: of the other scan, about the change.
         below: its points next to the change.
-        points: of the change.
-        outward: unit normal of what is below.
-        settings: how far, and how steep a surface may be.
+        points: of the change, in the same unit and frame.
+        outward: unit normal of the surface below it.
+        settings: how far above and below it is another level, and how steep a surface may be.
     """
     heights = np.concatenate([below, points]) @ outward
     across = np.linalg.svd(outward[None])[2][1:]
     beside = cKDTree(points @ across.T).query(reference.points @ across.T)[0]
-    steepest = np.tan(np.arccos(settings.surfaces.steepest))
-    margin = settings.surfaces.beyond * np.ptp(heights) + steepest * beside
+    slope = np.tan(np.arccos(settings.surfaces.steepest))
+    margin = settings.surfaces.beyond * np.ptp(heights) + slope * beside
     others = reference.points @ outward
     kept = (others >= heights.min() - margin) & (others <= heights.max() + margin)
     return reference if kept.all() else LocalSurface.of(reference.points[kept])
