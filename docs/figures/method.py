@@ -13,7 +13,7 @@ import numpy as np
 from drawing import overlaid, saved
 from matplotlib import colormaps, pyplot
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.patches import Ellipse, Patch
 
 from gmmjax import Changes, DetectionConfig, GaussianMixture, earth_movers_distance, fit_mixture
@@ -23,7 +23,7 @@ from gmmjax.changes.evidence.free_space import observation
 from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.fit.joint_fit import JointFits
 from gmmjax.changes.progress import Clock
-from gmmjax.clouds import PointCloud
+from gmmjax.clouds import PointCloud, recognised_stations
 from gmmjax.mixtures import FitSettings
 from gmmjax.pair import Pair, each
 from gmmjax.plotting import plot_message_length, plot_mixture, plot_registration, plot_transport
@@ -141,6 +141,28 @@ def free_space(detection: Detection) -> None:
     saved(figure, "method-free-space.png", dpi=100)
 
 
+def stations(detection: Detection) -> None:
+    """The density of the storehouse's floor as its scanner measured it, from above, with the stations in it."""
+    del detection  # Its points are fused in voxels.
+    scene = storehouse(0, StorehouseSettings(points=1_000_000, rays=200_000)).scene
+    points, places = scene.clouds.before, scene.views.before.poses[:, :3, 3]
+    found = recognised_stations(points)
+    floor = points[np.abs(points[:, 2]) < 0.03]
+    figure, ax = pyplot.subplots(figsize=(8, 5), layout="constrained")
+    size = 0.04
+    edges = [np.arange(own.min(), own.max() + size, size) for own in floor[:, :2].T]
+    *_, image = ax.hist2d(
+        *floor[:, :2].T, bins=edges, norm=LogNorm(1 / size**2, 2e4), weights=np.full(len(floor), size**-2)
+    )
+    figure.colorbar(image, label="points per square metre", shrink=0.8)
+    ax.set_facecolor("black")
+    ax.plot(*places[:, :2].T, "^", color="white", markersize=9, label="station")
+    ax.plot(*found[:, :2].T, "x", color="#D55E00", markersize=9, markeredgewidth=2.5, label="recognised")
+    ax.legend(fontsize="small", loc="upper left", facecolor="#BDBDBD")
+    ax.set(aspect="equal", xlabel="x (m)", ylabel="y (m)")
+    saved(figure, "method-stations.png", dpi=100)
+
+
 def transport(detection: Detection) -> None:
     """Two mixtures, and how mass is moved from one to the other."""
     del detection
@@ -184,6 +206,7 @@ FIGURES: dict[str, Callable[[Any], None]] = {
     "registration": registration,
     "differences": differences,
     "free_space": free_space,
+    "stations": stations,
     "transport": transport,
     "selection": selection,
 }

@@ -74,6 +74,8 @@ class DetectionConfig:
         evidence: whether a change of a surface scan must lie where the other scan looked: where its views saw that
             there was nothing, or, without views, off the surfaces beside it. False reports all that one scan has and
             the other has not. Of "joint".
+        recognise_stations: whether the stations of a scanner on a tripod are recognised by the density of the ground
+            around them, where a scan has no views: these are its views then. z points up. Of "joint".
         verdict: file with the parameters by which a difference between scans is a change, such as `gmmjax tune` writes.
             None: those that come with the package. Of "joint".
         max_points: maximum number of voxels that each cloud is reduced to before a separate fit, and of points that one
@@ -110,6 +112,7 @@ class DetectionConfig:
     registration: RegistrationMode = "auto"
     tolerance: float | None = None
     evidence: bool = True
+    recognise_stations: bool = True
     verdict: str | None = None
     max_points: int = 16384
     voxel_size: float | None = None
@@ -133,8 +136,9 @@ class DetectionConfig:
         check_choice("method", self.method, METHODS)
         check_choice("kinds", self.kinds, get_args(Kinds))
         check_choice("registration", self.registration, get_args(RegistrationMode))
-        if not isinstance(self.evidence, bool):
-            raise InputError(f"evidence={shown(self.evidence)} must be True or False")
+        for name in ("evidence", "recognise_stations"):
+            if not isinstance(getattr(self, name), bool):
+                raise InputError(f"{name}={shown(getattr(self, name))} must be True or False")
         if self.verdict is not None and not isinstance(self.verdict, str):
             raise InputError(f"verdict={shown(self.verdict)} must be the path of a file")
         for name, least in (("seed", 0), ("max_points", 100), ("outlier_neighbours", 0)):

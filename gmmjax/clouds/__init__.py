@@ -70,6 +70,8 @@ from gmmjax.clouds.reading import READERS as READERS
 from gmmjax.clouds.reading import open_cloud as open_cloud
 from gmmjax.clouds.reading import read_cloud as read_cloud
 from gmmjax.clouds.source_file import SourceFile as SourceFile
+from gmmjax.clouds.stations import StationSettings as StationSettings
+from gmmjax.clouds.stations import recognised_stations as recognised_stations
 from gmmjax.clouds.survey_files import SurveyFiles as SurveyFiles
 from gmmjax.clouds.survey_files import open_survey as open_survey
 from gmmjax.clouds.survey_files import read_survey as read_survey

@@ -214,10 +214,8 @@ def poses_text(changes: Changes) -> str | None:
     if used is None:
         return None
     known = [side for side, own in used.items() if own]
-    if len(known) == 2:
-        return "Sensor poses: known for both scans."
-    text = f"Sensor poses: known for the {known[0]} scan only" if known else "Sensor poses: not known"
     missing = [side for side in used if side not in known]
+    text = f"Sensor poses: {_known_text(changes, known, missing)}"
     resting = _resting(changes, missing)
     if not resting:
         return f"{text}."
@@ -234,6 +232,23 @@ def _views_used(changes: Changes) -> dict[str, int] | None:
         return None
     counts = {side: found["views"] for side, found in sides.items() if isinstance(found, dict) and "views" in found}
     return counts if len(counts) == 2 else None
+
+
+def _known_text(changes: Changes, known: list[str], missing: list[str]) -> str:
+    """Of which sides the poses are known, and how: given, or recognised in the scan."""
+    stations = {side: len(changes.diagnostics[side].get("recognised_stations", ())) for side in known}
+    given = [side for side in known if not stations[side]]
+    if given == known:
+        return (
+            "known for both scans" if not missing else f"known for the {known[0]} scan only" if known else "not known"
+        )
+    found = " and ".join(
+        f"{count} {'station' if count == 1 else 'stations'} in the {side} scan"
+        for side, count in stations.items()
+        if count
+    )
+    others = [f"known for the {side} scan" for side in given] + [f"not known for the {side} scan" for side in missing]
+    return "; ".join([f"{found}, recognised by the density of the ground", *others])
 
 
 def _resting(changes: Changes, missing: list[str]) -> str:

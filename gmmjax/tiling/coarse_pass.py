@@ -16,6 +16,7 @@ from gmmjax.changes import (
     VoxelLattice,
     check_same_place,
     stated_systems,
+    with_recognised_views,
 )
 from gmmjax.clouds import (
     ChunkedCloud,
@@ -81,8 +82,13 @@ def coarse_pass(
         if not own.total:
             raise InputError(f"{side}: has no points{' inside the crop box' * (config.crop is not None)}")
     check_same_place(thinned.map(lambda own: own.points), stated_systems(clouds))
-    detector = JointDetector(config, resolution=None)
+    # In means of voxels alone there is no density to recognise stations by.
+    detector = JointDetector(config, stations=None, resolution=None)
     scans = each(lambda own, known: Scan(own.points, known), thinned, views)
+    if config.recognise_stations:
+        scans = each(
+            lambda scan, own: with_recognised_views(scan, own.points, settings.stations, own.counts), scans, thinned
+        )
     prepared = detector.prepared(scans, clock)
     if prepared.volumetric:
         raise InputError(

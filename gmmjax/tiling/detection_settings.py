@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from gmmjax.changes import LocalResolutionSettings
-from gmmjax.clouds import BlockSettings
+from gmmjax.clouds import BlockSettings, StationSettings
 from gmmjax.tiling.local_differences import LocalDifferenceSettings
 from gmmjax.tiling.local_scales import LocalScaleSettings
 from gmmjax.tiling.regions_of_interest import RegionsOfInterestSettings
@@ -28,6 +28,7 @@ class TiledDetectionSettings:
         scales: what the limits are computed from.
         regions: how much is taken at full resolution around what looks changed.
         tiles: how blocks are put together.
+        stations: what is a station of a scanner, in scans without views.
     """
 
     thinned: int = 400_000
@@ -38,6 +39,7 @@ class TiledDetectionSettings:
     scales: LocalScaleSettings = LocalScaleSettings()
     regions: RegionsOfInterestSettings = RegionsOfInterestSettings()
     tiles: TileSettings = TileSettings()
+    stations: StationSettings = StationSettings()
 
     @property
     def blocks(self) -> BlockSettings:

@@ -18,7 +18,6 @@ from gmmjax.changes import (
     Differences,
     Measured,
     Progress,
-    Scan,
     Survey,
     WorkingCloud,
     sensor_places,
@@ -179,7 +178,7 @@ def _with_points_of(
     differences = Differences(fine.map(lambda own: own.own.local), scales.limits)
     return dataclasses.replace(
         prepared,
-        scans=each(lambda own, scan: Scan(own, scan.views), points, prepared.scans),
+        scans=each(lambda own, scan: scan._replace(cloud=own), points, prepared.scans),
         checked=points.map(lambda own: CheckedCloud(own, np.arange(len(own)), len(own), 0)),
         pair=pair,
         coarse=prepared.pair.surfaces.map(lambda surface: surface.points),

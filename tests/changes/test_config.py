@@ -79,6 +79,7 @@ def test_unknown_settings_are_named_with_the_known_ones():
         (dict(crop=(0, 0, 0, 1, 1, 0)), "lower corner must be below"),
         (dict(threshold=1.5), "threshold=1.5"),
         (dict(evidence=1), "evidence=1"),
+        (dict(recognise_stations="no"), "recognise_stations='no'"),
         (dict(concentration=1.0), "concentration=1.0.*below 1"),
         (dict(concentration="low"), "concentration='low'"),
         (dict(noise_share=-0.1), "noise_share=-0.1"),

@@ -176,3 +176,32 @@ def test_a_change_is_judged_by_the_poses_of_the_other_survey(pair):
     text = poses_text(posed(pair[2], 1, 0, gone))
     assert text is not None and "1 change rests on shape alone" in text and "--sensor-after X Y Z" in text
     assert "before X" not in text
+
+
+def test_stations_that_were_recognised_are_told(pair):
+    """And which poses were given, or are not known."""
+    gone, _, new = (dataclasses.replace(item, explanation=explanation()) for item in pair[2].items)
+
+    def text(before, after, stations_before, stations_after):
+        changes = posed(pair[2], before, after, gone, new)
+        numbers = {"before": stations_before, "after": stations_after}
+        diagnostics = {
+            side: {**own, "recognised_stations": [[0.0, 0.0, 1.5]] * numbers[side]}
+            for side, own in changes.diagnostics.items()
+        }
+        return poses_text(dataclasses.replace(changes, diagnostics=diagnostics))
+
+    assert text(2, 1, 2, 1) == (
+        "Sensor poses: 2 stations in the before scan and 1 station in the after scan, recognised by the density of the "
+        "ground."
+    )
+    assert text(4, 1, 0, 1) == (
+        "Sensor poses: 1 station in the after scan, recognised by the density of the ground; known for the before scan."
+    )
+    missing = text(2, 0, 2, 0)
+    assert missing.startswith(
+        "Sensor poses: 2 stations in the before scan, recognised by the density of the ground; not known for the after "
+        "scan; 1 change rests on shape alone."
+    )
+    assert "--sensor-after X Y Z" in missing and "before X" not in missing
+    assert text(2, 3, 0, 0) == "Sensor poses: known for both scans."

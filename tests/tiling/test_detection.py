@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from gmmjax.changes import DetectionConfig, Survey, detect_changes
+from gmmjax.changes import Clock, DetectionConfig, Survey, detect_changes, silent
 from gmmjax.clouds import SensorViews, open_cloud, write_ply
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 from gmmjax.tiling import TiledDetectionSettings, Workers, tiled_changes
+from gmmjax.tiling.coarse_pass import coarse_pass
 from tests.clouds.made_clouds import ChunkedArray
+from tests.clouds.scanned_room import STATIONS, scan
 from tests.tiling.rooms import BOX, of_box, room
 
 # Small blocks, so that a small scene has many.
@@ -168,6 +170,19 @@ def test_views_tell_what_was_not_observed(points, tmp_path, monkeypatch):
     others, _ = detected(points, tmp_path, views=views, tile_size=2.0, threads=3)
     for name, values in arrays.items():
         assert values.tobytes() == others[name].tobytes(), name
+
+
+def test_stations_are_recognised_by_the_density_of_all_points():
+    """Which their voxels, those of the coarse pass, do not have."""
+    clouds = Pair(1, 2).map(lambda seed: ChunkedArray(scan(STATIONS[0], 150_000, seed=seed), 50_000))
+    for switched_on in (True, False):
+        config = dataclasses.replace(CONFIG, recognise_stations=switched_on)
+        coarse = coarse_pass(clouds, Pair(None, None), config, Clock(silent), SETTINGS)
+        assert max(len(own.points) for own in coarse.thinned) < 60_000
+        for own, survey in zip(coarse.prepared.scans, coarse.prepared.surveys, strict=True):
+            assert own.recognised == switched_on == (survey.views is not None)
+            if switched_on:
+                np.testing.assert_allclose(survey.views.poses[:, :3, 3], STATIONS[:1], atol=0.4)
 
 
 @pytest.mark.parametrize(

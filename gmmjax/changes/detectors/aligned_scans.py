@@ -162,7 +162,11 @@ def surveys_of(
     if views.after is not None and pair.registration.applied:
         views = Pair(views.before, views.after.moved(pair.registration.transform))
 
-    def survey(name: str, surface: LocalSurface, views: SensorViews | None, points: Float[np.ndarray, "n 3"]) -> Survey:
-        return usable_views(f"views_{name}", Survey(surface, views, free_space), checks, points)
+    def survey(
+        name: str, surface: LocalSurface, views: SensorViews | None, points: Float[np.ndarray, "n 3"], scan: Scan
+    ) -> Survey:
+        own = Survey(surface, views, free_space)
+        # Nobody has given those that were recognised: there is nothing to be corrected.
+        return usable_views(f"views_{name}", own, checks, points, quiet=scan.recognised)
 
-    return each(survey, NAMES, pair.surfaces, views, pair.points)
+    return each(survey, NAMES, pair.surfaces, views, pair.points, scans)

@@ -20,10 +20,12 @@ class Scan(NamedTuple):
     Attributes:
         cloud: coordinates [n, 3], or a `PointCloud`, in any unit.
         views: where the sensor stood, in the frame of the cloud; None: not known.
+        recognised: whether nobody has told where it stood, but the cloud itself shows it.
     """
 
     cloud: ArrayLike | PointCloud
     views: SensorViews | None = None
+    recognised: bool = False
 
 
 class Detection(NamedTuple):

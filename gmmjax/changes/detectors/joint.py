@@ -14,6 +14,7 @@ from gmmjax.changes.candidates import Candidates, CandidateSettings, candidates_
 from gmmjax.changes.change import Change
 from gmmjax.changes.detectors.aligned_scans import AlignedScans, refined, surveys_of
 from gmmjax.changes.detectors.detector import Scan
+from gmmjax.changes.detectors.recognised_views import with_recognised_views
 from gmmjax.changes.detectors.restart_detector import AbstractRestartDetector, Outcome
 from gmmjax.changes.differences import DifferenceSettings, LocalDifference
 from gmmjax.changes.evidence.candidate import Candidate
@@ -52,7 +53,7 @@ from gmmjax.changes.record import Changes
 from gmmjax.changes.registration import Registration
 from gmmjax.changes.signed_distance import SignedDistanceSettings
 from gmmjax.changes.standard_errors import means_of_changes, standard_error
-from gmmjax.clouds import SensorViews
+from gmmjax.clouds import SensorViews, StationSettings
 from gmmjax.errors import warn
 from gmmjax.geometry import LocalSurface
 from gmmjax.mixtures import FitStatus
@@ -70,6 +71,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
     Attributes:
         prepare: what clouds can be compared.
         align: how the clouds are brought into one frame.
+        stations: what is a station of a scanner, in a scan without views; None: there is none.
         fit: how the mixture is fitted to both clouds.
         differences: from which distance and offset on a point of a scan is surely changed.
         candidates: which points look changed, and how they are gathered.
@@ -83,6 +85,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
 
     prepare: CheckSettings = CheckSettings()
     align: AlignSettings = AlignSettings()
+    stations: StationSettings | None = StationSettings()
     fit: JointFitSettings = JointFitSettings()
     differences: DifferenceSettings = DifferenceSettings()
     candidates: CandidateSettings = CandidateSettings()
@@ -114,6 +117,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         clock.start("registration", "Registering the clouds", 0.1)
         pair = self._aligned(checked)
         problem = joint_problem(pair.working, pair.registration, self.config, self.fit)
+        scans = self._with_stations(scans, pair, checked)
         surveys, coarse = surveys_of(pair, scans, self.evidence.free_space, self.evidence.view_checks), None
         finer = self._refined(pair)
         if finer is not None:
@@ -121,6 +125,13 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             surveys = each(lambda own, surface: dataclasses.replace(own, surface=surface), surveys, pair.surfaces)
             surveys = each_on_cores(lambda own, points: own.sighted_by(points), surveys, pair.points)
         return AlignedScans(scans, checked, pair, coarse, surveys, problem, self.differences, self.distances)
+
+    def _with_stations(self, scans: Pair[Scan], pair: AlignedPair, checked: Pair[CheckedCloud]) -> Pair[Scan]:
+        """The scans, with views of the stations that they show themselves where nobody has told any."""
+        settings = self.stations
+        if settings is None or pair.working.volumetric or not self.config.recognise_stations:
+            return scans
+        return each_on_cores(lambda scan, own: with_recognised_views(scan, own.points, settings), scans, checked)
 
     def _refined(self, pair: AlignedPair) -> AlignedPair | None:
         """The scans at their own resolution at each place; None where it is that of the registration, or was given."""
@@ -426,8 +437,11 @@ def _diagnostics(prepared: AlignedScans, fits: JointFits, clock: Clock) -> dict[
 def _cloud_diagnostics(
     scan: Scan, cloud: CheckedCloud, working: WorkingCloud, views: SensorViews | None
 ) -> dict[str, Any]:
+    # In the frame of the scan, where those above are in that of the before scan.
+    recognised = scan.views if scan.recognised and views is not None else None
     return {
         **cloud.diagnostics(scan.cloud),
         "points_compared": len(working.points),
         "views": 0 if views is None else len(views),
+        "recognised_stations": [] if recognised is None else recognised.poses[:, :3, 3].tolist(),
     }

@@ -60,6 +60,8 @@ def usable_views(
     survey: Survey,
     settings: ViewCheckSettings = ViewCheckSettings(),
     points: Float64[np.ndarray, "n 3"] | None = None,
+    *,
+    quiet: bool = False,
 ) -> Survey:
     """The survey, without its views where they contradict the cloud.
 
@@ -68,6 +70,7 @@ def usable_views(
         survey: a cloud of at least one point.
         settings: from when on they do.
         points: as of `check_views`.
+        quiet: whether they are left out without a warning: nobody has given them.
 
     Raises:
         InputError: the views see none of the points.
@@ -78,7 +81,8 @@ def usable_views(
     contradiction = None if survey.views is None else check_views(name, survey, settings, points)
     if contradiction is None:
         return survey
-    warn(contradiction)
+    if not quiet:
+        warn(contradiction)
     return survey.without_views()
 
 

@@ -98,6 +98,8 @@ def test_views_that_contradict_are_left_out_with_a_warning(cloud):
     assert left.views is None and left.surface is survey.surface and left.settings is settings
     assert usable_views("views_before", survey, ViewCheckSettings(most_outside=1.0, most_occluded=1.0)) is survey
     assert usable_views("views_before", left) is left
+    # What nobody has given is no mistake of anybody.
+    assert usable_views("views_before", survey, quiet=True).views is None
 
 
 def block(centre, size):

@@ -1,0 +1,424 @@
+"""Where a scanner on a tripod stood, recognised by the density of the ground around it.
+
+A scanner that turns in equal steps s of both of its angles, at the height h above level ground, has h / (s² r² d)
+points on a unit of its area at the distance d from its foot, r² = d² + h² away: the element of its elevation
+atan(h / d) is h dd / r², that of its azimuth 1 / d, and their product over s² is the number of rays. So there is a
+dense ring around a hole, which is what the scanner cannot see below itself. Little else in a scan looks like this;
+clouds whose density was made even, and those of sensors that were carried, do not.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int
+from scipy.ndimage import percentile_filter, uniform_filter
+from scipy.optimize import least_squares
+from scipy.signal import fftconvolve
+
+from gmmjax.geometry import evenly_chosen
+
+
+@dataclasses.dataclass(frozen=True)
+class StationSettings:
+    """How stations are looked for, in maps of the ground.
+
+    All values are empirical: chosen on halls 0 to 17 and warehouses 1000 and 1003 of `tests.benchmarks.surveyor`, and
+    on the families that the verdict is learned from.
+
+    Attributes:
+        points_per_cell: mean number of points in a cell of the map; each of these is tried, and the one taken that
+            shows the most stations. Fewer: smaller cells, for dense scans, in which a tripod is many cells high.
+        most_points: that are looked at, evenly chosen. Fewer: faster, and smaller stations are missed.
+        ground: which of the lowest points of a cell, and of the cells around it, is taken for the ground's height. 0:
+            the lowest, which may be a stray point.
+        block: cells along the side of a block, of which the lowest ground counts in the next one.
+        window: blocks along the side of a neighbourhood, the ground of which is not more than `rise` below a cell's.
+            1: below a station, where there is a hole, a roof is taken for the ground.
+        rise: in cells. Infinite: roofs and tables are ground; 0: nothing is on slopes.
+        thickness: in cells, within which points belong to the ground. Infinite: walls and goods on it, too.
+        rims: radii in cells of the holes that are looked for.
+        arcs: that rings are divided into. 1: those around the shadows of things are proposed, too.
+        contrast: between a ring and the hole within, at least, in roots of counts, whose standard deviation is a half.
+            0: all cells are looked at.
+        share: of the greatest contrast that those have at least that are looked at with it; others come later. 0: the
+            shadows of things are taken for stations at first, which spoils the fit of those beside them.
+        reach: radius in cells of what a station is fitted to.
+        sweeps: how often each of several stations is fitted to what the others leave. 0: the height of the first ones
+            is too large, by half of it at worst, as the points of others beside it count with it.
+        freedom: largest factor that the number of rays changes by in a fit. 1: it is what was guessed.
+        fewest: expected points in a cell that it is fitted to, at least. 0: the stripes of distant ground count.
+        height: of a station in cells, at least, for its place to be measured. Small: its height is off by up to half.
+        sectors: that the surroundings of a station are divided into,
+        rings: and each of them by distance. 1: what is as dense everywhere may look like a station.
+        seen: share of these parts that must have as many points as is expected; others are hidden by things. 0: no
+            other test than that of single cells and of the hole.
+        agreement: largest factor between the numbers of points in a part, expected and found.
+        deviation: median of the absolute logarithms of that factor in single cells, at most.
+        filled: number of points in a cell of the hole by that beside it, at most. 1: what is dense to its middle, such
+            as the way of a scanner that was carried, may look like a row of stations.
+        largest: radius of the hole by the length of the map, at most. 0.5: the middle of a sparse survey from the air
+            may look like one.
+        hole: radius of the hole below a scanner by its height, at least and at most: the tangent of its lowest ray's
+            angle to the vertical. 0 and infinite: anything dense is a station.
+    """
+
+    points_per_cell: tuple[float, ...] = (64.0, 16.0, 4.0)
+    most_points: int = 2_000_000
+    ground: float = 0.1
+    block: int = 3
+    window: int = 5
+    rise: float = 3.0
+    thickness: float = 0.3
+    rims: tuple[float, ...] = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0)
+    arcs: int = 6
+    contrast: float = 1.5
+    share: float = 0.5
+    reach: float = 30.0
+    sweeps: int = 3
+    freedom: float = 10.0
+    fewest: float = 5.0
+    height: float = 10.0
+    sectors: int = 16
+    rings: int = 3
+    seen: float = 0.65
+    agreement: float = 1.4
+    deviation: float = 0.3
+    filled: float = 0.15
+    largest: float = 0.25
+    hole: tuple[float, float] = (0.3, 1.5)
+
+
+def recognised_stations(
+    points: Float64[np.ndarray, "n 3"],
+    counts: Int[np.ndarray, " n"] | None = None,
+    settings: StationSettings = StationSettings(),
+) -> Float64[np.ndarray, "s 3"]:
+    """Where the scanner's mirror was at each of the stations that can be recognised, the densest first.
+
+    Args:
+        points: of a scan, or the means of its voxels; z points up. In any unit.
+        counts: how many points each of them stands for; None: one.
+        settings: what is a station.
+
+    Returns:
+        Positions in the unit and frame of the points; none where the ground does not show any.
+    """
+    if len(points) < 2:
+        return np.empty((0, 3))
+    rows = evenly_chosen(len(points), settings.most_points)
+    weights = np.ones(len(rows)) if counts is None else counts[rows].astype(float)
+    best: tuple[_Ground, list[_Station]] | None = None
+    for points_per_cell in settings.points_per_cell:
+        ground = _Ground.of(points[rows], weights, points_per_cell, settings)
+        stations = [] if ground is None else _stations(ground, settings)
+        if best is not None and len(stations) <= len(best[1]):
+            break
+        if ground is not None and stations:
+            best = ground, stations
+    if best is None:
+        return np.empty((0, 3))
+    return _positions(points[rows], weights, *best, settings)
+
+
+def _positions(
+    points: Float64[np.ndarray, "n 3"],
+    weights: Float64[np.ndarray, " n"],
+    ground: "_Ground",
+    stations: "list[_Station]",
+    settings: StationSettings,
+) -> Float64[np.ndarray, "s 3"]:
+    """Where the stations are, by a map on which their height is that of so many cells."""
+    cells = settings.height / float(np.median([own.height for own in stations]))
+    finer = _Ground.of(points, weights, ground.points_per_cell / max(cells, 1.0) ** 2, settings)
+    if cells > 1 and finer is not None:
+        stations = [own.on(ground, finer) for own in stations]
+        ground, stations = finer, _fitted_together(finer, stations, settings)
+    return np.stack([ground.position(own) for own in stations])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Ground:
+    """The ground of a scan as a map, seen from above.
+
+    Attributes:
+        counts: number of points in each cell.
+        heights: of the ground there; NaN where there are no points.
+        corner: the map's lowest one, x and y.
+        cell: edge of a cell.
+        points_per_cell: in the mean.
+    """
+
+    counts: Float64[np.ndarray, "i j"]
+    heights: Float64[np.ndarray, "i j"]
+    corner: Float64[np.ndarray, "2"]
+    cell: float
+    points_per_cell: float
+
+    @classmethod
+    def of(
+        cls,
+        points: Float64[np.ndarray, "n 3"],
+        weights: Float64[np.ndarray, " n"],
+        points_per_cell: float,
+        settings: StationSettings,
+    ) -> "_Ground | None":
+        """The map of some points, which stand for so many each; None where they have no area."""
+        corner = points[:, :2].min(axis=0)
+        extent = points[:, :2].max(axis=0) - corner
+        cell = float(np.sqrt(np.prod(extent) * points_per_cell / len(points)))
+        if not cell or (extent / cell).max() > len(points):
+            return None
+        shape = (extent / cell).astype(int) + 1
+        index = np.ravel_multi_index(tuple(((points[:, :2] - corner) / cell).astype(int).T), shape)
+        order = np.lexsort((points[:, 2], index))
+        index, height = index[order], points[order, 2]
+        starts = np.flatnonzero(np.append(True, index[1:] != index[:-1]))
+        number = np.diff(starts, append=len(index))
+        heights = np.full(shape.prod(), np.nan)
+        heights[index[starts]] = height[starts + (settings.ground * number).astype(int)]
+        lowest = _lowest_around(heights.reshape(shape), settings).ravel()
+        ground = (heights - lowest <= settings.rise * cell)[index]
+        ground &= np.abs(height - heights[index]) <= settings.thickness * cell
+        counts = np.bincount(index[ground], weights[order][ground], minlength=len(heights)).astype(float)
+        return cls(counts.reshape(shape), heights.reshape(shape), corner, cell, points_per_cell)
+
+    def around(self, centre: Float64[np.ndarray, "2"]) -> tuple[np.ndarray, np.ndarray]:
+        """Distance and direction, radians, of each cell from a place, in cells."""
+        rows, columns = np.indices(self.counts.shape)
+        return np.hypot(rows - centre[0], columns - centre[1]), np.arctan2(columns - centre[1], rows - centre[0])
+
+    def position(self, station: "_Station") -> Float64[np.ndarray, "3"]:
+        """Of the mirror, above the ground around it."""
+        distance, _ = self.around(station.centre)
+        beside = (distance > station.rim) & (distance < max(2 * station.height, 2 * station.rim)) & (self.counts > 0)
+        ground = np.median(self.heights[beside if beside.any() else self.counts > 0])
+        return np.append(self.corner + (station.centre + 0.5) * self.cell, ground + station.height * self.cell)
+
+
+def _lowest_around(heights: Float64[np.ndarray, "i j"], settings: StationSettings) -> Float64[np.ndarray, "i j"]:
+    """The ground in the neighbourhood of each cell."""
+    padding = [(0, -length % settings.block) for length in heights.shape]
+    filled = np.pad(np.nan_to_num(heights, nan=np.inf), padding, constant_values=np.inf)
+    shape = [length // settings.block for length in filled.shape]
+    blocks = filled.reshape(shape[0], settings.block, shape[1], settings.block).min(axis=(1, 3))
+    around = percentile_filter(blocks, 100 * settings.ground, size=settings.window, mode="constant", cval=np.inf)
+    lowest = np.repeat(np.repeat(around, settings.block, axis=0), settings.block, axis=1)
+    return lowest[: heights.shape[0], : heights.shape[1]]
+
+
+class _Station(NamedTuple):
+    """A station on the map; lengths in cells.
+
+    Attributes:
+        centre: its foot, by the rows and columns of the map.
+        height: of the mirror above the ground.
+        rays: in a square radian.
+        rim: radius of the hole below it.
+    """
+
+    centre: Float64[np.ndarray, "2"]
+    height: float
+    rays: float
+    rim: float
+
+    def expected(self, distance: np.ndarray) -> np.ndarray:
+        """Number of points in cells of the ground at some distance from its foot; see the module."""
+        away = np.maximum(distance, max(0.8 * self.rim, 0.5))
+        return np.asarray(self.rays * self.height / ((away**2 + self.height**2) * away))
+
+    def has_hole(self, settings: StationSettings) -> bool:
+        """Whether the hole below it is that of a scanner."""
+        return settings.hole[0] < self.rim / self.height < settings.hole[1]
+
+    def on(self, ground: _Ground, other: _Ground) -> "_Station":
+        """A station on one map as it is on another one of the same place."""
+        cells = ground.cell / other.cell
+        return _Station((self.centre + 0.5) * cells - 0.5, self.height * cells, self.rays, self.rim * cells)
+
+
+def _stations(ground: _Ground, settings: StationSettings) -> list[_Station]:
+    """The stations on a map: those of the proposed ones that the ground agrees with, once the others are explained.
+
+    Those that are found make others stand out, so that these are proposed again.
+    """
+    stations: list[_Station] = []
+    while True:
+        number = len(stations)
+        stations = _agreeing(ground, [*stations, *_proposed(ground, stations, settings)], settings)
+        if len(stations) <= number:
+            return stations
+
+
+def _agreeing(ground: _Ground, stations: list[_Station], settings: StationSettings) -> list[_Station]:
+    """The stations without those, a few at a time, that the ground agrees with the least."""
+    while stations:
+        stations = _fitted_together(ground, stations, settings)
+        total = _expected(ground, stations)
+        agreement = [
+            0.0
+            if any(np.linalg.norm(own.centre - other.centre) < other.rim for other in stations[:index])
+            else _agreement(ground, total - _expected(ground, [own]), own, settings)
+            for index, own in enumerate(stations)
+        ]
+        worst = min(agreement)
+        if worst >= settings.seen:
+            break
+        # What is none at all goes at once, of others the worst: without it the next may be one.
+        stations = [own for own, share in zip(stations, agreement, strict=True) if share > worst]
+    return stations
+
+
+def _expected(ground: _Ground, stations: list[_Station]) -> Float64[np.ndarray, "i j"]:
+    """The number of points in each cell that these stations give it together."""
+    total = np.zeros_like(ground.counts)
+    for own in stations:
+        total += own.expected(ground.around(own.centre)[0])
+    return total
+
+
+def _proposed(ground: _Ground, known: list[_Station], settings: StationSettings) -> Iterator[_Station]:
+    """What could be other stations: the densest rings around holes, in what the known stations do not explain.
+
+    Roots of counts, whose variances are alike, are compared: of the ring in the mean with those of the hole.
+    """
+    excess = np.maximum(ground.counts - _expected(ground, known), 0)
+    rims = [own for own in settings.rims if own < settings.largest * max(excess.shape)]
+    if not rims or not excess.any():
+        return
+    contrast = np.stack([_ring_contrast(np.sqrt(excess), rim, settings.arcs) for rim in rims])
+    for own in known:
+        contrast[:, ground.around(own.centre)[0] < 2 * own.rim] = 0
+    least = max(settings.contrast, settings.share * float(contrast.max()))
+    while contrast.max() >= least:
+        scale, *place = np.unravel_index(np.argmax(contrast), contrast.shape)
+        centre, rim = np.array(place, float), rims[int(scale)]
+        distance, _ = ground.around(centre)
+        contrast[:, distance < 2 * rim] = 0
+        yield _guessed(excess, distance, centre, rim, settings)
+
+
+def _ring_contrast(roots: Float64[np.ndarray, "i j"], rim: float, arcs: int) -> Float64[np.ndarray, "i j"]:
+    """What the darkest arc but one of a ring around each cell has more, in the mean, than the hole within.
+
+    Of the ring around the shadow of a thing the arcs behind it are dark; one may be so of a station's.
+    """
+    size = int(rim) + 3
+    row, column = np.mgrid[-size : size + 1, -size : size + 1]
+    away, arc = np.hypot(row, column), ((np.arctan2(column, row) / (2 * np.pi) + 0.5) * arcs).astype(int) % arcs
+    ring, hole = (away >= rim) & (away < rim + 2), away < rim - 0.5
+    brightness = [fftconvolve(roots, own / own.sum(), mode="same") for own in (ring & (arc == n) for n in range(arcs))]
+    within = fftconvolve(roots, hole / hole.sum(), mode="same")
+    return np.asarray(np.partition(brightness, 1, axis=0)[1] - within)
+
+
+def _guessed(
+    excess: Float64[np.ndarray, "i j"],
+    distance: Float64[np.ndarray, "i j"],
+    centre: Float64[np.ndarray, "2"],
+    rim: float,
+    settings: StationSettings,
+) -> _Station:
+    """The station in a hole: of a height between the least and the largest for it."""
+    height = rim / np.sqrt(settings.hole[0] * settings.hole[1])
+    beside = (distance >= rim) & (distance < rim + 3)
+    rays = np.mean((excess * (distance**2 + height**2) * distance / height)[beside])
+    return _Station(centre, float(height), float(rays), rim)
+
+
+def _fitted_together(ground: _Ground, stations: list[_Station], settings: StationSettings) -> list[_Station]:
+    """The stations, each fitted again to what the others leave: the first ones were fitted to what is of later ones."""
+    stations, total = list(stations), _expected(ground, stations)
+    for index in list(range(len(stations))) * settings.sweeps:
+        others = np.maximum(total - _expected(ground, [stations[index]]), 0)
+        stations[index] = _fitted(ground, others, stations[index], settings)
+        total = others + _expected(ground, [stations[index]])
+    return stations
+
+
+def _fitted(
+    ground: _Ground, explained: Float64[np.ndarray, "i j"], start: _Station, settings: StationSettings
+) -> _Station:
+    """The station that explains the density around one best, by least squares.
+
+    Residuals are those of the roots of the counts, whose variances are alike; a soft norm bounds what is hidden. Ground
+    that is seen from afar is in stripes and says nothing.
+    """
+    distance, _ = ground.around(start.centre)
+    if distance.min() > 1:
+        return start
+    rim = _rim(np.maximum(ground.counts - explained, 0), distance, settings)
+    used = (distance > rim + 1.5) & (distance < settings.reach) & (ground.counts > 0)
+    used &= start.expected(distance) + explained > settings.fewest
+    if used.sum() < settings.reach:
+        return start
+    return _refined(ground.counts, explained, used, start._replace(rim=rim), settings)
+
+
+def _rim(excess: Float64[np.ndarray, "i j"], distance: Float64[np.ndarray, "i j"], settings: StationSettings) -> float:
+    """The distance at which the ground is densest."""
+    within = distance < 0.7 * settings.reach
+    ring = distance[within].astype(int)
+    total, number = np.bincount(ring, excess[within]), np.bincount(ring)
+    return float(np.argmax(total / np.maximum(number, 1)))
+
+
+def _refined(
+    counts: Float64[np.ndarray, "i j"],
+    explained: Float64[np.ndarray, "i j"],
+    used: Bool[np.ndarray, "i j"],
+    start: _Station,
+    settings: StationSettings,
+) -> _Station:
+    """The station whose expected counts in some cells are the nearest to those found."""
+    rows, columns = np.nonzero(used)
+    found, others = np.sqrt(counts[used]), explained[used]
+
+    def station(values: Float64[np.ndarray, "4"]) -> _Station:
+        height, rays = np.exp(values[2:])
+        return _Station(values[:2], float(height), float(rays), start.rim)
+
+    def residuals(values: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, " m"]:
+        distance = np.hypot(rows - values[0], columns - values[1])
+        return 2 * (found - np.sqrt(station(values).expected(distance) + others))
+
+    # It stays within its hole, and its height may be twice as far off as a scanner's: what ends beyond those is none.
+    rim = max(start.rim, settings.rims[0])
+    lower = np.append(start.centre - rim, np.log([rim / settings.hole[1] / 2, start.rays / settings.freedom]))
+    upper = np.append(start.centre + rim, np.log([rim / settings.hole[0] * 2, start.rays * settings.freedom]))
+    values = np.clip(np.append(start.centre, np.log([start.height, start.rays])), lower + 1e-6, upper - 1e-6)
+    fit = least_squares(residuals, values, bounds=(lower, upper), loss="soft_l1")
+    return station(fit.x)
+
+
+def _agreement(
+    ground: _Ground, explained: Float64[np.ndarray, "i j"], station: _Station, settings: StationSettings
+) -> float:
+    """The share of the surroundings in which the ground has the density that a station gives it; 0 where it is none."""
+    distance, direction = ground.around(station.centre)
+    if not station.has_hole(settings) or station.rim > settings.largest * max(distance.shape):
+        return 0.0
+    excess, expected = np.maximum(ground.counts - explained, 0), station.expected(distance) + explained
+    hole, beside = distance < 0.7 * station.rim, np.abs(distance - station.rim) < 1.5
+    if not hole.any() or excess[hole].mean() > settings.filled * excess[beside].mean():
+        return 0.0
+    edges = np.geomspace(station.rim + 1.5, 2 * max(station.rim + 1.5, station.height), settings.rings + 1)
+    around = (distance > edges[0]) & (distance < edges[-1])
+    cells = around & (expected > settings.fewest) & (ground.counts > 0)
+    if not cells.any() or _deviation(ground.counts, expected, cells) > settings.deviation:
+        return 0.0
+    sector = ((direction / (2 * np.pi) + 0.5) * settings.sectors).astype(int) % settings.sectors
+    part = (sector + settings.sectors * (np.searchsorted(edges, distance) - 1))[around]
+    number = settings.sectors * settings.rings
+    found, wanted = (np.bincount(part, own[around], minlength=number) for own in (ground.counts, expected))
+    factor = np.where(wanted > 0, found, 0.0) / np.where(wanted > 0, wanted, 1.0)
+    return float(((factor > 1 / settings.agreement) & (factor < settings.agreement)).mean())
+
+
+def _deviation(
+    counts: Float64[np.ndarray, "i j"], expected: Float64[np.ndarray, "i j"], cells: Bool[np.ndarray, "i j"]
+) -> float:
+    """The median absolute logarithm of counts by expected ones, of cells with their neighbours: voxels are in steps."""
+    sums = [uniform_filter(np.where(cells, own, 0.0), 3, mode="constant")[cells] for own in (counts, expected)]
+    return float(np.median(np.abs(np.log(sums[0] / sums[1]))))
