@@ -45,6 +45,7 @@ class StationSettings:
         share: of the greatest contrast that those have at least that are looked at with it; others come later. 0: the
             shadows of things are taken for stations at first, which spoils the fit of those beside them.
         reach: radius in cells of what a station is fitted to.
+        near: the same in radii of the hole. Large: what other stations and things do further away biases the height.
         sweeps: how often each of several stations is fitted to what the others leave. 0: the height of the first ones
             is too large, by half of it at worst, as the points of others beside it count with it.
         freedom: largest factor that the number of rays changes by in a fit. 1: it is what was guessed.
@@ -76,6 +77,7 @@ class StationSettings:
     contrast: float = 1.5
     share: float = 0.5
     reach: float = 30.0
+    near: float = 3.0
     sweeps: int = 3
     freedom: float = 10.0
     fewest: float = 5.0
@@ -225,8 +227,13 @@ class _Station(NamedTuple):
 
     def expected(self, distance: np.ndarray) -> np.ndarray:
         """Number of points in cells of the ground at some distance from its foot; see the module."""
-        away = np.maximum(distance, max(0.8 * self.rim, 0.5))
+        away = np.maximum(distance, self.nearest)
         return np.asarray(self.rays * self.height / ((away**2 + self.height**2) * away))
+
+    @property
+    def nearest(self) -> float:
+        """Distance from its foot within which there is nothing to be expected but a hole."""
+        return max(0.8 * self.rim, 0.5)
 
     def has_hole(self, settings: StationSettings) -> bool:
         """Whether the hole below it is that of a scanner."""
@@ -349,7 +356,7 @@ def _fitted(
     if distance.min() > 1:
         return start
     rim = _rim(np.maximum(ground.counts - explained, 0), distance, settings)
-    used = (distance > rim + 1.5) & (distance < settings.reach) & (ground.counts > 0)
+    used = (distance > rim + 1.5) & (distance < min(settings.reach, settings.near * rim)) & (ground.counts > 0)
     used &= start.expected(distance) + explained > settings.fewest
     if used.sum() < settings.reach:
         return start
@@ -383,12 +390,20 @@ def _refined(
         distance = np.hypot(rows - values[0], columns - values[1])
         return 2 * (found - np.sqrt(station(values).expected(distance) + others))
 
+    def derivatives(values: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "m 4"]:
+        own, offsets = station(values), np.stack([rows - values[0], columns - values[1]])
+        distance = np.maximum(np.hypot(*offsets), own.nearest)
+        expected, squared = own.expected(distance), distance**2 + own.height**2
+        of_place = expected * (1 / distance + 2 * distance / squared) * offsets / distance
+        of_height = expected * (1 - 2 * own.height**2 / squared)
+        return np.stack([*of_place, of_height, expected], axis=1) / -np.sqrt(expected + others)[:, None]
+
     # It stays within its hole, and its height may be twice as far off as a scanner's: what ends beyond those is none.
     rim = max(start.rim, settings.rims[0])
     lower = np.append(start.centre - rim, np.log([rim / settings.hole[1] / 2, start.rays / settings.freedom]))
     upper = np.append(start.centre + rim, np.log([rim / settings.hole[0] * 2, start.rays * settings.freedom]))
     values = np.clip(np.append(start.centre, np.log([start.height, start.rays])), lower + 1e-6, upper - 1e-6)
-    fit = least_squares(residuals, values, bounds=(lower, upper), loss="soft_l1")
+    fit = least_squares(residuals, values, derivatives, bounds=(lower, upper), loss="soft_l1")
     return station(fit.x)
 
 
