@@ -216,7 +216,7 @@ def poses_text(changes: Changes) -> str | None:
     known = [side for side, own in used.items() if own]
     missing = [side for side in used if side not in known]
     text = f"Sensor poses: {_known_text(changes, known, missing)}"
-    resting = _resting(changes, missing)
+    resting = _resting(changes, missing) if missing else ""
     if not resting:
         return f"{text}."
     options = " or ".join(option for side in missing for option in (f"--sensor-{side} X Y Z", f"--views-{side} FILE"))

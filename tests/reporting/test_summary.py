@@ -205,3 +205,10 @@ def test_stations_that_were_recognised_are_told(pair):
     )
     assert "--sensor-after X Y Z" in missing and "before X" not in missing
     assert text(2, 3, 0, 0) == "Sensor poses: known for both scans."
+
+
+def test_nothing_rests_on_shape_where_all_poses_are_known(pair):
+    """What moved is judged by both."""
+    items = tuple(dataclasses.replace(item, explanation=explanation()) for item in pair[2].items)
+    assert "moved" in {item.kind for item in items}
+    assert poses_text(posed(pair[2], 1, 4, *items)) == "Sensor poses: known for both scans."
