@@ -1,6 +1,6 @@
 """The figures of the method, by the code that they explain: `python docs/figures/method.py [NAME ...]`.
 
-All but two show the storehouse of `gmmjax demo`, with half as many points.
+All but two show the storehouse of `gmmjax demo`, with half as many points, or as its scanner measured it.
 """
 
 import sys

@@ -97,23 +97,23 @@ def recognised_stations(
     counts: Int[np.ndarray, " n"] | None = None,
     settings: StationSettings = StationSettings(),
 ) -> Float64[np.ndarray, "s 3"]:
-    """Where the scanner's mirror was at each of the stations that can be recognised, the densest first.
+    """Where the scanner's mirror was at each of the stations that can be recognised; the equation is the module's.
 
     Args:
-        points: of a scan, or the means of its voxels; z points up. In any unit.
+        points: finite coordinates of a scan, or the means of its voxels; z points up. In any unit.
         counts: how many points each of them stands for; None: one.
         settings: what is a station.
 
     Returns:
-        Positions in the unit and frame of the points; none where the ground does not show any.
+        Positions in the unit and frame of the points, in no particular order; none where the ground shows no station.
     """
     if len(points) < 2:
         return np.empty((0, 3))
     rows = evenly_chosen(len(points), settings.most_points)
-    weights = np.ones(len(rows)) if counts is None else counts[rows].astype(float)
+    points, weights = points[rows], np.ones(len(rows)) if counts is None else counts[rows].astype(float)
     best: tuple[_Ground, list[_Station]] | None = None
     for points_per_cell in settings.points_per_cell:
-        ground = _Ground.of(points[rows], weights, points_per_cell, settings)
+        ground = _Ground.of(points, weights, points_per_cell, settings)
         stations = [] if ground is None else _stations(ground, settings)
         if best is not None and len(stations) <= len(best[1]):
             break
@@ -121,7 +121,7 @@ def recognised_stations(
             best = ground, stations
     if best is None:
         return np.empty((0, 3))
-    return _positions(points[rows], weights, *best, settings)
+    return _positions(points, weights, *best, settings)
 
 
 def _positions(
@@ -131,11 +131,11 @@ def _positions(
     stations: "list[_Station]",
     settings: StationSettings,
 ) -> Float64[np.ndarray, "s 3"]:
-    """Where the stations are, by a map on which their height is that of so many cells."""
-    cells = settings.height / float(np.median([own.height for own in stations]))
-    finer = _Ground.of(points, weights, ground.points_per_cell / max(cells, 1.0) ** 2, settings)
-    if cells > 1 and finer is not None:
-        stations = [own.on(ground, finer) for own in stations]
+    """Where the stations are, by a map on which their height is that of enough cells."""
+    refinement = settings.height / float(np.median([own.height for own in stations]))
+    finer = _Ground.of(points, weights, ground.points_per_cell / refinement**2, settings) if refinement > 1 else None
+    if finer is not None:
+        stations = [own.scaled(ground.cell / finer.cell) for own in stations]
         ground, stations = finer, _fitted_together(finer, stations, settings)
     return np.stack([ground.position(own) for own in stations])
 
@@ -186,14 +186,20 @@ class _Ground:
         counts = np.bincount(index[ground], weights[order][ground], minlength=len(heights)).astype(float)
         return cls(counts.reshape(shape), heights.reshape(shape), corner, cell, points_per_cell)
 
-    def around(self, centre: Float64[np.ndarray, "2"]) -> tuple[np.ndarray, np.ndarray]:
-        """Distance and direction, radians, of each cell from a place, in cells."""
-        rows, columns = np.indices(self.counts.shape)
-        return np.hypot(rows - centre[0], columns - centre[1]), np.arctan2(columns - centre[1], rows - centre[0])
+    def offsets(
+        self, centre: Float64[np.ndarray, "2"]
+    ) -> tuple[Float64[np.ndarray, "i 1"], Float64[np.ndarray, "1 j"]]:
+        """Of each row and each column from a place, in cells."""
+        rows, columns = np.ogrid[: self.counts.shape[0], : self.counts.shape[1]]
+        return rows - centre[0], columns - centre[1]
+
+    def distances(self, centre: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "i j"]:
+        """Of each cell from a place, in cells."""
+        return np.asarray(np.hypot(*self.offsets(centre)))
 
     def position(self, station: "_Station") -> Float64[np.ndarray, "3"]:
         """Of the mirror, above the ground around it."""
-        distance, _ = self.around(station.centre)
+        distance = self.distances(station.centre)
         beside = (distance > station.rim) & (distance < max(2 * station.height, 2 * station.rim)) & (self.counts > 0)
         ground = np.median(self.heights[beside if beside.any() else self.counts > 0])
         return np.append(self.corner + (station.centre + 0.5) * self.cell, ground + station.height * self.cell)
@@ -239,9 +245,8 @@ class _Station(NamedTuple):
         """Whether the hole below it is that of a scanner."""
         return settings.hole[0] < self.rim / self.height < settings.hole[1]
 
-    def on(self, ground: _Ground, other: _Ground) -> "_Station":
-        """A station on one map as it is on another one of the same place."""
-        cells = ground.cell / other.cell
+    def scaled(self, cells: float) -> "_Station":
+        """The station on a map of the same place with so many cells along the edge of a cell."""
         return _Station((self.centre + 0.5) * cells - 0.5, self.height * cells, self.rays, self.rim * cells)
 
 
@@ -281,7 +286,7 @@ def _expected(ground: _Ground, stations: list[_Station]) -> Float64[np.ndarray, 
     """The number of points in each cell that these stations give it together."""
     total = np.zeros_like(ground.counts)
     for own in stations:
-        total += own.expected(ground.around(own.centre)[0])
+        total += own.expected(ground.distances(own.centre))
     return total
 
 
@@ -296,12 +301,12 @@ def _proposed(ground: _Ground, known: list[_Station], settings: StationSettings)
         return
     contrast = np.stack([_ring_contrast(np.sqrt(excess), rim, settings.arcs) for rim in rims])
     for own in known:
-        contrast[:, ground.around(own.centre)[0] < 2 * own.rim] = 0
+        contrast[:, ground.distances(own.centre) < 2 * own.rim] = 0
     least = max(settings.contrast, settings.share * float(contrast.max()))
     while contrast.max() >= least:
         scale, *place = np.unravel_index(np.argmax(contrast), contrast.shape)
         centre, rim = np.array(place, float), rims[int(scale)]
-        distance, _ = ground.around(centre)
+        distance = ground.distances(centre)
         contrast[:, distance < 2 * rim] = 0
         yield _guessed(excess, distance, centre, rim, settings)
 
@@ -336,11 +341,14 @@ def _guessed(
 
 def _fitted_together(ground: _Ground, stations: list[_Station], settings: StationSettings) -> list[_Station]:
     """The stations, each fitted again to what the others leave: the first ones were fitted to what is of later ones."""
-    stations, total = list(stations), _expected(ground, stations)
-    for index in list(range(len(stations))) * settings.sweeps:
-        others = np.maximum(total - _expected(ground, [stations[index]]), 0)
-        stations[index] = _fitted(ground, others, stations[index], settings)
-        total = others + _expected(ground, [stations[index]])
+    total = _expected(ground, stations)
+    for _ in range(settings.sweeps):
+        again: list[_Station] = []
+        for own in stations:
+            others = np.maximum(total - _expected(ground, [own]), 0)
+            again.append(_fitted(ground, others, own, settings))
+            total = others + _expected(ground, again[-1:])
+        stations = again
     return stations
 
 
@@ -352,7 +360,8 @@ def _fitted(
     Residuals are those of the roots of the counts, whose variances are alike; a soft norm bounds what is hidden. Ground
     that is seen from afar is in stripes and says nothing.
     """
-    distance, _ = ground.around(start.centre)
+    distance = ground.distances(start.centre)
+    # It may have left the map.
     if distance.min() > 1:
         return start
     rim = _rim(np.maximum(ground.counts - explained, 0), distance, settings)
@@ -411,7 +420,7 @@ def _agreement(
     ground: _Ground, explained: Float64[np.ndarray, "i j"], station: _Station, settings: StationSettings
 ) -> float:
     """The share of the surroundings in which the ground has the density that a station gives it; 0 where it is none."""
-    distance, direction = ground.around(station.centre)
+    distance = ground.distances(station.centre)
     if not station.has_hole(settings) or station.rim > settings.largest * max(distance.shape):
         return 0.0
     excess, expected = np.maximum(ground.counts - explained, 0), station.expected(distance) + explained
@@ -423,7 +432,8 @@ def _agreement(
     cells = around & (expected > settings.fewest) & (ground.counts > 0)
     if not cells.any() or _deviation(ground.counts, expected, cells) > settings.deviation:
         return 0.0
-    sector = ((direction / (2 * np.pi) + 0.5) * settings.sectors).astype(int) % settings.sectors
+    row, column = ground.offsets(station.centre)
+    sector = ((np.arctan2(column, row) / (2 * np.pi) + 0.5) * settings.sectors).astype(int) % settings.sectors
     part = (sector + settings.sectors * (np.searchsorted(edges, distance) - 1))[around]
     number = settings.sectors * settings.rings
     found, wanted = (np.bincount(part, own[around], minlength=number) for own in (ground.counts, expected))
