@@ -31,7 +31,11 @@ NO_EVIDENCE = (
     "skip the evidence test, by which a change of a surface scan must lie where the other scan looked: where its views "
     'saw free space or, without views, off the surfaces next to it. Of "joint".'
 )
-Flags = flags_of(DetectionConfig, VALUES, {"evidence": NO_EVIDENCE})
+NO_STATIONS = (
+    "do not recognise the stations of a scanner on a tripod by the density of the ground around them. By default they "
+    'are the views of a scan that has none; z points up. Of "joint".'
+)
+Flags = flags_of(DetectionConfig, VALUES, {"evidence": NO_EVIDENCE, "recognise_stations": NO_STATIONS})
 
 
 def command(arguments: Sequence[str]) -> Callable[..., int]:
