@@ -52,13 +52,15 @@ class SurfaceRegistrationSettings:
             would; such a motion is left out where the clouds fit as well without. 0: it never is.
         same_transform: transforms that differ by fewer spacings, over the points, are one.
         preference: for the given frame, in the score from 0 to 1: of transforms that fit equally well, such as along a
-            plane, it is the one from there. 0: any of them may be applied.
+            plane, it is the one from there, and it is kept unless another is better by this. 0: any of them may be
+            applied.
         more_consistent: a transform that was not found from the given frame must be more consistent than one from
             there by this. 1: it never is. -1: that with the highest score is taken, so that two surveys that share half
             of their extent are slid over each other.
         least_overlap: overlap of the transform from the given frame, at least, for that. 0: a corner that fits may be
             enough.
-        needed: the transform is applied when it lowers the residual to this fraction or raises the overlap by the rest.
+        needed: the transform is applied, too, when it lowers the residual to this fraction or raises the overlap by the
+            rest, though the score hardly rises. 0: only where the score does.
     """
 
     voxels: int = 8_000
@@ -197,8 +199,14 @@ def _ratio(other: SurfaceFit, own: SurfaceFit) -> float:
 
 
 def _better(fit: SurfaceFit, given: SurfaceFit, settings: SurfaceRegistrationSettings) -> bool:
-    """Whether a transform is needed, compared with the clouds as they were given."""
-    return fit.residual < settings.needed * given.residual or fit.overlap > given.overlap + (1 - settings.needed)
+    """Whether a transform is needed, compared with the clouds as they were given.
+
+    The residual is a median: it does not show how far off the ends of a long room are, which are few of its points. The
+    score does. Where surveys overlap in part it may rise by sliding them over each other, the consistency does not.
+    """
+    rise = min(fit.score - given.score, fit.consistency - given.consistency)
+    lower, wider = settings.needed * given.residual, given.overlap + (1 - settings.needed)
+    return rise > settings.preference or fit.residual < lower or fit.overlap > wider
 
 
 def _refined_starts(

@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 from gmmjax.changes.align.alignment import aligned
 from gmmjax.pair import Pair
 from gmmjax.scenes import random_scene
+from tests.clouds.scanned_room import STATIONS, scan
 
 
 def room(seed, extra=None, points=5000):
@@ -62,6 +63,21 @@ def test_leaves_aligned_clouds_alone():
 def test_never_leaves_misaligned_clouds_alone():
     result = registered(room(2), room(3) + 0.02, "never")
     assert not result.applied and result.residual == result.residual_before > 0.008
+
+
+@pytest.mark.parametrize("shift", [0.05, 0.3])
+def test_a_shift_that_only_the_ends_of_a_room_show_is_taken_back(shift):
+    """Their share of the points is too small for the median offset to show it."""
+    sides = [STATIONS, STATIONS + np.array([[0.7, -0.4, 0.1], [-0.5, 0.6, 0.0]])]
+    before, after = (
+        np.concatenate([scan(own, 20_000, seed=10 * number + i) for i, own in enumerate(side)])
+        for number, side in enumerate(sides)
+    )
+    true = motion([shift, 0, 0], 0)
+    result = registered(before, after + true[:3, 3])
+    assert result.applied and result.residual > 0.9 * result.residual_before
+    assert error_of(result.transform, true, after) < 0.005
+    assert not registered(before, after).applied
 
 
 def test_does_not_slide_along_a_wall():
