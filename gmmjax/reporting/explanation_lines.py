@@ -58,7 +58,7 @@ def _of_changes(
             continue
         heading = f"{name:<{longest}}{GAP}"
         yield from _wrapped(heading, verdict_text(change.explanation), width, KIND_COLORS[change.kind])
-        if (text := measures_text(change, changes.unit)) is not None:
+        if (text := measures_text(changes, change)) is not None:
             yield from _wrapped(4 * " ", text, width, "")
         yield from _facts(Facts.of(change.explanation, settings.least_log_odds, settings.facts_of_change), width)
 

@@ -59,15 +59,17 @@ def area_text(value: float, unit: str | None) -> str:
     return number_text(value) if unit is None else f"{number_text(value)} {unit}²"
 
 
-def volume_text(value: float, unit: str | None, error: float | None = None) -> str:
+def volume_text(value: float, unit: str | None, error: float | None = None, *, greatest: float | None = None) -> str:
     """A volume such as "0.35 m³", and below 0.01 m³ "350 cm³"; the plain number where the unit is not known.
 
     Args:
         value: in the cube of the unit.
         unit: of the clouds; None where it is not known.
         error: half-width of its interval: "17.3 ± 0.4 m³"; None where it is not known.
+        greatest: of the volumes that it is shown among, by which all of them have one unit; None: it stands alone.
     """
-    scale, name = (1e6, " cm³") if unit == "m" and 0 < abs(value) < 0.01 else (1.0, f" {unit}³" if unit else "")
+    small = 0 < abs(value if greatest is None else greatest) < 0.01
+    scale, name = (1e6, " cm³") if unit == "m" and small else (1.0, f" {unit}³" if unit else "")
     text = number_text(value * scale) if error is None else _uncertain_text(value * scale, error * scale)
     return f"{text}{name}"
 

@@ -132,12 +132,12 @@ def unobserved_text(changes: Changes) -> str | None:
     return f"Not observed by the other survey: {' and '.join(parts)}." if parts else None
 
 
-def own_volume_text(change: Change, unit: str | None, *, signed: bool = True) -> str:
+def own_volume_text(changes: Changes, change: Change, *, signed: bool = True) -> str:
     """The volume of a change, "+17.3 ± 0.4 m³" or "in 3" where it is that of another one; empty where it is not known.
 
     Args:
-        change: that has it.
-        unit: of the clouds; None where it is not known.
+        changes: whose volumes have one unit.
+        change: one of them.
         signed: whether it has the sign of what was gained or lost.
     """
     if change.volume_counted_in is not None:
@@ -145,22 +145,22 @@ def own_volume_text(change: Change, unit: str | None, *, signed: bool = True) ->
     if change.volume is None:
         return ""
     sign = {"gain": "+", "loss": "−", None: ""}[change.gain_or_loss if signed else None]
-    return f"{sign}{volume_text(change.volume, unit, change.volume_error)}"
+    return f"{sign}{_volume_text(changes, change.volume, change.volume_error)}"
 
 
-def measures_text(change: Change, unit: str | None) -> str | None:
+def measures_text(changes: Changes, change: Change) -> str | None:
     """Area and volume of a change and how they were measured, in words; None where they were not.
 
     Args:
-        change: that has them.
-        unit: of the clouds; None where it is not known.
+        changes: whose volumes have one unit.
+        change: one of them.
     """
     if change.volume_counted_in is not None:
         return f"the other surface of change {change.volume_counted_in}, whose volume it is"
     if change.area is None or change.volume is None:
         return None
     how = "between both surfaces" if change.volume_method == "surface" else "of the convex hull"
-    return f"area {area_text(change.area, unit)}, volume {own_volume_text(change, unit)} {how}"
+    return f"area {area_text(change.area, changes.unit)}, volume {own_volume_text(changes, change)} {how}"
 
 
 def volumes_text(changes: Changes) -> str | None:
@@ -170,12 +170,12 @@ def volumes_text(changes: Changes) -> str | None:
         return None
     parts = []
     if totals.gained:
-        parts.append(f"{volume_text(totals.gained, changes.unit, totals.gained_error)} gained")
+        parts.append(f"{_volume_text(changes, totals.gained, totals.gained_error)} gained")
     if totals.lost:
-        parts.append(f"{volume_text(totals.lost, changes.unit, totals.lost_error)} lost")
+        parts.append(f"{_volume_text(changes, totals.lost, totals.lost_error)} lost")
     if len(parts) == 2:
         sign = "+" if totals.net > 0 else ""
-        parts.append(f"net {sign}{volume_text(totals.net, changes.unit, totals.net_error)}")
+        parts.append(f"net {sign}{_volume_text(changes, totals.net, totals.net_error)}")
     interval = "95 % intervals" if len(parts) > 1 else "95 % interval"
     return f"Volume: {', '.join(parts)} ({interval})." if parts else None
 
@@ -291,11 +291,17 @@ def place_text(
 def _object_row(changes: Changes, labels: tuple[int, ...], decimals: int) -> ObjectRow:
     own = [changes[label] for label in labels]
     text = motion_text(changes, (labels[0], labels[1])) if len(labels) == 2 else own[0].kind
-    volume = own_volume_text(own[-1], changes.unit, signed=len(labels) == 1)
+    volume = own_volume_text(changes, own[-1], signed=len(labels) == 1)
     area = "" if own[-1].area is None else area_text(own[-1].area, changes.unit)
     probability = percent(max(change.probability for change in own))
     label = ", ".join(map(str, labels))
     return ObjectRow(labels, own[0].kind, label, text, probability, *place_cells(own[-1], decimals), volume, area)
+
+
+def _volume_text(changes: Changes, value: float, error: float | None) -> str:
+    """A volume in the unit that all volumes of a record have."""
+    greatest = max((change.volume for change in changes if change.volume is not None), default=0.0)
+    return volume_text(value, changes.unit, error, greatest=greatest)
 
 
 def _decimals(extent: np.ndarray) -> int:

@@ -11,6 +11,7 @@ from gmmjax.reporting.summary import (
     answer,
     dropped_rows,
     headings,
+    measures_text,
     object_rows,
     percent,
     poses_text,
@@ -49,7 +50,7 @@ def test_a_moved_object_is_one_row_with_both_labels(pair):
     centre = pair[2][0].box.centre
     rows = object_rows(moved(pair, rotation_about(turn, centre, centre + np.array([0.06, 0.08, 0])), "m"))
     assert [(row.labels, row.label, row.text) for row in rows] == [((0, 1), "0, 1", "moved 0.10 m, turned 6°")]
-    assert rows[0].points == "60" and rows[0].volume == "4,200 cm³"
+    assert rows[0].points == "60" and rows[0].volume == "0.0042 m³"
     straight = rotation_about(np.eye(3), centre, centre + np.array([0.06, 0.08, 0]))
     assert object_rows(moved(pair, straight))[0].text == "moved 0.10"
 
@@ -90,6 +91,18 @@ def test_what_was_gained_and_lost_is_told_with_its_uncertainty(pair):
     only = dataclasses.replace(record, items=(gains, gains))
     assert volumes_text(only) == "Volume: 34.6 ± 0.7 m³ gained (95 % interval)."
     assert volumes_text(pair[2]) is None
+
+
+def test_all_volumes_have_one_unit(pair):
+    """Beside cubic metres, 8,000 cm³ read as if they were much."""
+    items = pair[2].items
+    small, great = measured(items[0], 0.008, 0.006, "gain"), measured(items[1], 0.2, 0.05, "loss")
+    record = dataclasses.replace(pair[2], items=(small, great), unit="m")
+    assert [row.volume for row in object_rows(record)] == ["+0.008 ± 0.006 m³", "−0.20 ± 0.05 m³"]
+    assert volumes_text(record).startswith("Volume: 0.008 ± 0.006 m³ gained, 0.20 ± 0.05 m³ lost")
+    assert measures_text(record, small) == "area 12.0 m², volume +0.008 ± 0.006 m³ between both surfaces"
+    alone = dataclasses.replace(record, items=(small,))
+    assert [row.volume for row in object_rows(alone)] == ["+8,000 ± 6,000 cm³"]
 
 
 def test_no_change(pair):
