@@ -69,7 +69,7 @@ def aligned(
 
     Args:
         points: all points that are compared, in any unit.
-        mode: "auto" transforms the after cloud where the residual says that it is needed, "always" whenever a transform
+        mode: "auto" transforms the after cloud where the fit says that it is needed, "always" whenever a transform
             is found, "never" takes the clouds as they are.
         voxel_size: edge of the voxels that are compared, in the unit of the clouds; None: from the clouds.
         seed: of the mixtures that clouds that fill volumes are registered by.
