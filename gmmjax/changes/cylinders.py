@@ -10,6 +10,7 @@ import itertools
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int
@@ -109,9 +110,14 @@ def _parts_for(threads: int, cylinders: int, fewest: int = 256) -> list[slice]:
 
 
 def _parts_that_fit(cylinders: Cylinders, most_spheres: int = 20_000) -> list[slice]:
-    """Slices of the cylinders with about so many spheres each: what is found in them must fit into memory."""
-    last = np.cumsum(cylinders.spheres) // most_spheres
-    edges = [0, *(np.flatnonzero(np.diff(last)) + 1), len(cylinders)]
+    """Slices of the cylinders with about so many spheres each: what is computed of them must fit into memory."""
+    return _parts_by_size(cylinders.spheres, most_spheres)
+
+
+def _parts_by_size(sizes: Int[np.ndarray, " n"], most: int) -> list[slice]:
+    """Slices of a number of things whose sizes sum up to about so much each."""
+    last = np.cumsum(sizes) // most
+    edges = [0, *(np.flatnonzero(np.diff(last)) + 1), len(sizes)]
     return list(itertools.starmap(slice, itertools.pairwise(edges)))
 
 
@@ -130,42 +136,71 @@ def _native_search(points: Float64[np.ndarray, "m 3"], kernels: ModuleType) -> S
 
 def _plain_search(points: Float64[np.ndarray, "m 3"]) -> Search:
     """The search with SciPy's k-d tree."""
-    # The spheres have some slack, which must be more than the rounding of coordinates.
+    # The slack of the spheres must be more than the rounding of coordinates.
     offset = points[0]
     points = points - offset
     tree = cKDTree(points)
 
-    def search(cylinders: Cylinders) -> Projections:
+    def search(cylinders: Cylinders, most_points: int = 1_000_000) -> Projections:
         centred = dataclasses.replace(cylinders, centres=cylinders.centres - offset)
-        owner, projected = _points_inside(points, tree, centred)
-        count = np.bincount(owner, minlength=len(cylinders))
-        with np.errstate(invalid="ignore"):
-            mean = np.bincount(owner, projected, len(cylinders)) / count
-            squares = np.bincount(owner, (projected - mean[owner]) ** 2, len(cylinders))
-            variance = np.where(count > 1, squares / (count - 1), np.nan)
-        return Projections(count, mean, variance)
+        # Near a scanner a cylinder has thousands of times as many points as far from it.
+        spheres = _Spheres.of(centred)
+        found = np.bincount(spheres.owner, tree.query_ball_point(*spheres.balls, return_length=True), len(cylinders))
+        parts = _parts_by_size(found.astype(np.int64), most_points)
+        return Projections.joined(_projections_of_part(points, tree, centred.part(chosen)) for chosen in parts)
 
     return search
 
 
-def _points_inside(
-    points: Float64[np.ndarray, "m 3"], tree: cKDTree, cylinders: Cylinders, slack: float = 1e-9
-) -> tuple[Int[np.ndarray, " f"], Float64[np.ndarray, " f"]]:
-    """For each point in a cylinder, the cylinder's index and the point's projection to its axis.
+class _Spheres(NamedTuple):
+    """Spheres along the axes of cylinders, that cover them.
 
-    Args:
-        points: of the cloud.
-        tree: of the points.
-        cylinders: about which spheres are looked up.
-        slack: by which these are larger than they need be, as a fraction.
+    Attributes:
+        owner: the cylinder of each.
+        piece: which one of its spheres.
+        length: of the piece of the axis that it covers.
+        balls: their centres and radii.
     """
-    spheres = cylinders.spheres
-    owner = np.repeat(np.arange(len(cylinders)), spheres)
-    piece = np.arange(len(owner)) - np.repeat(np.cumsum(spheres) - spheres, spheres)
-    length = (2 * cylinders.half_lengths / spheres)[owner]
-    along = (piece + 0.5) * length - cylinders.half_lengths[owner]
-    centres = cylinders.centres[owner] + along[:, None] * cylinders.axes[owner]
-    lists = tree.query_ball_point(centres, np.hypot(cylinders.radii[owner], length / 2) * (1 + slack))
+
+    owner: Int[np.ndarray, " s"]
+    piece: Int[np.ndarray, " s"]
+    length: Float64[np.ndarray, " s"]
+    balls: tuple[Float64[np.ndarray, "s 3"], Float64[np.ndarray, " s"]]
+
+    @classmethod
+    def of(cls, cylinders: Cylinders, slack: float = 1e-9) -> "_Spheres":
+        """Those of some cylinders.
+
+        Args:
+            cylinders: that they cover.
+            slack: by which they are larger than they need be, as a fraction: more than the rounding of coordinates.
+        """
+        spheres = cylinders.spheres
+        owner = np.repeat(np.arange(len(cylinders)), spheres)
+        piece = np.arange(len(owner)) - np.repeat(np.cumsum(spheres) - spheres, spheres)
+        length = (2 * cylinders.half_lengths / spheres)[owner]
+        along = (piece + 0.5) * length - cylinders.half_lengths[owner]
+        centres = cylinders.centres[owner] + along[:, None] * cylinders.axes[owner]
+        return cls(owner, piece, length, (centres, np.hypot(cylinders.radii[owner], length / 2) * (1 + slack)))
+
+
+def _projections_of_part(points: Float64[np.ndarray, "m 3"], tree: cKDTree, cylinders: Cylinders) -> Projections:
+    """As `projections`, with the tree of the points, for as many cylinders as fit into memory."""
+    owner, projected = _points_inside(points, tree, cylinders)
+    count = np.bincount(owner, minlength=len(cylinders))
+    with np.errstate(invalid="ignore"):
+        mean = np.bincount(owner, projected, len(cylinders)) / count
+        squares = np.bincount(owner, (projected - mean[owner]) ** 2, len(cylinders))
+        variance = np.where(count > 1, squares / (count - 1), np.nan)
+    return Projections(count, mean, variance)
+
+
+def _points_inside(
+    points: Float64[np.ndarray, "m 3"], tree: cKDTree, cylinders: Cylinders
+) -> tuple[Int[np.ndarray, " f"], Float64[np.ndarray, " f"]]:
+    """For each point in a cylinder, the cylinder's index and the point's projection to its axis."""
+    owner, piece, length, balls = _Spheres.of(cylinders)
+    lists = tree.query_ball_point(*balls)
     sizes = np.fromiter(map(len, lists), np.int64, len(lists))
     indices = np.concatenate([np.asarray(found, np.int64) for found in (*lists, [])])
     owner, piece, length = (np.repeat(values, sizes) for values in (owner, piece, length))
@@ -178,6 +213,6 @@ def _points_inside(
     projected = (offsets * axes).sum(axis=1)
     squared = ((offsets - projected[:, None] * axes) ** 2).sum(axis=1)
     # A point is of one piece of the cylinder, though it may lie in several of the spheres.
-    own = np.minimum((projected + half) // length, spheres[owner] - 1) == piece
+    own = np.minimum((projected + half) // length, cylinders.spheres[owner] - 1) == piece
     inside = own & (np.abs(projected) <= half) & (squared <= cylinders.radii[owner] ** 2)
     return owner[inside], projected[inside]

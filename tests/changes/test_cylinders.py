@@ -5,6 +5,7 @@ import functools
 import os
 import subprocess
 import sys
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -162,3 +163,17 @@ def test_narrower_vectors_find_the_same(instructions, tmp_path):
     subprocess.run(command, check=True, env=os.environ | {"GMMJAX_INSTRUCTIONS": instructions})
     with np.load(file) as arrays:
         assert_same(Projections(*(arrays[name] for name in arrays.files)), projections(cloud, cylinders))
+
+
+def test_the_plain_search_bounds_its_memory_beside_a_scanner(monkeypatch):
+    """Millions of points are in a thousand cylinders that are hardly apart: a few hundred bytes each."""
+    monkeypatch.setattr(native, "host_kernels", lambda: None)
+    points = np.random.default_rng(0).uniform(-1, 1, (3000, 3))
+    axes = np.tile([0.0, 0.0, 1.0], (1000, 1))
+    around = Cylinders(np.zeros((1000, 3)), axes, np.full(1000, 2.0), np.full(1000, 2.0))
+    tracemalloc.start()
+    found = projections(points, around)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (found.count == len(points)).all()
+    assert peak < 0.5e9
