@@ -15,7 +15,7 @@ KEYS = (
     ("Esc", "back to everything"),
     ("1  2", "before, after"),
     ("3  4", "unchanged, not observed"),
-    ("5  6  7", "boxes, Gaussians, rejected"),
+    ("5  6  7  8", "boxes, Gaussians, rejected, stations"),
     ("c", "next colouring"),
     ("o", "opacity by probability"),
     ("b", "blink between before and after"),
@@ -52,6 +52,7 @@ SHOWN = (
     Toggle("boxes", "Boxes", "5", "A box around each change, an arrow where it moved", True),
     Toggle("gaussians", "Gaussians", "6", "The Gaussian of each change"),
     Toggle("rejected", "Rejected", "7", "What looked changed and was turned down"),
+    Toggle("stations", "Stations", "8", "Where the scanner stood, as recognised by the density of the ground", True),
 )
 EFFECTS = (
     Toggle("opacityByProbability", "Fade", "o", "Opacity by the probability of a change"),
@@ -110,6 +111,7 @@ def _keys(keys: str) -> str:
 def _toolbar(scene: Mapping[str, Any], changes: Changes) -> str:
     missing = set() if scene["has"]["unobserved"] else {"unobserved"}
     missing |= set() if changes.rejected else {"rejected"}
+    missing |= set() if scene["stations"] else {"stations"}
     missing |= set() if changes.items else {"boxes", "gaussians", "opacityByProbability"}
     missing |= set() if changes.items or changes.rejected else {"clip"}
     shown = "".join(_button(toggle) for toggle in SHOWN if toggle.name not in missing)

@@ -172,6 +172,7 @@ def packed_scene(
             }
             for candidate in changes.rejected
         ],
+        "stations": _station_records(changes, origin),
     }
     return PackedScene(scene, each(lambda side, own: _encoded(side.codes, lattice.depth, own), sides, planes))
 
@@ -330,6 +331,18 @@ def _change_records(changes: Changes, origin: Float[np.ndarray, "3"]) -> list[di
         }
         for label, change in enumerate(changes)
     ]
+
+
+def _station_records(changes: Changes, origin: Float[np.ndarray, "3"]) -> list[dict[str, Any]]:
+    """Where the sensors stood, as far as that was recognised, in the frame of the before cloud."""
+    records = []
+    for side in SIDES:
+        found = changes.diagnostics.get(side, {}).get("recognised_stations", [])
+        positions = np.asarray(found, float).reshape(-1, 3)
+        own = changes.registration.apply(positions) if side == "after" else positions
+        for number, position in enumerate(own - origin, 1):
+            records.append({"side": side, "number": number, "position": position.tolist()})
+    return records
 
 
 def _box_record(item: Any, origin: Float[np.ndarray, "3"]) -> dict[str, Any]:

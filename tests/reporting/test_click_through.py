@@ -61,6 +61,10 @@ def yard(pair):
         distance_before=points.before[:, 2],
         distance_after=points.after[:, 2],
         rejected=(rejected(),),
+        diagnostics={
+            "before": {"recognised_stations": [[0.0, 0.0, 1.5]]},
+            "after": {"recognised_stations": [[1.0, 0.5, 1.5]]},
+        },
         warnings=("the registration is in doubt",),
         unit="m",
     )
@@ -79,4 +83,5 @@ def test_every_row_toggle_and_key_of_a_report_does_something(tmp_path, yard):
 def test_a_report_without_changes_still_has_its_view(tmp_path, yard):
     clouds, changes = yard
     nothing = labelled(changes, np.full(6000, -1), np.full(6000, -1), ())
-    assert clicked_through(tmp_path, clouds, dataclasses.replace(nothing, rejected=(), warnings=())) == "0 rows\n"
+    nothing = dataclasses.replace(nothing, rejected=(), warnings=(), diagnostics={})
+    assert clicked_through(tmp_path, clouds, nothing) == "0 rows\n"

@@ -146,6 +146,14 @@ def test_toggles_are_offered_where_the_scene_has_what_they_show(pair, page):
     assert 'data-toggle="unobserved"' not in other
 
 
+def test_stations_are_offered_where_some_were_recognised(pair, page):
+    assert scene_of(page)["stations"] == []
+    assert 'data-toggle="stations"' not in page
+    recognised = {"after": {"recognised_stations": [[0.0, 0.0, 1.5]]}}
+    changes = dataclasses.replace(pair[2], diagnostics={**pair[2].diagnostics, **recognised})
+    assert 'data-toggle="stations"' in report_html(*pair[:2], changes, close_ups=SMALL)
+
+
 def test_warnings_are_at_the_top(pair):
     changes = dataclasses.replace(pair[2], warnings=("the registration is in doubt", HOSTILE))
     head = text_of(*pair[:2], changes).split("</header>")[0]

@@ -258,6 +258,22 @@ def test_what_the_page_is_told(pair, explained):
     assert np.allclose(np.linalg.norm(scene["towardsEye"]), 1)
 
 
+def test_stations_are_where_the_registered_scans_have_them(pair):
+    """Those of the after scan are recognised in its own frame."""
+    clouds, changes = Pair(*pair[:2]), pair[2]
+    transform = np.eye(4)
+    transform[:3, 3] = 10.0, 0.0, 0.0
+    diagnostics = {
+        "before": {"recognised_stations": [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]},
+        "after": {"recognised_stations": [[1.0, 2.0, 3.0]]},
+    }
+    registration = dataclasses.replace(changes.registration, applied=True, transform=transform)
+    shown = packed_scene(clouds, dataclasses.replace(changes, diagnostics=diagnostics, registration=registration)).scene
+    assert [(own["side"], own["number"]) for own in shown["stations"]] == [("before", 1), ("before", 2), ("after", 1)]
+    positions = np.array([own["position"] for own in shown["stations"]]) + shown["origin"]
+    np.testing.assert_allclose(positions, [[1, 2, 3], [4, 5, 6], [11, 2, 3]])
+
+
 def test_two_million_points_fit_a_page():
     """By a tenth of them: walls, a floor and things, with noise in everything that is stored."""
     random = np.random.default_rng(5)

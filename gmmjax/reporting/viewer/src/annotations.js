@@ -1,4 +1,4 @@
-// Which boxes, Gaussians, arrows and numbers a view has.
+// Which boxes, Gaussians, arrows, numbers and stations a view has.
 
 import { lineColor, themeColors } from "./colors.js";
 import { Overlay, principalAxes } from "./overlay.js";
@@ -19,6 +19,7 @@ export function annotate(scene, items, look, view, sides) {
   view.context.globalAlpha = 1;
   if (view.name === "main") drawArrows(items, look, overlay);
   drawRejected(items, look, overlay, sides);
+  drawStations(items, look, overlay, sides);
 }
 
 function drawChange(scene, { boxes, gaussians }, overlay, view, change, own) {
@@ -46,4 +47,14 @@ function drawRejected(items, look, overlay, sides) {
     if (!sides.includes(candidate.side)) return;
     overlay.box(candidate, overlay.theme.line, { width: own ? 2 : 1.2, dashed: true });
   });
+}
+
+// Not in the surroundings of a change: what is drawn there is of the change.
+function drawStations(items, look, overlay, sides) {
+  if (!look.settings.stations || look.clip) return;
+  overlay.context.globalAlpha = look.focus === null ? 1 : DIMMED;
+  for (const { side, number, position } of items.stations.filter((station) => sides.includes(station.side))) {
+    overlay.station(position, `${side} ${number}`, side === "before");
+  }
+  overlay.context.globalAlpha = 1;
 }

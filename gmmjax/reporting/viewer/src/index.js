@@ -15,6 +15,7 @@
 //   unchanged, unobserved: true       points that are drawn at all; those of changes always are
 //   boxes: true, gaussians: false     of the changes, with their numbers
 //   rejected: false                   boxes of the candidates that were turned down
+//   stations: true                    where the sensors stood, as far as that was recognised
 //   color: "kind"                     or "scan", "probability", "distance"; `viewer.legend` says what the colours mean
 //   opacityByProbability: false       the less probable, the fewer points
 //   blink: false                      the main view shows the two clouds in turn, once a second; every four seconds

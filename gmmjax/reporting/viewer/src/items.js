@@ -1,4 +1,4 @@
-// The changes and the rejected candidates of the scene, in the unit of the drawing.
+// The changes, the rejected candidates and the stations of the scene, in the unit of the drawing.
 
 import { bounds, clipBox, corners } from "./geometry.js";
 
@@ -7,6 +7,7 @@ export class Items {
   constructor(scene, scale) {
     this.changes = scene.changes.map((change) => scaled(change, scale));
     this.rejected = scene.rejected.map((candidate) => scaled(candidate, scale));
+    this.stations = scene.stations.map((own) => ({ ...own, position: own.position.map((value) => value * scale) }));
   }
 
   /** What a focus is on: a moved object is two changes. */

@@ -1,4 +1,4 @@
-// Boxes, Gaussians, arrows and numbers, drawn over the points in two dimensions: nothing hides them.
+// Boxes, Gaussians, arrows, numbers and stations, drawn over the points in two dimensions: nothing hides them.
 
 import { corners, dot } from "./geometry.js";
 
@@ -82,6 +82,40 @@ export class Overlay {
     this.context.lineCap = "butt";
   }
 
+  /** The triangle of a survey station, with its name to the left or right. */
+  station(position, name, left) {
+    const seen = this.project(position);
+    if (!seen) return;
+    const [x, y] = seen;
+    const size = 6 * this.pixelRatio;
+    const triangle = new Path2D();
+    triangle.moveTo(x, y - size);
+    triangle.lineTo(x + size, y + 0.7 * size);
+    triangle.lineTo(x - size, y + 0.7 * size);
+    triangle.closePath();
+    this.context.lineJoin = "round";
+    this.#stroke(triangle, this.theme.line, 1.6);
+    this.context.fillStyle = this.theme.line;
+    this.context.fillRect(x - 0.2 * size, y - 0.1 * size, 0.4 * size, 0.4 * size);
+    const [at, align] = left ? [x - 1.5 * size, "right"] : [x + 1.5 * size, "left"];
+    this.#text(name, at, y, { font: `500 ${11 * this.pixelRatio}px`, align, baseline: "middle", color: this.theme.line });
+  }
+
+  /** Draws a text with a halo; returns its width. */
+  #text(text, x, y, { font, align, baseline, color }) {
+    const { context } = this;
+    context.font = `${font} system-ui, sans-serif`;
+    context.textAlign = align;
+    context.textBaseline = baseline;
+    context.lineJoin = "round";
+    context.strokeStyle = this.theme.halo;
+    context.lineWidth = 4 * this.pixelRatio;
+    context.strokeText(text, x, y);
+    context.fillStyle = color;
+    context.fillText(text, x, y);
+    return context.measureText(text).width;
+  }
+
   /** The number of a change above its box; returns where it stands: left, top, right, bottom. */
   number(text, box, up, color) {
     const points = corners(box);
@@ -89,18 +123,8 @@ export class Overlay {
     const seen = this.project(box.centre.map((value, axis) => value + height * up[axis]));
     if (!seen) return null;
     const size = 15 * this.pixelRatio;
-    const { context } = this;
-    context.font = `700 ${size}px system-ui, sans-serif`;
-    context.textAlign = "center";
-    context.textBaseline = "bottom";
     const [x, y] = [seen[0], seen[1] - 4 * this.pixelRatio];
-    context.lineJoin = "round";
-    context.strokeStyle = this.theme.halo;
-    context.lineWidth = 4 * this.pixelRatio;
-    context.strokeText(text, x, y);
-    context.fillStyle = color;
-    context.fillText(text, x, y);
-    const half = context.measureText(text).width / 2 + 3 * this.pixelRatio;
+    const half = this.#text(text, x, y, { font: `700 ${size}px`, align: "center", baseline: "bottom", color }) / 2 + 3 * this.pixelRatio;
     return [x - half, y - size - 2 * this.pixelRatio, x + half, y + 2 * this.pixelRatio];
   }
 }

@@ -9,6 +9,7 @@ export const DEFAULTS = {
   boxes: true,
   gaussians: false,
   rejected: false,
+  stations: true,
   color: "kind",
   opacityByProbability: false,
   blink: false,
@@ -18,7 +19,7 @@ export const DEFAULTS = {
 };
 const COLORS = ["kind", "scan", "probability", "distance"];
 // What is drawn over the points, which stay as they are.
-const DRAWN_OVER = ["boxes", "gaussians", "rejected"];
+const DRAWN_OVER = ["boxes", "gaussians", "rejected", "stations"];
 
 /** Throws an error unless these are settings. */
 export function checkSettings(changed) {

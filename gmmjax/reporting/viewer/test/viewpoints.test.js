@@ -17,6 +17,7 @@ const SCENE = {
     { label: 1, partner: 0, centre: [4, 0, 0], extent: [2, 2, 2], rotation: AXES, mean: [4, 0, 0], covariance: AXES },
   ],
   rejected: [{ centre: [0, 5, 0], extent: [1, 1, 1], rotation: AXES }],
+  stations: [{ side: "after", number: 1, position: [2, 4, 6] }],
 };
 const items = new Items(SCENE, 0.1);
 const empty = { pointsOf: () => [], sampleOfOthers: () => [] };
@@ -76,6 +77,6 @@ test("settings are checked, and what is drawn over the points leaves them", () =
   assert.throws(() => checkSettings({ clip: 1 }), /clip is a boolean/);
   assert.throws(() => checkSettings({ color: "red" }), /color is "kind"/);
   checkSettings({ color: "distance", clipScale: 2 });
-  assert.ok(keepsPoints({ boxes: false, rejected: true }));
+  assert.ok(keepsPoints({ boxes: false, rejected: true, stations: false }));
   assert.ok(!keepsPoints({ boxes: false, clip: true }));
 });
