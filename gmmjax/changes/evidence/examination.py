@@ -15,6 +15,7 @@ from gmmjax.changes.differences import DetectionLimits, Differences, LocalDiffer
 from gmmjax.changes.evidence.candidate import Candidate, candidates_in
 from gmmjax.changes.evidence.continuation import Continuation, ContinuationSettings
 from gmmjax.changes.evidence.coverage_edge import ReferenceSurfaces
+from gmmjax.changes.evidence.facing import Facing
 from gmmjax.changes.evidence.facts import measured
 from gmmjax.changes.evidence.free_space import Observed, Sightlines, observation, sightlines
 from gmmjax.changes.evidence.pieces import PieceSettings, cut
@@ -128,13 +129,13 @@ def measured_candidates(
     opposite = each(lambda own, label: cKDTree(own[label >= 0]), points, labels).swapped
 
     def surroundings(
-        own: _Cut, support: np.ndarray, opposite: cKDTree, survey: Survey, areas: Areas
+        own: _Cut, support: np.ndarray, opposite: cKDTree, survey: Survey, other: Survey, areas: Areas
     ) -> list[Candidate]:
-        sight = None if survey.views is None else _sightlines(own.pieces, survey, limits)
-        around = Surroundings(*own, support, opposite, survey.surface, limits, areas, sight, settings.surroundings)
+        sight = None if other.views is None else _sightlines(own.pieces, survey, other, limits)
+        around = Surroundings(*own, support, opposite, other.surface, limits, areas, sight, settings.surroundings)
         return candidates_in(around)
 
-    return each(surroundings, cuts, support_planes, opposite, surveys.swapped, areas)
+    return each(surroundings, cuts, support_planes, opposite, surveys, surveys.swapped, areas)
 
 
 class _Cut(NamedTuple):
@@ -147,11 +148,11 @@ class _Cut(NamedTuple):
     everything: cKDTree
 
 
-def _sightlines(own: Candidates, survey: Survey, limits: DetectionLimits) -> Sightlines:
+def _sightlines(own: Candidates, survey: Survey, other: Survey, limits: DetectionLimits) -> Sightlines:
     """How surely the other survey observed the places of all points to be empty; 0 for those of no candidate."""
     rows = np.flatnonzero(own.labels >= 0)
     margin, offset = limits.local_distance(own.difference), limits.local_offset(own.difference)
-    found = sightlines(own.points[rows], survey, margin[rows], offset[rows])
+    found = sightlines(own.points[rows], other, margin[rows], offset[rows], Facing.of(survey, rows))
     whole = Sightlines(*(np.zeros(len(own.labels), values.dtype) for values in found))
     for values, of_rows in zip(whole, found, strict=True):
         values[rows] = of_rows

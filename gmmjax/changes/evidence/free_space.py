@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float64, Int8, Int64
 
+from gmmjax.changes.evidence.facing import Facing
 from gmmjax.changes.evidence.survey import Survey
 from gmmjax.geometry import LocalSurface, Nearest
 
@@ -33,7 +34,8 @@ class Sightlines(NamedTuple):
         beyond: how far the surface behind is beyond the place, in limits: the offset's from the plane of a flat
             surface, the margin along the ray elsewhere; the greatest over the views with nothing in front; 0: none.
         reached: number of views of which a line of sight ends at the place or behind it, however near the surface that
-            it ends on: in front of a place that none reaches a surface hides it.
+            it ends on: in front of a place that none reaches a surface hides it. A view that did not see past the place
+            reached no surface that faces away from it.
     """
 
     through: Int64[np.ndarray, " n"]
@@ -89,6 +91,7 @@ def sightlines(
     survey: Survey,
     margin: float | Float64[np.ndarray, " n"],
     offset: float | Float64[np.ndarray, " n"] = np.inf,
+    facing: Facing | None = None,
 ) -> Sightlines:
     """How surely a survey observed the places of points to be empty.
 
@@ -100,6 +103,7 @@ def sightlines(
         survey: of the other cloud; without views nothing is seen through or blocked.
         margin: as of `observation`.
         offset: as of `observation`.
+        facing: to which side the surfaces of the points face; None: to all sides.
     """
     through, blocked, reached = np.zeros((3, len(points)), int)
     result = Sightlines(through, blocked, np.zeros(len(points)), reached)
@@ -112,7 +116,11 @@ def sightlines(
             result.blocked[sight.shown] += sight.blocked
             unblocked = np.where(sight.blocked, 0.0, sight.beyond)
             result.beyond[sight.shown] = np.maximum(result.beyond[sight.shown], unblocked)
-            result.reached[sight.shown] += _reached(sight, survey, view)
+            reached = _reached(sight, survey, view)
+            if facing is not None:
+                away = facing.chosen(sight.shown).away(sight.places.points, survey.views.poses[view, :3, 3])
+                reached &= sight.through | ~away
+            result.reached[sight.shown] += reached
     return result
 
 
