@@ -9,6 +9,7 @@ from gmmjax.changes.evidence.examination import measured_candidates, observed_pl
 from gmmjax.changes.evidence.facts import FACTS, measured, names_of, sphere_directions
 from gmmjax.changes.evidence.free_space import Observed
 from gmmjax.changes.evidence.surroundings import Areas
+from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.clouds import SensorViews
 from gmmjax.pair import Pair
@@ -27,6 +28,7 @@ from tests.changes.evidence.floors import (
 FLOOR, OTHER = plane((0, 0), (2, 2), 0.0), plane((0, 0), (2, 2), 0.0, 5)
 CUBE = cube((1.0, 1.0), 0.4)
 UPWARDS = np.array([0.0, 0.0, 1.0])
+FROM_BELOW = SensorViews([[[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, -2], [0, 0, 0, 1]]], (53.0, 53.0), 3.0)
 
 
 def scene(thing, own_floor, other, views=None, unit=1.0, rotation=np.eye(3), order=None, noise=None):
@@ -121,6 +123,17 @@ def test_what_has_nothing_opposite_or_lies_to_both_sides_is_not_displaced(of_hol
     sides = SPACING / 2 * np.random.default_rng(0).choice([-1, 1], inside.sum())
     rough = scene(FLOOR[inside] + sides[:, None] * UPWARDS, FLOOR[~inside], OTHER)
     assert rough["displaced"] < 0.6
+
+
+@pytest.mark.parametrize(("own_views", "unreached"), [(FROM_BELOW, 1), (FROM_ABOVE, 0), (None, 0)])
+def test_the_side_of_a_sheet_that_faces_away_from_the_other_survey_was_not_reached(own_views, unreached):
+    """The other survey sees the same sheet, from above."""
+    labels = np.where(in_square(FLOOR, (1, 1), 0.6), 0, -1)
+    observed = np.full(len(FLOOR), Observed.surface, np.int8)
+    pair = Pair(candidates_of(FLOOR, labels, observed), nothing_of(OTHER))
+    surveys = Pair(Survey.of(FLOOR, own_views), Survey.of(OTHER, FROM_ABOVE))
+    (piece,) = measured_candidates(pair, surveys, LIMITS).before
+    assert measured(piece)["unreached"] == unreached
 
 
 @pytest.mark.parametrize("both", [True, False])
