@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float64, Int
 
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.detectors.detector import Scan
@@ -22,7 +22,7 @@ from gmmjax.changes.prepare.checking import NAMES, CheckedCloud
 from gmmjax.changes.prepare.local_resolution import LocalResolutionSettings, locally_reduced
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.changes.record import Changes
-from gmmjax.changes.signed_distance import PointFigures, SignedDistanceSettings, signed_distances
+from gmmjax.changes.signed_distance import PointFigures, SignedDistanceSettings, sensor_places, signed_distances
 from gmmjax.clouds import SensorViews
 from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each, each_on_cores
@@ -115,6 +115,11 @@ class AlignedScans:
             return PointFigures(*(values.astype(np.float32)[cloud.member] for values in own))
 
         return each(of_points, working, self.pair.working.clouds)
+
+    @property
+    def sensors(self) -> Pair[Float64[np.ndarray, "_ 3"]]:
+        """Where the sensors of both surveys stood; see `sensor_places`."""
+        return self.surveys.map(lambda survey: sensor_places(survey.views, survey.points))
 
     @functools.cached_property
     def members(self) -> Pair[Int[np.ndarray, " _"]]:

@@ -172,7 +172,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         if not prepared.volumetric:
             error, measures = found.registration_error, self.objects.measures
             distance = prepared.figures.map(lambda own: own.distance)
-            items = with_measures(items, labels, pair, error, distance, measures)
+            items = with_measures(items, labels, pair, error, distance, prepared.sensors, measures)
         clock.stop()
         emd, diagnostics = mixtures_distance(joint), _diagnostics(prepared, joint, clock)
         changes = found.record(prepared.checked, items, labels, emd, self.config, diagnostics, pair.registration)

@@ -29,37 +29,47 @@ def smoothed(difference: Float64[np.ndarray, "r c"]) -> Float64[np.ndarray, "r c
 
 
 def filled(
-    difference: Float64[np.ndarray, "r c"], footprint: Bool[np.ndarray, "r c"], count: int = 8
+    thickness: Float64[np.ndarray, "r c"],
+    footprint: Bool[np.ndarray, "r c"],
+    shown: Bool[np.ndarray, "r c"],
+    count: int = 8,
 ) -> tuple[Float64[np.ndarray, "r c"], float]:
-    """The differences with the mean of the nearest cells where there is none, and the variance of their sum."""
-    missing = footprint & ~np.isfinite(difference)
+    """The cells of a change without points by those about them, and the variance of their sum.
+
+    Args:
+        thickness: by how much the higher surface is above the lower one in each cell.
+        footprint: the cells of the change, one of which at least is known.
+        shown: the cells where the scan with the higher surface has points.
+        count: of the nearest cells, whose mean is taken where the gap is not enclosed.
+    """
+    missing = footprint & ~np.isfinite(thickness)
     if not missing.any():
-        return difference, 0.0
-    known = np.argwhere(footprint & np.isfinite(difference))
-    values, cells = difference[tuple(known.T)], np.argwhere(missing)
+        return thickness, 0.0
+    known = np.argwhere(footprint & np.isfinite(thickness))
+    values, cells = thickness[tuple(known.T)], np.argwhere(missing)
     near = values[nearest_neighbours(cKDTree(known), cells.astype(float), count)[1]]
-    means = near.mean(axis=1)
-    between = _interpolated(difference, missing)
+    gaps, means, between = (
+        ndimage.label(missing, SQUARE)[0][missing],
+        near.mean(axis=1),
+        _interpolated(thickness, missing),
+    )
     values = np.where(np.isfinite(between), between, means)
     spread = np.maximum(near.std(axis=1), np.abs(values - means))
-    if np.nansum(difference[footprint]) < 0:
-        # What the rim of a pit hides lies below the line of sight, on which the differences fall evenly.
-        deepest = _deepest(near, ndimage.label(missing, SQUARE)[0][missing])
-        room = np.maximum(values - deepest, 0)
-        values, spread = values - room / 2, np.maximum(spread, room / np.sqrt(12))
-    whole = difference.copy()
-    whole[missing] = values
+    # What the rim of a pit hides lies below the line of sight, on which the differences fall evenly.
+    room = np.where(shown[missing], np.maximum(_thickest(near, gaps) - values, 0), 0)
+    whole = thickness.copy()
+    whole[missing] = values + room / 2
     # Of one gap all is wrong together: by how its neighbours differ, or it from them.
-    of_gaps = np.bincount(ndimage.label(missing, SQUARE)[0][missing], spread)
+    of_gaps = np.bincount(gaps, np.maximum(spread, room / np.sqrt(12)))
     return whole, float((of_gaps**2).sum())
 
 
-def _deepest(near: Float64[np.ndarray, "m k"], gaps: Int[np.ndarray, " m"]) -> Float64[np.ndarray, " m"]:
-    """For each missing cell the middle of the deepest half of what lies about its gap."""
+def _thickest(near: Float64[np.ndarray, "m k"], gaps: Int[np.ndarray, " m"]) -> Float64[np.ndarray, " m"]:
+    """For each missing cell the middle of the thickest half of what lies about its gap."""
     found = np.zeros(len(near))
     for gap in np.unique(gaps):
         own = gaps == gap
-        found[own] = np.quantile(near[own], 0.25)
+        found[own] = np.quantile(near[own], 0.75)
     return found
 
 
@@ -78,7 +88,7 @@ class Hidden(NamedTuple):
     """What nobody saw behind a change, in areas of a cell times the unit of the differences.
 
     Attributes:
-        volume: to be added for it, signed as the differences, or the other way where the last cells count too much.
+        volume: to be added for it; of the other sign where the last cells count too much.
         error: its standard error.
     """
 
@@ -87,36 +97,66 @@ class Hidden(NamedTuple):
 
 
 def hidden(
-    difference: Float64[np.ndarray, "r c"],
+    thickness: Float64[np.ndarray, "r c"],
     shown: Bool[np.ndarray, "r c"],
     footprint: Bool[np.ndarray, "r c"],
-    foreign: Bool[np.ndarray, "r c"],
-    widest: int,
+    beside: Bool[np.ndarray, "r c"],
+    least: float,
 ) -> Hidden:
     """What may be hidden behind a change: between its outline and the surface that is seen behind it.
 
-    What a steep side hides lies below the line of sight, on which the differences fall evenly to those behind. At the
-    least the change ends where the last cells that were seen begin, at the most it fills all below that line: the
-    volume is uniform between both.
+    What a steep side hides lies below the line of sight, on which the differences fall evenly to those behind. Of an
+    object that line is the most: at the least it ends where the last cells that were seen begin. Of a pit it is the
+    least: at the most all that its rim hides is as deep as what is seen. The volume is uniform between both.
 
     Args:
-        difference: of each cell.
-        shown: the cells where the scan in which the surface is higher has points.
+        thickness: by how much the higher surface is above the lower one in each cell.
+        shown: the cells where the scan with the higher surface has points: there the lower one is hidden, by the rim of
+            a pit; elsewhere the higher one, by the crest of an object.
         footprint: the cells of the change.
-        foreign: those of other changes.
-        widest: how far behind the change it may be, in cells.
+        beside: the cells that may hide a part of it.
+        least: thickness on the line of sight, at least; below it a cell without points hides nothing.
     """
-    known = np.isfinite(difference)
-    near = ndimage.distance_transform_edt(~footprint) <= widest
-    missing = ~known & ~footprint & ~foreign & near
-    shadow = ndimage.binary_propagation(ndimage.binary_dilation(footprint, SQUARE) & missing, mask=missing)
-    if not shadow.any():
+    shadow = _beside(footprint, beside & ~np.isfinite(thickness) & ~footprint)
+    line = np.zeros(thickness.shape)
+    line[shadow] = np.nan_to_num(_interpolated(thickness, shadow))
+    shadow = shadow & (line > least)
+    behind_crest = _behind_crest(thickness, line, footprint, shadow & ~shown)
+    below_rim = _below_rim(thickness, line, footprint, shadow & shown)
+    return Hidden(behind_crest.volume + below_rim.volume, float(np.hypot(behind_crest.error, below_rim.error)))
+
+
+def _beside(footprint: Bool[np.ndarray, "r c"], cells: Bool[np.ndarray, "r c"]) -> Bool[np.ndarray, "r c"]:
+    """Those of the cells that hang together with the footprint."""
+    return np.asarray(ndimage.binary_propagation(ndimage.binary_dilation(footprint, SQUARE) & cells, mask=cells))
+
+
+def _behind_crest(
+    thickness: Float64[np.ndarray, "r c"],
+    line: Float64[np.ndarray, "r c"],
+    footprint: Bool[np.ndarray, "r c"],
+    shadow: Bool[np.ndarray, "r c"],
+) -> Hidden:
+    """What an object may hide of itself, below the line of sight."""
+    last = footprint & np.isfinite(thickness) & ndimage.binary_dilation(shadow, CROSS > 0)
+    room, of_last = line[shadow].sum(), np.maximum(thickness[last], 0).sum()
+    return Hidden(float((room - of_last) / 2), float((room + of_last) / np.sqrt(12)))
+
+
+def _below_rim(
+    thickness: Float64[np.ndarray, "r c"],
+    line: Float64[np.ndarray, "r c"],
+    footprint: Bool[np.ndarray, "r c"],
+    shadow: Bool[np.ndarray, "r c"],
+) -> Hidden:
+    """What the near rim of a pit hides of it, below the line of sight."""
+    known = np.argwhere(footprint & np.isfinite(thickness))
+    if not shadow.any() or not len(known):
         return Hidden(0.0, 0.0)
-    sense = np.sign(np.nansum(difference[footprint]))
-    last = footprint & known & ndimage.binary_dilation(shadow & ~shown, CROSS > 0)
-    room = np.maximum(sense * np.nan_to_num(_interpolated(difference, shadow)), 0).sum()
-    of_last = np.maximum(sense * difference[last], 0).sum()
-    return Hidden(float(sense * (room - of_last) / 2), float((room + of_last) / np.sqrt(12)))
+    near = nearest_neighbours(cKDTree(known), np.argwhere(shadow).astype(float), 8)[1]
+    thickest = _thickest(thickness[tuple(known.T)][near], ndimage.label(shadow, SQUARE)[0][shadow])
+    below = np.maximum(thickest - line[shadow], 0).sum()
+    return Hidden(float(line[shadow].sum() + below / 2), float(below / np.sqrt(12)))
 
 
 def noise(difference: Float64[np.ndarray, "r c"], footprint: Bool[np.ndarray, "r c"]) -> float:
@@ -129,3 +169,13 @@ def noise(difference: Float64[np.ndarray, "r c"], footprint: Bool[np.ndarray, "r
     )
     chosen = footprint & known & (number > 0)
     return float(((values - mean)[chosen] ** 2 * number[chosen] / (number[chosen] + 1)).sum())
+
+
+def steepness(thickness: Float64[np.ndarray, "r c"], footprint: Bool[np.ndarray, "r c"]) -> float:
+    """What a volume gains when its steep sides are a cell further out: the thickness along these.
+
+    Slopes count by how much of the whole thickness they rise in a cell: gentle ones not at all.
+    """
+    inside = np.where(footprint, np.nan_to_num(thickness), 0.0)
+    slopes = np.hypot(*np.gradient(inside))
+    return float((slopes**2).sum() / max(inside.max(), np.finfo(float).tiny))

@@ -58,6 +58,7 @@ def with_measures(
     pair: AlignedPair,
     noise: float,
     distance: Pair[Float[np.ndarray, " _"]],
+    sensors: Pair[Float64[np.ndarray, "_ 3"]],
     settings: MeasureSettings = MeasureSettings(),
 ) -> tuple[Change, ...]:
     """The changes with the smallest box around their points, but for outliers, their area and their volume.
@@ -71,6 +72,7 @@ def with_measures(
         pair: both clouds, registered.
         noise: standard deviation of the offset between local means of one surface.
         distance: signed distance of each point to the other surface; NaN where there is none.
+        sensors: where those of each survey stood.
         settings: how they are measured.
     """
     points = [_points_of(index, pair.points, labels) for index in range(len(items))]
@@ -84,7 +86,7 @@ def with_measures(
     boxed = [_boxed(item, own, plane, settings) for item, own, plane in zip(items, kept, planes, strict=True)]
     sides = [bool((labels.after == index).any()) for index in range(len(items))]
     measured = [MeasuredPart(*part) for part in zip(kept, sides, planes, strict=True)]
-    return with_volumes(boxed, measured, labels, pair, distance, noise, settings.volumes)
+    return with_volumes(boxed, measured, labels, pair, distance, sensors, noise, settings.volumes)
 
 
 def _points_of(

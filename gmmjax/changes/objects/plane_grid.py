@@ -31,6 +31,12 @@ class PlaneGrid(NamedTuple):
         cells = self.cells(places)
         return np.bincount(cells[cells >= 0], minlength=self.shape[0] * self.shape[1]).reshape(self.shape)
 
+    def seen(self, places: Float64[np.ndarray, "n 2"], parts: int) -> Int[np.ndarray, "r c"]:
+        """How many of the parts of each cell have places."""
+        cells = self.cells(places, parts)
+        number = np.bincount(cells[cells >= 0], minlength=self.shape[0] * self.shape[1] * parts**2)
+        return (number > 0).reshape(self.shape[0], parts, self.shape[1], parts).sum(axis=(1, 3))
+
     def means(
         self, places: Float64[np.ndarray, "n 2"], values: Float64[np.ndarray, " n"], parts: int
     ) -> Float64[np.ndarray, "r c"]:

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float64, Int
 from scipy import ndimage, stats
 from scipy.spatial import cKDTree
 
-from gmmjax.changes.objects.difference_cells import SQUARE, filled, hidden, noise, smoothed
+from gmmjax.changes.objects.difference_cells import SQUARE, Hidden, filled, hidden, noise, smoothed, steepness
 from gmmjax.changes.objects.plane_grid import PlaneGrid
 from gmmjax.geometry import LocalSurface, evenly_chosen, nearest_neighbours
 from gmmjax.pair import Pair, each
@@ -38,14 +38,17 @@ class SurfaceVolumeSettings:
             the trunks on a slope, have heights without bounds.
         beyond: points this far above or below all that is of the change, in its thickness, belong to something else,
             such as branches above a slope or a shelf above a floor. Infinite: they are taken for ground.
+        outline: standard deviation of where the steep sides of a change lie, in cells: of a cell there a scan may show
+            one half only. 0: they are taken to be seen as evenly as flat ground.
         rim: what lies around the labelled points is of the change as long as its mean difference, ring by ring,
             exceeds this number of standard errors. Infinite: the thin rim, below the limit of detection, is left out.
         certain: cells beyond the labelled points, whose difference with their neighbours exceeds this number of
             standard errors, and the standard deviation of the heights within a cell, are of the change like those that
-            are labelled. 0: noise beside it is; infinite: what the detection has missed of it is left to the rim.
-        reach: distance of such cells from the labelled ones, at most, in half extents of the change. 0: there are none;
-            large: much is looked at that has nothing to do with it.
-        widest_rim: width of the rim, at most, in radii of the change. 0: there is none.
+            are labelled; what a cell without points may hide counts where the line of sight to it does. 0: noise beside
+            it is; infinite: what the detection has missed of it is left to the rim.
+        reach: distance of such cells from the labelled ones, at most, in half extents of the change, and of what the
+            rim of a pit hides, in its radii. 0: there are none; large: much is looked at that is not of the change.
+        widest_rim: width of the rim, at most, in radii of the change, and of what its crest hides. 0: there is none.
         clear: distance from the change, in cells, from which on its surroundings begin. 0: its rim is in them.
         surroundings: width of the unchanged surroundings by which the change is measured, in its radii. 0: none, and
             the registration error is that of the pair.
@@ -65,6 +68,7 @@ class SurfaceVolumeSettings:
     planes: int = 4
     steepest: float = 0.3
     beyond: float = 1.0
+    outline: float = 0.04
     rim: float = 1.0
     certain: float = 4.0
     reach: float = 2.0
@@ -170,6 +174,7 @@ class SurfaceMap(NamedTuple):
         difference: by how much the after scan is above the before scan, without the offset; NaN where one of them has
             no points.
         shown: the cells where the scan with the higher surface has points; the others are in its shadow.
+        partly: the cells where the scan with the lower surface has points in one part only, as beside the rim of a pit.
         offset: what both scans differ by in the surroundings.
         counts: of the points of the change.
         labelled: the cells with points of the change, gaps between them closed.
@@ -182,6 +187,7 @@ class SurfaceMap(NamedTuple):
     across: Float64[np.ndarray, "2 3"]
     difference: Float64[np.ndarray, "r c"]
     shown: Bool[np.ndarray, "r c"]
+    partly: Bool[np.ndarray, "r c"]
     offset: _Offset
     counts: Int[np.ndarray, "r c"]
     labelled: Bool[np.ndarray, "r c"]
@@ -220,6 +226,7 @@ class SurfaceMap(NamedTuple):
         offset = _offset(difference, beside, int(core.sum()), registration_error, settings)
         higher = maps.after if np.nansum((difference - offset.value)[core]) >= 0 else maps.before
         shown = np.isfinite(higher.heights)
+        partly = (maps.before if higher is maps.after else maps.after).partly
         spread = smoothed(np.fmax(maps.before.spread, maps.after.spread))
         grown = _grown(difference - offset.value, core, shown, spread, foreign, offset, settings)
         # Once more, in the surroundings of all of it.
@@ -228,31 +235,57 @@ class SurfaceMap(NamedTuple):
         around = (distance > settings.clear) & (distance <= settings.clear + width) & ~foreign
         offset = _offset(difference, around, int(grown.sum()), registration_error, settings)
         difference = difference - offset.value
-        return cls(change, grid, across, difference, shown, offset, counts, core, grown, foreign)
+        return cls(change, grid, across, difference, shown, partly, offset, counts, core, grown, foreign)
 
     def volume(self, settings: SurfaceVolumeSettings = SurfaceVolumeSettings()) -> SurfaceVolume:
         """The volume between both surfaces over the change, its thin rim included.
 
         The uncertainty is made of the noise of the cells, which averages out; of the difference between both scans
-        where nothing changed, which does not; of cells where one of the scans has no points; and of the rim.
+        where nothing changed, which does not; of cells where one of the scans has no points, or on one side only; and
+        of the rim.
 
         Args:
             settings: how it is measured.
         """
         difference, offset = self.difference, self.offset
         footprint, left_out = _with_rim(difference, self.core, self.foreign, _widest(self.core, settings), settings)
-        whole, gaps = filled(difference, footprint)
-        behind = hidden(difference, self.shown, footprint, self.foreign, _widest(self.core, settings))
+        sense = float(np.sign(np.nansum(difference[footprint])))
+        thickness = sense * difference
+        whole, gaps = filled(thickness, footprint, self.shown)
+        behind, outline = self._hidden(thickness, footprint, settings), settings.outline * steepness(whole, footprint)
         of_cells = max(noise(difference, footprint), offset.density * footprint.sum())
         area, quantile = self.grid.edge**2, float(stats.t.ppf((1 + settings.confidence) / 2, offset.freedom))
         common = float(quantile * area * footprint.sum() * offset.error)
-        independent = quantile * area * np.sqrt(of_cells + gaps + left_out**2 + behind.error**2)
+        of_rim = left_out**2 + outline**2 + self._of_partly(whole, footprint) ** 2
+        independent = quantile * area * np.sqrt(of_cells + gaps + of_rim + behind.error**2)
         return SurfaceVolume(
             area=float(area * (_labelled_share(self, settings) * self.labelled).sum()),
-            gain=float(area * (whole[footprint].sum() + behind.volume)),
+            gain=sense * float(area * (whole[footprint].sum() + behind.volume)),
             error=float(np.hypot(common, independent)),
             registration_error=common,
         )
+
+    def _of_partly(self, whole: Float64[np.ndarray, "r c"], footprint: Bool[np.ndarray, "r c"]) -> float:
+        """By how much the volume differs without the cells that show one part of the lower surface, in areas of a cell.
+
+        Those beside gaps and at the outline are meant, where something may hide the rest; all of it where there are no
+        others.
+        """
+        known = np.isfinite(self.difference)
+        inside = ndimage.binary_erosion(footprint & known, SQUARE)
+        fully = np.where(known & (inside | ~self.partly), whole, np.nan)
+        if not np.isfinite(fully[footprint]).any():
+            return float(whole[footprint].sum())
+        return float((filled(fully, footprint, self.shown)[0] - whole)[footprint].sum())
+
+    def _hidden(
+        self, thickness: Float64[np.ndarray, "r c"], footprint: Bool[np.ndarray, "r c"], settings: SurfaceVolumeSettings
+    ) -> Hidden:
+        """What nobody saw behind the change; see `hidden`."""
+        # The rim of a deep pit hides most of it; behind the crest of an object is its shadow, which is longer than it.
+        reach = np.where(self.shown, settings.reach * np.sqrt(self.core.sum() / np.pi), _widest(self.core, settings))
+        beside = (ndimage.distance_transform_edt(~footprint) <= reach) & ~self.foreign
+        return hidden(thickness, self.shown, footprint, beside, settings.certain * float(np.sqrt(self.offset.density)))
 
 
 def _widest(core: Bool[np.ndarray, "r c"], settings: SurfaceVolumeSettings) -> int:
@@ -296,10 +329,17 @@ def _spacing(
 
 
 class _HeightMap(NamedTuple):
-    """The mean height of a scan in each cell, and its standard deviation there; NaN where it has no points."""
+    """A scan in the cells.
+
+    Attributes:
+        heights: mean of each cell; NaN where it has no points.
+        spread: their standard deviation.
+        partly: whether it has points in one part of the cell only.
+    """
 
     heights: Float64[np.ndarray, "r c"]
     spread: Float64[np.ndarray, "r c"]
+    partly: Bool[np.ndarray, "r c"]
 
 
 def _height_maps(
@@ -320,7 +360,7 @@ def _height_maps(
         squares = grid.means(places[near], values[near] ** 2, settings.parts)
         spread = np.sqrt(np.maximum(squares - found**2, 0))
         found = np.where(whole, grid.means(labelled @ across.T, heights.of(labelled), settings.parts), found)
-        return _HeightMap(found, spread)
+        return _HeightMap(found, spread, (settings.parts > 1) & (grid.seen(places[near], settings.parts) == 1))
 
     return each(map_of, change.clouds, change.labelled)
 

@@ -19,6 +19,7 @@ from gmmjax.changes.objects.surface_volume import (
     SurfaceVolumeSettings,
     window_reach,
 )
+from gmmjax.changes.signed_distance import CorePoints
 from gmmjax.geometry import LocalSurface, evenly_chosen, within_box
 from gmmjax.pair import Pair
 
@@ -119,6 +120,7 @@ def with_volumes(
     labels: Pair[Int[np.ndarray, " _"]],
     pair: AlignedPair,
     distance: Pair[Float[np.ndarray, " _"]],
+    sensors: Pair[Float64[np.ndarray, "_ 3"]],
     registration_error: float,
     settings: VolumeSettings = VolumeSettings(),
 ) -> tuple[Change, ...]:
@@ -130,6 +132,7 @@ def with_volumes(
         labels: the change of each point of the clouds, or -1.
         pair: both clouds, registered.
         distance: signed distance of each point to the other surface; NaN where there is none.
+        sensors: where those of each survey stood.
         registration_error: of the pair, standard deviation.
         settings: how they are measured.
     """
@@ -137,7 +140,8 @@ def with_volumes(
     for index, (item, part) in enumerate(zip(items, parts, strict=True)):
         own_labels, own_distance = (labels.after, distance.after) if part.after else (labels.before, distance.before)
         own = own_distance[own_labels == index]
-        places.append(_place(item, part, pair, float(np.nanmedian(own)) if np.isfinite(own).any() else None, settings))
+        median = float(np.nanmedian(own)) if np.isfinite(own).any() else None
+        places.append(_place(item, part, pair, median, sensors.before if part.after else sensors.after, settings))
     counted_in = _counted_in(places, settings)
     found = []
     for index, item in enumerate(items):
@@ -150,7 +154,12 @@ def with_volumes(
 
 
 def _place(
-    item: Change, part: MeasuredPart, pair: AlignedPair, distance: float | None, settings: VolumeSettings
+    item: Change,
+    part: MeasuredPart,
+    pair: AlignedPair,
+    distance: float | None,
+    sensors: Float64[np.ndarray, "p 3"],
+    settings: VolumeSettings,
 ) -> _Place:
     """A change above the surface of the other scan, which is cut out about it."""
     other = pair.surfaces.before if part.after else pair.surfaces.after
@@ -161,7 +170,9 @@ def _place(
         rows = np.array([int(other.nearest(item.mean[None])[0])])
     surface = LocalSurface.of(part.points[evenly_chosen(len(part.points), settings.surfaces.sample)])
     around = other.points[rows] - item.mean
-    place = _on_nearest(item.mean, part, surface, LocalSurface.of(around), distance, settings)
+    reference = LocalSurface.of(around)
+    revealed = _not_seen_through(item) and _behind(surface, reference, sensors - item.mean)
+    place = _on_nearest(item.mean, part, surface, reference, distance, revealed, settings)
     if place.on_surface or part.plane is None:
         return place
     return _on_plane(place, part.plane.up, around, settings)
@@ -173,27 +184,88 @@ def _on_nearest(
     surface: LocalSurface,
     reference: LocalSurface,
     distance: float | None,
+    revealed: bool,
     settings: VolumeSettings,
 ) -> _Place:
-    """A change on the part of the other scan's surface that is nearest to it."""
+    """A change on the part of the other scan's surface that is nearest to it.
+
+    Args:
+        mean: of the change.
+        part: of it, relative to its mean.
+        surface: some of its points with their normals.
+        reference: the surface of the other scan about it.
+        distance: signed, between both surfaces there; None where there is none.
+        revealed: whether what the other scan shows in front of it went, or came, rather than the change itself.
+        settings: when it is on a surface.
+    """
     nearest = reference.nearest(surface.points)
     below = reference.normals[nearest]
-    outward = np.linalg.eigh(below.T @ below)[1][:, -1]
-    heights = HeightAbove(reference, outward, settings.surfaces).of(surface.points)
-    # Beside walls and racks the nearest points are theirs, and not at the height of what is below in that direction.
-    to_nearest = (surface.points - reference.points[nearest]) @ outward
-    consistent = np.abs(heights - to_nearest) <= settings.nearest * np.abs(heights) + reference.spacing(nearest)
-    observed = _observed_below(surface, reference, outward, settings)
-    on_surface = bool(np.mean(observed & consistent) >= settings.on_surface)
+    outward, heights, consistent = _best_plane(surface, reference, nearest, settings)
+    on_surface = bool(np.mean(consistent) >= settings.on_surface)
     if on_surface:
         reference = _of_one_level(reference, reference.points[nearest[consistent]], part.points, outward, settings)
         heights = HeightAbove(reference, outward, settings.surfaces).of(surface.points)
-    # Towards the after surface where that lies on the outer side; else what appeared was added.
+    # Towards the after surface where that lies on the outer side; else what appeared was added, unless only what hid it
+    # was taken away, as from before the wall of a pit.
     layer = np.mean(np.abs((surface.normals * below).sum(axis=1)) >= settings.aligned) >= settings.on_surface
-    gained = distance > 0 if on_surface and layer and distance else part.after
+    gained = distance > 0 if on_surface and layer and distance else part.after != (on_surface and revealed)
     if (float(np.median(heights)) > 0) != (gained == part.after):
         outward = -outward
     return _Place(mean, part, surface, reference, outward, on_surface, gained)
+
+
+class _OnPlane(NamedTuple):
+    """A change above a surface, along one normal.
+
+    Attributes:
+        outward: the normal.
+        heights: of the points of the change above the surface.
+        below: whether the other scan has that surface below each of them, at the height of what is nearest.
+    """
+
+    outward: Float64[np.ndarray, " 3"]
+    heights: Float64[np.ndarray, " n"]
+    below: Bool[np.ndarray, " n"]
+
+
+def _best_plane(
+    surface: LocalSurface, reference: LocalSurface, nearest: Int[np.ndarray, " n"], settings: VolumeSettings
+) -> _OnPlane:
+    """A change along the normal of the surface next to it, or along its own where more of the surroundings face there.
+
+    Next to what was dug away there may be little but the walls of the pit.
+
+    Args:
+        surface: some of the points of the change with their normals.
+        reference: the surface of the other scan about it.
+        nearest: its points next to those of the change.
+        settings: when the change is on it.
+    """
+
+    def along(normals: Float64[np.ndarray, "m 3"]) -> _OnPlane:
+        outward = np.linalg.eigh(normals.T @ normals)[1][:, -1]
+        heights = HeightAbove(reference, outward, settings.surfaces).of(surface.points)
+        # Beside walls and racks the nearest points are theirs, and not at the height of what is below there.
+        to_nearest = (surface.points - reference.points[nearest]) @ outward
+        consistent = np.abs(heights - to_nearest) <= settings.nearest * np.abs(heights) + reference.spacing(nearest)
+        return _OnPlane(outward, heights, consistent & _observed_below(surface, reference, outward, settings))
+
+    found, own = along(reference.normals[nearest]), along(surface.normals)
+    facing = [float(((reference.normals @ plane.outward) ** 2).mean()) for plane in (found, own)]
+    return own if facing[1] > facing[0] and np.mean(own.below) >= settings.on_surface else found
+
+
+def _not_seen_through(item: Change) -> bool:
+    """Whether less of a change was seen through by the other survey than was not reached by it; False without poses."""
+    contributions = item.explanation.contributions if item.explanation is not None else ()
+    facts = {own.fact: own.value for own in contributions}
+    return facts.get("unreached", 0.0) > facts.get("seen_through", 0.0)
+
+
+def _behind(surface: LocalSurface, reference: LocalSurface, sensors: Float64[np.ndarray, "p 3"]) -> bool:
+    """Whether a change lies behind the nearest surface of the other scan, as that survey's sensors see it."""
+    nearest = CorePoints.of(reference, sensors, reference.nearest(surface.points))
+    return bool(np.median(((surface.points - nearest.points) * nearest.normals).sum(axis=1)) < 0)
 
 
 def _of_one_level(

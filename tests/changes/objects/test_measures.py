@@ -4,14 +4,17 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.align.alignment import aligned
+from gmmjax.changes.explanation import Contribution, Explanation
 from gmmjax.changes.objects.cloud_changes import change_of
 from gmmjax.changes.objects.hull_volume import HullVolumeSettings
 from gmmjax.changes.objects.measures import MeasureSettings, with_measures
 from gmmjax.changes.objects.support_plane import SupportPlaneSettings
 from gmmjax.changes.objects.surface_volume import SurfaceVolumeSettings
 from gmmjax.changes.objects.volumes import VolumeSettings
+from gmmjax.changes.signed_distance import sensor_places
 from gmmjax.pair import Pair
 
 CRATE = np.array([0.8, 0.5, 0.6])
@@ -55,7 +58,8 @@ def measured_crate(crate, motion=np.eye(3), shift=np.zeros(3), settings=MeasureS
     labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(floor), len(points)]))
     change = change_of(points, "appeared", 0.9, 5.0)
     nowhere = labels.map(lambda own: np.full(len(own), np.nan, np.float32))
-    return with_measures((change,), labels, pair, 0.001, nowhere, settings)[0]
+    sensors = Pair(before, before).map(lambda own: sensor_places(None, own))
+    return with_measures((change,), labels, pair, 0.001, nowhere, sensors, settings)[0]
 
 
 def test_a_crate_that_three_sides_were_seen_of_has_its_size_and_its_volume(crate):
@@ -177,3 +181,31 @@ def test_the_shadow_of_a_crate_is_not_of_the_crate(crate):
     found = measured_crate(shaded)
     assert found.volume == pytest.approx(np.prod(CRATE), rel=0.1)
     assert measured_crate(crate).volume_error < found.volume_error < 0.3 * np.prod(CRATE)
+
+
+def pit_wall(unreached, seen_through):
+    """The far wall of a pit in a slope, seen from the foot of it: that is all that is labelled."""
+    random = np.random.default_rng(1)
+    before, after = (random.uniform([-4, -4, 0], [4, 4, 0], (12_000, 3)) for _ in range(2))
+    wall = random.uniform([-1, 1, -0.8], [1, 1.02, 0], (600, 3))
+    dug = (np.abs(after[:, :2]) < 1).all(axis=1)
+    # Of its floor a strip before the wall is seen.
+    after[dug, 2] = -0.8
+    after = after[~dug | (after[:, 1] > 0.4)]
+    slope = Rotation.from_euler("x", 25, degrees=True).as_matrix().T
+    before, after, wall = ((own + random.normal(0, 0.004, own.shape)) @ slope for own in (before, after, wall))
+    pair = aligned(Pair(before, np.concatenate([after, wall])), "never")
+    labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(after), len(wall)]))
+    facts = (Contribution("unreached", unreached, 0.0, ""), Contribution("seen_through", seen_through, 0.0, ""))
+    change = dataclasses.replace(change_of(wall, "appeared", 0.9, 5.0), explanation=Explanation(1.0, 0.0, 0.0, facts))
+    nowhere = labels.map(lambda own: np.full(len(own), np.nan, np.float32))
+    station = np.array([[0.0, -12.0, -4.0]])
+    return with_measures((change,), labels, pair, 0.001, nowhere, Pair(station, station))[0]
+
+
+def test_the_wall_of_a_pit_came_to_light_by_a_loss():
+    assert pit_wall(unreached=0.4, seen_through=0.0).gain_or_loss == "loss"
+
+
+def test_what_stands_where_the_other_survey_saw_through_came():
+    assert pit_wall(unreached=0.0, seen_through=0.9).gain_or_loss == "gain"

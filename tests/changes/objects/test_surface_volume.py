@@ -91,6 +91,29 @@ def test_what_nobody_saw_is_in_the_uncertainty(sense):
     assert abs(half.gain - sense * VOLUME) < half.error
 
 
+@pytest.mark.parametrize("filled_in", [False, True])
+def test_of_a_pit_the_rim_hides_what_lies_below_the_line_of_sight(filled_in):
+    """A pit of which the far part is seen, over its rim."""
+    random = np.random.default_rng(7)
+    flat, pit = (random.uniform([-4, -4, 0], [4, 4, 0], (POINTS, 3)) for _ in range(2))
+    depth = np.clip((RADIUS - np.linalg.norm(pit[:, :2], axis=1)) / 0.5, 0, 1)
+    pit[:, 2] = -depth
+    pit = pit[(depth == 0) | (pit[:, 1] > 0.2)]
+    for own in (flat, pit):
+        own += random.normal(0, NOISE, own.shape)
+    clouds = Pair(pit, flat) if filled_in else Pair(flat, pit)
+    # The former ground is labelled where the later survey saw through it.
+    labelled = flat[(np.linalg.norm(flat[:, :2], axis=1) < RADIUS) & (flat[:, 1] > 0.2)]
+    parts = Pair(NOTHING, labelled) if filled_in else Pair(labelled, NOTHING)
+    found = SurfaceMap.of(ChangeSurface(parts, clouds, NOTHING, LocalSurface.of(pit), UP), 0.005).volume()
+    # Of a truncated cone.
+    inner = RADIUS - 0.5
+    true = np.pi / 3 * (RADIUS**2 + RADIUS * inner + inner**2) * (1 if filled_in else -1)
+    # What was seen is four tenths of it.
+    assert abs(found.gain) > 0.6 * abs(true)
+    assert abs(found.gain - true) < found.error < 0.5 * abs(true)
+
+
 def test_a_part_that_is_not_labelled_is_of_the_change():
     found = measured(limit=0.15)
     assert found.gain == pytest.approx(VOLUME, rel=0.06)
