@@ -45,14 +45,9 @@ def filled(
     missing = footprint & ~np.isfinite(thickness)
     if not missing.any():
         return thickness, 0.0
-    known = np.argwhere(footprint & np.isfinite(thickness))
-    values, cells = thickness[tuple(known.T)], np.argwhere(missing)
-    near = values[nearest_neighbours(cKDTree(known), cells.astype(float), count)[1]]
-    gaps, means, between = (
-        ndimage.label(missing, SQUARE)[0][missing],
-        near.mean(axis=1),
-        _interpolated(thickness, missing),
-    )
+    near = _nearest_known(thickness, footprint, missing, count)
+    gaps = ndimage.label(missing, SQUARE)[0][missing]
+    means, between = near.mean(axis=1), _interpolated(thickness, missing)
     values = np.where(np.isfinite(between), between, means)
     spread = np.maximum(near.std(axis=1), np.abs(values - means))
     # What the rim of a pit hides lies below the line of sight, on which the differences fall evenly.
@@ -62,6 +57,18 @@ def filled(
     # Of one gap all is wrong together: by how its neighbours differ, or it from them.
     of_gaps = np.bincount(gaps, np.maximum(spread, room / np.sqrt(12)))
     return whole, float((of_gaps**2).sum())
+
+
+def _nearest_known(
+    thickness: Float64[np.ndarray, "r c"],
+    footprint: Bool[np.ndarray, "r c"],
+    cells: Bool[np.ndarray, "r c"],
+    count: int,
+) -> Float64[np.ndarray, "m k"]:
+    """For each of some cells the nearest ones of a footprint that have points."""
+    known = np.argwhere(footprint & np.isfinite(thickness))
+    near = nearest_neighbours(cKDTree(known), np.argwhere(cells).astype(float), count)[1]
+    return np.asarray(thickness[tuple(known.T)][near])
 
 
 def _thickest(near: Float64[np.ndarray, "m k"], gaps: Int[np.ndarray, " m"]) -> Float64[np.ndarray, " m"]:
@@ -148,13 +155,13 @@ def _below_rim(
     line: Float64[np.ndarray, "r c"],
     footprint: Bool[np.ndarray, "r c"],
     shadow: Bool[np.ndarray, "r c"],
+    count: int = 8,
 ) -> Hidden:
     """What the near rim of a pit hides of it, below the line of sight."""
-    known = np.argwhere(footprint & np.isfinite(thickness))
-    if not shadow.any() or not len(known):
+    if not shadow.any():
         return Hidden(0.0, 0.0)
-    near = nearest_neighbours(cKDTree(known), np.argwhere(shadow).astype(float), 8)[1]
-    thickest = _thickest(thickness[tuple(known.T)][near], ndimage.label(shadow, SQUARE)[0][shadow])
+    near = _nearest_known(thickness, footprint, shadow, count)
+    thickest = _thickest(near, ndimage.label(shadow, SQUARE)[0][shadow])
     below = np.maximum(thickest - line[shadow], 0).sum()
     return Hidden(float(line[shadow].sum() + below / 2), float(below / np.sqrt(12)))
 

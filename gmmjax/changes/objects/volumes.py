@@ -161,7 +161,16 @@ def _place(
     sensors: Float64[np.ndarray, "p 3"],
     settings: VolumeSettings,
 ) -> _Place:
-    """A change above the surface of the other scan, which is cut out about it."""
+    """A change above the surface of the other scan, which is cut out about it.
+
+    Args:
+        item: the change.
+        part: the points that it is measured by.
+        pair: both clouds, registered.
+        distance: signed, of its points; None where there is none.
+        sensors: where those of the other survey stood.
+        settings: how changes are measured.
+    """
     other = pair.surfaces.before if part.after else pair.surfaces.after
     reach = window_reach(part.points, settings.surfaces)
     lower, upper = part.points.min(axis=0) - reach, part.points.max(axis=0) + reach
