@@ -134,7 +134,7 @@ def hidden(
 
 
 def _beside(footprint: Bool[np.ndarray, "r c"], cells: Bool[np.ndarray, "r c"]) -> Bool[np.ndarray, "r c"]:
-    """Those of the cells that hang together with the footprint."""
+    """Those of the cells that are connected to the footprint."""
     return np.asarray(ndimage.binary_propagation(ndimage.binary_dilation(footprint, SQUARE) & cells, mask=cells))
 
 

@@ -251,21 +251,23 @@ def _best_plane(
         settings: when the change is on it.
     """
 
-    def along(normals: Float64[np.ndarray, "m 3"]) -> _OnPlane:
-        outward = np.linalg.eigh(normals.T @ normals)[1][:, -1]
+    def along(outward: Float64[np.ndarray, " 3"]) -> _OnPlane:
         heights = HeightAbove(reference, outward, settings.surfaces).of(surface.points)
         # Beside walls and racks the nearest points are theirs, and not at the height of what is below there.
         to_nearest = (surface.points - reference.points[nearest]) @ outward
         consistent = np.abs(heights - to_nearest) <= settings.nearest * np.abs(heights) + reference.spacing(nearest)
         return _OnPlane(outward, heights, consistent & _observed_below(surface, reference, outward, settings))
 
-    found, own = along(reference.normals[nearest]), along(surface.normals)
-    facing = [float(((reference.normals @ plane.outward) ** 2).mean()) for plane in (found, own)]
-    return own if facing[1] > facing[0] and np.mean(own.below) >= settings.on_surface else found
+    below, own = (np.linalg.eigh(side.T @ side)[1][:, -1] for side in (reference.normals[nearest], surface.normals))
+    if float(((reference.normals @ own) ** 2).mean()) > float(((reference.normals @ below) ** 2).mean()):
+        found = along(own)
+        if np.mean(found.below) >= settings.on_surface:
+            return found
+    return along(below)
 
 
 def _not_seen_through(item: Change) -> bool:
-    """Whether less of a change was seen through by the other survey than was not reached by it; False without poses."""
+    """Whether the other survey did not reach more of a change than it saw through; False without poses."""
     contributions = item.explanation.contributions if item.explanation is not None else ()
     facts = {own.fact: own.value for own in contributions}
     return facts.get("unreached", 0.0) > facts.get("seen_through", 0.0)
