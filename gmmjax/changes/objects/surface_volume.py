@@ -14,6 +14,7 @@ from scipy import ndimage, stats
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.objects.difference_cells import SQUARE, Hidden, filled, hidden, noise, smoothed, steepness
+from gmmjax.changes.objects.height_above import HeightAbove
 from gmmjax.changes.objects.plane_grid import PlaneGrid
 from gmmjax.geometry import LocalSurface, evenly_chosen, nearest_neighbours
 from gmmjax.pair import Pair, each
@@ -346,7 +347,7 @@ def _height_maps(
     change: ChangeSurface, across: Float64[np.ndarray, "2 3"], grid: PlaneGrid, settings: SurfaceVolumeSettings
 ) -> Pair[_HeightMap]:
     """The heights of both scans."""
-    heights = HeightAbove(change.reference, change.outward, settings)
+    heights = HeightAbove(change.reference, change.outward, settings.planes, settings.steepest)
     own = heights.of(change.points)
     lower, upper = min(float(own.min()), 0.0), max(float(own.max()), 0.0)
     margin = settings.beyond * (upper - lower)
@@ -363,36 +364,6 @@ def _height_maps(
         return _HeightMap(found, spread, (settings.parts > 1) & (grid.seen(places[near], settings.parts) == 1))
 
     return each(map_of, change.clouds, change.labelled)
-
-
-class HeightAbove:
-    """Heights above the local planes of a surface, along the normal of a change."""
-
-    def __init__(
-        self, surface: LocalSurface, outward: Float64[np.ndarray, " 3"], settings: SurfaceVolumeSettings
-    ) -> None:
-        """Heights above a surface.
-
-        Args:
-            surface: at least one point.
-            outward: unit normal of the change.
-            settings: of the planes.
-        """
-        across, steep = np.linalg.svd(outward[None])[2][1:], surface.normals @ outward
-        fair = np.abs(steep) >= settings.steepest
-        # Level where the surface is too steep to have a slope.
-        slopes = np.where(fair[:, None], -(surface.normals @ across.T) / np.where(fair, steep, 1.0)[:, None], 0.0)
-        self._across, self._outward, self._count = across, outward, settings.planes
-        self._places, self._slopes = surface.centres @ across.T, slopes
-        self._heights, self._tree = surface.centres @ outward, cKDTree(surface.centres @ across.T)
-
-    def of(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
-        """The height of each point."""
-        places = points @ self._across.T
-        near = nearest_neighbours(self._tree, places, self._count)[1]
-        offsets = places[:, None] - self._places[near]
-        planes = self._heights[near] + (offsets * self._slopes[near]).sum(axis=2)
-        return np.asarray(points @ self._outward - planes.mean(axis=1))
 
 
 def _without_spikes(

@@ -10,11 +10,11 @@ from scipy.spatial import cKDTree
 
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.change import Change, GainOrLoss, VolumeMethod
+from gmmjax.changes.objects.height_above import HeightAbove
 from gmmjax.changes.objects.hull_volume import HullVolumeSettings, hull_measures
 from gmmjax.changes.objects.support_plane import SupportPlane
 from gmmjax.changes.objects.surface_volume import (
     ChangeSurface,
-    HeightAbove,
     SurfaceMap,
     SurfaceVolumeSettings,
     window_reach,
@@ -213,7 +213,7 @@ def _on_nearest(
     on_surface = bool(np.mean(consistent) >= settings.on_surface)
     if on_surface:
         reference = _of_one_level(reference, reference.points[nearest[consistent]], part.points, outward, settings)
-        heights = HeightAbove(reference, outward, settings.surfaces).of(surface.points)
+        heights = _heights(surface, reference, outward, settings)
     # Towards the after surface where that lies on the outer side; else what appeared was added, unless only what hid it
     # was taken away, as from before the wall of a pit.
     layer = np.mean(np.abs((surface.normals * below).sum(axis=1)) >= settings.aligned) >= settings.on_surface
@@ -252,7 +252,7 @@ def _best_plane(
     """
 
     def along(outward: Float64[np.ndarray, " 3"]) -> _OnPlane:
-        heights = HeightAbove(reference, outward, settings.surfaces).of(surface.points)
+        heights = _heights(surface, reference, outward, settings)
         # Beside walls and racks the nearest points are theirs, and not at the height of what is below there.
         to_nearest = (surface.points - reference.points[nearest]) @ outward
         consistent = np.abs(heights - to_nearest) <= settings.nearest * np.abs(heights) + reference.spacing(nearest)
@@ -264,6 +264,14 @@ def _best_plane(
         if np.mean(found.below) >= settings.on_surface:
             return found
     return along(below)
+
+
+def _heights(
+    surface: LocalSurface, reference: LocalSurface, outward: Float64[np.ndarray, " 3"], settings: VolumeSettings
+) -> Float64[np.ndarray, " n"]:
+    """Of the points of a change above the surface of the other scan."""
+    above = HeightAbove(reference, outward, settings.surfaces.planes, settings.surfaces.steepest)
+    return above.of(surface.points)
 
 
 def _not_seen_through(item: Change) -> bool:
