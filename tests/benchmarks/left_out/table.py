@@ -1,6 +1,6 @@
 """The table of families that were left out: the verdict, what it is held against, and every peer at its best."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from gmmjax.evaluation import Scores
 from tests.benchmarks.left_out.jobs import LEARNED, OTHER, POSES, FamilyResult, OfPair
@@ -9,7 +9,7 @@ PEERS = ("c2c", "voxels", "m3c2")
 
 
 def to_markdown(results: Sequence[FamilyResult]) -> str:
-    """For poses unknown and given a table with a row for each family; where a peer is better; the peers' settings."""
+    """A table for each of poses unknown and given; where a peer is better, and at one setting; the peers' settings."""
     bests = {found.family: best(found.summed()) for found in results}
     parts = []
     for poses in POSES:
@@ -22,6 +22,7 @@ def to_markdown(results: Sequence[FamilyResult]) -> str:
         lines.append(_row(["all", *map(cell, totals)]))
         parts.append("\n".join(lines))
         parts.append("\n".join(_better(bests, poses)))
+        parts.append("\n".join(_for_all(results, poses)))
     parts.append("\n".join(_settings(bests)))
     parts.append("\n".join(f"- failed: {failure}" for found in results for failure in found.failures))
     return "\n\n".join(part for part in parts if part) + "\n"
@@ -35,12 +36,15 @@ def columns(poses: str) -> list[str]:
 
 def best(scores: OfPair) -> dict[str, tuple[str, Scores]]:
     """Of each detector the setting with the best F1 of the segments, then of the points, then the fewest false ones."""
+    return {name: _best_setting(settings) for name, settings in scores.items()}
 
+
+def _best_setting(settings: Mapping[str, Scores]) -> tuple[str, Scores]:
     def goodness(setting: tuple[str, Scores]) -> tuple[float, float, int]:
         own = setting[1]
         return own.f1, own.point_f1, -own.false_segments
 
-    return {name: max(settings.items(), key=goodness) for name, settings in scores.items()}
+    return max(settings.items(), key=goodness)
 
 
 def shown(scores: Scores) -> tuple[float, float]:
@@ -62,6 +66,17 @@ def _better(bests: dict[str, dict[str, tuple[str, Scores]]], poses: str) -> Iter
             if name in own and shown(own[name][1]) > shown(ours):
                 theirs = own[name][1]
                 yield f"- {family}: {name.split(', ')[0]} {_counts(theirs)}; the verdict {_counts(ours)}"
+
+
+def _for_all(results: Sequence[FamilyResult], poses: str) -> Iterator[str]:
+    """A line for each peer: the one setting that is the best over all families, as a user has to choose it."""
+    families = [found.summed() for found in results]
+    for name in columns(poses)[2:]:
+        if not all(name in own for own in families):
+            continue
+        total = {text: sum((own[name][text] for own in families), Scores()) for text in families[0][name]}
+        text, scores = _best_setting(total)
+        yield f"- {name.split(', ')[0]} at one setting for all families ({text}): {_counts(scores)}"
 
 
 def _counts(scores: Scores) -> str:

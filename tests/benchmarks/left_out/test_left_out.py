@@ -75,6 +75,17 @@ def test_the_best_setting_of_a_peer_stands_beside_the_verdict():
     assert "| halls | far |" in text and "- failed: halls, seed 5: no scene" in text
 
 
+def test_a_peer_is_told_at_one_setting_for_all_families_too():
+    verdict = {f"{name}, poses {poses}": {"": GOOD} for name in ("verdict", "other checkout") for poses in jobs.POSES}
+    of_families = {
+        "halls": {"near": FALSE, "far": GOOD},
+        "doors": {"near": GOOD, "far": dataclasses.replace(GOOD, found=0)},
+    }
+    found = [FamilyResult(name, {"": {**verdict, "c2c": own}}, []) for name, own in of_families.items()]
+    text = to_markdown(found)
+    assert "- c2c at one setting for all families (near): finds 8 of 8, 4 false (0.80 / 0.90)" in text
+
+
 def test_a_family_is_not_computed_again_while_its_verdict_is_the_same(job, tmp_path):
     found, out = FamilyResult("halls", {"seed 0": {"c2c": {"near": GOOD}}}, []), tmp_path / "out"
     out.mkdir()
