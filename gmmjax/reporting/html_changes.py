@@ -67,7 +67,7 @@ def _item(number: int, row: ObjectRow, changes: Changes, pictures: Pair[str] | N
     }
     data = " ".join(f'data-{name}="{value}"' for name, value in keys.items())
     size = f"{row.size} {changes.unit}" if changes.unit else row.size
-    facts = " · ".join(escape(text) for text in (size, row.volume) if text)
+    facts = " · ".join(f"<span>{escape(text)}</span>" for text in (size, row.volume) if text)
     return f"""<li class="change {row.kind}" id="change-{label}" data-labels="{" ".join(map(str, row.labels))}" {data}>
 <button type="button" class="row" aria-expanded="false" aria-controls="card-{label}"><b class="label">{row.label}</b>
 <span class="what"><b>{escape(row.text)}</b><small>{facts}</small></span>

@@ -99,6 +99,14 @@ def test_a_moved_object_is_one_row(pair):
         assert f"<dt>{name}</dt><dd>{value}</dd>" in text
 
 
+def test_the_size_and_the_volume_of_a_row_break_between_each_other_only(pair):
+    """A row is narrow: a number without its unit, or cut off, would be another number."""
+    item = dataclasses.replace(pair[2][0], volume=0.01, volume_error=0.04)
+    text = report_html(*pair[:2], dataclasses.replace(pair[2], items=(item, *pair[2].items[1:]), unit="m"))
+    assert re.search(r"<small><span>[^<]* m</span> · <span>[^<]*0\.01[^<]* m³</span></small>", text)
+    assert re.search(r"\.what small span \{\s*white-space: ?nowrap", text)
+
+
 def test_sizes_and_positions_are_those_of_the_record(pair):
     text = text_of(*pair[:2], dataclasses.replace(pair[2], unit="mm"))
     for name, values in {"Size": pair[2][0].box.extent, "Position": pair[2][0].mean}.items():
