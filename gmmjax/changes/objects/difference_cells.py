@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 from scipy import ndimage
 from scipy.interpolate import LinearNDInterpolator
-from scipy.spatial import QhullError, cKDTree
+from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from gmmjax.geometry import nearest_neighbours
 
@@ -30,6 +30,7 @@ def smoothed(difference: Float64[np.ndarray, "r c"]) -> Float64[np.ndarray, "r c
 
 def filled(
     thickness: Float64[np.ndarray, "r c"],
+    crests: Float64[np.ndarray, "r c"],
     footprint: Bool[np.ndarray, "r c"],
     shown: Bool[np.ndarray, "r c"],
     count: int = 8,
@@ -38,6 +39,7 @@ def filled(
 
     Args:
         thickness: by how much the higher surface is above the lower one in each cell.
+        crests: likewise where upright sides end in it: between these an object whose top nobody saw is as high.
         footprint: the cells of the change, one of which at least is known.
         shown: the cells where the scan with the higher surface has points.
         count: of the nearest cells, whose mean is taken where the gap is not enclosed.
@@ -45,13 +47,16 @@ def filled(
     missing = footprint & ~np.isfinite(thickness)
     if not missing.any():
         return thickness, 0.0
-    near = _nearest_known(thickness, footprint, missing, count)
-    gaps = ndimage.label(missing, SQUARE)[0][missing]
-    means, between = near.mean(axis=1), _interpolated(thickness, missing)
+    open_above = shown[missing]
+    near = np.where(
+        open_above[:, None], *(_nearest_known(own, footprint, missing, count) for own in (thickness, crests))
+    )
+    between = np.where(open_above, *(_interpolated(own, missing) for own in (thickness, crests)))
+    gaps, means = ndimage.label(missing, SQUARE)[0][missing], near.mean(axis=1)
     values = np.where(np.isfinite(between), between, means)
     spread = np.maximum(near.std(axis=1), np.abs(values - means))
     # What the rim of a pit hides lies below the line of sight, on which the differences fall evenly.
-    room = np.where(shown[missing], np.maximum(_thickest(near, gaps) - values, 0), 0)
+    room = np.where(open_above, np.maximum(_thickest(near, gaps) - values, 0), 0)
     whole = thickness.copy()
     whole[missing] = values + room / 2
     # Of one gap all is wrong together: by how its neighbours differ, or it from them.
@@ -131,6 +136,38 @@ def hidden(
     behind_crest = _behind_crest(thickness, line, footprint, shadow & ~shown)
     below_rim = _below_rim(thickness, line, footprint, shadow & shown)
     return Hidden(behind_crest.volume + below_rim.volume, float(np.hypot(behind_crest.error, below_rim.error)))
+
+
+def between_sides(
+    crests: Float64[np.ndarray, "r c"],
+    sides: Bool[np.ndarray, "r c"],
+    cells: Bool[np.ndarray, "r c"],
+    count: int = 4,
+) -> tuple[Hidden, Bool[np.ndarray, "r c"]]:
+    """What nobody saw between the upright sides of an object, one of which was not seen either, and where that is.
+
+    An object fills the convex hull of its sides, and two walls that meet leave it empty: the volume is uniform between
+    nothing and all.
+
+    Args:
+        crests: thickness of the object where its sides end.
+        sides: the cells that have one.
+        cells: those where nothing was seen.
+        count: of the nearest sides, whose mean height is taken.
+
+    Returns:
+        What is hidden, and the cells in the hull.
+    """
+    inside = np.zeros_like(cells)
+    try:
+        inside[cells] = Delaunay(np.argwhere(sides)).find_simplex(np.argwhere(cells)) >= 0
+    except (QhullError, ValueError):
+        # One straight wall, if any.
+        return Hidden(0.0, 0.0), inside
+    if not inside.any():
+        return Hidden(0.0, 0.0), inside
+    whole = float(_nearest_known(crests, sides, inside, count).mean(axis=1).sum())
+    return Hidden(whole / 2, whole / np.sqrt(12)), inside
 
 
 def _beside(footprint: Bool[np.ndarray, "r c"], cells: Bool[np.ndarray, "r c"]) -> Bool[np.ndarray, "r c"]:

@@ -31,6 +31,16 @@ class PlaneGrid(NamedTuple):
         cells = self.cells(places)
         return np.bincount(cells[cells >= 0], minlength=self.shape[0] * self.shape[1]).reshape(self.shape)
 
+    def greatest(
+        self, places: Float64[np.ndarray, "n 2"], values: Float64[np.ndarray, " n"]
+    ) -> Float64[np.ndarray, "r c"]:
+        """The greatest value of each cell; NaN where there are none."""
+        cells = self.cells(places)
+        inside = cells >= 0
+        found = np.full(self.shape[0] * self.shape[1], -np.inf)
+        np.maximum.at(found, cells[inside], values[inside])
+        return np.where(np.isfinite(found), found, np.nan).reshape(self.shape)
+
     def seen(self, places: Float64[np.ndarray, "n 2"], parts: int) -> Int[np.ndarray, "r c"]:
         """How many of the parts of each cell have places."""
         cells = self.cells(places, parts)

@@ -13,7 +13,16 @@ from jaxtyping import Bool, Float64, Int
 from scipy import ndimage, stats
 from scipy.spatial import cKDTree
 
-from gmmjax.changes.objects.difference_cells import SQUARE, Hidden, filled, hidden, noise, smoothed, steepness
+from gmmjax.changes.objects.difference_cells import (
+    SQUARE,
+    Hidden,
+    between_sides,
+    filled,
+    hidden,
+    noise,
+    smoothed,
+    steepness,
+)
 from gmmjax.changes.objects.height_above import HeightAbove
 from gmmjax.changes.objects.plane_grid import PlaneGrid
 from gmmjax.geometry import LocalSurface, evenly_chosen, nearest_neighbours
@@ -36,7 +45,8 @@ class SurfaceVolumeSettings:
         planes: number of local planes of the other scan whose mean the heights are measured from, so that a slope
             within a cell is no noise. 1: the edges between two planes are.
         steepest: least cosine between the normal of such a plane and that of the change. 0: upright surfaces, such as
-            the trunks on a slope, have heights without bounds.
+            the trunks on a slope, have heights without bounds, and nothing is known to be a side of an object, between
+            which nobody saw its top.
         beyond: points this far above or below all that is of the change, in its thickness, belong to something else,
             such as branches above a slope or a shelf above a floor. Infinite: they are taken for ground.
         outline: standard deviation of where the steep sides of a change lie, in cells: of a cell there a scan may show
@@ -176,6 +186,7 @@ class SurfaceMap(NamedTuple):
             no points.
         shown: the cells where the scan with the higher surface has points; the others are in its shadow.
         partly: the cells where the scan with the lower surface has points in one part only, as beside the rim of a pit.
+        rise: how far above the mean of a cell an upright side there ends; 0 in cells without one.
         offset: what both scans differ by in the surroundings.
         counts: of the points of the change.
         labelled: the cells with points of the change, gaps between them closed.
@@ -189,6 +200,7 @@ class SurfaceMap(NamedTuple):
     difference: Float64[np.ndarray, "r c"]
     shown: Bool[np.ndarray, "r c"]
     partly: Bool[np.ndarray, "r c"]
+    rise: Float64[np.ndarray, "r c"]
     offset: _Offset
     counts: Int[np.ndarray, "r c"]
     labelled: Bool[np.ndarray, "r c"]
@@ -236,7 +248,8 @@ class SurfaceMap(NamedTuple):
         around = (distance > settings.clear) & (distance <= settings.clear + width) & ~foreign
         offset = _offset(difference, around, int(grown.sum()), registration_error, settings)
         difference = difference - offset.value
-        return cls(change, grid, across, difference, shown, partly, offset, counts, core, grown, foreign)
+        rise = higher.rise(grid.edge, settings.steepest)
+        return cls(change, grid, across, difference, shown, partly, rise, offset, counts, core, grown, foreign)
 
     def volume(self, settings: SurfaceVolumeSettings = SurfaceVolumeSettings()) -> SurfaceVolume:
         """The volume between both surfaces over the change, its thin rim included.
@@ -252,7 +265,7 @@ class SurfaceMap(NamedTuple):
         footprint, left_out = _with_rim(difference, self.core, self.foreign, _widest(self.core, settings), settings)
         sense = float(np.sign(np.nansum(difference[footprint])))
         thickness = sense * difference
-        whole, gaps = filled(thickness, footprint, self.shown)
+        whole, gaps = filled(thickness, thickness + self.rise, footprint, self.shown)
         behind, outline = self._hidden(thickness, footprint, settings), settings.outline * steepness(whole, footprint)
         of_cells = max(noise(difference, footprint), offset.density * footprint.sum())
         area, quantile = self.grid.edge**2, float(stats.t.ppf((1 + settings.confidence) / 2, offset.freedom))
@@ -277,7 +290,7 @@ class SurfaceMap(NamedTuple):
         fully = np.where(known & (inside | ~self.partly), whole, np.nan)
         if not np.isfinite(fully[footprint]).any():
             return float(whole[footprint].sum())
-        return float((filled(fully, footprint, self.shown)[0] - whole)[footprint].sum())
+        return float((filled(fully, fully + self.rise, footprint, self.shown)[0] - whole)[footprint].sum())
 
     def _hidden(
         self, thickness: Float64[np.ndarray, "r c"], footprint: Bool[np.ndarray, "r c"], settings: SurfaceVolumeSettings
@@ -286,7 +299,11 @@ class SurfaceMap(NamedTuple):
         # The rim of a deep pit hides most of it; behind the crest of an object is its shadow, which is longer than it.
         reach = np.where(self.shown, settings.reach * np.sqrt(self.core.sum() / np.pi), _widest(self.core, settings))
         beside = (ndimage.distance_transform_edt(~footprint) <= reach) & ~self.foreign
-        return hidden(thickness, self.shown, footprint, beside, settings.certain * float(np.sqrt(self.offset.density)))
+        unseen = ~footprint & ~self.foreign & ~self.shown
+        sides, inside = between_sides(thickness + self.rise, footprint & (self.rise > 0), unseen)
+        least = settings.certain * float(np.sqrt(self.offset.density))
+        behind = hidden(thickness, self.shown, footprint, beside & ~inside, least)
+        return Hidden(sides.volume + behind.volume, float(np.hypot(sides.error, behind.error)))
 
 
 def _widest(core: Bool[np.ndarray, "r c"], settings: SurfaceVolumeSettings) -> int:
@@ -335,12 +352,24 @@ class _HeightMap(NamedTuple):
     Attributes:
         heights: mean of each cell; NaN where it has no points.
         spread: their standard deviation.
+        highest: of each cell.
         partly: whether it has points in one part of the cell only.
     """
 
     heights: Float64[np.ndarray, "r c"]
     spread: Float64[np.ndarray, "r c"]
+    highest: Float64[np.ndarray, "r c"]
     partly: Bool[np.ndarray, "r c"]
+
+    def rise(self, edge: float, steepest: float) -> Float64[np.ndarray, "r c"]:
+        """How far above the mean of a cell its upper end is, where it is steeper than a surface may be; 0 elsewhere.
+
+        Args:
+            edge: of the cells.
+            steepest: least cosine between the normal of a surface and that of the cells.
+        """
+        rise = np.nan_to_num(self.highest - self.heights)
+        return np.where(rise > edge / 2 * np.tan(np.arccos(steepest)), rise, 0.0)
 
 
 def _height_maps(
@@ -361,7 +390,8 @@ def _height_maps(
         squares = grid.means(places[near], values[near] ** 2, settings.parts)
         spread = np.sqrt(np.maximum(squares - found**2, 0))
         found = np.where(whole, grid.means(labelled @ across.T, heights.of(labelled), settings.parts), found)
-        return _HeightMap(found, spread, (settings.parts > 1) & (grid.seen(places[near], settings.parts) == 1))
+        highest = grid.greatest(places[near], values[near])
+        return _HeightMap(found, spread, highest, (settings.parts > 1) & (grid.seen(places[near], settings.parts) == 1))
 
     return each(map_of, change.clouds, change.labelled)
 

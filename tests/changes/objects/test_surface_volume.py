@@ -114,6 +114,28 @@ def test_of_a_pit_the_rim_hides_what_lies_below_the_line_of_sight(filled_in):
     assert abs(found.gain - true) < found.error < 0.5 * abs(true)
 
 
+@pytest.mark.parametrize("sides", [4, 3])
+def test_an_object_above_the_scanners_is_as_high_as_its_sides_where_nobody_saw_its_top(sides):
+    """A cabinet of which the sides are seen, all around or but for one."""
+    random = np.random.default_rng(11)
+    half, height = np.array([0.9, 0.7]), 2.0
+    before, around = (random.uniform([-4, -4, 0], [4, 4, 0], (POINTS, 3)) for _ in range(2))
+    shadow = [0.0, 0.0, 0.0, 0.4 * (sides == 3)]
+    around = around[((around[:, :2] > half) | (around[:, :2] < -half - shadow[2:])).any(axis=1)]
+    walls = []
+    for axis, sense in ((0, 1), (1, 1), (0, -1), (1, -1))[:sides]:
+        wall = random.uniform([*-half, 0], [*half, height], (int(600 * half[1 - axis]), 3))
+        wall[:, axis] = sense * half[axis]
+        walls.append(wall)
+    cabinet = np.concatenate(walls) + random.normal(0, NOISE, (sum(map(len, walls)), 3))
+    after = np.concatenate([around, cabinet]) + random.normal(0, NOISE / 2, (len(around) + len(cabinet), 3))
+    before = before + random.normal(0, NOISE, before.shape)
+    change = ChangeSurface(Pair(NOTHING, cabinet), Pair(before, after), NOTHING, LocalSurface.of(before), UP)
+    found = SurfaceMap.of(change, 0.005).volume()
+    true = 4 * half.prod() * height
+    assert abs(found.gain - true) < found.error
+
+
 def test_a_part_that_is_not_labelled_is_of_the_change():
     found = measured(limit=0.15)
     assert found.gain == pytest.approx(VOLUME, rel=0.06)
