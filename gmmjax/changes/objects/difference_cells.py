@@ -144,10 +144,10 @@ def between_sides(
     cells: Bool[np.ndarray, "r c"],
     count: int = 4,
 ) -> tuple[Hidden, Bool[np.ndarray, "r c"]]:
-    """What nobody saw between the upright sides of an object, one of which was not seen either, and where that is.
+    """What nobody saw between the upright sides of an object, of which a part was not seen either, and where that is.
 
-    An object fills the convex hull of its sides, and two walls that meet leave it empty: the volume is uniform between
-    nothing and all.
+    An object fills the convex hull of its sides; walls that meet leave it empty. The volume is uniform between all and
+    the share of the hull's outline that is known to be a side.
 
     Args:
         crests: thickness of the object where its sides end.
@@ -158,16 +158,35 @@ def between_sides(
     Returns:
         What is hidden, and the cells in the hull.
     """
-    inside = np.zeros_like(cells)
+    hull = np.zeros_like(cells)
     try:
-        inside[cells] = Delaunay(np.argwhere(sides)).find_simplex(np.argwhere(cells)) >= 0
+        hull[:] = (Delaunay(np.argwhere(sides)).find_simplex(np.argwhere(np.ones_like(cells))) >= 0).reshape(hull.shape)
     except (QhullError, ValueError):
         # One straight wall, if any.
-        return Hidden(0.0, 0.0), inside
+        return Hidden(0.0, 0.0), hull
+    inside = hull & cells
     if not inside.any():
         return Hidden(0.0, 0.0), inside
     whole = float(_nearest_known(crests, sides, inside, count).mean(axis=1).sum())
-    return Hidden(whole / 2, whole / np.sqrt(12)), inside
+    known = float(ndimage.binary_dilation(sides, SQUARE)[hull & ~ndimage.binary_erosion(hull, SQUARE)].mean())
+    return Hidden(whole * (1 + known) / 2, whole * (1 - known) / np.sqrt(12)), inside
+
+
+def with_sides(
+    thickness: Float64[np.ndarray, "r c"], crests: Float64[np.ndarray, "r c"], covered: Bool[np.ndarray, "r c"]
+) -> tuple[Float64[np.ndarray, "r c"], float]:
+    """The thickness with half of the height of upright sides beside what nobody saw of an object, and its error.
+
+    Such a side is anywhere in its cell, and all of it likewise: the cells lie along the object. The floor before it was
+    seen, what is behind it was not. The standard error is that of the sum, of an object of four sides.
+
+    Args:
+        thickness: by how much the higher surface is above the lower one in each cell.
+        crests: likewise where upright sides end in it.
+        covered: the cells of the object in which nothing was seen.
+    """
+    sides = (crests > thickness) & ndimage.binary_dilation(covered, SQUARE)
+    return np.where(sides, np.maximum(thickness, crests / 2), thickness), float(crests[sides].sum() / (2 * np.sqrt(12)))
 
 
 def _beside(footprint: Bool[np.ndarray, "r c"], cells: Bool[np.ndarray, "r c"]) -> Bool[np.ndarray, "r c"]:

@@ -22,6 +22,7 @@ from gmmjax.changes.objects.difference_cells import (
     noise,
     smoothed,
     steepness,
+    with_sides,
 )
 from gmmjax.changes.objects.height_above import HeightAbove
 from gmmjax.changes.objects.plane_grid import PlaneGrid
@@ -265,16 +266,20 @@ class SurfaceMap(NamedTuple):
         footprint, left_out = _with_rim(difference, self.core, self.foreign, _widest(self.core, settings), settings)
         sense = float(np.sign(np.nansum(difference[footprint])))
         thickness = sense * difference
-        whole, gaps = filled(thickness, thickness + self.rise, footprint, self.shown)
-        behind, outline = self._hidden(thickness, footprint, settings), settings.outline * steepness(whole, footprint)
+        crests, unseen = thickness + self.rise, ~self.shown & ~self.foreign
+        between, inside = between_sides(crests, footprint & (self.rise > 0), unseen & ~footprint)
+        thickness, of_sides = with_sides(thickness, crests, inside | (unseen & footprint))
+        whole, gaps = filled(thickness, crests, footprint, self.shown)
+        behind = self._hidden(thickness, footprint, inside, settings)
+        outline = settings.outline * steepness(whole, footprint)
         of_cells = max(noise(difference, footprint), offset.density * footprint.sum())
         area, quantile = self.grid.edge**2, float(stats.t.ppf((1 + settings.confidence) / 2, offset.freedom))
         common = float(quantile * area * footprint.sum() * offset.error)
-        of_rim = left_out**2 + outline**2 + self._of_partly(whole, footprint) ** 2
-        independent = quantile * area * np.sqrt(of_cells + gaps + of_rim + behind.error**2)
+        of_rim = left_out**2 + outline**2 + of_sides**2 + self._of_partly(whole, footprint) ** 2
+        independent = quantile * area * np.sqrt(of_cells + gaps + of_rim + between.error**2 + behind.error**2)
         return SurfaceVolume(
             area=float(area * (_labelled_share(self, settings) * self.labelled).sum()),
-            gain=sense * float(area * (whole[footprint].sum() + behind.volume)),
+            gain=sense * float(area * (whole[footprint].sum() + between.volume + behind.volume)),
             error=float(np.hypot(common, independent)),
             registration_error=common,
         )
@@ -293,17 +298,18 @@ class SurfaceMap(NamedTuple):
         return float((filled(fully, fully + self.rise, footprint, self.shown)[0] - whole)[footprint].sum())
 
     def _hidden(
-        self, thickness: Float64[np.ndarray, "r c"], footprint: Bool[np.ndarray, "r c"], settings: SurfaceVolumeSettings
+        self,
+        thickness: Float64[np.ndarray, "r c"],
+        footprint: Bool[np.ndarray, "r c"],
+        inside: Bool[np.ndarray, "r c"],
+        settings: SurfaceVolumeSettings,
     ) -> Hidden:
-        """What nobody saw behind the change; see `hidden`."""
+        """What nobody saw behind the change, beyond what is between its sides; see `hidden`."""
         # The rim of a deep pit hides most of it; behind the crest of an object is its shadow, which is longer than it.
         reach = np.where(self.shown, settings.reach * np.sqrt(self.core.sum() / np.pi), _widest(self.core, settings))
         beside = (ndimage.distance_transform_edt(~footprint) <= reach) & ~self.foreign
-        unseen = ~footprint & ~self.foreign & ~self.shown
-        sides, inside = between_sides(thickness + self.rise, footprint & (self.rise > 0), unseen)
         least = settings.certain * float(np.sqrt(self.offset.density))
-        behind = hidden(thickness, self.shown, footprint, beside & ~inside, least)
-        return Hidden(sides.volume + behind.volume, float(np.hypot(sides.error, behind.error)))
+        return hidden(thickness, self.shown, footprint, beside & ~inside, least)
 
 
 def _widest(core: Bool[np.ndarray, "r c"], settings: SurfaceVolumeSettings) -> int:

@@ -16,7 +16,7 @@ import numpy as np
 from gmmjax import DetectionConfig, InputWarning, detect_changes
 from gmmjax.changes import volume_totals
 from tests.benchmarks.volumes.results import Result, table
-from tests.benchmarks.volumes.scenes import HELD_OUT, KINDS, VolumeScene, scene_of
+from tests.benchmarks.volumes.scenes import HELD_OUT, KINDS, TALL, VolumeScene, scene_of
 
 DEVELOPMENT_SEED, REPORTED_SEED = 1000, 80_000
 
@@ -49,9 +49,10 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=104, help="how many, of all kinds in turn")
     parser.add_argument("--seed", type=int, help="of the first one")
     parser.add_argument("--development", action="store_true", help="the kinds and seeds of development")
+    parser.add_argument("--kinds", nargs="+", choices=[*KINDS, *HELD_OUT, *TALL], help="these in turn in place of all")
     parser.add_argument("--out", type=Path, help="a file for the results as JSON")
     options = parser.parse_args()
-    kinds = list(KINDS if options.development else HELD_OUT)
+    kinds = options.kinds or list(KINDS if options.development else HELD_OUT)
     first = options.seed if options.seed is not None else DEVELOPMENT_SEED if options.development else REPORTED_SEED
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)

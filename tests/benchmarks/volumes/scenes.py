@@ -20,6 +20,8 @@ from gmmjax.scenes.shapes import Ellipsoid, Ground
 from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
 
 NODES = 241
+# From everything random, the solids, the edge of the ground, the noise, about how many points, and the ground.
+Survey = Callable[[np.random.Generator, Pair[list[Solid]], float, float, float, Ground], Pair[Recording]]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -211,12 +213,34 @@ def box_scene(random: np.random.Generator, kind: str) -> VolumeScene:
     return with_object(random, truth, floor, box, edge)
 
 
-def with_object(random: np.random.Generator, truth: Truth, ground: Ground, thing: Solid, edge: float) -> VolumeScene:
+def tall_scene(random: np.random.Generator, kind: str, round: bool) -> VolumeScene:
+    """What stands on a level floor and is higher than the tripods: nobody sees its top."""
+    edge = float(random.uniform(8, 20))
+    floor = ground_of(np.zeros((NODES, NODES)), edge)
+    size = np.array([*random.uniform(0.5, 1.8, 2), random.uniform(1.9, 3.0)])
+    if round:
+        size[1] = size[0]
+    middle = random.uniform(-0.25, 0.25, 2) * edge
+    axes = np.asarray(Rotation.from_euler("z", random.uniform(0, np.pi)).as_matrix())
+    thing = Solid(np.array([*middle, size[2] / 2]), size, axes=axes, round=round)
+    volume = float(size.prod() * (np.pi / 4 if round else 1))
+    truth = Truth(kind, volume, np.array([*middle, 0.0]), float(np.linalg.norm(size)))
+    return with_object(random, truth, floor, thing, edge, from_tripods)
+
+
+def with_object(
+    random: np.random.Generator,
+    truth: Truth,
+    ground: Ground,
+    thing: Solid,
+    edge: float,
+    survey: Survey | None = None,
+) -> VolumeScene:
     """A thing that comes or goes."""
     solids = Pair([ground], [ground, thing])
     if random.random() < 0.5:
-        return surveyed(random, truth, solids, edge, ground)
-    return surveyed(random, dataclasses.replace(truth, volume=-truth.volume), solids.swapped, edge, ground)
+        return surveyed(random, truth, solids, edge, ground, survey)
+    return surveyed(random, dataclasses.replace(truth, volume=-truth.volume), solids.swapped, edge, ground, survey)
 
 
 KINDS: Mapping[str, Callable[[np.random.Generator], VolumeScene]] = {
@@ -234,6 +258,12 @@ HELD_OUT: Mapping[str, Callable[[np.random.Generator], VolumeScene]] = {
     },
     "block": lambda random: block_scene(random, "block"),
     "drum": lambda random: drum_scene(random, "drum"),
+}
+
+# Higher than the sensors: the first for development.
+TALL: Mapping[str, Callable[[np.random.Generator], VolumeScene]] = {
+    "cabinet": lambda random: tall_scene(random, "cabinet", round=False),
+    "tank": lambda random: tall_scene(random, "tank", round=True),
 }
 
 
@@ -276,15 +306,19 @@ def counted_above(block: Solid, ground: Ground, lines: int = 120) -> float:
 
 
 def surveyed(
-    random: np.random.Generator, truth: Truth, solids: Pair[list[Solid]], edge: float, ground: Ground
+    random: np.random.Generator,
+    truth: Truth,
+    solids: Pair[list[Solid]],
+    edge: float,
+    ground: Ground,
+    survey: Survey | None = None,
 ) -> VolumeScene:
     """Both surveys of the solids: from the air or from one to three stations, registered by targets or by ICP."""
     noise = float(np.exp(random.uniform(np.log(0.002), np.log(0.02))))
     count = random.uniform(15_000, 40_000)
-    if random.random() < 0.35:
-        recordings = from_the_air(random, solids, edge, noise, count)
-    else:
-        recordings = from_stations(random, solids, edge, noise, count, ground)
+    if survey is None:
+        survey = from_the_air if random.random() < 0.35 else from_stations
+    recordings = survey(random, solids, edge, noise, count, ground)
     by_targets = random.random() < 0.4
     # The error of targets stays in the scans; what ICP is to find is larger.
     shift, degrees = (random.uniform(0, 0.01), 0.01) if by_targets else (random.uniform(0, 0.1), 0.05)
@@ -297,7 +331,7 @@ def surveyed(
 
 
 def from_the_air(
-    random: np.random.Generator, solids: Pair[list[Solid]], edge: float, noise: float, count: float
+    random: np.random.Generator, solids: Pair[list[Solid]], edge: float, noise: float, count: float, ground: Ground
 ) -> Pair[Recording]:
     """Flown over twice, in other directions."""
     beam = Beam(noise=noise, growth=0.0, max_range=2000.0, edge=0.3, mixed=0.1)
@@ -307,6 +341,24 @@ def from_the_air(
         return flight.scanner(beam, 1.3 * count).recording(own, flight.poses(), random).thinned(int(count), random)
 
     return each(recording, solids, Pair(random.uniform(0, np.pi), random.uniform(0, np.pi)))
+
+
+def from_tripods(
+    random: np.random.Generator, solids: Pair[list[Solid]], edge: float, noise: float, count: float, ground: Ground
+) -> Pair[Recording]:
+    """From two to four stations of a scanner at the height of a person's eyes, which turns."""
+    stations = int(random.integers(2, 5))
+    beam = Beam(noise=noise, growth=random.uniform(0, 0.0001), max_range=4 * edge, edge=0.3, mixed=0.1)
+    scanner = TripodScanner(beam, int(3 * count / stations), 360.0, -70.0, 30.0)
+    places = 0.45 * edge * circle(random, stations)
+
+    def recording(own: list[Solid]) -> Recording:
+        stands = places + random.normal(0, 0.02 * edge, places.shape)
+        eyes = np.column_stack([stands, random.uniform(1.5, 1.8, stations)])
+        poses = [looking_at(eye, np.array([0.0, 0.0, eye[2]])) for eye in eyes]
+        return scanner.recording(own, np.stack(poses), random).thinned(int(count), random)
+
+    return solids.map(recording)
 
 
 def from_stations(
@@ -342,5 +394,5 @@ def circle(random: np.random.Generator, count: int) -> np.ndarray:
 
 def scene_of(kind: str, seed: int) -> VolumeScene:
     """A scene by its seed."""
-    kinds = {**KINDS, **HELD_OUT}
+    kinds = {**KINDS, **HELD_OUT, **TALL}
     return kinds[kind](np.random.default_rng([seed, list(kinds).index(kind)]))
