@@ -26,6 +26,11 @@ class CandidateSettings:
         smallest_local_core: the same where voxels are as small as the scans allow at each place. Fewer: noise makes
             candidates; 20: what the scans show with a dozen points is lost.
         cluster_radius: within which such points are neighbours, in spacings (the radius of DBSCAN).
+        sparse_radius: the same in spacings of the cloud at a place, where that is larger: far from a scanner an object
+            has few points. 0: of these nothing is found, or pieces; as `cluster_radius`: what lies side by side there
+            is one candidate.
+        widest_radius: the same, in `cluster_radius`, at most. 1: as if `sparse_radius` were 0; infinite: stray points
+            that are far from everything make candidates.
         cluster_neighbours: of a core point, itself counted (the minimum of DBSCAN).
         growth: a candidate takes in points that reach the threshold within this many radii.
         outliers: largest fraction of these nearly sure points that may belong to no surface, empirical: single points
@@ -37,6 +42,8 @@ class CandidateSettings:
     smallest_core: int = 20
     smallest_local_core: int = 10
     cluster_radius: float = 5.0
+    sparse_radius: float = 2.5
+    widest_radius: float = 4.0
     cluster_neighbours: int = 8
     growth: float = 2.0
     outliers: float = 0.9
@@ -82,6 +89,7 @@ def candidates_of(
     settings: CandidateSettings = CandidateSettings(),
     sizes: Pair[Float[np.ndarray, " _"] | None] = Pair(None, None),
     outliers: Pair[Bool[np.ndarray, " _"] | None] = Pair(None, None),
+    spacings: Pair[Float[np.ndarray, " _"] | None] = Pair(None, None),
 ) -> Pair[Candidates]:
     """The candidates of both clouds.
 
@@ -92,9 +100,11 @@ def candidates_of(
         observed: what the other survey observed at the place of each point; None: its views are not known.
         threshold: probability from which on a point belongs to a candidate.
         settings: which points look changed.
-        sizes: of the voxel of each point, where they differ from place to place; None: the spacing of the pair is
-            everywhere.
+        sizes: of the voxel of each point, where they differ from place to place; None: the scans are compared in voxels
+            of one size, or point by point.
         outliers: which points belong to no surface; None: none of them.
+        spacings: of the points of each cloud at each of them; None: that of the pair is everywhere. Where the voxels
+            differ, their sizes count.
     """
     limits = differences.limits
 
@@ -105,11 +115,13 @@ def candidates_of(
         observed: np.ndarray | None,
         sizes: np.ndarray | None,
         outliers: np.ndarray | None,
+        spacings: np.ndarray | None,
     ) -> Candidates:
         by_difference = probability_by_difference(difference, limits, settings)
         spacing: float | np.ndarray
         if sizes is None:
-            spacing, own, looks_changed = limits.spacing, settings, mean_probability(excess, by_difference)
+            spacing = _cluster_spacing(spacings, limits.spacing, settings)
+            own, looks_changed = settings, mean_probability(excess, by_difference)
         else:
             # The mixture's Gaussians are far larger than what the finest voxels show.
             spacing, own, looks_changed = sizes, settings.local, by_difference
@@ -119,7 +131,17 @@ def candidates_of(
         labels = clusters_by_observation(points, looks_changed, observed, spacing, threshold, own, outliers)
         return Candidates(points, difference, excess, looks_changed, labels, observed)
 
-    return each_on_cores(of_cloud, points, differences.local, excess, observed, sizes, outliers)
+    return each_on_cores(of_cloud, points, differences.local, excess, observed, sizes, outliers, spacings)
+
+
+def _cluster_spacing(
+    spacings: Float[np.ndarray, " n"] | None, of_pair: float, settings: CandidateSettings
+) -> float | Float[np.ndarray, " n"]:
+    """The spacing of the pair, and where a cloud is far sparser a power of two times as much."""
+    if spacings is None:
+        return of_pair
+    wider = settings.sparse_radius * spacings / (settings.cluster_radius * of_pair)
+    return np.asarray(of_pair * 2.0 ** np.round(np.log2(np.clip(wider, 1.0, settings.widest_radius))))
 
 
 def probability_by_difference(

@@ -14,6 +14,7 @@ from gmmjax.changes.differences import DetectionLimits, Differences, DifferenceS
 from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.clouds import SensorViews
+from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair
 
 SPACING = 0.01
@@ -161,6 +162,25 @@ def test_flying_pixels_before_a_wall_are_no_candidate_and_a_small_object_is():
     scanner[0, :3, 3] = 0.3, 0.3, 2.0
     of_item, of_flying = labels(Survey.of(points, SensorViews(scanner, (360.0, 170.0), 10.0)).outliers)
     assert (of_item >= 0).all() and (of_flying == -1).all()
+
+
+@pytest.mark.parametrize(("apart", "found"), [(1, True), (4, True), (20, False)])
+def test_what_stands_where_a_scan_is_sparse_is_one_candidate(apart, found):
+    """A board whose points are some spacings of the pair apart: far from the scanner, or alone in the air."""
+    steps = np.arange(7) * apart * SPACING
+    board = np.stack(np.meshgrid(steps, [0.0], steps), axis=-1).reshape(-1, 3)
+    points, local = Pair(board, blob((0, 0, 0), 50)), Pair(difference(np.ones(49)), difference(np.zeros(50)))
+    excess = points.map(lambda own: by_restart(np.zeros((1, len(own)))))
+    spacings = points.map(lambda own: LocalSurface.of(own).spacing(np.arange(len(own))))
+    candidates = candidates_of(points, Differences(local, LIMITS), excess, spacings=spacings)
+    np.testing.assert_array_equal(candidates.before.labels, 0 if found else -1)
+    # By the spacing of the pair alone it is none.
+    by_pair = candidates_of(points, Differences(local, LIMITS), excess)
+    off = candidates_of(
+        points, Differences(local, LIMITS), excess, settings=CandidateSettings(sparse_radius=0.0), spacings=spacings
+    )
+    for other in (by_pair, off):
+        np.testing.assert_array_equal(other.before.labels, 0 if apart == 1 else -1)
 
 
 def test_where_voxels_are_local_what_the_other_survey_saw_through_is_a_candidate():

@@ -299,6 +299,11 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         excess = each(lambda own, after: _of_points(fits, own, after), points, AFTER)
         sizes = prepared.pair.working.clouds.map(lambda cloud: cloud.sizes)
         outliers = each_on_cores(lambda survey: survey.outliers, prepared.surveys)
+        spacings = each(
+            lambda surface, own: surface.spacing(np.arange(len(surface))) if own is None else None,
+            prepared.pair.surfaces,
+            sizes,
+        )
         return candidates_of(
             points,
             prepared.differences,
@@ -308,6 +313,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             self.candidates,
             sizes,
             outliers,
+            spacings,
         )
 
     def _standard_errors(self, prepared: AlignedScans, joint: JointFits, changes: Changes) -> tuple[float | None, ...]:
