@@ -256,8 +256,8 @@ class SurfaceMap(NamedTuple):
         """The volume between both surfaces over the change, its thin rim included.
 
         The uncertainty is made of the noise of the cells, which averages out; of the difference between both scans
-        where nothing changed, which does not; of cells where one of the scans has no points, or on one side only; and
-        of the rim.
+        where nothing changed, which does not; of cells where one of the scans has no points, or on one side only; of
+        the rim; and of what nobody saw between the sides of an object and behind it.
 
         Args:
             settings: how it is measured.
