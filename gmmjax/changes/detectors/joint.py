@@ -300,7 +300,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         sizes = prepared.pair.working.clouds.map(lambda cloud: cloud.sizes)
         outliers = each_on_cores(lambda survey: survey.outliers, prepared.surveys)
         spacings = each(
-            lambda surface, own: surface.spacing(np.arange(len(surface))) if own is None else None,
+            lambda surface, size: surface.spacing(np.arange(len(surface))) if size is None else None,
             prepared.pair.surfaces,
             sizes,
         )

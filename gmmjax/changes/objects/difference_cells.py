@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 from scipy import ndimage
 from scipy.interpolate import LinearNDInterpolator
-from scipy.spatial import Delaunay, QhullError, cKDTree
+from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
 from gmmjax.geometry import nearest_neighbours
 
@@ -47,16 +47,16 @@ def filled(
     missing = footprint & ~np.isfinite(thickness)
     if not missing.any():
         return thickness, 0.0
-    open_above = shown[missing]
-    near = np.where(
-        open_above[:, None], *(_nearest_known(own, footprint, missing, count) for own in (thickness, crests))
-    )
-    between = np.where(open_above, *(_interpolated(own, missing) for own in (thickness, crests)))
+    near, between = _nearest_known(thickness, footprint, missing, count), _interpolated(thickness, missing)
+    covered = ~shown[missing]
+    if covered.any():
+        near[covered] = _nearest_known(crests, footprint, missing & ~shown, count)
+        between[covered] = _interpolated(crests, missing)[covered]
     gaps, means = ndimage.label(missing, SQUARE)[0][missing], near.mean(axis=1)
     values = np.where(np.isfinite(between), between, means)
     spread = np.maximum(near.std(axis=1), np.abs(values - means))
     # What the rim of a pit hides lies below the line of sight, on which the differences fall evenly.
-    room = np.where(open_above, np.maximum(_thickest(near, gaps) - values, 0), 0)
+    room = np.where(covered, 0, np.maximum(_thickest(near, gaps) - values, 0))
     whole = thickness.copy()
     whole[missing] = values + room / 2
     # Of one gap all is wrong together: by how its neighbours differ, or it from them.
@@ -158,12 +158,14 @@ def between_sides(
     Returns:
         What is hidden, and the cells in the hull.
     """
-    hull = np.zeros_like(cells)
+    hull, corners = np.zeros_like(cells), np.argwhere(sides)
     try:
-        hull[:] = (Delaunay(np.argwhere(sides)).find_simplex(np.argwhere(np.ones_like(cells))) >= 0).reshape(hull.shape)
+        # The hull of its vertices is the same, and has few triangles.
+        triangles = Delaunay(corners[ConvexHull(corners).vertices])
     except (QhullError, ValueError):
         # One straight wall, if any.
         return Hidden(0.0, 0.0), hull
+    hull[:] = (triangles.find_simplex(np.argwhere(np.ones_like(cells)), tol=1e-6) >= 0).reshape(hull.shape)
     inside = hull & cells
     if not inside.any():
         return Hidden(0.0, 0.0), inside
@@ -177,8 +179,9 @@ def with_sides(
 ) -> tuple[Float64[np.ndarray, "r c"], float]:
     """The thickness with half of the height of upright sides beside what nobody saw of an object, and its error.
 
-    Such a side is anywhere in its cell, and all of it likewise: the cells lie along the object. The floor before it was
-    seen, what is behind it was not. The standard error is that of the sum, of an object of four sides.
+    The floor before a side was seen, what is behind it was not. A side may be anywhere in its cells, uniformly, and is
+    at the same place in all of them, because the grid is aligned with the object. The standard error of the sum is that
+    of an object of four sides that are independent.
 
     Args:
         thickness: by how much the higher surface is above the lower one in each cell.

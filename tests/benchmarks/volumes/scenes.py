@@ -351,14 +351,11 @@ def from_tripods(
     beam = Beam(noise=noise, growth=random.uniform(0, 0.0001), max_range=4 * edge, edge=0.3, mixed=0.1)
     scanner = TripodScanner(beam, int(3 * count / stations), 360.0, -70.0, 30.0)
     places = 0.45 * edge * circle(random, stations)
-
-    def recording(own: list[Solid]) -> Recording:
-        stands = places + random.normal(0, 0.02 * edge, places.shape)
-        eyes = np.column_stack([stands, random.uniform(1.5, 1.8, stations)])
-        poses = [looking_at(eye, np.array([0.0, 0.0, eye[2]])) for eye in eyes]
-        return scanner.recording(own, np.stack(poses), random).thinned(int(count), random)
-
-    return solids.map(recording)
+    return solids.map(
+        lambda own: recorded(
+            random, own, scanner, places, edge, lambda _: random.uniform(1.5, 1.8, stations), True, count
+        )
+    )
 
 
 def from_stations(
@@ -376,14 +373,28 @@ def from_stations(
         places = np.stack([across, np.full(stations, -random.uniform(0.6, 0.9) * edge)], axis=1)
         scanner = AirborneScanner(beam, random.uniform(55, 80), random.uniform(35, 60), int(2 * count / stations))
 
-    def recording(own: list[Solid]) -> Recording:
-        stands = places + random.normal(0, 0.02 * edge, places.shape)
-        height = ground.height_at(np.clip(stands, -edge / 2, edge / 2)) + random.uniform(1.6, 0.15 * edge + 1.6)
-        eyes = np.column_stack([stands, height])
-        poses = [looking_at(eye, np.array([0.0, 0.0, eye[2] if turning else 0.0])) for eye in eyes]
-        return scanner.recording(own, np.stack(poses), random).thinned(int(count), random)
+    def heights(stands: np.ndarray) -> np.ndarray:
+        below = ground.height_at(np.clip(stands, -edge / 2, edge / 2))
+        return np.asarray(below + random.uniform(1.6, 0.15 * edge + 1.6))
 
-    return solids.map(recording)
+    return solids.map(lambda own: recorded(random, own, scanner, places, edge, heights, turning, count))
+
+
+def recorded(
+    random: np.random.Generator,
+    solids: list[Solid],
+    scanner: TripodScanner | AirborneScanner,
+    places: np.ndarray,
+    edge: float,
+    heights: Callable[[np.ndarray], np.ndarray],
+    turning: bool,
+    count: float,
+) -> Recording:
+    """What a scanner records from about these places, at these heights; it turns, or looks at the middle."""
+    stands = places + random.normal(0, 0.02 * edge, places.shape)
+    eyes = np.column_stack([stands, heights(stands)])
+    poses = [looking_at(eye, np.array([0.0, 0.0, eye[2] if turning else 0.0])) for eye in eyes]
+    return scanner.recording(solids, np.stack(poses), random).thinned(int(count), random)
 
 
 def circle(random: np.random.Generator, count: int) -> np.ndarray:
