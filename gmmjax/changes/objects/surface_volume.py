@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float64, Int
 from scipy import ndimage, stats
 from scipy.spatial import cKDTree
 
+from gmmjax.changes.objects.change_surface import ChangeSurface
 from gmmjax.changes.objects.difference_cells import (
     SQUARE,
     Hidden,
@@ -24,10 +25,10 @@ from gmmjax.changes.objects.difference_cells import (
     steepness,
     with_sides,
 )
-from gmmjax.changes.objects.height_above import HeightAbove
+from gmmjax.changes.objects.height_maps import HeightMapSettings, height_maps
 from gmmjax.changes.objects.plane_grid import PlaneGrid
-from gmmjax.geometry import LocalSurface, evenly_chosen, nearest_neighbours
-from gmmjax.pair import Pair, each
+from gmmjax.changes.objects.surroundings_offset import Offset, OffsetSettings, offset_in, without_spikes
+from gmmjax.geometry import evenly_chosen, nearest_neighbours
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,17 +40,9 @@ class SurfaceVolumeSettings:
     Attributes:
         cell: edge of the cells, in point spacings of the sparser scan there. Smaller: cells without points; larger: the
             outline is coarse.
-        parts: each cell is a grid of this many by this many parts, which count the same however many points they have.
-            1: a scan whose density differs within a cell, as on a steep rim, counts its dense part too much.
         neighbours: number of neighbours by which the spacing is measured. Fewer: that along the lines of a scanner.
         sample: number of points, at most, by which it is.
-        planes: number of local planes of the other scan whose mean the heights are measured from, so that a slope
-            within a cell is no noise. 1: the edges between two planes are.
-        steepest: least cosine between the normal of such a plane and that of the change. 0: upright surfaces, such as
-            the trunks on a slope, have heights without bounds, and nothing is known to be a side of an object, between
-            which nobody saw its top.
-        beyond: points this far above or below all that is of the change, in its thickness, belong to something else,
-            such as branches above a slope or a shelf above a floor. Infinite: they are taken for ground.
+        heights: how those of each scan are measured in the cells.
         outline: standard deviation of where the steep sides of a change lie, in cells: of a cell there a scan may show
             one half only. 0: they are taken to be seen as evenly as flat ground.
         rim: what lies around the labelled points is of the change as long as its mean difference, ring by ring,
@@ -64,22 +57,15 @@ class SurfaceVolumeSettings:
         clear: distance from the change, in cells, from which on its surroundings begin. 0: its rim is in them.
         surroundings: width of the unchanged surroundings by which the change is measured, in its radii. 0: none, and
             the registration error is that of the pair.
-        blocks: the surroundings are divided into blocks of the area of the change by this number, whose means differ by
-            noise and registration. 1: few blocks, and an uncertain uncertainty.
-        fewest_blocks: number of blocks, at least, by which the surroundings count. It is at least 2.
-        outlying: cells of the surroundings that are this many robust standard deviations off their median are no
-            unchanged surface. Infinite: changes beside the change distort it.
+        offset: how what both scans differ by there is measured.
         confidence: of the interval.
         most_cells: of the grid, at most: a bound on the memory.
     """
 
     cell: float = 2.5
-    parts: int = 2
     neighbours: int = 16
     sample: int = 1000
-    planes: int = 4
-    steepest: float = 0.3
-    beyond: float = 1.0
+    heights: HeightMapSettings = HeightMapSettings()
     outline: float = 0.04
     rim: float = 1.0
     certain: float = 4.0
@@ -87,9 +73,7 @@ class SurfaceVolumeSettings:
     widest_rim: float = 0.6
     clear: float = 2.0
     surroundings: float = 0.8
-    blocks: int = 4
-    fewest_blocks: int = 5
-    outlying: float = 4.0
+    offset: OffsetSettings = OffsetSettings()
     confidence: float = 0.95
     most_cells: int = 1_000_000
 
@@ -110,42 +94,6 @@ class SurfaceVolume(NamedTuple):
     registration_error: float
 
 
-class ChangeSurface(NamedTuple):
-    """A change with what both scans show about its place. Coordinates are relative to the change.
-
-    Attributes:
-        labelled: points of the change, without outliers, in either scan; of one that is found in one scan only the
-            other one has none.
-        clouds: all points of both scans about its place.
-        others: points of the other changes of both scans about its place.
-        reference: the other scan's surface about its place.
-        outward: unit normal of that surface, to the outer side.
-    """
-
-    labelled: Pair[Float64[np.ndarray, "_ 3"]]
-    clouds: Pair[Float64[np.ndarray, "_ 3"]]
-    others: Float64[np.ndarray, "m 3"]
-    reference: LocalSurface
-    outward: Float64[np.ndarray, " 3"]
-
-    @property
-    def points(self) -> Float64[np.ndarray, "n 3"]:
-        """Of the change, in both scans."""
-        return np.concatenate([*self.labelled])
-
-    def across(self) -> Float64[np.ndarray, "2 3"]:
-        """Unit vectors in its plane, along and across its longest extent: they turn with the change."""
-        points = self.points
-        axes = np.linalg.svd(self.outward[None])[2][1:]
-        places = points @ axes.T
-        places = places - places.mean(axis=0)
-        first = np.linalg.eigh(places.T @ places)[1][:, -1] @ axes
-        # Towards the longer tail.
-        along = places @ (axes @ first)
-        first = first if (along**3).sum() >= 0 else -first
-        return np.stack([first, np.cross(self.outward, first)])
-
-
 def window_reach(
     points: Float64[np.ndarray, "n 3"], settings: SurfaceVolumeSettings = SurfaceVolumeSettings()
 ) -> float:
@@ -158,22 +106,6 @@ def window_reach(
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
     spacing = _spacing(points, points, settings)
     return (settings.reach + settings.surroundings) / 2 * diagonal + 8 * settings.cell * spacing
-
-
-class _Offset(NamedTuple):
-    """What both scans differ by where nothing changed.
-
-    Attributes:
-        value: the difference.
-        error: its standard error, common to all cells.
-        density: variance of the mean difference of an area, times the area.
-        freedom: degrees of freedom of these.
-    """
-
-    value: float
-    error: float
-    density: float
-    freedom: float
 
 
 class SurfaceMap(NamedTuple):
@@ -202,7 +134,7 @@ class SurfaceMap(NamedTuple):
     shown: Bool[np.ndarray, "r c"]
     partly: Bool[np.ndarray, "r c"]
     rise: Float64[np.ndarray, "r c"]
-    offset: _Offset
+    offset: Offset
     counts: Int[np.ndarray, "r c"]
     labelled: Bool[np.ndarray, "r c"]
     core: Bool[np.ndarray, "r c"]
@@ -223,7 +155,7 @@ class SurfaceMap(NamedTuple):
         grid = _grid(change, across, settings)
         if grid is None:
             return None
-        maps = _height_maps(change, across, grid, settings)
+        maps = height_maps(change, across, grid, settings.heights)
         difference = maps.after.heights - maps.before.heights
         # A cell on the border of two changes is of the one that has more points there.
         counts, others = (grid.counts(points @ across.T) for points in (change.points, change.others))
@@ -236,8 +168,8 @@ class SurfaceMap(NamedTuple):
         if foreign.any():
             foreign = (ndimage.distance_transform_edt(~foreign) <= distance) & ~core
         beside = (distance > settings.clear) & ~foreign
-        difference = _without_spikes(difference, core, beside, settings)
-        offset = _offset(difference, beside, int(core.sum()), registration_error, settings)
+        difference = without_spikes(difference, core, beside, settings.offset)
+        offset = offset_in(difference, beside, int(core.sum()), registration_error, settings.offset)
         higher = maps.after if np.nansum((difference - offset.value)[core]) >= 0 else maps.before
         shown = np.isfinite(higher.heights)
         partly = (maps.before if higher is maps.after else maps.after).partly
@@ -247,9 +179,9 @@ class SurfaceMap(NamedTuple):
         width = max(settings.clear, settings.surroundings * np.sqrt(grown.sum() / np.pi))
         distance = ndimage.distance_transform_edt(~grown) - _widest(grown, settings)
         around = (distance > settings.clear) & (distance <= settings.clear + width) & ~foreign
-        offset = _offset(difference, around, int(grown.sum()), registration_error, settings)
+        offset = offset_in(difference, around, int(grown.sum()), registration_error, settings.offset)
         difference = difference - offset.value
-        rise = higher.rise(grid.edge, settings.steepest)
+        rise = higher.rise(grid.edge, settings.heights.steepest)
         return cls(change, grid, across, difference, shown, partly, rise, offset, counts, core, grown, foreign)
 
     def volume(self, settings: SurfaceVolumeSettings = SurfaceVolumeSettings()) -> SurfaceVolume:
@@ -352,122 +284,13 @@ def _spacing(
     return float(np.median(reach) * np.sqrt(np.pi / count))
 
 
-class _HeightMap(NamedTuple):
-    """A scan in the cells.
-
-    Attributes:
-        heights: mean of each cell; NaN where it has no points.
-        spread: their standard deviation.
-        highest: of each cell.
-        partly: whether it has points in one part of the cell only.
-    """
-
-    heights: Float64[np.ndarray, "r c"]
-    spread: Float64[np.ndarray, "r c"]
-    highest: Float64[np.ndarray, "r c"]
-    partly: Bool[np.ndarray, "r c"]
-
-    def rise(self, edge: float, steepest: float) -> Float64[np.ndarray, "r c"]:
-        """How far above the mean of a cell its upper end is, where it is steeper than a surface may be; 0 elsewhere.
-
-        Args:
-            edge: of the cells.
-            steepest: least cosine between the normal of a surface and that of the cells.
-        """
-        rise = np.nan_to_num(self.highest - self.heights)
-        return np.where(rise > edge / 2 * np.tan(np.arccos(steepest)), rise, 0.0)
-
-
-def _height_maps(
-    change: ChangeSurface, across: Float64[np.ndarray, "2 3"], grid: PlaneGrid, settings: SurfaceVolumeSettings
-) -> Pair[_HeightMap]:
-    """The heights of both scans."""
-    heights = HeightAbove(change.reference, change.outward, settings.planes, settings.steepest)
-    own = heights.of(change.points)
-    lower, upper = min(float(own.min()), 0.0), max(float(own.max()), 0.0)
-    margin = settings.beyond * (upper - lower)
-
-    def map_of(cloud: Float64[np.ndarray, "n 3"], labelled: Float64[np.ndarray, "m 3"]) -> _HeightMap:
-        places, values = cloud @ across.T, heights.of(cloud)
-        near = (values >= lower - margin) & (values <= upper + margin)
-        found = grid.means(places[near], values[near], settings.parts)
-        # What is seen below an overhang, such as the floor under a table, is not the surface of the change.
-        whole = ndimage.binary_erosion(grid.counts(labelled @ across.T) > 0, SQUARE)
-        squares = grid.means(places[near], values[near] ** 2, settings.parts)
-        spread = np.sqrt(np.maximum(squares - found**2, 0))
-        found = np.where(whole, grid.means(labelled @ across.T, heights.of(labelled), settings.parts), found)
-        highest = grid.greatest(places[near], values[near])
-        return _HeightMap(found, spread, highest, (settings.parts > 1) & (grid.seen(places[near], settings.parts) == 1))
-
-    return each(map_of, change.clouds, change.labelled)
-
-
-def _without_spikes(
-    difference: Float64[np.ndarray, "r c"],
-    core: Bool[np.ndarray, "r c"],
-    around: Bool[np.ndarray, "r c"],
-    settings: SurfaceVolumeSettings,
-) -> Float64[np.ndarray, "r c"]:
-    """With the median about them for cells, beyond the labelled ones, that stand out: single points off the surface."""
-    off = difference - smoothed(difference)
-    known = off[around & np.isfinite(off)]
-    if not len(known):
-        return difference
-    spread = float(stats.median_abs_deviation(known, scale="normal"))
-    spikes = (np.abs(off) > settings.outlying * spread) & ~core & (spread > 0)
-    return np.where(spikes, difference - off, difference)
-
-
-def _offset(
-    difference: Float64[np.ndarray, "r c"],
-    around: Bool[np.ndarray, "r c"],
-    area: int,
-    registration_error: float,
-    settings: SurfaceVolumeSettings,
-) -> _Offset:
-    """What both scans differ by in the surroundings, weighed against what is expected of the registration.
-
-    Args:
-        difference: of each cell.
-        around: the cells of the surroundings.
-        area: of the change, in cells.
-        registration_error: that is expected.
-        settings: of the blocks.
-    """
-    nothing = _Offset(0.0, registration_error, 0.0, np.inf)
-    around = around & np.isfinite(difference)
-    if around.sum() < settings.fewest_blocks:
-        return nothing
-    values = difference[around]
-    middle = np.median(values)
-    spread = stats.median_abs_deviation(values, scale="normal")
-    rows, columns = np.nonzero(around)
-    unchanged = np.abs(values - middle) <= settings.outlying * spread
-    edge = max(1.0, np.sqrt(area / settings.blocks))
-    blocks = np.unique(np.stack([rows // edge, columns // edge]), axis=1, return_inverse=True)[1].ravel()[unchanged]
-    values, counts = values[unchanged], np.bincount(blocks)
-    # The smallest pieces of the surroundings say little.
-    large = counts >= max(1.0, counts.max() / 3)
-    if large.sum() < settings.fewest_blocks:
-        return nothing
-    means, weights = (np.bincount(blocks, values) / np.maximum(counts, 1))[large], counts[large]
-    mean = float(np.average(means, weights=weights))
-    freedom = float(len(means) - 1)
-    density = float((weights * (means - mean) ** 2).sum() / freedom)
-    variance, expected = density / weights.sum(), registration_error**2
-    if variance + expected == 0:
-        return _Offset(mean, 0.0, 0.0, freedom)
-    trust = expected / (expected + variance)
-    return _Offset(trust * mean, float(np.sqrt(trust * variance)), density, freedom)
-
-
 def _grown(
     difference: Float64[np.ndarray, "r c"],
     core: Bool[np.ndarray, "r c"],
     shown: Bool[np.ndarray, "r c"],
     spread: Float64[np.ndarray, "r c"],
     excluded: Bool[np.ndarray, "r c"],
-    offset: _Offset,
+    offset: Offset,
     settings: SurfaceVolumeSettings,
 ) -> Bool[np.ndarray, "r c"]:
     """The labelled cells with those beyond them whose difference is as certain, though no point is labelled there."""
@@ -519,9 +342,9 @@ def _with_rim(
 def _labelled_share(found: SurfaceMap, settings: SurfaceVolumeSettings) -> Float64[np.ndarray, "r c"]:
     """How much of each cell is labelled: inside all of it, at the outline by the parts that have points."""
     whole = ndimage.binary_erosion(found.counts > 0, SQUARE)
-    parts = found.grid.cells(found.change.points @ found.across.T, settings.parts)
-    with_points = np.zeros(settings.parts**2 * found.counts.size)
+    parts = found.grid.cells(found.change.points @ found.across.T, settings.heights.parts)
+    with_points = np.zeros(settings.heights.parts**2 * found.counts.size)
     with_points[parts[parts >= 0]] = 1
     rows, columns = found.grid.shape
-    share = with_points.reshape(rows, settings.parts, columns, settings.parts).mean(axis=(1, 3))
+    share = with_points.reshape(rows, settings.heights.parts, columns, settings.heights.parts).mean(axis=(1, 3))
     return np.where(whole | (found.counts == 0), 1.0, share)

@@ -10,15 +10,11 @@ from scipy.spatial import cKDTree
 
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.change import Change, GainOrLoss, VolumeMethod
+from gmmjax.changes.objects.change_surface import ChangeSurface
 from gmmjax.changes.objects.height_above import HeightAbove
 from gmmjax.changes.objects.hull_volume import HullVolumeSettings, hull_measures
 from gmmjax.changes.objects.support_plane import SupportPlane
-from gmmjax.changes.objects.surface_volume import (
-    ChangeSurface,
-    SurfaceMap,
-    SurfaceVolumeSettings,
-    window_reach,
-)
+from gmmjax.changes.objects.surface_volume import SurfaceMap, SurfaceVolumeSettings, window_reach
 from gmmjax.changes.signed_distance import CorePoints
 from gmmjax.geometry import LocalSurface, evenly_chosen, within_box
 from gmmjax.pair import Pair
@@ -270,7 +266,7 @@ def _heights(
     surface: LocalSurface, reference: LocalSurface, outward: Float64[np.ndarray, " 3"], settings: VolumeSettings
 ) -> Float64[np.ndarray, " n"]:
     """Of the points of a change above the surface of the other scan."""
-    above = HeightAbove(reference, outward, settings.surfaces.planes, settings.surfaces.steepest)
+    above = HeightAbove(reference, outward, settings.surfaces.heights.planes, settings.surfaces.heights.steepest)
     return above.of(surface.points)
 
 
@@ -306,8 +302,8 @@ def _of_one_level(
     heights = np.concatenate([below, points]) @ outward
     across = np.linalg.svd(outward[None])[2][1:]
     beside = cKDTree(points @ across.T).query(reference.points @ across.T)[0]
-    slope = np.tan(np.arccos(settings.surfaces.steepest))
-    margin = settings.surfaces.beyond * np.ptp(heights) + slope * beside
+    slope = np.tan(np.arccos(settings.surfaces.heights.steepest))
+    margin = settings.surfaces.heights.beyond * np.ptp(heights) + slope * beside
     others = reference.points @ outward
     kept = (others >= heights.min() - margin) & (others <= heights.max() + margin)
     return reference if kept.all() else LocalSurface.of(reference.points[kept])

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from gmmjax.changes.align.alignment import aligned
 from gmmjax.changes.explanation import Contribution, Explanation
 from gmmjax.changes.objects.cloud_changes import change_of
+from gmmjax.changes.objects.height_maps import HeightMapSettings
 from gmmjax.changes.objects.hull_volume import HullVolumeSettings
 from gmmjax.changes.objects.measures import MeasureSettings, with_measures
 from gmmjax.changes.objects.support_plane import SupportPlaneSettings
@@ -162,7 +163,9 @@ def test_what_lies_far_above_a_part_of_a_change_is_no_surface_below_it(crate):
     found = measured_crate(below_shelf)
     assert (found.volume_method, found.gain_or_loss) == ("surface", "gain")
     assert found.volume == pytest.approx(measured_crate(crate).volume, rel=0.05)
-    every_level = MeasureSettings(volumes=VolumeSettings(surfaces=SurfaceVolumeSettings(beyond=np.inf)))
+    every_level = MeasureSettings(
+        volumes=VolumeSettings(surfaces=SurfaceVolumeSettings(heights=HeightMapSettings(beyond=np.inf)))
+    )
     assert abs(measured_crate(below_shelf, settings=every_level).volume - found.volume) > 0.2 * found.volume
 
 

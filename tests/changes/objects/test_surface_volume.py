@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.objects.surface_volume import ChangeSurface, SurfaceMap, SurfaceVolumeSettings
+from gmmjax.changes.objects.change_surface import ChangeSurface
+from gmmjax.changes.objects.surface_volume import SurfaceMap, SurfaceVolumeSettings
+from gmmjax.changes.objects.surroundings_offset import OffsetSettings
 from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair
 
@@ -60,7 +62,7 @@ def test_what_both_scans_differ_by_around_the_change_is_taken_off():
     apart = measured(offset=0.01)
     assert apart.gain == pytest.approx(measured().gain, rel=0.005)
     # The offset would be a fifth of a thinner lens, to which there are no surroundings here.
-    alone = SurfaceVolumeSettings(fewest_blocks=10**6)
+    alone = SurfaceVolumeSettings(offset=OffsetSettings(fewest_blocks=10**6))
     random = np.random.default_rng(0)
     before, _ = ground(random)
     after, lens = ground(random, offset=0.01, thickness=THICKNESS)

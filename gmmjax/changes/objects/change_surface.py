@@ -1,0 +1,45 @@
+"""A change with what both scans show about its place: what its volume is measured from."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+
+from gmmjax.geometry import LocalSurface
+from gmmjax.pair import Pair
+
+
+class ChangeSurface(NamedTuple):
+    """A change with what both scans show about its place. Coordinates are relative to the change.
+
+    Attributes:
+        labelled: points of the change, without outliers, in either scan; of one that is found in one scan only the
+            other one has none.
+        clouds: all points of both scans about its place.
+        others: points of the other changes of both scans about its place.
+        reference: the other scan's surface about its place.
+        outward: unit normal of that surface, to the outer side.
+    """
+
+    labelled: Pair[Float64[np.ndarray, "_ 3"]]
+    clouds: Pair[Float64[np.ndarray, "_ 3"]]
+    others: Float64[np.ndarray, "m 3"]
+    reference: LocalSurface
+    outward: Float64[np.ndarray, " 3"]
+
+    @property
+    def points(self) -> Float64[np.ndarray, "n 3"]:
+        """Of the change, in both scans."""
+        return np.concatenate([*self.labelled])
+
+    def across(self) -> Float64[np.ndarray, "2 3"]:
+        """Unit vectors in its plane, along and across its longest extent: they turn with the change."""
+        points = self.points
+        axes = np.linalg.svd(self.outward[None])[2][1:]
+        places = points @ axes.T
+        places = places - places.mean(axis=0)
+        first = np.linalg.eigh(places.T @ places)[1][:, -1] @ axes
+        # Towards the longer tail.
+        along = places @ (axes @ first)
+        first = first if (along**3).sum() >= 0 else -first
+        return np.stack([first, np.cross(self.outward, first)])
