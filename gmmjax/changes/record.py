@@ -142,6 +142,19 @@ class Changes:
         figures = {name: getattr(self, f"{name}_{side}") for name in OPTIONAL_FIGURES}
         return values | {name: own.astype(np.float32) for name, own in figures.items() if own is not None}
 
+    def recognised_stations(self) -> Pair[Float[np.ndarray, "_ 3"]]:
+        """Where the scanner stood in each cloud, in its own frame, as far as that was recognised and not given.
+
+        None of a cloud whose views were given, or that shows no stations, or where another method was used.
+        """
+
+        def of_side(side: str) -> np.ndarray:
+            found = self.diagnostics.get(side)
+            stations = found.get("recognised_stations", []) if isinstance(found, Mapping) else []
+            return np.asarray(stations, float).reshape(-1, 3)
+
+        return Pair("before", "after").map(of_side)
+
     def volume_totals(self) -> VolumeTotals | None:
         """The volume that was gained and lost in all, with its uncertainty; None where no change has a volume."""
         if all(change.volume is None for change in self.items):

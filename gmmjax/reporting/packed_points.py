@@ -336,9 +336,7 @@ def _change_records(changes: Changes, origin: Float[np.ndarray, "3"]) -> list[di
 def _station_records(changes: Changes, origin: Float[np.ndarray, "3"]) -> list[dict[str, Any]]:
     """Where the sensors stood, as far as that was recognised, in the frame of the before cloud."""
     records = []
-    for side in SIDES:
-        found = changes.diagnostics.get(side, {}).get("recognised_stations", [])
-        positions = np.asarray(found, float).reshape(-1, 3)
+    for side, positions in zip(SIDES, changes.recognised_stations(), strict=True):
         own = changes.registration.apply(positions) if side == "after" else positions
         for number, position in enumerate(own - origin, 1):
             records.append({"side": side, "number": number, "position": position.tolist()})

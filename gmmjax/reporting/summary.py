@@ -236,7 +236,8 @@ def _views_used(changes: Changes) -> dict[str, int] | None:
 
 def _known_text(changes: Changes, known: list[str], missing: list[str]) -> str:
     """Of which sides the poses are known, and how: given, or recognised in the scan."""
-    stations = {side: len(changes.diagnostics[side].get("recognised_stations", ())) for side in known}
+    recognised = changes.recognised_stations()
+    stations = {side: len(getattr(recognised, side)) for side in known}
     given = [side for side in known if not stations[side]]
     if given == known:
         return (

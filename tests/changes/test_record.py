@@ -57,6 +57,15 @@ def test_diagnostics_that_are_not_finite_are_null(tmp_path):
     assert Changes.load(tmp_path).to_dict() == changes.to_dict()
 
 
+def test_recognised_stations_are_loaded_and_none_where_none_are_recorded(tmp_path):
+    stations = {"before": {"recognised_stations": [[0.0, 1.0, 1.5], [4.0, 1.0, 1.5]]}, "after": {"points": 30}}
+    dataclasses.replace(example(), diagnostics=stations).save(tmp_path)
+    before, after = Changes.load(tmp_path).recognised_stations()
+    np.testing.assert_array_equal(before, [[0.0, 1.0, 1.5], [4.0, 1.0, 1.5]])
+    assert after.shape == (0, 3)
+    assert dataclasses.replace(example(), diagnostics={}).recognised_stations().before.shape == (0, 3)
+
+
 def test_what_is_saved_is_loaded(tmp_path):
     changes = example()
     folder = changes.save(tmp_path / "deep" / "result")

@@ -71,7 +71,7 @@ def test_the_record_says_where_the_stations_are_in_the_frame_of_each_scan(points
     moved = Pair(points.before, points.after + np.array([0.13, 0.0, 0.0]))
     changes = detector.changes(moved.map(Scan))
     assert abs(changes.registration.transform[0, 3] + 0.15) < 0.01
-    before, after = (np.array(changes.diagnostics[side]["recognised_stations"]) for side in ("before", "after"))
+    before, after = changes.recognised_stations()
     assert len(before) == len(after) == 1
     np.testing.assert_allclose(after[0, :2] - before[0, :2], [0.2, 0.0], atol=0.05)
     assert [changes.diagnostics[side]["views"] for side in ("before", "after")] == [1, 1]
