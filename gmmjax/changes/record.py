@@ -145,7 +145,9 @@ class Changes:
     def recognised_stations(self) -> Pair[Float[np.ndarray, "_ 3"]]:
         """Where the scanner stood in each cloud, in its own frame, as far as that was recognised and not given.
 
-        None of a cloud whose views were given, or that shows no stations, or where another method was used.
+        Returns:
+            The positions [s, 3] in both clouds, in their unit. A cloud has none if its views were given, if it shows no
+            stations, or if the method does not ask for them.
         """
 
         def of_side(side: str) -> np.ndarray:

@@ -16,7 +16,9 @@ from gmmjax.pair import Pair, each
 
 @dataclasses.dataclass(frozen=True)
 class HeightMapSettings:
-    """How the heights of a scan are measured, empirical: see `SurfaceVolumeSettings`.
+    """How the heights of a scan are measured.
+
+    All values are empirical: they come from development on the scenes of `tests/benchmarks/volumes`.
 
     Attributes:
         parts: each cell is a grid of this many by this many parts, which count the same however many points they have.
@@ -37,13 +39,13 @@ class HeightMapSettings:
 
 
 class HeightMap(NamedTuple):
-    """A scan in the cells.
+    """The heights of a scan in the cells, in its unit.
 
     Attributes:
-        heights: mean of each cell; NaN where it has no points.
-        spread: their standard deviation.
-        highest: of each cell.
-        partly: whether it has points in one part of the cell only.
+        heights: mean over the points of each cell; NaN where it has none.
+        spread: standard deviation of the heights of these points.
+        highest: the greatest of them.
+        partly: whether all points of the cell are in one of its parts.
     """
 
     heights: Float64[np.ndarray, "r c"]

@@ -27,7 +27,7 @@ from gmmjax.changes.objects.difference_cells import (
 )
 from gmmjax.changes.objects.height_maps import HeightMapSettings, height_maps
 from gmmjax.changes.objects.plane_grid import PlaneGrid
-from gmmjax.changes.objects.surroundings_offset import Offset, OffsetSettings, offset_in, without_spikes
+from gmmjax.changes.objects.surroundings_offset import Offset, OffsetSettings, surroundings_offset, without_spikes
 from gmmjax.geometry import evenly_chosen, nearest_neighbours
 
 
@@ -169,7 +169,7 @@ class SurfaceMap(NamedTuple):
             foreign = (ndimage.distance_transform_edt(~foreign) <= distance) & ~core
         beside = (distance > settings.clear) & ~foreign
         difference = without_spikes(difference, core, beside, settings.offset)
-        offset = offset_in(difference, beside, int(core.sum()), registration_error, settings.offset)
+        offset = surroundings_offset(difference, beside, int(core.sum()), registration_error, settings.offset)
         higher = maps.after if np.nansum((difference - offset.value)[core]) >= 0 else maps.before
         shown = np.isfinite(higher.heights)
         partly = (maps.before if higher is maps.after else maps.after).partly
@@ -179,7 +179,7 @@ class SurfaceMap(NamedTuple):
         width = max(settings.clear, settings.surroundings * np.sqrt(grown.sum() / np.pi))
         distance = ndimage.distance_transform_edt(~grown) - _widest(grown, settings)
         around = (distance > settings.clear) & (distance <= settings.clear + width) & ~foreign
-        offset = offset_in(difference, around, int(grown.sum()), registration_error, settings.offset)
+        offset = surroundings_offset(difference, around, int(grown.sum()), registration_error, settings.offset)
         difference = difference - offset.value
         rise = higher.rise(grid.edge, settings.heights.steepest)
         return cls(change, grid, across, difference, shown, partly, rise, offset, counts, core, grown, foreign)
@@ -342,9 +342,9 @@ def _with_rim(
 def _labelled_share(found: SurfaceMap, settings: SurfaceVolumeSettings) -> Float64[np.ndarray, "r c"]:
     """How much of each cell is labelled: inside all of it, at the outline by the parts that have points."""
     whole = ndimage.binary_erosion(found.counts > 0, SQUARE)
-    parts = found.grid.cells(found.change.points @ found.across.T, settings.heights.parts)
-    with_points = np.zeros(settings.heights.parts**2 * found.counts.size)
+    per_edge, (rows, columns) = settings.heights.parts, found.grid.shape
+    parts = found.grid.cells(found.change.points @ found.across.T, per_edge)
+    with_points = np.zeros(per_edge**2 * found.counts.size)
     with_points[parts[parts >= 0]] = 1
-    rows, columns = found.grid.shape
-    share = with_points.reshape(rows, settings.heights.parts, columns, settings.heights.parts).mean(axis=(1, 3))
+    share = with_points.reshape(rows, per_edge, columns, per_edge).mean(axis=(1, 3))
     return np.where(whole | (found.counts == 0), 1.0, share)

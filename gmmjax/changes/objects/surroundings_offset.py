@@ -1,4 +1,4 @@
-"""What both scans differ by about a change where nothing changed: their registration and their noise there."""
+"""The offset between both scans around a change, where nothing changed: the registration error and the noise there."""
 
 import dataclasses
 from typing import NamedTuple
@@ -12,7 +12,9 @@ from gmmjax.changes.objects.difference_cells import smoothed
 
 @dataclasses.dataclass(frozen=True)
 class OffsetSettings:
-    """How the offset in the surroundings of a change is measured, empirical: see `SurfaceVolumeSettings`.
+    """How the offset in the surroundings of a change is measured.
+
+    All values are empirical: they come from development on the scenes of `tests/benchmarks/volumes`.
 
     Attributes:
         blocks: the surroundings are divided into blocks of the area of the change by this number, whose means differ by
@@ -28,12 +30,12 @@ class OffsetSettings:
 
 
 class Offset(NamedTuple):
-    """What both scans differ by where nothing changed.
+    """What both scans differ by where nothing changed, in the unit of the scans.
 
     Attributes:
-        value: the difference.
+        value: by how much the after scan is above the before scan.
         error: its standard error, common to all cells.
-        density: variance of the mean difference of an area, times the area.
+        density: variance of the mean difference of an area, times the area in cells.
         freedom: degrees of freedom of these.
     """
 
@@ -52,7 +54,7 @@ def without_spikes(
     """With the median about them for cells, beyond the labelled ones, that stand out: single points off the surface.
 
     Args:
-        difference: of each cell.
+        difference: of each cell, in the unit of the scans; NaN where it is not known.
         core: the labelled cells.
         around: the cells of the surroundings.
         settings: what stands out.
@@ -66,7 +68,7 @@ def without_spikes(
     return np.where(spikes, difference - off, difference)
 
 
-def offset_in(
+def surroundings_offset(
     difference: Float64[np.ndarray, "r c"],
     around: Bool[np.ndarray, "r c"],
     area: int,
@@ -76,10 +78,10 @@ def offset_in(
     """What both scans differ by in the surroundings, weighed against what is expected of the registration.
 
     Args:
-        difference: of each cell.
+        difference: of each cell, in the unit of the scans; NaN where it is not known.
         around: the cells of the surroundings.
         area: of the change, in cells.
-        registration_error: that is expected.
+        registration_error: standard deviation that is expected.
         settings: of the blocks.
     """
     nothing = Offset(0.0, registration_error, 0.0, np.inf)
