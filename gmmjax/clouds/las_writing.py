@@ -13,6 +13,7 @@ from jaxtyping import Float64, Int64
 from gmmjax.clouds.atomic import atomic_write
 from gmmjax.clouds.cloud_file import Bounds
 from gmmjax.clouds.las import record_blocks
+from gmmjax.clouds.las_coordinates import BoundsError, CoordinateEncoding
 from gmmjax.clouds.las_extra_bytes import EXTRA_BYTES_RECORD, EXTRA_BYTES_USER, ExtraBytes
 from gmmjax.clouds.las_header import (
     EXTENDED_VERSION,
@@ -37,7 +38,6 @@ WAVEFORM_FORMATS = (4, 5, 9, 10)
 STORAGE_RECORDS = ((LASZIP_USER, LASZIP_RECORD), (b"copc", 1), (b"copc", 1000))
 # LAStools' index by x and y, which is wrong for points that were moved.
 INDEX_RECORD = (b"LAStools", 30)
-LARGEST = 2**31 - 1
 MOST_BYTES = 2**16 - 1
 PIECE = 1 << 24
 
@@ -75,7 +75,7 @@ class LasSource:
 
     def represents(self, bounds: Bounds) -> bool:
         """Whether the file's scale and offset can represent all points in a box."""
-        return bool(_fits(*bounds, self.header.scales, self.header.offsets).all())
+        return bool(CoordinateEncoding.of_file(self.header).represents(bounds).all())
 
     @property
     def ending(self) -> str:
@@ -166,7 +166,8 @@ def write_las_blocks(
     """
     header = source.header
     layout = _layout(source, descriptions)
-    encoding = _Encoding(header.scales, header.offsets, True) if bounds is None else _encoding(header, bounds)
+    own = CoordinateEncoding.of_file(header)
+    encoding = own if bounds is None else CoordinateEncoding.for_bounds(header, bounds)
     with source.file.open("rb") as original, atomic_write(path) as file:
         _write_front(file, original, source, layout)
         written = _write_points(file, source, layout, encoding, part_of)
@@ -174,10 +175,6 @@ def write_las_blocks(
         head = _patched_header(original, source, layout, encoding, written, places)
         file.seek(0)
         file.write(head)
-
-
-class BoundsError(InputError):
-    """Points lie outside the bounds that were declared for them."""
 
 
 @dataclass(frozen=True)
@@ -204,20 +201,6 @@ class _Layout:
     def number_of_records(self) -> int:
         """Of variable length."""
         return len(self.kept) + 1 + (self.laszip is not None)
-
-
-class _Encoding(NamedTuple):
-    """How coordinates become integers.
-
-    Attributes:
-        scales: of x, y and z.
-        offsets: of x, y and z.
-        kept: whether these are the file's own.
-    """
-
-    scales: Float64[np.ndarray, "3"]
-    offsets: Float64[np.ndarray, "3"]
-    kept: bool
 
 
 @dataclass
@@ -286,31 +269,6 @@ def _gap(header: LasHeader) -> int:
     return header.offset - max((record.end for record in header.records), default=header.size)
 
 
-def _encoding(header: LasHeader, bounds: Bounds) -> _Encoding:
-    """The file's own scale and offset where they can represent the points; else others, as like them as can be."""
-    low, high = bounds
-    if _fits(low, high, header.scales, header.offsets).all():
-        return _Encoding(header.scales, header.offsets, True)
-    with np.errstate(over="ignore", invalid="ignore"):
-        centre = low / 2 + high / 2
-        offsets = np.rint(centre / header.scales) * header.scales
-    offsets = np.where(np.isfinite(offsets), offsets, centre)
-    least = np.maximum(high / 2 - low / 2, np.finfo(float).tiny) / (LARGEST - 1)
-    coarser = 10.0 ** np.ceil(np.log10(least))
-    scales = np.where(_fits(low, high, header.scales, offsets), header.scales, coarser)
-    return _Encoding(scales, offsets, False)
-
-
-def _fits(
-    low: Float64[np.ndarray, "3"],
-    high: Float64[np.ndarray, "3"],
-    scales: Float64[np.ndarray, "3"],
-    offsets: Float64[np.ndarray, "3"],
-) -> np.ndarray:
-    with np.errstate(over="ignore"):
-        return np.maximum(np.abs((low - offsets) / scales), np.abs((high - offsets) / scales)) < LARGEST
-
-
 def _write_front(file: BinaryIO, original: BinaryIO, source: LasSource, layout: _Layout) -> None:
     """Header (which is patched in the end), records, and what lies before the points."""
     _copy(original, file, 0, source.header.size)
@@ -327,7 +285,9 @@ def _record(user: bytes, number: int, description: str, content: bytes) -> bytes
     return struct.pack("<H16sHH32s", 0, user, number, len(content), description.encode()) + content
 
 
-def _write_points(file: BinaryIO, source: LasSource, layout: _Layout, encoding: _Encoding, part_of: PartOf) -> _Written:
+def _write_points(
+    file: BinaryIO, source: LasSource, layout: _Layout, encoding: CoordinateEncoding, part_of: PartOf
+) -> _Written:
     header, limits = source.header, np.iinfo(np.int32)
     written = _Written(0, encoding.kept, np.zeros(16, np.int64), np.full(3, limits.max), np.full(3, limits.min))
     return_bits = 15 if header.point_format >= FIRST_EXTENDED_FORMAT else 7
@@ -356,7 +316,11 @@ def _bytes_of(rows: np.ndarray) -> np.ndarray:
 
 
 def _placed(
-    kept: np.ndarray, points: Float64[np.ndarray, "n 3"], source: LasSource, encoding: _Encoding, written: _Written
+    kept: np.ndarray,
+    points: Float64[np.ndarray, "n 3"],
+    source: LasSource,
+    encoding: CoordinateEncoding,
+    written: _Written,
 ) -> np.ndarray:
     """The integers of the points' coordinates.
 
@@ -372,13 +336,11 @@ def _placed(
     """
     xyz = np.ascontiguousarray(kept[:, :12]).view("<i4")
     unmoved = (source.header.coordinates(xyz) == points).all(axis=1)
-    whole = np.rint((points - encoding.offsets) / encoding.scales)
-    if encoding.kept:
-        whole[unmoved] = xyz[unmoved]
-    if (whole.min() < -LARGEST - 1) or (whole.max() > LARGEST):
-        raise BoundsError(f"{source.file}: its points lie outside the bounds that it declares")
+    try:
+        integers = encoding.integers(points, xyz, unmoved)
+    except BoundsError as error:
+        raise BoundsError(f"{source.file}: its points lie outside the bounds that it declares") from error
     written.unmoved &= bool(unmoved.all())
-    integers = np.ascontiguousarray(whole.astype("<i4"))
     written.lowest = np.minimum(written.lowest, integers.min(axis=0))
     written.highest = np.maximum(written.highest, integers.max(axis=0))
     return integers
@@ -437,7 +399,7 @@ def _patched_header(
     original: BinaryIO,
     source: LasSource,
     layout: _Layout,
-    encoding: _Encoding,
+    encoding: CoordinateEncoding,
     written: _Written,
     places: Mapping[int, int],
 ) -> bytes:
