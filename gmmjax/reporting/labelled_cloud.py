@@ -3,8 +3,7 @@
 import dataclasses
 import itertools
 import os
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ from jaxtyping import Float64, Int64
 
 from gmmjax.changes import Changes
 from gmmjax.clouds import (
-    AXES,
     CHUNK_POINTS,
     EXTRA_TYPES,
     Bounds,
@@ -25,7 +23,6 @@ from gmmjax.clouds import (
     SourceFile,
     SurveyFiles,
     copied_part,
-    free_name,
     read_layout,
     viewpoint_of,
     write_las,
@@ -37,8 +34,8 @@ from gmmjax.errors import InputError, warn
 from gmmjax.geometry import transformed
 from gmmjax.pair import Pair
 from gmmjax.reporting.palette import point_colors
+from gmmjax.reporting.written_fields import CHANNELS, written_fields, written_names
 
-CHANNELS = ("red", "green", "blue")
 # What is found about a point, as LAS describes its dimensions: in at most 32 letters.
 DESCRIPTIONS: Mapping[str, str] = {
     "label": "change in changes.json, or -1",
@@ -49,8 +46,6 @@ DESCRIPTIONS: Mapping[str, str] = {
     "level_of_detection": "distance significant at 95 %",
     "significance": "distance in standard errors",
 }
-# Names of the components of a normal, of the writers of PLY and of the Point Cloud Library.
-NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 COMMENT = "written by gmmjax detect: label is -1 where unchanged, else the index of the change in changes.json"
 # Whole numbers up to here are exact in float64.
 EXACT = 2**53
@@ -117,7 +112,7 @@ class LabelledCloud:
                 scan,
                 points=self.placed(scan.points),
                 colors=point_colors(found["kind"], scan.colors) if "kind" in found else scan.colors,
-                fields=_fields(scan, found, reserved, self.transform),
+                fields=written_fields(scan, found, reserved, self.transform),
             )
 
     def _scans(self) -> Iterator[tuple[PointCloud, dict[str, np.ndarray]]]:
@@ -372,51 +367,6 @@ WRITERS: Mapping[str, Callable[[LabelledCloud, Path, str], str]] = {
 ENDINGS = (".ply", *WRITERS)
 
 
-def _fields(
-    scan: PointCloud, found: Mapping[str, np.ndarray], reserved: tuple[str, ...], transform: np.ndarray | None
-) -> dict[str, np.ndarray]:
-    """What is written beside the coordinates of some points; see `LabelledCloud.parts`."""
-    fields = dict(found)
-    if scan.colors is not None and "kind" in found:
-        fields |= {f"scan_{channel}": scan.colors[:, index] for index, channel in enumerate(CHANNELS)}
-    own = _turned(scan.fields, transform)
-    names = _written_names(own, {*fields, *reserved})
-    return fields | {names[name]: values for name, values in own.items()}
-
-
-def _written_names(own: Iterable[str], taken: set[str]) -> dict[str, str]:
-    """What the fields of a scan are called in the result, by their names.
-
-    Args:
-        own: the names.
-        taken: names of what is written beside them.
-    """
-    originals = tuple(own)
-    names: dict[str, str] = {}
-    for name in originals:
-        plain = _plain(name)
-        used = {*taken, *names.values(), *AXES, *CHANNELS, "rgb", "rgba"}
-        names[name] = free_name(plain, {*used, *originals}) if plain in used else plain
-    return names
-
-
-def _turned(fields: Mapping[str, np.ndarray], transform: np.ndarray | None) -> dict[str, np.ndarray]:
-    """The fields, in their order; normals turned as the points are."""
-    turned = dict(fields)
-    for names in NORMALS if transform is not None else ():
-        if all(name in fields and fields[name].dtype.kind == "f" for name in names):
-            assert transform is not None
-            normals = np.stack([fields[name] for name in names], axis=1) @ transform[:3, :3].T
-            turned |= {name: normals[:, axis].astype(fields[name].dtype) for axis, name in enumerate(names)}
-    return turned
-
-
-def _plain(name: str) -> str:
-    """A name that PLY and PCD can have: of letters, digits, dots, - and _, with a letter in front."""
-    plain = re.sub(r"[^A-Za-z0-9_.-]", "_", name)
-    return plain if re.match(r"[A-Za-z]", plain) else f"field_{plain}"
-
-
 def _for_ply(values: np.ndarray, *, as_floats: bool) -> np.ndarray:
     """The values in a type that PLY has."""
     too_long = values.dtype.kind == "f" and values.dtype.itemsize > 8
@@ -436,7 +386,7 @@ def _beyond_ply(labelled: LabelledCloud) -> set[str]:
         ranges, source = dict(cloud.measures.whole), str(cloud.path)
         first = next(cloud.clouds(1))
         names, colored = list(first.fields), first.colors is not None
-    written = _written_names(names, {*taken, *(f"scan_{channel}" for channel in CHANNELS if colored and colored_anew)})
+    written = written_names(names, {*taken, *(f"scan_{channel}" for channel in CHANNELS if colored and colored_anew)})
     beyond = {
         name: limits for name, limits in ranges.items() if min(limits) < -LARGEST_INT - 1 or max(limits) > LARGEST_INT
     }
