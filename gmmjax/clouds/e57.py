@@ -40,7 +40,7 @@ SLOWEST, WORKING_MEMORY = 1_000_000, 1 << 29
 
 
 @dataclasses.dataclass(frozen=True)
-class StationSettings:
+class ScannerPoseSettings:
     """When the pose of a scan is that of the scanner.
 
     Attributes:
@@ -105,7 +105,7 @@ class E57File(CloudFile):
     """
 
     all_scans: tuple[Scan, ...]
-    stations: StationSettings = StationSettings()
+    stations: ScannerPoseSettings = ScannerPoseSettings()
 
     @property
     def scans(self) -> int:
@@ -286,7 +286,7 @@ def _scan(details: dict[str, Any]) -> Scan:
 class _Evenness:
     """Whether elevations grow evenly with the row or the column of a scan, as from the place of a turning scanner."""
 
-    def __init__(self, scan: Scan, settings: StationSettings) -> None:
+    def __init__(self, scan: Scan, settings: ScannerPoseSettings) -> None:
         self._to_scan = np.linalg.inv(scan.pose)
         self._settings = settings
         self._lines = {name: _Line() for name in INDICES if name in scan.fields}

@@ -13,10 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int
-from scipy.ndimage import percentile_filter, uniform_filter
+from scipy.ndimage import uniform_filter
 from scipy.optimize import least_squares
 from scipy.signal import fftconvolve
 
+from gmmjax.clouds.ground_map import GroundMap, GroundSettings
 from gmmjax.geometry import evenly_chosen
 
 
@@ -31,13 +32,7 @@ class StationSettings:
         points_per_cell: mean number of points in a cell of the map; each of these is tried, and the one taken that
             shows the most stations. Fewer: smaller cells, for dense scans, in which a tripod is many cells high.
         most_points: that are looked at, evenly chosen. Fewer: faster, and smaller stations are missed.
-        ground: which of the lowest points of a cell, and of the cells around it, is taken for the ground's height. 0:
-            the lowest, which may be a stray point.
-        block: cells along the side of a block, of which the lowest ground counts in the next one.
-        window: blocks along the side of a neighbourhood, the ground of which is not more than `rise` below a cell's.
-            1: below a station, where there is a hole, a roof is taken for the ground.
-        rise: in cells. Infinite: roofs and tables are ground; 0: nothing is on slopes.
-        thickness: in cells, within which points belong to the ground. Infinite: walls and goods on it, too.
+        ground: what the ground is in these maps.
         rims: radii in cells of the holes that are looked for.
         arcs: that rings are divided into. 1: those around the shadows of things are proposed, too.
         contrast: between a ring and the hole within, at least, in roots of counts, whose standard deviation is a half.
@@ -67,11 +62,7 @@ class StationSettings:
 
     points_per_cell: tuple[float, ...] = (64.0, 16.0, 4.0)
     most_points: int = 2_000_000
-    ground: float = 0.1
-    block: int = 3
-    window: int = 5
-    rise: float = 3.0
-    thickness: float = 0.3
+    ground: GroundSettings = GroundSettings()
     rims: tuple[float, ...] = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0)
     arcs: int = 6
     contrast: float = 1.5
@@ -111,9 +102,9 @@ def recognised_stations(
         return np.empty((0, 3))
     rows = evenly_chosen(len(points), settings.most_points)
     points, weights = points[rows], np.ones(len(rows)) if counts is None else counts[rows].astype(float)
-    best: tuple[_Ground, list[_Station]] | None = None
+    best: tuple[GroundMap, list[_Station]] | None = None
     for points_per_cell in settings.points_per_cell:
-        ground = _Ground.of(points, weights, points_per_cell, settings)
+        ground = GroundMap.of(points, weights, points_per_cell, settings.ground)
         stations = [] if ground is None else _stations(ground, settings)
         if best is not None and len(stations) <= len(best[1]):
             break
@@ -127,93 +118,26 @@ def recognised_stations(
 def _positions(
     points: Float64[np.ndarray, "n 3"],
     weights: Float64[np.ndarray, " n"],
-    ground: "_Ground",
+    ground: GroundMap,
     stations: "list[_Station]",
     settings: StationSettings,
 ) -> Float64[np.ndarray, "s 3"]:
     """Where the stations are, by a map on which their height is that of enough cells."""
     refinement = settings.height / float(np.median([own.height for own in stations]))
-    finer = _Ground.of(points, weights, ground.points_per_cell / refinement**2, settings) if refinement > 1 else None
+    points_per_cell = ground.points_per_cell / refinement**2
+    finer = GroundMap.of(points, weights, points_per_cell, settings.ground) if refinement > 1 else None
     if finer is not None:
         stations = [own.scaled(ground.cell / finer.cell) for own in stations]
         ground, stations = finer, _fitted_together(finer, stations, settings)
-    return np.stack([ground.position(own) for own in stations])
+    return np.stack([_position(ground, own) for own in stations])
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Ground:
-    """The ground of a scan as a map, seen from above.
-
-    Attributes:
-        counts: number of points in each cell.
-        heights: of the ground there; NaN where there are no points.
-        corner: the map's lowest one, x and y.
-        cell: edge of a cell.
-        points_per_cell: in the mean.
-    """
-
-    counts: Float64[np.ndarray, "i j"]
-    heights: Float64[np.ndarray, "i j"]
-    corner: Float64[np.ndarray, "2"]
-    cell: float
-    points_per_cell: float
-
-    @classmethod
-    def of(
-        cls,
-        points: Float64[np.ndarray, "n 3"],
-        weights: Float64[np.ndarray, " n"],
-        points_per_cell: float,
-        settings: StationSettings,
-    ) -> "_Ground | None":
-        """The map of some points, which stand for so many each; None where they have no area."""
-        corner = points[:, :2].min(axis=0)
-        extent = points[:, :2].max(axis=0) - corner
-        cell = float(np.sqrt(np.prod(extent) * points_per_cell / len(points)))
-        if not cell or (extent / cell).max() > len(points):
-            return None
-        shape = (extent / cell).astype(int) + 1
-        index = np.ravel_multi_index(tuple(((points[:, :2] - corner) / cell).astype(int).T), shape)
-        order = np.lexsort((points[:, 2], index))
-        index, height = index[order], points[order, 2]
-        starts = np.flatnonzero(np.append(True, index[1:] != index[:-1]))
-        number = np.diff(starts, append=len(index))
-        heights = np.full(shape.prod(), np.nan)
-        heights[index[starts]] = height[starts + (settings.ground * number).astype(int)]
-        lowest = _lowest_around(heights.reshape(shape), settings).ravel()
-        ground = (heights - lowest <= settings.rise * cell)[index]
-        ground &= np.abs(height - heights[index]) <= settings.thickness * cell
-        counts = np.bincount(index[ground], weights[order][ground], minlength=len(heights)).astype(float)
-        return cls(counts.reshape(shape), heights.reshape(shape), corner, cell, points_per_cell)
-
-    def offsets(
-        self, centre: Float64[np.ndarray, "2"]
-    ) -> tuple[Float64[np.ndarray, "i 1"], Float64[np.ndarray, "1 j"]]:
-        """Of each row and each column from a place, in cells."""
-        rows, columns = np.ogrid[: self.counts.shape[0], : self.counts.shape[1]]
-        return rows - centre[0], columns - centre[1]
-
-    def distances(self, centre: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "i j"]:
-        """Of each cell from a place, in cells."""
-        return np.asarray(np.hypot(*self.offsets(centre)))
-
-    def position(self, station: "_Station") -> Float64[np.ndarray, "3"]:
-        """Of the mirror, above the ground around it."""
-        distance = self.distances(station.centre)
-        beside = (distance > station.rim) & (distance < max(2 * station.height, 2 * station.rim)) & (self.counts > 0)
-        ground = np.median(self.heights[beside if beside.any() else self.counts > 0])
-        return np.append(self.corner + (station.centre + 0.5) * self.cell, ground + station.height * self.cell)
-
-
-def _lowest_around(heights: Float64[np.ndarray, "i j"], settings: StationSettings) -> Float64[np.ndarray, "i j"]:
-    """The ground in the neighbourhood of each cell."""
-    padding = [(0, -length % settings.block) for length in heights.shape]
-    filled = np.pad(np.nan_to_num(heights, nan=np.inf), padding, constant_values=np.inf)
-    shape = [length // settings.block for length in filled.shape]
-    blocks = filled.reshape(shape[0], settings.block, shape[1], settings.block).min(axis=(1, 3))
-    around = percentile_filter(blocks, 100 * settings.ground, size=settings.window, mode="constant", cval=np.inf)
-    lowest = np.repeat(np.repeat(around, settings.block, axis=0), settings.block, axis=1)
-    return lowest[: heights.shape[0], : heights.shape[1]]
+def _position(ground: GroundMap, station: "_Station") -> Float64[np.ndarray, "3"]:
+    """Of the mirror, above the ground around it."""
+    distance = ground.distances(station.centre)
+    beside = (distance > station.rim) & (distance < max(2 * station.height, 2 * station.rim)) & (ground.counts > 0)
+    level = np.median(ground.heights[beside if beside.any() else ground.counts > 0])
+    return np.append(ground.corner + (station.centre + 0.5) * ground.cell, level + station.height * ground.cell)
 
 
 class _Station(NamedTuple):
@@ -250,7 +174,7 @@ class _Station(NamedTuple):
         return _Station((self.centre + 0.5) * cells - 0.5, self.height * cells, self.rays, self.rim * cells)
 
 
-def _stations(ground: _Ground, settings: StationSettings) -> list[_Station]:
+def _stations(ground: GroundMap, settings: StationSettings) -> list[_Station]:
     """The stations on a map: those of the proposed ones that the ground agrees with, once the others are explained.
 
     Those that are found make others stand out, so that these are proposed again.
@@ -263,7 +187,7 @@ def _stations(ground: _Ground, settings: StationSettings) -> list[_Station]:
             return stations
 
 
-def _agreeing(ground: _Ground, stations: list[_Station], settings: StationSettings) -> list[_Station]:
+def _agreeing(ground: GroundMap, stations: list[_Station], settings: StationSettings) -> list[_Station]:
     """The stations without those, a few at a time, that the ground agrees with the least."""
     while stations:
         stations = _fitted_together(ground, stations, settings)
@@ -282,7 +206,7 @@ def _agreeing(ground: _Ground, stations: list[_Station], settings: StationSettin
     return stations
 
 
-def _expected(ground: _Ground, stations: list[_Station]) -> Float64[np.ndarray, "i j"]:
+def _expected(ground: GroundMap, stations: list[_Station]) -> Float64[np.ndarray, "i j"]:
     """The number of points in each cell that these stations give it together."""
     total = np.zeros_like(ground.counts)
     for own in stations:
@@ -290,7 +214,7 @@ def _expected(ground: _Ground, stations: list[_Station]) -> Float64[np.ndarray, 
     return total
 
 
-def _proposed(ground: _Ground, known: list[_Station], settings: StationSettings) -> Iterator[_Station]:
+def _proposed(ground: GroundMap, known: list[_Station], settings: StationSettings) -> Iterator[_Station]:
     """What could be other stations: the densest rings around holes, in what the known stations do not explain.
 
     Roots of counts, whose variances are alike, are compared: of the ring in the mean with those of the hole.
@@ -339,7 +263,7 @@ def _guessed(
     return _Station(centre, float(height), float(rays), rim)
 
 
-def _fitted_together(ground: _Ground, stations: list[_Station], settings: StationSettings) -> list[_Station]:
+def _fitted_together(ground: GroundMap, stations: list[_Station], settings: StationSettings) -> list[_Station]:
     """The stations, each fitted again to what the others leave: the first ones were fitted to what is of later ones."""
     total = _expected(ground, stations)
     for _ in range(settings.sweeps):
@@ -353,7 +277,7 @@ def _fitted_together(ground: _Ground, stations: list[_Station], settings: Statio
 
 
 def _fitted(
-    ground: _Ground, explained: Float64[np.ndarray, "i j"], start: _Station, settings: StationSettings
+    ground: GroundMap, explained: Float64[np.ndarray, "i j"], start: _Station, settings: StationSettings
 ) -> _Station:
     """The station that explains the density around one best, by least squares.
 
@@ -417,7 +341,7 @@ def _refined(
 
 
 def _agreement(
-    ground: _Ground, explained: Float64[np.ndarray, "i j"], station: _Station, settings: StationSettings
+    ground: GroundMap, explained: Float64[np.ndarray, "i j"], station: _Station, settings: StationSettings
 ) -> float:
     """The share of the surroundings in which the ground has the density that a station gives it; 0 where it is none."""
     distance = ground.distances(station.centre)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gmmjax.clouds import StationSettings, recognised_stations, thinned_cloud, voxel_grid
+from gmmjax.clouds import GroundSettings, StationSettings, recognised_stations, thinned_cloud, voxel_grid
 from tests.clouds.made_clouds import ChunkedArray
 from tests.clouds.scanned_room import STATIONS, scan
 
@@ -121,7 +121,7 @@ def test_each_condition_of_a_station_can_be_made_harder(room):
         "contrast": 1e6,
         "seen": 1.1,
         "deviation": 0.0,
-        "thickness": -1.0,
+        "ground": GroundSettings(thickness=-1.0),
         "share": 2.0,
         "filled": -1.0,
         "largest": 0.01,
