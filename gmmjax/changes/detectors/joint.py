@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import jax
 import numpy as np
@@ -14,6 +14,7 @@ from gmmjax.changes.candidates import Candidates, CandidateSettings, candidates_
 from gmmjax.changes.change import Change
 from gmmjax.changes.detectors.aligned_scans import AlignedScans, refined, surveys_of
 from gmmjax.changes.detectors.detector import Scan
+from gmmjax.changes.detectors.joint_diagnostics import joint_diagnostics
 from gmmjax.changes.detectors.recognised_views import with_recognised_views
 from gmmjax.changes.detectors.restart_detector import AbstractRestartDetector, Outcome
 from gmmjax.changes.differences import DifferenceSettings, LocalDifference
@@ -53,10 +54,9 @@ from gmmjax.changes.record import Changes
 from gmmjax.changes.registration import Registration
 from gmmjax.changes.signed_distance import SignedDistanceSettings
 from gmmjax.changes.standard_errors import means_of_changes, standard_error
-from gmmjax.clouds import SensorViews, StationSettings
+from gmmjax.clouds import StationSettings
 from gmmjax.errors import warn
 from gmmjax.geometry import LocalSurface
-from gmmjax.mixtures import FitStatus
 from gmmjax.pair import Pair, each, each_on_cores
 
 Rows: TypeAlias = Int[np.ndarray, " n"]
@@ -174,7 +174,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             distance = prepared.figures.map(lambda own: own.distance)
             items = with_measures(items, labels, pair, error, distance, prepared.sensors, measures)
         clock.stop()
-        emd, diagnostics = mixtures_distance(joint), _diagnostics(prepared, joint, clock)
+        emd, diagnostics = mixtures_distance(joint), joint_diagnostics(prepared, joint, clock)
         changes = found.record(prepared.checked, items, labels, emd, self.config, diagnostics, pair.registration)
         if not prepared.volumetric:
             changes = found.with_figures(changes, prepared.checked, prepared.figures)
@@ -415,39 +415,3 @@ def _warn_about_registration(registration: Registration) -> None:
         "the same place, in the same unit, and rotated by less than 30 degrees? crop leaves out what only one cloud "
         "has, registration='never' takes clouds that are registered already as they are"
     )
-
-
-def _diagnostics(prepared: AlignedScans, fits: JointFits, clock: Clock) -> dict[str, Any]:
-    """Plain values for the record and the report."""
-    pair, views = prepared.pair, prepared.surveys.map(lambda survey: survey.views)
-    clouds = each(_cloud_diagnostics, prepared.scans, prepared.checked, pair.working.clouds, views)
-    return {
-        "before": clouds.before,
-        "after": clouds.after,
-        "voxel_size": pair.working.voxel_size,
-        "finest_voxel_size": pair.working.finest_voxel_size,
-        "spacing": pair.working.spacing,
-        "volumetric": pair.working.volumetric,
-        "tolerance": float(prepared.problem.prior.tolerance),
-        "components": fits.joint.mixture.live.sum(axis=1).tolist(),
-        "message_length": np.round(fits.message_length, 3).tolist(),
-        "density_ratio": np.round(fits.density_ratio, 4).tolist(),
-        "steps": fits.steps.tolist(),
-        "converged": np.asarray(fits.result == FitStatus.converged).tolist(),
-        "seconds": dict(clock.seconds),
-        "device": jax.devices()[0].device_kind,
-        "precision": "float64",
-    }
-
-
-def _cloud_diagnostics(
-    scan: Scan, cloud: CheckedCloud, working: WorkingCloud, views: SensorViews | None
-) -> dict[str, Any]:
-    # In the frame of the scan, where those above are in that of the before scan.
-    recognised = scan.views if scan.recognised and views is not None else None
-    return {
-        **cloud.diagnostics(scan.cloud),
-        "points_compared": len(working.points),
-        "views": 0 if views is None else len(views),
-        "recognised_stations": [] if recognised is None else recognised.poses[:, :3, 3].tolist(),
-    }
