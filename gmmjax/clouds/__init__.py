@@ -27,6 +27,7 @@ from gmmjax.clouds.cloud_file import CHUNK_POINTS as CHUNK_POINTS
 from gmmjax.clouds.cloud_file import Bounds as Bounds
 from gmmjax.clouds.cloud_file import CloudChunk as CloudChunk
 from gmmjax.clouds.cloud_file import CloudFile as CloudFile
+from gmmjax.clouds.colors import CHANNELS as CHANNELS
 from gmmjax.clouds.columns import AXES as AXES
 from gmmjax.clouds.columns import cloud_of_columns as cloud_of_columns
 from gmmjax.clouds.columns import field_columns as field_columns

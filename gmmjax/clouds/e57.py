@@ -101,11 +101,11 @@ class E57File(CloudFile):
 
     Attributes:
         all_scans: of the file, also those without points.
-        stations: when the poses of the scans are views.
+        scanner_poses: when the poses of the scans are views.
     """
 
     all_scans: tuple[Scan, ...]
-    stations: ScannerPoseSettings = ScannerPoseSettings()
+    scanner_poses: ScannerPoseSettings = ScannerPoseSettings()
 
     @property
     def scans(self) -> int:
@@ -188,7 +188,7 @@ class E57File(CloudFile):
     def _evenness(self) -> "list[_Evenness]":
         """That of each scan; none where a scan has no pose."""
         scans = self._filled
-        return [_Evenness(scan, self.stations) for scan in scans] if all(scan.posed for scan in scans) else []
+        return [_Evenness(scan, self.scanner_poses) for scan in scans] if all(scan.posed for scan in scans) else []
 
     def _views(self, evenness: "list[_Evenness]", parts: Callable[[], Iterable[np.ndarray]]) -> SensorViews | None:
         if not evenness or not all(own.is_station for own in evenness):

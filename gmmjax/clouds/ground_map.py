@@ -36,9 +36,9 @@ class GroundMap:
 
     Attributes:
         counts: number of points in each cell.
-        heights: of the ground there; NaN where there are no points.
-        corner: the map's lowest one, x and y.
-        cell: edge of a cell.
+        heights: of the ground there, in the unit of the points; NaN where there are no points.
+        corner: the map's lowest one, x and y, in that unit.
+        cell: edge of a cell, in that unit.
         points_per_cell: in the mean.
     """
 
@@ -59,7 +59,7 @@ class GroundMap:
         """The map of some points; None where they have no area.
 
         Args:
-            points: finite coordinates.
+            points: finite coordinates in any unit; z points up.
             weights: how many points each of them stands for.
             points_per_cell: mean number of points in a cell.
             settings: what is the ground.

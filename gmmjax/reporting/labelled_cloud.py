@@ -11,6 +11,7 @@ from jaxtyping import Float64, Int64
 
 from gmmjax.changes import Changes
 from gmmjax.clouds import (
+    CHANNELS,
     CHUNK_POINTS,
     EXTRA_TYPES,
     Bounds,
@@ -34,7 +35,7 @@ from gmmjax.errors import InputError, warn
 from gmmjax.geometry import transformed
 from gmmjax.pair import Pair
 from gmmjax.reporting.palette import point_colors
-from gmmjax.reporting.written_fields import CHANNELS, written_fields, written_names
+from gmmjax.reporting.written_fields import written_fields, written_names
 
 # What is found about a point, as LAS describes its dimensions: in at most 32 letters.
 DESCRIPTIONS: Mapping[str, str] = {

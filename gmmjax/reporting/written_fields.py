@@ -4,16 +4,19 @@ import re
 from collections.abc import Iterable, Mapping
 
 import numpy as np
+from jaxtyping import Float64
 
-from gmmjax.clouds import AXES, PointCloud, free_name
+from gmmjax.clouds import AXES, CHANNELS, PointCloud, free_name
 
-CHANNELS = ("red", "green", "blue")
 # Names of the components of a normal, of the writers of PLY and of the Point Cloud Library.
 NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 
 
 def written_fields(
-    scan: PointCloud, found: Mapping[str, np.ndarray], reserved: tuple[str, ...], transform: np.ndarray | None
+    scan: PointCloud,
+    found: Mapping[str, np.ndarray],
+    reserved: tuple[str, ...],
+    transform: Float64[np.ndarray, "4 4"] | None,
 ) -> dict[str, np.ndarray]:
     """What is written beside the coordinates of some points.
 

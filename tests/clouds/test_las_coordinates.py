@@ -51,9 +51,12 @@ def test_points_over_too_wide_a_range_have_the_next_coarser_power_of_ten(header)
 
 
 def test_unmoved_points_keep_the_file_s_integers_bit_for_bit(header):
-    of_file = np.array([[1, 2, 3], [LARGEST, -LARGEST, 0]], np.int32)
-    points, encoding = header.coordinates(of_file), CoordinateEncoding.of_file(header)
+    # So far away float64 does not resolve millimetres: rounding gives other integers.
+    far = dataclasses.replace(header, offsets=np.full(3, 1e14))
+    of_file = np.array([[1, 2, 3], [LARGEST, 0, 5]], np.int32)
+    points, encoding = far.coordinates(of_file), CoordinateEncoding.of_file(far)
     np.testing.assert_array_equal(encoding.integers(points, of_file, np.ones(2, bool)), of_file)
+    assert (encoding.integers(points, of_file, np.zeros(2, bool)) != of_file).any()
 
 
 def test_points_beyond_the_integers_are_refused(header):

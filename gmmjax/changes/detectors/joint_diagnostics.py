@@ -1,4 +1,4 @@
-"""What a detection by one mixture tells of itself: the clouds, the mixture and the computation."""
+"""Diagnostics of a detection by one mixture: of the clouds, the mixture and the computation."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ from gmmjax.pair import each
 
 
 def joint_diagnostics(prepared: AlignedScans, fits: JointFits, clock: Clock) -> dict[str, Any]:
-    """Plain values for the record and the report.
+    """The diagnostics as plain values, for the record and the report; lengths are in the unit of the points.
 
     Args:
         prepared: the scans, registered.
