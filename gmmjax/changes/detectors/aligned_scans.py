@@ -22,7 +22,7 @@ from gmmjax.changes.prepare.checking import NAMES, CheckedCloud
 from gmmjax.changes.prepare.local_resolution import LocalResolutionSettings, locally_reduced
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.changes.record import Changes
-from gmmjax.changes.signed_distance import PointFigures, SignedDistanceSettings, sensor_places, signed_distances
+from gmmjax.changes.signed_distance import PointFigures, SignedDistanceSettings, signed_distances
 from gmmjax.clouds import SensorViews
 from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each, each_on_cores
@@ -117,9 +117,9 @@ class AlignedScans:
         return each(of_points, working, self.pair.working.clouds)
 
     @property
-    def sensors(self) -> Pair[Float64[np.ndarray, "_ 3"]]:
-        """Where the sensors of both surveys stood; see `sensor_places`."""
-        return self.surveys.map(lambda survey: sensor_places(survey.views, survey.points))
+    def sensors(self) -> Pair[Float64[np.ndarray, "_ 3"] | None]:
+        """Where the sensors of both surveys stood; None: not known."""
+        return self.surveys.map(lambda survey: None if survey.views is None else survey.views.poses[:, :3, 3])
 
     @functools.cached_property
     def members(self) -> Pair[Int[np.ndarray, " _"]]:

@@ -58,7 +58,7 @@ def with_measures(
     pair: AlignedPair,
     noise: float,
     distance: Pair[Float[np.ndarray, " _"]],
-    sensors: Pair[Float64[np.ndarray, "_ 3"]],
+    sensors: Pair[Float64[np.ndarray, "_ 3"] | None],
     settings: MeasureSettings = MeasureSettings(),
 ) -> tuple[Change, ...]:
     """The changes with the smallest box around their points, but for outliers, their area and their volume.
@@ -72,7 +72,7 @@ def with_measures(
         pair: both clouds, registered.
         noise: standard deviation of the offset between local means of one surface.
         distance: signed distance of each point to the other surface; NaN where there is none.
-        sensors: where those of each survey stood.
+        sensors: where those of each survey stood; None: not known.
         settings: how they are measured.
     """
     points = [_points_of(index, pair.points, labels) for index in range(len(items))]

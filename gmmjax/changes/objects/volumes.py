@@ -116,7 +116,7 @@ def with_volumes(
     labels: Pair[Int[np.ndarray, " _"]],
     pair: AlignedPair,
     distance: Pair[Float[np.ndarray, " _"]],
-    sensors: Pair[Float64[np.ndarray, "_ 3"]],
+    sensors: Pair[Float64[np.ndarray, "_ 3"] | None],
     registration_error: float,
     settings: VolumeSettings = VolumeSettings(),
 ) -> tuple[Change, ...]:
@@ -128,16 +128,17 @@ def with_volumes(
         labels: the change of each point of the clouds, or -1.
         pair: both clouds, registered.
         distance: signed distance of each point to the other surface; NaN where there is none.
-        sensors: where those of each survey stood.
+        sensors: where those of each survey stood; None: not known.
         registration_error: of the pair, standard deviation.
         settings: how they are measured.
     """
     places = []
     for index, (item, part) in enumerate(zip(items, parts, strict=True)):
-        own_labels, own_distance = (labels.after, distance.after) if part.after else (labels.before, distance.before)
-        own = own_distance[own_labels == index]
-        median = float(np.nanmedian(own)) if np.isfinite(own).any() else None
-        places.append(_place(item, part, pair, median, sensors.before if part.after else sensors.after, settings))
+        own, other = (sensors.after, sensors.before) if part.after else (sensors.before, sensors.after)
+        # Without poses the outer side of a surface is a guess; that an object left its place is none.
+        guessed = own is None and item.kind == "moved"
+        median = None if guessed else _median_distance(index, part, labels, distance)
+        places.append(_place(item, part, pair, median, other, settings))
     counted_in = _counted_in(places, settings)
     found = []
     for index, item in enumerate(items):
@@ -149,12 +150,21 @@ def with_volumes(
     return tuple(found)
 
 
+def _median_distance(
+    index: int, part: MeasuredPart, labels: Pair[Int[np.ndarray, " _"]], distance: Pair[Float[np.ndarray, " _"]]
+) -> float | None:
+    """The signed distance of the points of a change; None where there is none."""
+    own_labels, own_distance = (labels.after, distance.after) if part.after else (labels.before, distance.before)
+    own = own_distance[own_labels == index]
+    return float(np.nanmedian(own)) if np.isfinite(own).any() else None
+
+
 def _place(
     item: Change,
     part: MeasuredPart,
     pair: AlignedPair,
     distance: float | None,
-    sensors: Float64[np.ndarray, "p 3"],
+    sensors: Float64[np.ndarray, "p 3"] | None,
     settings: VolumeSettings,
 ) -> _Place:
     """A change above the surface of the other scan, which is cut out about it.
@@ -163,8 +173,8 @@ def _place(
         item: the change.
         part: the points that it is measured by.
         pair: both clouds, registered.
-        distance: signed, of its points; None where there is none.
-        sensors: where those of the other survey stood.
+        distance: signed, of its points; None where there is none, or its sign is not to be trusted.
+        sensors: where those of the other survey stood; None: not known.
         settings: how changes are measured.
     """
     other = pair.surfaces.before if part.after else pair.surfaces.after
@@ -176,7 +186,7 @@ def _place(
     surface = LocalSurface.of(part.points[evenly_chosen(len(part.points), settings.surfaces.sample)])
     around = other.points[rows] - item.mean
     reference = LocalSurface.of(around)
-    revealed = _not_seen_through(item) and _behind(surface, reference, sensors - item.mean)
+    revealed = sensors is not None and _not_seen_through(item) and _behind(surface, reference, sensors - item.mean)
     place = _on_nearest(item.mean, part, surface, reference, distance, revealed, settings)
     if place.on_surface or part.plane is None:
         return place
@@ -199,7 +209,7 @@ def _on_nearest(
         part: of it, relative to its mean.
         surface: some of its points with their normals.
         reference: the surface of the other scan about it.
-        distance: signed, between both surfaces there; None where there is none.
+        distance: signed, between both surfaces there; None where there is none, or its sign is not to be trusted.
         revealed: whether what the other scan shows in front of it went, or came, rather than the change itself.
         settings: when it is on a surface.
     """

@@ -15,7 +15,6 @@ from gmmjax.changes.objects.measures import MeasureSettings, with_measures
 from gmmjax.changes.objects.support_plane import SupportPlaneSettings
 from gmmjax.changes.objects.surface_volume import SurfaceVolumeSettings
 from gmmjax.changes.objects.volumes import VolumeSettings
-from gmmjax.changes.signed_distance import sensor_places
 from gmmjax.pair import Pair
 
 CRATE = np.array([0.8, 0.5, 0.6])
@@ -59,8 +58,7 @@ def measured_crate(crate, motion=np.eye(3), shift=np.zeros(3), settings=MeasureS
     labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(floor), len(points)]))
     change = change_of(points, "appeared", 0.9, 5.0)
     nowhere = labels.map(lambda own: np.full(len(own), np.nan, np.float32))
-    sensors = Pair(before, before).map(lambda own: sensor_places(None, own))
-    return with_measures((change,), labels, pair, 0.001, nowhere, sensors, settings)[0]
+    return with_measures((change,), labels, pair, 0.001, nowhere, Pair(None, None), settings)[0]
 
 
 def test_a_crate_that_three_sides_were_seen_of_has_its_size_and_its_volume(crate):
@@ -212,3 +210,23 @@ def test_the_wall_of_a_pit_came_to_light_by_a_loss():
 
 def test_what_stands_where_the_other_survey_saw_through_came():
     assert pit_wall(unreached=0.0, seen_through=0.9).gain_or_loss == "gain"
+
+
+@pytest.mark.parametrize(
+    ("kind", "station", "expected"),
+    [("moved", None, "loss"), ("disappeared", None, "gain"), ("moved", (0.0, -5.0, 0.5), "gain")],
+)
+def test_what_moved_without_known_poses_left_less_behind(kind, station, expected):
+    """The front of a box before a wall, with signed distances by the far side of the wall as the outer one."""
+    random = np.random.default_rng(2)
+    wall = random.uniform([-1, 0, -1], [1, 0, 1], (6000, 3))
+    front = random.uniform([-0.2, -0.2, -0.2], [0.2, -0.2, 0.2], (600, 3))
+    before, after = (own + random.normal(0, 0.001, own.shape) for own in (np.concatenate([wall, front]), wall))
+    pair = aligned(Pair(before, after), "never")
+    labels = Pair(np.repeat([-1, 0], [len(wall), len(front)]), np.full(len(after), -1))
+    distance = Pair(np.repeat([0.0, 0.2], [len(wall), len(front)]), np.zeros(len(after)))
+    sensors = None if station is None else np.array([station])
+    change = change_of(before[len(wall) :], kind, 0.9, 5.0)
+    found = with_measures((change,), labels, pair, 0.001, distance, Pair(sensors, sensors))[0]
+    assert found.gain_or_loss == expected
+    assert found.volume == pytest.approx(0.2 * 0.4**2, rel=0.1)
