@@ -687,6 +687,8 @@ import importlib.abc, os, runpy, signal, sys
 
 _, module, way, *words = sys.argv
 sys.argv = ["gmmjax", *words]
+# Tests that a shell runs in the background inherit that it is ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 class Finder(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path, target=None):
