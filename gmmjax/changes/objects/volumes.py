@@ -17,7 +17,7 @@ from gmmjax.changes.objects.support_plane import SupportPlane
 from gmmjax.changes.objects.surface_volume import SurfaceMap, SurfaceVolumeSettings, window_reach
 from gmmjax.changes.signed_distance import CorePoints
 from gmmjax.geometry import LocalSurface, evenly_chosen, within_box
-from gmmjax.pair import Pair
+from gmmjax.pair import Pair, each
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,7 +137,7 @@ def with_volumes(
         own, other = (sensors.after, sensors.before) if part.after else (sensors.before, sensors.after)
         # Without poses the outer side of a surface is a guess; that an object left its place is none.
         guessed = own is None and item.kind == "moved"
-        median = None if guessed else _median_distance(index, part, labels, distance)
+        median = None if guessed else _median_distance(index, labels, distance)
         places.append(_place(item, part, pair, median, other, settings))
     counted_in = _counted_in(places, settings)
     found = []
@@ -151,11 +151,10 @@ def with_volumes(
 
 
 def _median_distance(
-    index: int, part: MeasuredPart, labels: Pair[Int[np.ndarray, " _"]], distance: Pair[Float[np.ndarray, " _"]]
+    index: int, labels: Pair[Int[np.ndarray, " _"]], distance: Pair[Float[np.ndarray, " _"]]
 ) -> float | None:
-    """The signed distance of the points of a change; None where there is none."""
-    own_labels, own_distance = (labels.after, distance.after) if part.after else (labels.before, distance.before)
-    own = own_distance[own_labels == index]
+    """The signed distance of the points of a change, in the unit of the clouds; None where there is none."""
+    own = np.concatenate([*each(lambda values, label: values[label == index], distance, labels)])
     return float(np.nanmedian(own)) if np.isfinite(own).any() else None
 
 
