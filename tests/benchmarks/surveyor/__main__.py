@@ -5,12 +5,16 @@ import shlex
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
+
 from gmmjax.pair import Pair
 from tests.benchmarks.page import conditions
 from tests.benchmarks.surveyor.accuracy import Job, Views, accuracy, to_markdown
 from tests.benchmarks.surveyor.files import write_scene
-from tests.benchmarks.surveyor.kinds import HELD_OUT, KINDS, simulated
-from tests.benchmarks.surveyor.large import write_large
+from tests.benchmarks.surveyor.found import found_in_large
+from tests.benchmarks.surveyor.kinds import GRID, HELD_OUT, KINDS, drawn_from, kind_of, simulated
+from tests.benchmarks.surveyor.large import copies_of, write_large
+from tests.benchmarks.surveyor.surveys import surveyed
 
 
 def main() -> None:
@@ -42,6 +46,13 @@ def parser() -> argparse.ArgumentParser:
     own.add_argument("--seed", type=int, default=0)
     own.add_argument("--copies", type=int, default=1, help="of the scene, side by side, with their share of the points")
     own.set_defaults(run=run_make_large, out=None)
+    own = commands.add_parser("found", help="which changes of such a pair `gmmjax detect` reported")
+    own.add_argument("changes", type=Path, metavar="CHANGES.CSV", help="of its result")
+    own.add_argument("--kind", choices=list(KINDS), default="hall")
+    own.add_argument("--seed", type=int, default=0)
+    own.add_argument("--copies", type=int, default=1, help="of the scene, as the pair was made")
+    own.add_argument("--points", type=int, default=400_000, help="a side of the scene that has the truth")
+    own.set_defaults(run=run_found, out=None)
     own = commands.add_parser("scaling", help="time and memory of `gmmjax detect` by the number of points")
     own.add_argument("--sizes", nargs="*", type=int, default=[], metavar="POINTS", help="points a side")
     own.add_argument("--kind", choices=list(KINDS), default="hall")
@@ -77,6 +88,13 @@ def run_make_large(arguments: argparse.Namespace) -> None:
     counts = write_large(Pair(*arguments.paths), arguments.points, arguments.kind, arguments.seed, arguments.copies)
     for path, count in zip(arguments.paths, counts, strict=True):
         print(f"{path}: {count:,} points")
+
+
+def run_found(arguments: argparse.Namespace) -> None:
+    made, random = kind_of(arguments.kind), drawn_from(arguments.kind, arguments.seed)
+    site = made.site(random, True)
+    pair = surveyed(arguments.kind, site, arguments.points, made.errors, np.array(GRID), random)
+    print(found_in_large(arguments.changes, pair, copies_of(site, arguments.copies)))
 
 
 def run_scaling(arguments: argparse.Namespace) -> None:

@@ -41,19 +41,24 @@ def write_large(paths: Pair[Path], points: int, kind: str = "hall", seed: int = 
     return Pair(*(_write(path, _parts(site, side, points, kind, seed, copies)) for side, path in enumerate(paths)))
 
 
+def copies_of(site: Site, copies: int) -> np.ndarray:
+    """From the scene to each of its copies [copies, 3], metres: they are farther apart than the scanner reaches."""
+    return 1.5 * site.beam.max_range * np.arange(copies)[:, None] * np.array([0.0, 1.0, 0.0])
+
+
 def _parts(site: Site, side: int, points: int, kind: str, seed: int, copies: int) -> Iterator[tuple[np.ndarray, int]]:
     """Points with the number of their station, in all places where the scene stands."""
     errors = kind_of(kind).errors
     world, stations = [*site.worlds][side], [*site.stations][side]
     random = np.random.default_rng([seed, side, points // copies])
     survey = motion_about(side * errors.survey, side * errors.survey_degrees, stations[0].position, random)
-    step = 1.5 * np.array([0.0, site.beam.max_range, 0.0])
+    steps = copies_of(site, copies)
     for number, station in enumerate(stations):
         own = motion_about(errors.station, errors.station_degrees, station.position, random)
         columns = full_columns(world, station, site.beam, points / copies / len(stations), random)
         for scan in scanned_parts(world, columns, site.beam, random):
-            for copy in range(copies):
-                yield transformed(transformed(scan.points, own) + copy * step, survey) + GRID, number
+            for step in steps:
+                yield transformed(transformed(scan.points, own) + step, survey) + GRID, number
 
 
 def _write(path: Path, parts: Iterator[tuple[np.ndarray, int]]) -> int:

@@ -13,6 +13,7 @@ from gmmjax.clouds import read_cloud
 from gmmjax.pair import Pair, each
 from tests.benchmarks.surveyor import HELD_OUT, KINDS, __main__, accuracy, hall_scene, peers, simulated
 from tests.benchmarks.surveyor.accuracy import Line, to_markdown
+from tests.benchmarks.surveyor.found import found_in_large
 from tests.benchmarks.surveyor.large import write_large
 from tests.benchmarks.surveyor.scanning import Beam, World, scanned
 from tests.benchmarks.surveyor.scoring import mistakes, of_unjudged_changes, scores
@@ -189,3 +190,17 @@ def test_large_scenes_stand_side_by_side(tmp_path):
     np.testing.assert_allclose(
         points[far] - points[~far], np.broadcast_to([0, 90, 0], (len(points) // 2, 3)), atol=1e-4
     )
+
+
+def test_a_change_of_a_large_pair_is_found_in_the_copy_where_it_is_reported(tmp_path):
+    pair, steps = changed_pair("hall"), np.array([[0.0, 0, 0], [0, 90, 0]])
+    places = [
+        points[truth == number][0]
+        for points, truth in zip(pair.points, pair.truth, strict=True)
+        for number in np.unique(truth[truth >= 0])
+    ]
+    reported = [*places, places[0] + steps[1], places[0] + [0, 0, 40]]
+    lines = ["centre_x,centre_y,centre_z", *(",".join(map(str, place)) for place in reported)]
+    (tmp_path / "changes.csv").write_text("\n".join(lines))
+    text = found_in_large(tmp_path / "changes.csv", pair, steps, near=0.001)
+    assert text == f"{len(places) + 1} of {2 * len(places)} changes reported; 1 of {len(places) + 2} reported are none"
