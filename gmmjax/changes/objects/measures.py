@@ -8,8 +8,10 @@ from scipy.spatial import cKDTree
 
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.change import Box, Change
+from gmmjax.changes.objects.placed_change import MeasuredPart
 from gmmjax.changes.objects.support_plane import SupportPlane, SupportPlaneSettings, support_planes
-from gmmjax.changes.objects.volumes import MeasuredPart, VolumeSettings, with_volumes
+from gmmjax.changes.objects.volume_settings import VolumeSettings
+from gmmjax.changes.objects.volumes import with_volumes
 from gmmjax.geometry import (
     LocalSurface,
     density_clusters,

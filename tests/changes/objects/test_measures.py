@@ -14,7 +14,7 @@ from gmmjax.changes.objects.hull_volume import HullVolumeSettings
 from gmmjax.changes.objects.measures import MeasureSettings, with_measures
 from gmmjax.changes.objects.support_plane import SupportPlaneSettings
 from gmmjax.changes.objects.surface_volume import SurfaceVolumeSettings
-from gmmjax.changes.objects.volumes import VolumeSettings
+from gmmjax.changes.objects.volume_settings import VolumeSettings
 from gmmjax.pair import Pair
 
 CRATE = np.array([0.8, 0.5, 0.6])
