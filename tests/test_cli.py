@@ -20,6 +20,7 @@ from gmmjax import _compilation_cache as compilation_cache
 from gmmjax.changes import Changes
 from gmmjax.cli import main
 from gmmjax.cli.application import COMMANDS as PROGRAMS
+from gmmjax.cli.application import as_given
 from gmmjax.clouds import read_cloud, write_pcd, write_ply
 from gmmjax.errors import ComputationError
 from gmmjax.evaluation import read_pair
@@ -770,3 +771,17 @@ def test_a_cache_that_cannot_be_written_is_passed_over(tmp_path, monkeypatch):
     before = jax.config.jax_compilation_cache_dir
     compilation_cache.use_compilation_cache()
     assert jax.config.jax_compilation_cache_dir == before
+
+
+@pytest.mark.parametrize(
+    ("words", "message", "shown"),
+    [
+        (["--tile-size", "0.01"], "tile_size=0.01 is too small", "--tile-size 0.01 is too small"),
+        (["--tile-size=0.01"], "tile_size=0.01 is too small", "--tile-size 0.01 is too small"),
+        # Advice on what was not given is that of the library, and a file keeps its name.
+        (["--tile-size", "1"], "crop=... leaves them out", "crop=... leaves them out"),
+        (["--method", "greedy"], "scans/method=greedy.las: is empty", "scans/method=greedy.las: is empty"),
+    ],
+)
+def test_arguments_are_named_as_they_were_given(words, message, shown):
+    assert as_given(message, ["detect", "a.las", "b.las", *words]) == shown

@@ -70,9 +70,9 @@ def test_the_record_and_the_report_are_of_the_whole_scans(result):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--tile-size", "0.01"], "tile_size=0.01 is below 10 point spacings"),
+        (["--tile-size", "0.01"], "--tile-size 0.01 is below 10 point spacings"),
         (["--workers", "0"], "workers"),
-        (["--tile-size", "3", "--method", "greedy"], "method=greedy: only 'joint' compares scans in tiles"),
+        (["--tile-size", "3", "--method", "greedy"], "--method greedy: only 'joint' compares scans in tiles"),
         (["--tile-size", "3", "--temporary-folder", "nowhere/at/all"], "nowhere/at/all: cannot be written"),
     ],
 )

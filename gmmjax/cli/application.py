@@ -2,6 +2,7 @@
 
 import difflib
 import os
+import re
 import shutil
 import sys
 import textwrap
@@ -91,7 +92,7 @@ def _status(words: list[str], loaded: Callable[[], object]) -> int:
     try:
         return _run(words, loaded)
     except InputError as error:
-        print_message(f"error: {error}")
+        print_message(f"error: {as_given(str(error), words)}")
         return BAD_INPUT
     except ComputationError as error:
         print_message(f"error: {error}")
@@ -99,6 +100,20 @@ def _status(words: list[str], loaded: Callable[[], object]) -> int:
     except KeyboardInterrupt:
         print_message(INTERRUPTION)
         return INTERRUPTED
+
+
+def as_given(message: str, words: list[str]) -> str:
+    """A message whose arguments are named as they were given: `--tile-size 0.5` in place of `tile_size=0.5`.
+
+    Args:
+        message: of the library, which names the arguments of its functions.
+        words: of the command line.
+    """
+    for option in {word.split("=")[0] for word in words if word.startswith("--")}:
+        name = re.escape(option[2:].replace("-", "_"))
+        # A name that begins in the middle of a word or of a path is none of an argument.
+        message = re.sub(rf"(?<![\w./-]){name}=", f"{option} ", message)
+    return message
 
 
 def _discard_output() -> None:
