@@ -111,7 +111,8 @@ class LocalSurface:
                 counts[chosen[surface]] = wide.shape[1]
                 for values, others in zip(planes, across, strict=True):
                     values[chosen[surface]] = others[surface]
-        return cls(points, tree, indices, *planes, counts)
+        # Half of the memory of a surface are these numbers, and no cloud in memory has two thousand million points.
+        return cls(points, tree, indices.astype(np.int32), *planes, counts)
 
     def __len__(self) -> int:
         return len(self.points)

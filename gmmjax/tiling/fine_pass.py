@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from gmmjax._memory import release_freed_memory
 from gmmjax.batch import AbstractPool
 from gmmjax.changes import (
     NAMES,
@@ -112,6 +113,7 @@ def fine_pass(
     """
     detector, prepared, store = coarse.detector, coarse.prepared, tiles.store
     clouds = _coarse_clouds(prepared, store.offset, place.voxels.voxel_size)
+    release_freed_memory()
     clock.start("voxels", "Taking the scans apart", 0.4)
     with tiles.with_kept_workers() as kept:
         records = kept.compute(
@@ -126,8 +128,11 @@ def fine_pass(
     clock.start("regions", "Looking for what changed", 0.7)
     blocks = ComparedBlocks(store, voxels, differences, scales, detector.candidates)
     fine = refined_clouds(blocks, clouds, detector.config.threshold, detector.examination, settings.regions)
+    release_freed_memory()
     refined = _with_points_of(_sighted(coarse, tiles, clock), fine, scales, store.offset)
+    release_freed_memory()
     changes = detector.changes_of(refined, clock)
+    release_freed_memory()
     changes = _counted(changes, refined, coarse.thinned, place.clouds.clouds.map(uncropped), voxels.finest)
     clock.start("rows", "Labelling all points", 0.95)
     rows = RowResults(columns_of(store, MISSING))

@@ -39,11 +39,11 @@ class RegionsOfInterestSettings:
         margin: beyond what facts look at, in spacings of the candidate: the neighbours that the planes of its outermost
             points go through.
         most_voxels: of either cloud, at most; with more, the smallest ones are doubled. A bound on memory: a million
-            take about a gigabyte.
+            take about a gigabyte. Few: in scans with changes in many places things of a few voxels are lost.
     """
 
     margin: float = 8.0
-    most_voxels: int = 1_000_000
+    most_voxels: int = 2_000_000
 
 
 class RefinedCloud(NamedTuple):
@@ -111,8 +111,9 @@ def refined_clouds(
     """
     changed = each_on_cores(lambda side: _changed(blocks, side, threshold), NAMES)
     places = _places(changed, threshold, blocks.candidates, examination, settings)
-    found = each_on_cores(lambda side, points: _found(blocks, side, points, places, threshold), NAMES, coarse.points)
-    clouds = found.map(lambda own: _refined_cloud(places, coarse.voxel_size, settings, *own))
+    most = settings.most_voxels
+    found = each_on_cores(lambda side, own: _found(blocks, side, own, places, threshold, most), NAMES, coarse.points)
+    clouds = found.map(lambda own: _refined_cloud(places, coarse.voxel_size, *own))
     logger.info("fine voxels where something looks changed: %d and %d", *clouds.map(lambda own: own.fine))
     return clouds
 
@@ -200,23 +201,35 @@ class _Part(NamedTuple):
     """What is fine of a block.
 
     Attributes:
-        own: its voxels within reach of candidates.
-        least: edge of the voxels that each may be joined to; 0 for those that look changed.
-        blocks: the number of the block.
-        indices: of each voxel in it.
+        own: its voxels within reach of candidates; those that do not look changed are joined to what the candidates are
+            examined at.
+        blocks: the number of the block, for each voxel of it that is in one of these.
+        indices: of each in the block.
+        rows: which of these it is in.
     """
 
     own: ComparedVoxels
-    least: Float64[np.ndarray, " n"]
     blocks: Int[np.ndarray, " n"]
     indices: Int[np.ndarray, " n"]
+    rows: Int[np.ndarray, " n"]
 
     @classmethod
     def of(cls, number: int, places: list[_Places], own: ComparedVoxels, threshold: float) -> "_Part":
         spacings = _spacings(places, own.voxels.points)
         spacings[np.isfinite(spacings) & (own.looks_changed >= threshold)] = 0
         indices = np.flatnonzero(np.isfinite(spacings))
-        return cls(_taken(own, indices), spacings[indices], np.full(len(indices), number), indices)
+        fine, rows = _joined(_taken(own, indices), spacings[indices])
+        return cls(fine, np.full(len(indices), number), indices, rows)
+
+    @property
+    def fine(self) -> int:
+        """The number of fine voxels."""
+        return len(self.own.looks_changed)
+
+    def joined_to(self, least: float) -> "_Part":
+        """The same, with voxels of a size at least."""
+        own, members = _joined(self.own, np.full(self.fine, least))
+        return self._replace(own=own, rows=members[self.rows])
 
 
 class _Around(NamedTuple):
@@ -244,14 +257,28 @@ class _Around(NamedTuple):
 
 
 def _found(
-    blocks: ComparedBlocks, side: str, coarse: Float64[np.ndarray, "c 3"], places: list[_Places], threshold: float
+    blocks: ComparedBlocks,
+    side: str,
+    coarse: Float64[np.ndarray, "c 3"],
+    places: list[_Places],
+    threshold: float,
+    most_voxels: int,
 ) -> tuple[_Part, _Around]:
-    """What is fine of one cloud, and its coarse points."""
+    """What is fine of one cloud, the smallest voxels doubled until there are no more of them, and its coarse points."""
     parts, around = list[_Part](), list[_Around]()
+    least, count = blocks.voxels.finest, 0
     for block in blocks.store.blocks:
         own, met = blocks.side(block.number, side), any(one.touches(block) for one in places)
-        parts.append(_Part.of(block.number, places if met else [], own, threshold))
+        parts.append(_Part.of(block.number, places if met else [], own, threshold).joined_to(least))
         around.append(_Around.of(block, coarse, own))
+        count += parts[-1].fine
+        # At once, and not in the end: all of the voxels may be more than fit into memory.
+        while count > most_voxels:
+            least *= 2
+            parts = [part.joined_to(least) for part in parts]
+            count = sum(part.fine for part in parts)
+    before = np.cumsum([0, *(part.fine for part in parts)])
+    parts = [part._replace(rows=part.rows + first) for part, first in zip(parts, before[:-1], strict=True)]
     return _together(parts), _together(around)
 
 
@@ -266,20 +293,12 @@ def _together(parts: Sequence[Any]) -> Any:
     return jax.tree.map(lambda *values: np.concatenate(values), *parts)
 
 
-def _refined_cloud(
-    places: list[_Places], voxel_size: float, settings: RegionsOfInterestSettings, fine: _Part, coarse: _Around
-) -> RefinedCloud:
-    own, rows = _joined(fine.own, fine.least)
-    least = float(own.voxels.sizes.min(initial=np.inf))
-    while len(own.looks_changed) > settings.most_voxels:
-        least *= 2
-        own, members = _joined(own, np.full(len(own.looks_changed), least))
-        rows = members[rows]
+def _refined_cloud(places: list[_Places], voxel_size: float, fine: _Part, coarse: _Around) -> RefinedCloud:
     beyond = np.flatnonzero(np.isinf(_spacings(places, coarse.points)))
     points, count = coarse.points[beyond], len(beyond)
     far = _taken(coarse.nearest, beyond)._replace(voxels=Voxels(points, np.ones(count), np.full(count, voxel_size)))
     beside = coarse.blocks[beyond], coarse.indices[beyond]
-    return RefinedCloud(_together([own, far]), fine.blocks, fine.indices, rows, *beside)
+    return RefinedCloud(_together([fine.own, far]), fine.blocks, fine.indices, fine.rows, *beside)
 
 
 def _joined(own: ComparedVoxels, least: Float64[np.ndarray, " n"]) -> tuple[ComparedVoxels, Int[np.ndarray, " n"]]:

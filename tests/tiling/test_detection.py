@@ -1,6 +1,7 @@
 """Changes of scans of any size, found in tiles."""
 
 import dataclasses
+import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -88,6 +89,20 @@ def test_tiles_and_workers_change_no_bit(points, found, tmp_path, tile_size, thr
         assert values.tobytes() == arrays[name].tobytes(), name
     assert [change.to_dict() for change in record.shown] == [change.to_dict() for change in found[1].shown]
     assert list(tmp_path.iterdir()) == []
+
+
+def test_regions_with_too_many_voxels_are_coarser(points, found, tmp_path, monkeypatch):
+    """Block by block, as if all had been gathered first, whatever the tiles."""
+    regions = dataclasses.replace(SETTINGS.regions, most_voxels=6_000)
+    monkeypatch.setattr(sys.modules[__name__], "SETTINGS", dataclasses.replace(SETTINGS, regions=regions))
+    arrays, record = detected(points, tmp_path)
+    assert [change.kind for change in record.shown] == ["appeared"]
+    box = of_box(points.after)
+    assert (arrays["labels_after"][box] == 0).mean() > 0.85
+    sizes = record.clouds.map(lambda own: len(own.points))
+    assert max(sizes) < min(found[1].clouds.map(lambda own: len(own.points)))
+    others, _ = detected(points, tmp_path, tile_size=2.0, threads=3)
+    assert all(values.tobytes() == others[name].tobytes() for name, values in arrays.items())
 
 
 def test_nothing_is_found_where_nothing_changed(tmp_path):

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from scipy.spatial import cKDTree
+from jaxtyping import Float, Int
 
+from gmmjax._memory import release_freed_memory
 from gmmjax.changes.candidates import Candidates, mean_probability, probability_by_difference
 from gmmjax.changes.differences import (
     DetectionLimits,
@@ -22,6 +22,7 @@ from gmmjax.changes.differences import (
     detection_limits,
     local_difference,
 )
+from gmmjax.changes.evidence.batches import Batch, batches_of
 from gmmjax.changes.evidence.candidate import Candidate
 from gmmjax.changes.evidence.examination import (
     EvidenceSettings,
@@ -40,7 +41,7 @@ from gmmjax.changes.explanation import Explanation
 from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.clouds import voxel_grid
-from gmmjax.geometry import LocalSurface, workers_for
+from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each, each_on_cores
 
 
@@ -55,11 +56,15 @@ class LocalExaminationSettings:
             more. A bound on the time: what is as large has as clear facts at half the resolution.
         least_share: fraction of the points of a larger voxel that are of a candidate, at least, for it to be of it. 0:
             candidates get thicker by what touches them.
+        most_together: voxels of either scan within reach of candidates that are examined together, at most; more
+            candidates are examined in batches, by their place. A bound on memory: half a million take about a gigabyte.
+            Few: the limits are those of few places; many: memory grows with the number of candidates.
     """
 
     reach: float = 65.0
     most_points: int = 20_000
     least_share: float = 0.5
+    most_together: int = 500_000
 
 
 class LocalScene(NamedTuple):
@@ -82,7 +87,7 @@ class LocalScene(NamedTuple):
 
 
 class AtResolution(NamedTuple):
-    """The candidates of one resolution.
+    """The candidates of one resolution, or a batch of them.
 
     Attributes:
         pieces: that they were cut into; their rows are those of the clouds of this resolution.
@@ -132,14 +137,11 @@ def examined_locally(
     """
     found = Pair(_Judged([], []), _Judged([], []))
     unlike = list[tuple[str, float]]()
-    for level in candidates_by_resolution(candidates, scene, evidence, settings):
-        sides = zip(found, candidates, level.pieces, level.candidates, level.members, strict=True)
-        for own, fine, pieces, at_level, member in sides:
-            judgement = judgement_of(at_level, pieces, verdicts)
-            unlike += judgement.unlike
-            for piece, explanation in zip(pieces, judgement.explanations, strict=True):
-                own.pieces.append(JudgedPiece(_rows_of(piece, at_level, fine, member), len(own.pieces)))
-                own.explanations.append(explanation)
+    judged = functools.partial(_judge, found, candidates, verdicts)
+    # Nothing keeps a batch when the next one is computed.
+    for own in map(judged, candidates_by_resolution(candidates, scene, evidence, settings)):
+        unlike += own
+        release_freed_memory()
     warn_of_unlike(unlike, evidence)
 
     def of_cloud(fine: Candidates, own: _Judged, cloud: WorkingCloud) -> Examined:
@@ -152,6 +154,21 @@ def examined_locally(
 class _Judged(NamedTuple):
     pieces: list[JudgedPiece]
     explanations: list[Explanation]
+
+
+def _judge(
+    found: Pair[_Judged], candidates: Pair[Candidates], verdicts: Verdicts, batch: AtResolution
+) -> list[tuple[str, float]]:
+    """Adds the judged pieces of a batch, and says which facts of them are unlike all that the verdict learned from."""
+    unlike = list[tuple[str, float]]()
+    sides = zip(found, candidates, batch.pieces, batch.candidates, batch.members, strict=True)
+    for own, fine, pieces, at_level, member in sides:
+        judgement = judgement_of(at_level, pieces, verdicts)
+        unlike += judgement.unlike
+        for piece, explanation in zip(pieces, judgement.explanations, strict=True):
+            own.pieces.append(JudgedPiece(_rows_of(piece, at_level, fine, member), len(own.pieces)))
+            own.explanations.append(explanation)
+    return unlike
 
 
 def candidates_by_resolution(
@@ -171,13 +188,18 @@ def candidates_by_resolution(
     resolutions = each(lambda own, cloud: _resolutions(own, cloud, settings), candidates, scene.clouds)
     areas = each(_areas, candidates, scene.clouds)
     for resolution in sorted({value for own in resolutions for value in own.values()}):
-        chosen = resolutions.map(functools.partial(_numbers_at, resolution))
-        yield _at_resolution(resolution, chosen, candidates, scene, areas, evidence, settings)
+        chosen, points = resolutions.map(functools.partial(_numbers_at, resolution)), scene.clouds.map(_points_of)
+        for batch in batches_of(chosen, candidates, points, settings.reach * resolution, settings.most_together):
+            yield _at_resolution(resolution, batch, candidates, scene, areas, evidence, settings)
 
 
 def _areas(own: Candidates, cloud: WorkingCloud) -> Areas:
     assert cloud.sizes is not None
     return Areas.of(own.labels, cloud.sizes)
+
+
+def _points_of(cloud: WorkingCloud) -> Float[np.ndarray, "n 3"]:
+    return cloud.points
 
 
 def _numbers_at(resolution: float, of_candidates: dict[int, float]) -> list[int]:
@@ -208,20 +230,15 @@ def examined_spacing(sizes: Float[np.ndarray, " n"], settings: LocalExaminationS
 
 def _at_resolution(
     spacing: float,
-    chosen: Pair[list[int]],
+    batch: Batch,
     candidates: Pair[Candidates],
     scene: LocalScene,
     areas: Pair[Areas],
     evidence: EvidenceSettings,
     settings: LocalExaminationSettings,
 ) -> AtResolution:
-    """The chosen candidates of either cloud at one spacing."""
-    places = np.concatenate([*each(lambda own, numbers: own.points[np.isin(own.labels, numbers)], candidates, chosen)])
-    # A few places for all points that are near each other.
-    near = cKDTree(voxel_grid(places, settings.reach / 8 * spacing).points)
-    clouds = each(
-        lambda cloud, coarse: _cloud(cloud, coarse, near, settings.reach * spacing, spacing), scene.clouds, scene.coarse
-    )
+    """A batch of candidates at one spacing."""
+    clouds = each(lambda cloud, coarse: _cloud(cloud, coarse, batch, spacing), scene.clouds, scene.coarse)
     surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points), clouds)
     differences = _differences(surfaces, clouds, scene.differences, spacing)
     surveys = each(lambda surface, survey: dataclasses.replace(survey, surface=surface), surfaces, scene.surveys)
@@ -238,23 +255,21 @@ def _at_resolution(
 
     at_level = each(of_cloud, points, Pair(False, True), differences.local, labels, observed)
     pieces = measured_candidates(at_level, surveys, differences.limits, evidence, areas)
-    own = each(lambda found, label, numbers: _pieces_of(found, label, numbers), pieces, labels, chosen)
+    own = each(lambda found, label, numbers: _pieces_of(found, label, numbers), pieces, labels, batch.numbers)
     return AtResolution(own, at_level, clouds.map(lambda cloud: cloud.member))
 
 
-def _cloud(
-    cloud: WorkingCloud, coarse: Float[np.ndarray, "c 3"], near: cKDTree, reach: float, spacing: float
-) -> _Cloud:
-    """The voxels within reach of some places, those smaller than the spacing joined, and the coarse ones beyond."""
+def _cloud(cloud: WorkingCloud, coarse: Float[np.ndarray, "c 3"], batch: Batch, spacing: float) -> _Cloud:
+    """The voxels within reach of a batch, those smaller than the spacing joined, and the coarse ones beyond."""
     assert cloud.sizes is not None
-    rows = np.flatnonzero(_within(cloud.points, near, reach))
-    beyond = coarse[~_within(coarse, near, reach)]
+    rows = np.flatnonzero(batch.within(cloud.points))
+    beyond = coarse[~batch.within(coarse)]
     member = np.full(len(cloud.points), -1)
     small = cloud.sizes[rows] < spacing * (1 - 1e-9)
     joined, others = rows[small], rows[~small]
     grid = voxel_grid(cloud.points[joined], spacing)
     weight = np.bincount(grid.voxel_of_point, cloud.mass[joined], minlength=len(grid.mass))
-    corner = near.mins
+    corner = batch.tree.mins
     moments = [
         np.bincount(grid.voxel_of_point, cloud.mass[joined] * (cloud.points[joined, axis] - corner[axis]), len(weight))
         for axis in range(3)
@@ -263,11 +278,6 @@ def _cloud(
     member[joined] = grid.voxel_of_point
     member[others] = len(means) + np.arange(len(others))
     return _Cloud(np.concatenate([means, cloud.points[others], beyond]), len(means) + len(others), member)
-
-
-def _within(points: Float[np.ndarray, "n 3"], near: cKDTree, reach: float) -> Bool[np.ndarray, " n"]:
-    distances, _ = near.query(points, distance_upper_bound=reach, workers=workers_for(len(points)))
-    return np.asarray(np.isfinite(distances))
 
 
 def _differences(surfaces: Pair[LocalSurface], clouds: Pair[_Cloud], fine: Differences, spacing: float) -> Differences:

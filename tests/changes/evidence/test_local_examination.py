@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gmmjax.changes import Clock, DetectionConfig, JointDetector, Scan, silent
+from gmmjax.changes import Clock, DetectionConfig, JointDetector, LocalExaminationSettings, Scan, silent
 from gmmjax.clouds import SensorViews
 from gmmjax.pair import Pair
 from gmmjax.scenes.laser_scanner import Beam, TripodScanner
@@ -89,6 +89,16 @@ def test_the_registration_s_own_voxels_show_less(found, surveys):
 
     coarse = dataclasses.replace(JointDetector(CONFIG), resolution=None)
     assert labelled(coarse.changes(surveys.map(lambda own: Scan(own[0])))) < labelled(found)
+
+
+def test_what_is_examined_in_batches_is_found_as_together(found, surveys):
+    """Where the boxes are far from each other, and each batch sees the surroundings that both have."""
+    alone = dataclasses.replace(JointDetector(CONFIG), examination=LocalExaminationSettings(most_together=1))
+    again = alone.changes(surveys.map(lambda own: Scan(own[0])))
+    assert len(again) == len(found)
+    for side in ("before", "after"):
+        labels, others = (np.asarray(getattr(own, f"labels_{side}")) >= 0 for own in (found, again))
+        assert (labels & others).sum() > 0.9 * (labels | others).sum()
 
 
 def test_sizes_are_those_of_the_boxes(found):
