@@ -353,9 +353,9 @@ def test_bad_clouds_are_named_and_nothing_is_written(command, name, scans, tmp_p
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
-        (["--max-components", "100000"], "max_components=100000"),
-        (["--restarts", "0"], "restarts=0"),
-        (["--threshold", "2"], "threshold=2"),
+        (["--max-components", "100000"], "--max-components 100000"),
+        (["--restarts", "0"], "--restarts 0"),
+        (["--threshold", "2"], "--threshold 2"),
         (["--config", "nowhere.toml"], "nowhere.toml"),
     ],
 )
@@ -778,9 +778,9 @@ def test_a_cache_that_cannot_be_written_is_passed_over(tmp_path, monkeypatch):
     [
         (["--tile-size", "0.01"], "tile_size=0.01 is too small", "--tile-size 0.01 is too small"),
         (["--tile-size=0.01"], "tile_size=0.01 is too small", "--tile-size 0.01 is too small"),
-        # Advice on what was not given is that of the library, and a file keeps its name.
-        (["--tile-size", "1"], "crop=... leaves them out", "crop=... leaves them out"),
-        (["--method", "greedy"], "scans/method=greedy.las: is empty", "scans/method=greedy.las: is empty"),
+        # What was not given is named as in the library, and what a file says as in the file.
+        (["--tile-size", "1"], "restarts=0 must be at least 1", "restarts=0 must be at least 1"),
+        (["--restarts", "2"], "runs.csv: line 2: restarts=many", "runs.csv: line 2: restarts=many"),
     ],
 )
 def test_arguments_are_named_as_they_were_given(words, message, shown):

@@ -110,7 +110,7 @@ def test_a_pair_that_fails_is_listed(scans, tmp_path):
         (["{scans}", "--pairs", "x/*/"], "give a MANIFEST, or folders by --pairs"),
         (["{scans}", "--shard", "4/3"], "shard 4/3: the number must be from 1 to 3"),
         (["{scans}", "--until-stable"], "until_stable needs restarts"),
-        (["{scans}", "--workers", "0"], "workers=0 must be at least 1"),
+        (["{scans}", "--workers", "0"], "--workers 0 must be at least 1"),
         (["{scans}", "--series", "first", "--shard", "1/2"], "goes without --pairs and --shard"),
         (["{scans}", "--series", "first"], "line 2: has no cloud"),
         (["{scans}.no"], "no such file"),

@@ -2,7 +2,6 @@
 
 import difflib
 import os
-import re
 import shutil
 import sys
 import textwrap
@@ -103,17 +102,16 @@ def _status(words: list[str], loaded: Callable[[], object]) -> int:
 
 
 def as_given(message: str, words: list[str]) -> str:
-    """A message whose arguments are named as they were given: `--tile-size 0.5` in place of `tile_size=0.5`.
+    """A message that begins with an argument, named as it was given: `--tile-size 0.5` in place of `tile_size=0.5`.
 
     Args:
-        message: of the library, which names the arguments of its functions.
+        message: of the library, which names the arguments of its functions; one about a file begins with its name.
         words: of the command line.
     """
-    for option in {word.split("=")[0] for word in words if word.startswith("--")}:
-        name = re.escape(option[2:].replace("-", "_"))
-        # A name that begins in the middle of a word or of a path is none of an argument.
-        message = re.sub(rf"(?<![\w./-]){name}=", f"{option} ", message)
-    return message
+    name, equals, rest = message.partition("=")
+    option = f"--{name.replace('_', '-')}"
+    given = {word.split("=")[0] for word in words}
+    return f"{option} {rest}" if equals and option in given else message
 
 
 def _discard_output() -> None:

@@ -292,9 +292,9 @@ def test_a_state_of_other_settings_is_not_taken_up(folder, tmp_path, capsys):
     [
         (["--out", "tuned.txt"], "must end in .toml"),
         (["--out", "missing/tuned.toml"], "there is no folder missing"),
-        (["--steps", "0"], "steps=0"),
+        (["--steps", "0"], "--steps 0"),
         (["--parameters", "covariance_scale"], "go together"),
-        (["--validation-share", "2"], "validation_share"),
+        (["--validation-share", "2"], "--validation-share 2"),
     ],
 )
 def test_bad_usage_is_named(folder, tmp_path, capsys, more, message):
