@@ -26,6 +26,7 @@ from gmmjax.geometry.local_surface import local_planes as local_planes
 from gmmjax.geometry.neighbours import nearest_neighbours as nearest_neighbours
 from gmmjax.geometry.neighbours import points_within as points_within
 from gmmjax.geometry.neighbours import within_box as within_box
+from gmmjax.geometry.neighbours import within_reach as within_reach
 from gmmjax.geometry.neighbours import workers_for as workers_for
 from gmmjax.geometry.planes import Plane as Plane
 from gmmjax.geometry.planes import PlaneSettings as PlaneSettings

@@ -1,7 +1,7 @@
 """Nearest neighbours in a cloud."""
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from gmmjax._cores import available_cores
@@ -34,6 +34,18 @@ def within_box(
 def workers_for(count: int) -> int:
     """The number of threads to look up so many points with, as SciPy's trees take it: one for each core, or one."""
     return available_cores() if count >= POINTS_FOR_THREADS else 1
+
+
+def within_reach(tree: cKDTree, points: Float[np.ndarray, "n d"], reach: float) -> Bool[np.ndarray, " n"]:
+    """Which of the points are within a distance of the points of a tree.
+
+    Args:
+        tree: of other points.
+        points: coordinates.
+        reach: the distance.
+    """
+    distances, _ = tree.query(points, distance_upper_bound=reach, workers=workers_for(len(points)))
+    return np.asarray(np.isfinite(distances))
 
 
 def points_within(tree: cKDTree, points: Float[np.ndarray, "n d"], reach: float) -> Float[np.ndarray, "m d"]:

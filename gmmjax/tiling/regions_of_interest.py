@@ -22,7 +22,7 @@ from gmmjax.changes import (
     examined_spacing,
 )
 from gmmjax.clouds import Block, voxel_grid
-from gmmjax.geometry import within_box, workers_for
+from gmmjax.geometry import within_box, within_reach
 from gmmjax.pair import Pair, each_on_cores
 from gmmjax.tiling.compared_blocks import ComparedBlocks, ComparedVoxels
 from gmmjax.tiling.local_differences import CoarseClouds
@@ -155,8 +155,7 @@ class _Places(NamedTuple):
 
     def within(self, points: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Which points are within reach."""
-        found = self.tree.query(points, distance_upper_bound=self.reach, workers=workers_for(len(points)))
-        return np.asarray(np.isfinite(found[0]))
+        return within_reach(self.tree, points, self.reach)
 
 
 def _places(

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from gmmjax.changes.candidates import Candidates
 from gmmjax.clouds import voxel_grid
-from gmmjax.geometry import workers_for
+from gmmjax.geometry import within_reach
 from gmmjax.pair import Pair, each
 
 
@@ -43,8 +43,7 @@ class Batch(NamedTuple):
 
     def within(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Which points are within reach."""
-        distances, _ = self.tree.query(points, distance_upper_bound=self.reach, workers=workers_for(len(points)))
-        return np.asarray(np.isfinite(distances))
+        return within_reach(self.tree, points, self.reach)
 
 
 def batches_of(
