@@ -9,10 +9,14 @@ namespace gmmjax::GMMJAX_INSTRUCTION_SET {
 namespace {
 
 using Numbers = Vector<double>;
-using Flags = Lanes<double>::Bits;
+using Flags = Bits<double>;
 static_assert(kBoxes == Lanes<double>::kCount && kLeaf % kBoxes == 0);
+// A comparison of a vector's lanes that holds in all of them.
+constexpr unsigned kAll = (1 << kBoxes) - 1;
 
-inline Numbers absolute(Numbers values) { return values < 0.0 ? -values : values; }
+inline Numbers absolute(Numbers values) {
+  return bits_as<double>(bits_as<int64_t>(values) & std::numeric_limits<int64_t>::max());
+}
 
 class Search {
  public:
@@ -61,14 +65,14 @@ class Search {
     directions_[2] = {x * y * scale, sign + y * y * scale, -y};
   }
 
-  // The boxes of a node that the cylinder may touch: those that no direction separates from it.
-  Flags touched(const double* boxes) const {
+  // The boxes of a node that the cylinder may touch, as bits: those that no direction separates from it.
+  unsigned touched(const double* boxes) const {
     Numbers offsets[3], halves[3];
     for (int axis = 0; axis < 3; ++axis) {
       offsets[axis] = load(boxes + axis * kBoxes) - centre_[axis];
       halves[axis] = load(boxes + (3 + axis) * kBoxes);
     }
-    Flags touched = ~Flags{};
+    Flags touched = all<int64_t>(-1);
     for (int direction = 0; direction < 3; ++direction) {
       const auto [x, y, z] = directions_[direction];
       const Numbers along = x * offsets[0] + y * offsets[1] + z * offsets[2];
@@ -76,13 +80,12 @@ class Search {
           __builtin_fabs(x) * halves[0] + __builtin_fabs(y) * halves[1] + __builtin_fabs(z) * halves[2];
       touched &= absolute(along) <= reach + extents_[direction];
     }
-    return touched;
+    return lanes(touched);
   }
 
   void visit(int level, int64_t node) {
-    const Flags inside = touched(tree_.levels[level] + node * 6 * kBoxes);
-    for (int box = 0; box < kBoxes; ++box) {
-      if (!inside[box]) continue;
+    for (unsigned inside = touched(tree_.levels[level] + node * 6 * kBoxes); inside != 0; inside &= inside - 1) {
+      const int box = __builtin_ctz(inside);
       if (level == 0)
         collect(tree_.leaves + (node * kBoxes + box) * 3 * kLeaf);
       else
@@ -93,19 +96,27 @@ class Search {
   // Appends the projections of those points of a leaf that are in the cylinder.
   void collect(const double* leaf) {
     if (projected_.capacity < count_ + kLeaf + kBoxes) projected_.grow(2 * projected_.capacity + kLeaf + kBoxes);
-    double* const into = projected_.values;
+    double* into = projected_.values + count_;
     for (int first = 0; first < kLeaf; first += kBoxes) {
       const Numbers x = load(leaf + first) - centre_[0], y = load(leaf + kLeaf + first) - centre_[1],
                     z = load(leaf + 2 * kLeaf + first) - centre_[2];
       const Numbers along = x * axis_[0] + y * axis_[1] + z * axis_[2];
       const Numbers dx = x - along * axis_[0], dy = y - along * axis_[1], dz = z - along * axis_[2];
-      const Flags inside =
-          (absolute(along) <= half_length_) & (dx * dx + dy * dy + dz * dz <= squared_radius_);
-      for (int lane = 0; lane < kBoxes; ++lane) {
-        into[count_] = along[lane];
-        count_ -= inside[lane];
+      const unsigned inside =
+          lanes((absolute(along) <= half_length_) & (dx * dx + dy * dy + dz * dz <= squared_radius_));
+      if (inside == kAll) {
+        store(into, along);
+        into += kBoxes;
+      } else if (inside != 0) {
+        double values[kBoxes];
+        store(values, along);
+        for (int lane = 0; lane < kBoxes; ++lane) {
+          *into = values[lane];
+          into += inside >> lane & 1;
+        }
       }
     }
+    count_ = into - projected_.values;
   }
 
   struct Direction {

@@ -14,6 +14,9 @@ namespace {
 constexpr int kVectors = 8;
 template <typename T>
 constexpr int kBlock = kVectors * Lanes<T>::kCount;
+// Of these as many at a time as the machine has registers for, with those of two components.
+constexpr int kTogether = kVectors * kMachineBytes / kVectorBytes / (kMachineBytes < kVectorBytes ? 2 : 1);
+static_assert(kTogether > 0);
 
 // Chunks of points after which the lanes' sums are added up in double precision.
 template <typename T>
@@ -25,25 +28,28 @@ constexpr T kNegligible = sizeof(T) == 4 ? -20 : -40;
 // The log joints of some components at the points of a block: linear functions of their features.
 template <typename T, int kRows>
 inline void log_joints(const T* const* parameters, int features, const T* block, int64_t stride, T* joint) {
-  Vector<T> values[kRows][kVectors] = {};
-  for (int f = 0; f < features; ++f)
-    for (int v = 0; v < kVectors; ++v) {
-      const Vector<T> feature = load<T>(block + f * stride + v * Lanes<T>::kCount);
-      for (int row = 0; row < kRows; ++row) values[row][v] += parameters[row][f] * feature;
+  for (int first = 0; first < kVectors; first += kTogether) {
+    Vector<T> values[kRows][kTogether] = {};
+    const T* own = block + first * Lanes<T>::kCount;
+    for (int f = 0; f < features; ++f) {
+      GMMJAX_UNROLL
+      for (int v = 0; v < kTogether; ++v) {
+        const Vector<T> feature = load<T>(own + f * stride + v * Lanes<T>::kCount);
+        for (int row = 0; row < kRows; ++row) values[row][v] += parameters[row][f] * feature;
+      }
     }
-  for (int row = 0; row < kRows; ++row)
-    for (int v = 0; v < kVectors; ++v) store<T>(joint + row * kBlock<T> + v * Lanes<T>::kCount, values[row][v]);
+    for (int row = 0; row < kRows; ++row)
+      for (int v = 0; v < kTogether; ++v)
+        store(joint + row * kBlock<T> + (first + v) * Lanes<T>::kCount, values[row][v]);
+  }
 }
 
 // Whether the values are negligible at every point of a block; false where they are not numbers.
 template <typename T>
 inline bool negligible(const Vector<T>* values) {
-  auto not_small = ~(values[0] < kNegligible<T>);
+  Bits<T> not_small = ~(values[0] < kNegligible<T>);
   for (int v = 1; v < kVectors; ++v) not_small |= ~(values[v] < kNegligible<T>);
-  int64_t parts[8], any = 0;
-  std::memcpy(parts, &not_small, sizeof(parts));
-  for (int64_t part : parts) any |= part;
-  return any == 0;
+  return joined(not_small) == 0;
 }
 
 template <typename T>
@@ -105,7 +111,7 @@ class Expectation {
     for (int m = 1; m < live_count_; ++m)
       for (int v = 0; v < kVectors; ++v) {
         const Vector<T> own = load<T>(joint(m) + v * kCount);
-        highest[v] = own > highest[v] ? own : highest[v];
+        highest[v] = select(own > highest[v], own, highest[v]);
       }
     Vector<T> density[kVectors] = {};
     int present = 0;
@@ -115,7 +121,7 @@ class Expectation {
       for (int v = 0; v < kVectors; ++v) {
         values[v] = exponential<T>(values[v]);
         density[v] += values[v];
-        store<T>(joint(present) + v * kCount, values[v]);
+        store(joint(present) + v * kCount, values[v]);
       }
       p_.workspace.present[present++] = m;
     }
@@ -138,7 +144,7 @@ class Expectation {
     for (int f = 0; f < p_.features; ++f) {
       Vector<T> total = load<T>(own + f * kCount);
       for (int v = 0; v < kVectors; ++v) total += responsibilities[v] * load<T>(features + f * stride + v * kCount);
-      store<T>(own + f * kCount, total);
+      store(own + f * kCount, total);
     }
   }
 

@@ -2,12 +2,14 @@
 #include <cstdint>
 #include <cstring>
 #include <limits>
+#include <type_traits>
 #if defined(__clang__)
 #pragma clang attribute push(__attribute__((target("avx2,fma"))), apply_to = function)
 #else
 #pragma GCC target("avx2,fma")
 #endif
 #define GMMJAX_INSTRUCTION_SET avx2
+#define GMMJAX_VECTOR_BYTES 32
 #include "vectors.h"
 
 #include "cylinders_kernel.h"

@@ -1,4 +1,5 @@
 #define GMMJAX_INSTRUCTION_SET baseline
+#define GMMJAX_VECTOR_BYTES 16
 #include "vectors.h"
 
 #include "cylinders_kernel.h"

@@ -29,22 +29,10 @@ constexpr int kSweeps = 5;
 constexpr int kFewArcs = 100;
 
 using Doubles = Vector<double>;
-using Integers = Lanes<double>::Bits;
+using Integers = Bits<double>;
 constexpr int kLanes = kTransportLanes;
 
 inline double least(double a, double b) { return a < b ? a : b; }
-
-// The least of the eight lanes.
-template <typename T, typename V>
-inline T lane_least(V vector) {
-  V other = __builtin_shufflevector(vector, vector, 4, 5, 6, 7, 0, 1, 2, 3);
-  vector = vector < other ? vector : other;
-  other = __builtin_shufflevector(vector, vector, 2, 3, 0, 1, 6, 7, 4, 5);
-  vector = vector < other ? vector : other;
-  other = __builtin_shufflevector(vector, vector, 1, 0, 3, 2, 5, 4, 7, 6);
-  vector = vector < other ? vector : other;
-  return vector[0];
-}
 
 template <typename T>
 class Transport {
@@ -110,12 +98,12 @@ class Transport {
       Doubles cheapest = load<double>(&cost(i, 0)) - load<double>(w_.price);
       for (int j = kLanes; j < p_.width; j += kLanes) {
         const Doubles own = load<double>(&cost(i, j)) - load<double>(w_.price + j);
-        cheapest = own < cheapest ? own : cheapest;
+        cheapest = select(own < cheapest, own, cheapest);
       }
-      const double lowest = lane_least<double>(cheapest);
-      w_.row_price[i] = lowest;
+      const double least_cost = lowest(cheapest);
+      w_.row_price[i] = least_cost;
       for (int j = 0; j < columns_ && w_.supply[i] > 0; ++j)
-        if (w_.demand[j] > 0 && cost(i, j) - w_.price[j] <= lowest + kTight * (dearest_ - cheapest_)) {
+        if (w_.demand[j] > 0 && cost(i, j) - w_.price[j] <= least_cost + kTight * (dearest_ - cheapest_)) {
           const double mass = least(w_.supply[i], w_.demand[j]);
           w_.supply[i] -= mass;
           w_.demand[j] -= mass;
@@ -139,7 +127,7 @@ class Transport {
     for (int j = 0; j < p_.width; ++j) w_.distance[j] = j < columns_ ? 1 : 0;
     for (int i = 0; i < rows_; ++i)
       for (int j = 0; j < p_.width; j += kLanes)
-        store<double>(&flow(i, j), exponential<double>((load<double>(&cost(i, j)) - cheapest_) * unit));
+        store(&flow(i, j), exponential<double>((load<double>(&cost(i, j)) - cheapest_) * unit));
     for (int sweep = 0; sweep < kSweeps; ++sweep) {
       for (int j = 0; j < p_.width; ++j) w_.open_price[j] = 0;
       for (int i = 0; i < rows_; ++i) {
@@ -148,7 +136,7 @@ class Transport {
         const double scaling = w_.supply[i] / (sum<double>(total) + kSmallest);
         w_.row_price[i] = scaling;
         for (int j = 0; j < p_.width; j += kLanes)
-          store<double>(w_.open_price + j, load<double>(w_.open_price + j) + scaling * load<double>(&flow(i, j)));
+          store(w_.open_price + j, load<double>(w_.open_price + j) + scaling * load<double>(&flow(i, j)));
       }
       for (int j = 0; j < columns_; ++j) w_.distance[j] = w_.demand[j] / (w_.open_price[j] + kSmallest);
     }
@@ -200,34 +188,30 @@ class Transport {
     w_.reached[row / kWord] |= uint64_t(1) << row % kWord;
     w_.row_distance[row] = distance;
     const double* costs = w_.cost + int64_t(row) * p_.width;
-    const Doubles base = Doubles{} + (distance - w_.row_price[row]);
-    const Integers own = Integers{} + row;
+    const Doubles base = all(distance - w_.row_price[row]);
+    const Integers own = all(int64_t(row));
     for (int j = 0; j < p_.width; j += kLanes) {
       const Doubles way = base + (load<double>(costs + j) - load<double>(w_.open_price + j));
       const Doubles known = load<double>(w_.distance + j);
-      Integers from;
-      std::memcpy(&from, w_.from_row + j, sizeof(from));
-      const auto shorter = way < known;
-      const Doubles shortest = shorter ? way : known;
-      from = shorter ? own : from;
-      std::memcpy(w_.distance + j, &shortest, sizeof(shortest));
-      std::memcpy(w_.from_row + j, &from, sizeof(from));
+      const Integers shorter = way < known;
+      store(w_.distance + j, select(shorter, way, known));
+      store(w_.from_row + j, select(shorter, own, load<int64_t>(w_.from_row + j)));
     }
   }
 
   int nearest_open() {
     Doubles nearest = load<double>(w_.distance);
-    Integers columns = {0, 1, 2, 3, 4, 5, 6, 7}, best = columns;
+    static constexpr int64_t kFirst[] = {0, 1, 2, 3, 4, 5, 6, 7};
+    Integers columns = load(kFirst), best = columns;
     for (int j = kLanes; j < p_.width; j += kLanes) {
-      columns += kLanes;
+      columns += int64_t(kLanes);
       const Doubles distances = load<double>(w_.distance + j);
-      const auto nearer = distances < nearest;
-      nearest = nearer ? distances : nearest;
-      best = nearer ? columns : best;
+      const Integers nearer = distances < nearest;
+      nearest = select(nearer, distances, nearest);
+      best = select(nearer, columns, best);
     }
-    const double lowest = lane_least<double>(nearest);
-    best = nearest <= lowest ? best : Integers{} + p_.width;
-    return int(lane_least<int64_t>(best)) % p_.width;
+    best = select(nearest <= lowest(nearest), best, all(int64_t(p_.width)));
+    return int(lowest(best)) % p_.width;
   }
 
   void move_prices(double distance) {

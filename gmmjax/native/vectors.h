@@ -1,26 +1,52 @@
-// Vectors of 64 bytes, for one instruction set; where the machine's are narrower, the compiler splits them.
+// Vectors of 64 bytes, for one instruction set: one of the machine's vectors, or two or four of them.
 //
-// No include guard: every translation unit has its own instruction set, and the functions are inlined there.
+// Compilers split vectors that are wider than the machine's, too, but some into single numbers: GCC 12 computes a part of
+// what it splits for AVX2 eight times, one lane after the other.
+//
+// GMMJAX_VECTOR_BYTES says how wide the machine's are. No include guard: every translation unit has its own instruction
+// set, and the functions are inlined there.
 
 #include <cstdint>
 #include <cstring>
+#include <type_traits>
 
 #if defined(__clang__)
 #define GMMJAX_UNROLL _Pragma("unroll")
 #else
 #define GMMJAX_UNROLL _Pragma("GCC unroll 16")
 #endif
+#define GMMJAX_INLINE inline __attribute__((always_inline))
 
 namespace gmmjax::GMMJAX_INSTRUCTION_SET {
 namespace {
+
+constexpr int kVectorBytes = 64, kMachineBytes = GMMJAX_VECTOR_BYTES;
+
+// Numbers of 64 bytes: two halves, down to one vector of the machine.
+template <typename T, int kBytes = kVectorBytes>
+struct Vector {
+  Vector<T, kBytes / 2> low, high;
+
+  GMMJAX_INLINE T operator[](int lane) const {
+    constexpr int kHalf = kBytes / 2 / int(sizeof(T));
+    return lane < kHalf ? low[lane] : high[lane - kHalf];
+  }
+};
+
+template <typename T>
+struct Vector<T, kMachineBytes> {
+  typedef T Value __attribute__((vector_size(kMachineBytes)));
+  Value value;
+
+  GMMJAX_INLINE T operator[](int lane) const { return value[lane]; }
+};
 
 template <typename T>
 struct Lanes;
 
 template <>
 struct Lanes<double> {
-  typedef double Vector __attribute__((vector_size(64)));
-  typedef int64_t Bits __attribute__((vector_size(64)));
+  using Integer = int64_t;
   static constexpr int kCount = 8;
   // Adding it rounds to an integer, which then stands in the lowest bits.
   static constexpr double kRounding = 0x1.8p52;
@@ -33,8 +59,7 @@ struct Lanes<double> {
 
 template <>
 struct Lanes<float> {
-  typedef float Vector __attribute__((vector_size(64)));
-  typedef int32_t Bits __attribute__((vector_size(64)));
+  using Integer = int32_t;
   static constexpr int kCount = 16;
   static constexpr float kRounding = 0x1.8p23f;
   static constexpr int kMantissa = 23;
@@ -44,41 +69,193 @@ struct Lanes<float> {
   static constexpr int kLogTerms = 5;
 };
 
-template <typename T>
-using Vector = typename Lanes<T>::Vector;
+template <>
+struct Lanes<int64_t> {
+  using Integer = int64_t;
+};
 
+template <>
+struct Lanes<int32_t> {
+  using Integer = int32_t;
+};
+
+// Integers as wide as the numbers; of a comparison all bits of a lane are 1 where it holds, else 0.
+template <typename T, int kBytes = kVectorBytes>
+using Bits = Vector<typename Lanes<T>::Integer, kBytes>;
+
+// The same type, which no argument decides: a number of another type is converted.
 template <typename T>
-inline Vector<T> load(const T* from) {
-  Vector<T> vector;
-  std::memcpy(&vector, from, sizeof(vector));
-  return vector;
+struct Given {
+  using Type = T;
+};
+template <typename T>
+using Number = typename Given<T>::Type;
+
+template <typename T, int kBytes = kVectorBytes>
+GMMJAX_INLINE Vector<T, kBytes> load(const T* from) {
+  if constexpr (kBytes == kMachineBytes) {
+    Vector<T, kBytes> vector;
+    std::memcpy(&vector.value, from, sizeof(vector.value));
+    return vector;
+  } else {
+    return {load<T, kBytes / 2>(from), load<T, kBytes / 2>(from + kBytes / 2 / sizeof(T))};
+  }
+}
+
+template <typename T, int kBytes>
+GMMJAX_INLINE void store(T* to, Vector<T, kBytes> vector) {
+  if constexpr (kBytes == kMachineBytes) {
+    std::memcpy(to, &vector.value, sizeof(vector.value));
+  } else {
+    store(to, vector.low);
+    store(to + kBytes / 2 / sizeof(T), vector.high);
+  }
+}
+
+template <typename T, int kBytes = kVectorBytes>
+GMMJAX_INLINE Vector<T, kBytes> all(T value) {
+  if constexpr (kBytes == kMachineBytes)
+    return {typename Vector<T, kBytes>::Value{} + value};
+  else
+    return {all<T, kBytes / 2>(value), all<T, kBytes / 2>(value)};
+}
+
+#define GMMJAX_OPERATOR(op)                                                                  \
+  template <typename T, int kBytes>                                                          \
+  GMMJAX_INLINE Vector<T, kBytes> operator op(Vector<T, kBytes> a, Vector<T, kBytes> b) {    \
+    if constexpr (kBytes == kMachineBytes)                                                   \
+      return {a.value op b.value};                                                           \
+    else                                                                                     \
+      return {a.low op b.low, a.high op b.high};                                             \
+  }                                                                                          \
+  template <typename T, int kBytes>                                                          \
+  GMMJAX_INLINE Vector<T, kBytes> operator op(Vector<T, kBytes> a, Number<T> b) {            \
+    return a op all<T, kBytes>(b);                                                           \
+  }                                                                                          \
+  template <typename T, int kBytes>                                                          \
+  GMMJAX_INLINE Vector<T, kBytes> operator op(Number<T> a, Vector<T, kBytes> b) {            \
+    return all<T, kBytes>(a) op b;                                                           \
+  }                                                                                          \
+  template <typename T, int kBytes, typename Other>                                          \
+  GMMJAX_INLINE Vector<T, kBytes>& operator op##=(Vector<T, kBytes>& a, Other b) {           \
+    return a = a op b;                                                                       \
+  }
+GMMJAX_OPERATOR(+)
+GMMJAX_OPERATOR(-)
+GMMJAX_OPERATOR(*)
+GMMJAX_OPERATOR(/)
+GMMJAX_OPERATOR(&)
+GMMJAX_OPERATOR(|)
+#undef GMMJAX_OPERATOR
+
+#define GMMJAX_COMPARISON(op)                                                            \
+  template <typename T, int kBytes>                                                      \
+  GMMJAX_INLINE Bits<T, kBytes> operator op(Vector<T, kBytes> a, Vector<T, kBytes> b) {  \
+    if constexpr (kBytes == kMachineBytes)                                               \
+      return {(typename Bits<T, kBytes>::Value)(a.value op b.value)};                    \
+    else                                                                                 \
+      return {a.low op b.low, a.high op b.high};                                         \
+  }                                                                                      \
+  template <typename T, int kBytes>                                                      \
+  GMMJAX_INLINE Bits<T, kBytes> operator op(Vector<T, kBytes> a, Number<T> b) {          \
+    return a op all<T, kBytes>(b);                                                       \
+  }
+GMMJAX_COMPARISON(<)
+GMMJAX_COMPARISON(<=)
+GMMJAX_COMPARISON(>)
+#undef GMMJAX_COMPARISON
+
+template <typename T, int kBytes>
+GMMJAX_INLINE Vector<T, kBytes> operator~(Vector<T, kBytes> a) {
+  if constexpr (kBytes == kMachineBytes)
+    return {~a.value};
+  else
+    return {~a.low, ~a.high};
+}
+
+template <typename T, int kBytes>
+GMMJAX_INLINE Vector<T, kBytes> operator<<(Vector<T, kBytes> a, int places) {
+  if constexpr (kBytes == kMachineBytes)
+    return {a.value << places};
+  else
+    return {a.low << places, a.high << places};
+}
+
+// The numbers of the first where the bits are 1, else those of the second.
+template <typename T, int kBytes>
+GMMJAX_INLINE Vector<T, kBytes> select(Bits<T, kBytes> which, Vector<T, kBytes> first, Vector<T, kBytes> second) {
+  if constexpr (kBytes == kMachineBytes)
+    return {which.value ? first.value : second.value};
+  else
+    return {select(which.low, first.low, second.low), select(which.high, first.high, second.high)};
+}
+
+template <typename To, typename From, int kBytes>
+GMMJAX_INLINE Vector<To, kBytes> bits_as(Vector<From, kBytes> from) {
+  if constexpr (kBytes == kMachineBytes)
+    return {(typename Vector<To, kBytes>::Value)from.value};
+  else
+    return {bits_as<To>(from.low), bits_as<To>(from.high)};
+}
+
+// The bits of lanes that are not negative, that many places lower. AVX2 has no such instruction with a sign.
+template <typename T, int kBytes>
+GMMJAX_INLINE Vector<T, kBytes> lowered(Vector<T, kBytes> a, int places) {
+  using Unsigned = std::make_unsigned_t<T>;
+  if constexpr (kBytes == kMachineBytes) {
+    typedef Unsigned Whole __attribute__((vector_size(kMachineBytes)));
+    return {(typename Vector<T, kBytes>::Value)((Whole)a.value >> places)};
+  } else {
+    return {lowered(a.low, places), lowered(a.high, places)};
+  }
+}
+
+// All bits that are 1 in some lane of 64 bits.
+template <typename T, int kBytes>
+GMMJAX_INLINE int64_t joined(Vector<T, kBytes> bits) {
+  if constexpr (kBytes == kMachineBytes) {
+    int64_t parts[kBytes / 8], any = 0;
+    std::memcpy(parts, &bits.value, sizeof(parts));
+    for (int64_t part : parts) any |= part;
+    return any;
+  } else {
+    return joined(bits.low | bits.high);
+  }
+}
+
+// The lanes where a comparison of doubles holds, each as one bit.
+GMMJAX_INLINE unsigned lanes(Bits<double> which) {
+  static constexpr int64_t kLane[] = {1, 2, 4, 8, 16, 32, 64, 128};
+  return unsigned(joined(which & load(kLane)));
+}
+
+template <typename T, int kBytes>
+GMMJAX_INLINE T lowest(Vector<T, kBytes> vector) {
+  if constexpr (kBytes == kMachineBytes) {
+    T least = vector[0];
+    GMMJAX_UNROLL
+    for (int lane = 1; lane < kBytes / int(sizeof(T)); ++lane) least = vector[lane] < least ? vector[lane] : least;
+    return least;
+  } else {
+    return lowest(select(vector.low < vector.high, vector.low, vector.high));
+  }
 }
 
 template <typename T>
-inline void store(T* to, Vector<T> vector) {
-  std::memcpy(to, &vector, sizeof(vector));
-}
-
-template <typename T>
-inline Vector<T> all(T value) {
-  return Vector<T>{} + value;
-}
-
-template <typename To, typename From>
-inline To bits_as(From from) {
-  To to;
-  static_assert(sizeof(to) == sizeof(from));
-  std::memcpy(&to, &from, sizeof(to));
-  return to;
+GMMJAX_INLINE double sum(Vector<T> vector) {
+  double total = 0;
+  GMMJAX_UNROLL
+  for (int lane = 0; lane < Lanes<T>::kCount; ++lane) total += vector[lane];
+  return total;
 }
 
 // e^x for x <= 0, to the last digits: 2^n by the exponent's bits, e^r by its series, |r| <= log(2) / 2. The terms are
 // added in pairs (Estrin's scheme), so that the chain of dependent operations is short.
 template <typename T>
-inline Vector<T> exponential(Vector<T> x) {
+GMMJAX_INLINE Vector<T> exponential(Vector<T> x) {
   using L = Lanes<T>;
-  using Bits = typename L::Bits;
-  x = x < L::kLeast ? all<T>(L::kLeast) : x;
+  using I = typename L::Integer;
+  x = select(x < L::kLeast, all<T>(L::kLeast), x);
   const Vector<T> rounded = x * T(1.44269504088896340736) + L::kRounding;
   const Vector<T> whole = rounded - L::kRounding;
   const Vector<T> rest = (x - whole * L::kLog2High) - whole * L::kLog2Low;
@@ -91,36 +268,29 @@ inline Vector<T> exponential(Vector<T> x) {
                            (T(1.0 / 3628800) + T(1.0 / 39916800) * rest) * r2 + T(1.0 / 479001600) * r4;
     series = low + (middle + high * r4) * r4;
   }
-  const Bits exponent = bits_as<Bits>(rounded) - bits_as<Bits>(all<T>(L::kRounding)) + L::kBias;
-  return series * bits_as<Vector<T>>(exponent << L::kMantissa);
+  const Bits<T> exponent = bits_as<I>(rounded) - bits_as<I>(all<T>(L::kRounding)) + L::kBias;
+  return series * bits_as<T>(exponent << L::kMantissa);
 }
 
 // log(x) for x >= 1: the exponent, and the series of log((1 + s) / (1 - s)) of the mantissa.
 template <typename T>
-inline Vector<T> logarithm(Vector<T> x) {
+GMMJAX_INLINE Vector<T> logarithm(Vector<T> x) {
   using L = Lanes<T>;
-  using Bits = typename L::Bits;
-  const Bits one = bits_as<Bits>(all<T>(1));
-  const Bits bits = bits_as<Bits>(x);
-  Bits exponent = (bits - one) >> L::kMantissa;
-  Vector<T> mantissa = bits_as<Vector<T>>(bits - (exponent << L::kMantissa));
-  const auto large = mantissa > T(1.41421356237309504880);
-  mantissa = large ? mantissa * T(0.5) : mantissa;
-  exponent = large ? exponent + 1 : exponent;
+  using I = typename L::Integer;
+  const Bits<T> bits = bits_as<I>(x);
+  Bits<T> exponent = lowered(bits - bits_as<I>(all<T>(T(1))), L::kMantissa);
+  Vector<T> mantissa = bits_as<T>(bits - (exponent << L::kMantissa));
+  const Bits<T> large = mantissa > T(1.41421356237309504880);
+  mantissa = select(large, mantissa * T(0.5), mantissa);
+  exponent = select(large, exponent + I(1), exponent);
   const Vector<T> s = (mantissa - T(1)) / (mantissa + T(1));
   const Vector<T> squared = s * s;
   Vector<T> series = all<T>(T(1.0 / (2 * L::kLogTerms + 1)));
   GMMJAX_UNROLL
   for (int term = L::kLogTerms - 1; term >= 0; --term) series = series * squared + T(1.0 / (2 * term + 1));
-  const Vector<T> power = __builtin_convertvector(exponent, Vector<T>);
-  return power * L::kLog2High + (power * L::kLog2Low + 2 * s * series);
-}
-
-template <typename T>
-inline double sum(Vector<T> vector) {
-  double total = 0;
-  for (int lane = 0; lane < Lanes<T>::kCount; ++lane) total += vector[lane];
-  return total;
+  // The whole number as a floating one: AVX2 has no such instruction for 64 bits.
+  const Vector<T> power = bits_as<T>(exponent + bits_as<I>(all<T>(L::kRounding))) - L::kRounding;
+  return power * L::kLog2High + (power * L::kLog2Low + T(2) * s * series);
 }
 
 }  // namespace
