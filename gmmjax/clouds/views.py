@@ -202,8 +202,9 @@ class SensorViews:
         x, y, z = camera_points.T
         horizontal, vertical = (np.radians(angle) / 2 for angle in self.field_of_view)
         depth = np.hypot(x, z) if self.turning else z
-        inside = (np.abs(np.arctan2(x, z)) <= horizontal) & (np.abs(np.arctan2(y, depth)) <= vertical)
-        return np.asarray(inside & (x * x + y * y + z * z <= self.max_range**2))
+        inside = (x * x + y * y + z * z <= self.max_range**2) & (np.abs(np.arctan2(y, depth)) <= vertical)
+        # All directions are within half a turn to either side.
+        return np.asarray(inside if horizontal >= np.pi else inside & (np.abs(np.arctan2(x, z)) <= horizontal))
 
 
 def _checked_positions(positions: Any) -> Float64[np.ndarray, "v 3"]:

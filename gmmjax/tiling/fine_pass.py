@@ -122,14 +122,15 @@ def fine_pass(
         voxels = LocalVoxels.of(records, place.voxels, settings.resolution.most_voxels)
         clock.start("differences", "Comparing the scans", 0.5)
         arguments = (voxels, clouds, settings.differences, detector.differences, detector.distances)
-        found = kept.compute(block_differences, arguments, _part(clock, "Comparing the scans", 0.5, 0.7))
+        found = kept.compute(block_differences, arguments, _part(clock, "Comparing the scans", 0.5, 0.68))
+        seen_first = _seen_first(coarse, kept, clock)
     differences = BlockDifferences(found)
     scales = local_scales(voxels, differences, prepared.pair.working.spacing, detector.differences, settings.scales)
     clock.start("regions", "Looking for what changed", 0.7)
     blocks = ComparedBlocks(store, voxels, differences, scales, detector.candidates)
     fine = refined_clouds(blocks, clouds, detector.config.threshold, detector.examination, settings.regions)
     release_freed_memory()
-    refined = _with_points_of(_sighted(coarse, tiles, clock), fine, scales, store.offset)
+    refined = _with_points_of(_sighted(prepared, seen_first, store.offset), fine, scales, store.offset)
     release_freed_memory()
     changes = detector.changes_of(refined, clock)
     release_freed_memory()
@@ -153,11 +154,11 @@ def _coarse_clouds(prepared: AlignedScans, offset: Float64[np.ndarray, "3"], vox
     return CoarseClouds(points, voxel_size, each(towards, prepared.surveys, points))
 
 
-def _sighted(coarse: CoarsePass, tiles: Tiles, clock: Clock) -> AlignedScans:
-    """The scans, with what their sensors saw first in each direction where they are known."""
+def _seen_first(coarse: CoarsePass, tiles: Tiles, clock: Clock) -> BlockRecords | None:
+    """What the sensors saw first in each direction, block by block; None where none of them is known."""
     prepared, offset = coarse.prepared, tiles.store.offset
     if all(own.views is None for own in prepared.surveys):
-        return prepared
+        return None
 
     def looks(own: Survey, thinned: ThinnedCloud) -> Looks | None:
         if own.views is None:
@@ -165,9 +166,15 @@ def _sighted(coarse: CoarsePass, tiles: Tiles, clock: Clock) -> AlignedScans:
         return Looks.of(own.views.relative_to(offset), thinned.total, own.settings.directions)
 
     arguments = (each(looks, prepared.surveys, coarse.thinned),)
-    records = tiles.compute(block_seen_first, arguments, _part(clock, "Following the lines of sight", 0.7, 0.72))
-    points = seen_first_of_blocks(records)
-    surveys = each(lambda own, seen: own.sighted_by(seen + offset), prepared.surveys, points)
+    return tiles.compute(block_seen_first, arguments, _part(clock, "Following the lines of sight", 0.68, 0.7))
+
+
+def _sighted(prepared: AlignedScans, seen_first: BlockRecords | None, offset: Float64[np.ndarray, "3"]) -> AlignedScans:
+    """The scans, with what their sensors saw first in each direction."""
+    if seen_first is None:
+        return prepared
+    points = seen_first_of_blocks(seen_first)
+    surveys = each_on_cores(lambda own, seen: own.sighted_by(seen + offset), prepared.surveys, points)
     return dataclasses.replace(prepared, surveys=surveys)
 
 

@@ -6,7 +6,7 @@ the scans were registered in: what is compared with far away need not be fine.
 
 import dataclasses
 import functools
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float64, Int64
@@ -26,7 +26,7 @@ from gmmjax.changes import (
 from gmmjax.clouds import AbstractBlockStore, Block
 from gmmjax.geometry import LocalSurface, nearest_neighbours, within_box
 from gmmjax.pair import Pair, each
-from gmmjax.tiling.local_voxels import LocalVoxels
+from gmmjax.tiling.local_voxels import Box, LocalVoxels
 from gmmjax.tiling.records import BlockRecords, BlockResult
 
 
@@ -159,17 +159,14 @@ class BlockDifferences:
         return PointFigures(distance, detection, significance)
 
 
-_Box: TypeAlias = tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]
-
-
 def _fine_around(
-    numbers: Int64[np.ndarray, " b"], voxels: LocalVoxels, box: _Box, least: float
+    numbers: Int64[np.ndarray, " b"], voxels: LocalVoxels, box: Box, least: float
 ) -> Pair[Float64[np.ndarray, "_ 3"]]:
     """The voxels of some blocks in a box, those below a size joined; one block after the other, to save memory."""
     parts = Pair([np.empty((0, 3))], [np.empty((0, 3))])
     for number in numbers.tolist():
-        for own, found in zip(voxels.of_block(number, least), parts, strict=True):
-            found.append(own.points[within_box(own.points, *box)])
+        for own, found in zip(voxels.of_block(number, least, box), parts, strict=True):
+            found.append(own.points)
     return parts.map(np.concatenate)
 
 
@@ -189,5 +186,5 @@ def _coarse_around(
     return everywhere[around]
 
 
-def _grown(block: Block, margin: float) -> _Box:
+def _grown(block: Block, margin: float) -> Box:
     return block.lower - margin, block.lower + block.edge + margin

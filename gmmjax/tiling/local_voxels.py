@@ -1,15 +1,19 @@
 """Both clouds in voxels as small as the scans allow at each place, block by block: what the fine pass compares."""
 
 import dataclasses
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
 from gmmjax.changes import NAMES, LocalResolutionSettings, VoxelLattice, WorkingCloud, reduced_on
 from gmmjax.clouds import AbstractBlockStore, Block, voxel_keys
+from gmmjax.geometry import within_box
 from gmmjax.pair import Pair, each
 from gmmjax.tiling.records import BlockRecords, BlockResult
+
+Box: TypeAlias = tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]
+"""The least and the greatest coordinates of what is in a box along the axes."""
 
 
 class Voxels(NamedTuple):
@@ -24,6 +28,11 @@ class Voxels(NamedTuple):
     points: Float64[np.ndarray, "v 3"]
     mass: Float64[np.ndarray, " v"]
     sizes: Float64[np.ndarray, " v"]
+
+    def within(self, box: Box) -> "Voxels":
+        """Those whose points are in a box."""
+        rows = within_box(self.points, *box)
+        return Voxels(*(values[rows] for values in self))
 
 
 def block_voxels(
@@ -86,16 +95,22 @@ class LocalVoxels:
         least = lattice.finest * 2.0**level
         return cls(records, lattice, least, Pair(*numbers[:, level].tolist()), max(smallest, least))
 
-    def of_block(self, number: int, least: float = 0.0) -> Pair[Voxels]:
+    def of_block(self, number: int, least: float = 0.0, box: Box | None = None) -> Pair[Voxels]:
         """The voxels of a block.
 
         Args:
             number: of the block.
             least: edge of a voxel, at least; the next smaller size of the lattice is taken, and never a smaller one
                 than of all blocks.
+            box: only those in it, which are the same as without it; None: all.
         """
-        level = np.floor(np.log2(max(least / self.least, 1.0)) + 1e-6)
-        return self._voxels(number).map(lambda own: joined(own, self.least * 2.0**level)[0])
+        size = self.least * 2.0 ** np.floor(np.log2(max(least / self.least, 1.0)) + 1e-6)
+        voxels = self._voxels(number)
+        if box is None:
+            return voxels.map(lambda own: joined(own, size)[0])
+        # All that may be joined to a voxel in the box is nearer to the box than its size.
+        around = box[0] - size, box[1] + size
+        return voxels.map(lambda own: joined(own.within(around), size)[0].within(box))
 
     def members(self, number: int) -> Pair[Int64[np.ndarray, " n"]]:
         """The voxel of each point in a block, in the order of the points.
@@ -125,13 +140,13 @@ def joined(voxels: Voxels, least: float) -> tuple[Voxels, Int64[np.ndarray, " v"
     if not small.any():
         return voxels, np.arange(len(small))
     points, mass = voxels.points[small], voxels.mass[small]
-    keys = voxel_keys((points / least).astype(np.int64).T)
-    _, place = np.unique(keys, return_inverse=True)
+    cells = (points / least).astype(np.int64)
+    _, first, place = np.unique(voxel_keys(cells.T), return_index=True, return_inverse=True)
     total = np.bincount(place, weights=mass)
-    # Offsets from the first voxel, so that no digits are lost far from the corner.
-    corner = points[0]
-    sums = [np.bincount(place, weights=mass * (points[:, axis] - corner[axis])) for axis in range(3)]
-    means = corner + np.stack(sums, axis=1) / total[:, None]
+    # Offsets from each voxel's own corner, so that no digits are lost far from the origin.
+    apart = mass[:, None] * (points - cells * least)
+    sums = [np.bincount(place, weights=apart[:, axis]) for axis in range(3)]
+    means = cells[first] * least + np.stack(sums, axis=1) / total[:, None]
     members = np.empty(len(small), np.int64)
     members[small] = place
     members[~small] = len(total) + np.arange((~small).sum())

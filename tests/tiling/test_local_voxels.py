@@ -48,17 +48,33 @@ def test_joined_voxels_are_those_of_the_lattice():
     np.testing.assert_array_equal(same_voxel, same_cell)
 
 
-def test_voxels_of_a_block_are_as_large_as_asked_for_and_no_smaller_than_of_all_blocks(tmp_path):
-    pair = Pair(voxels(2), voxels(3))
+def of_one_block(folder, pair):
     parts = zip(NAMES, pair, strict=True)
     values = {f"{name}_{side}": array for side, own in parts for name, array in own._asdict().items()}
-    records = BlockRecords(tmp_path)
-    records.add(write_record(tmp_path, 0, BlockResult(values, Pair({}, {}))))
-    of_all = LocalVoxels(records, VoxelLattice(np.zeros(3), 2 * SIZE, 1), SIZE, Pair(200, 200), SIZE)
+    records = BlockRecords(folder)
+    records.add(write_record(folder, 0, BlockResult(values, Pair({}, {}))))
+    return LocalVoxels(records, VoxelLattice(np.zeros(3), 2 * SIZE, 1), SIZE, Pair(200, 200), SIZE)
+
+
+def test_voxels_of_a_block_are_as_large_as_asked_for_and_no_smaller_than_of_all_blocks(tmp_path):
+    pair = Pair(voxels(2), voxels(3))
+    of_all = of_one_block(tmp_path, pair)
     for asked, least in ((0.0, SIZE), (1.9 * SIZE, SIZE), (2 * SIZE, 2 * SIZE), (5 * SIZE, 4 * SIZE)):
         for own, found in zip(pair, of_all.of_block(0, asked), strict=True):
             assert found.sizes.min() == least
             np.testing.assert_allclose(found.mass.sum(), own.mass.sum())
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 100), st.sampled_from([0.0, 2 * SIZE, 4 * SIZE]), st.floats(0, 4), st.floats(0, 4))
+def test_voxels_in_a_box_are_the_same_as_those_of_the_whole_block(tmp_path_factory, seed, asked, low, high):
+    pair, folder = Pair(voxels(seed), voxels(seed + 1)), tmp_path_factory.mktemp("block")
+    of_all = of_one_block(folder, pair)
+    corner, edge = np.full(3, min(low, high)), np.full(3, max(low, high))
+    for whole, found in zip(of_all.of_block(0, asked), of_all.of_block(0, asked, (corner, edge)), strict=True):
+        inside = ((whole.points >= corner) & (whole.points <= edge)).all(axis=1)
+        for own, few in zip(whole, found, strict=True):
+            np.testing.assert_array_equal(own[inside], few)
 
 
 @pytest.mark.parametrize(("most", "finest"), [(1000, SIZE), (150, 2 * SIZE)])

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.candidates import Candidates
@@ -19,11 +19,13 @@ class Batch(NamedTuple):
 
     Attributes:
         numbers: of the candidates of either cloud.
+        rows: of the points of either cloud within reach.
         tree: of a few places for all of their points that are near each other.
         reach: distance from these places, within which the clouds have the resolution of the candidates.
     """
 
     numbers: Pair[list[int]]
+    rows: Pair[Int[np.ndarray, " _"]]
     tree: cKDTree
     reach: float
 
@@ -39,7 +41,9 @@ class Batch(NamedTuple):
         places = np.concatenate(
             [*each(lambda own, chosen: own.points[np.isin(own.labels, chosen)], candidates, numbers)]
         )
-        return cls(numbers, cKDTree(voxel_grid(places, reach / 8).points), reach)
+        tree = cKDTree(voxel_grid(places, reach / 8).points)
+        rows = candidates.map(lambda own: np.flatnonzero(within_reach(tree, own.points, reach)))
+        return cls(numbers, rows, tree, reach)
 
     def within(self, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Which points are within reach."""
@@ -49,7 +53,7 @@ class Batch(NamedTuple):
 def batches_of(
     numbers: Pair[list[int]],
     candidates: Pair[Candidates],
-    points: Pair[Float[np.ndarray, "_ 3"]],
+    shares: Pair[Float[np.ndarray, " _"]],
     reach: float,
     most_points: int,
 ) -> Iterator[Batch]:
@@ -61,18 +65,18 @@ def batches_of(
     Args:
         numbers: of the candidates, at least one.
         candidates: of both clouds.
-        points: of both clouds.
+        shares: how much of a point each point of these is where they are examined.
         reach: distance from them.
         most_points: of either cloud within reach.
     """
     batch = Batch.of(numbers, candidates, reach)
-    near = points.map(lambda own: own[batch.within(own)])
-    if max(near.map(len)) <= most_points or sum(numbers.map(len)) == 1:
+    points = each(lambda own, near: float(own[near].sum()), shares, batch.rows)
+    if max(points) <= most_points or sum(numbers.map(len)) == 1:
         yield batch
         return
     del batch
     for half in _halves(numbers, candidates):
-        yield from batches_of(half, candidates, near, reach, most_points)
+        yield from batches_of(half, candidates, shares, reach, most_points)
 
 
 def _halves(numbers: Pair[list[int]], candidates: Pair[Candidates]) -> list[Pair[list[int]]]:

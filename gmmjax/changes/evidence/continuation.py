@@ -175,12 +175,15 @@ def _shown(
     """The largest share of a segment's footprint on a plane that only the other cloud has there."""
     clear, shares = flatness + reference.tolerance, [0.0]
     for plane in planes:
-        on_plane = plane.distance(segment) <= flatness
+        distances = plane.distance(segment)
+        on_plane = distances <= flatness
         if on_plane.mean() > settings.continued:
             continue
-        other, own = (
-            plane.projections(cloud[plane.distance(cloud) <= clear]) for cloud in (reference.other.data, adjacent)
-        )
+        # What is near the plane, and near the footprint on it, is near the segment but for the height of the segment.
+        reach = distances.max() + clear + settings.reach * reference.spacing
+        near = within_box(reference.other.data, segment.min(axis=0) - reach, segment.max(axis=0) + reach)
+        clouds = reference.other.data[near], adjacent
+        other, own = (plane.projections(cloud[plane.distance(cloud) <= clear]) for cloud in clouds)
         footprint = plane.projections(segment[~on_plane])
         shares.append(_share_shown(footprint, other, own, reference.spacing, settings))
     return max(shares)

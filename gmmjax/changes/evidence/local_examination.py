@@ -56,9 +56,10 @@ class LocalExaminationSettings:
             more. A bound on the time: what is as large has as clear facts at half the resolution.
         least_share: fraction of the points of a larger voxel that are of a candidate, at least, for it to be of it. 0:
             candidates get thicker by what touches them.
-        most_together: voxels of either scan within reach of candidates that are examined together, at most; more
-            candidates are examined in batches, by their place. A bound on memory: half a million take about a gigabyte.
-            Few: the limits are those of few places; many: memory grows with the number of candidates.
+        most_together: voxels of either scan, of the candidates' resolution, within reach of those that are examined
+            together, at most; more candidates are examined in batches, by their place. A bound on memory: half a
+            million take about a gigabyte. Few: the limits are those of few places; many: memory grows with the number
+            of candidates.
     """
 
     reach: float = 65.0
@@ -188,8 +189,9 @@ def candidates_by_resolution(
     resolutions = each(lambda own, cloud: _resolutions(own, cloud, settings), candidates, scene.clouds)
     areas = each(_areas, candidates, scene.clouds)
     for resolution in sorted({value for own in resolutions for value in own.values()}):
-        chosen, points = resolutions.map(functools.partial(_numbers_at, resolution)), scene.clouds.map(_points_of)
-        for batch in batches_of(chosen, candidates, points, settings.reach * resolution, settings.most_together):
+        chosen = resolutions.map(functools.partial(_numbers_at, resolution))
+        shares = scene.clouds.map(functools.partial(_shares_at, resolution))
+        for batch in batches_of(chosen, candidates, shares, settings.reach * resolution, settings.most_together):
             yield _at_resolution(resolution, batch, candidates, scene, areas, evidence, settings)
 
 
@@ -198,8 +200,11 @@ def _areas(own: Candidates, cloud: WorkingCloud) -> Areas:
     return Areas.of(own.labels, cloud.sizes)
 
 
-def _points_of(cloud: WorkingCloud) -> Float[np.ndarray, "n 3"]:
-    return cloud.points
+def _shares_at(resolution: float, cloud: WorkingCloud) -> Float[np.ndarray, " n"]:
+    """How much of a voxel of a larger size each voxel is."""
+    assert cloud.sizes is not None
+    # On a surface, half the size is four times as many.
+    return np.minimum(cloud.sizes / resolution, 1.0) ** 2
 
 
 def _numbers_at(resolution: float, of_candidates: dict[int, float]) -> list[int]:
@@ -238,7 +243,8 @@ def _at_resolution(
     settings: LocalExaminationSettings,
 ) -> AtResolution:
     """A batch of candidates at one spacing."""
-    clouds = each(lambda cloud, coarse: _cloud(cloud, coarse, batch, spacing), scene.clouds, scene.coarse)
+    cloud_within = functools.partial(_cloud, batch=batch, spacing=spacing)
+    clouds = each(cloud_within, scene.clouds, scene.coarse, batch.rows)
     surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points), clouds)
     differences = _differences(surfaces, clouds, scene.differences, spacing)
     surveys = each(lambda surface, survey: dataclasses.replace(survey, surface=surface), surfaces, scene.surveys)
@@ -259,10 +265,15 @@ def _at_resolution(
     return AtResolution(own, at_level, clouds.map(lambda cloud: cloud.member))
 
 
-def _cloud(cloud: WorkingCloud, coarse: Float[np.ndarray, "c 3"], batch: Batch, spacing: float) -> _Cloud:
+def _cloud(
+    cloud: WorkingCloud,
+    coarse: Float[np.ndarray, "c 3"],
+    rows: Int[np.ndarray, " m"],
+    batch: Batch,
+    spacing: float,
+) -> _Cloud:
     """The voxels within reach of a batch, those smaller than the spacing joined, and the coarse ones beyond."""
     assert cloud.sizes is not None
-    rows = np.flatnonzero(batch.within(cloud.points))
     beyond = coarse[~batch.within(coarse)]
     member = np.full(len(cloud.points), -1)
     small = cloud.sizes[rows] < spacing * (1 - 1e-9)

@@ -30,7 +30,7 @@ def candidates_in(made):
 
 
 def batches(made, numbers, most):
-    return list(batches_of(numbers, candidates_in(made), made.map(lambda own: own[0]), REACH, most))
+    return list(batches_of(numbers, candidates_in(made), made.map(lambda own: np.ones(len(own[0]))), REACH, most))
 
 
 @settings(max_examples=30, deadline=None)
@@ -42,8 +42,10 @@ def test_each_candidate_is_in_one_batch_and_each_batch_is_small(seed, count, mos
     for side in ("before", "after"):
         assert sorted(n for batch in found for n in getattr(batch.numbers, side)) == getattr(chosen, side)
     for batch in found:
-        near = made.map(lambda own: int(batch.within(own[0]).sum()))  # noqa: B023
-        assert max(near) <= most or sum(batch.numbers.map(len)) == 1
+        near = made.map(lambda own: np.flatnonzero(batch.within(own[0])))  # noqa: B023
+        for own, rows in zip(near, batch.rows, strict=True):
+            np.testing.assert_array_equal(own, rows)
+        assert max(near.map(len)) <= most or sum(batch.numbers.map(len)) == 1
 
 
 def test_candidates_that_fit_are_one_batch():
@@ -79,3 +81,11 @@ def test_a_candidate_with_more_around_it_is_examined_alone():
     made = clouds(2, 3)
     found = batches(made, Pair([0, 1, 2], [0, 1, 2]), 1)
     assert [sum(batch.numbers.map(len)) for batch in found] == [1] * 6
+
+
+def test_points_that_are_joined_before_they_are_examined_count_as_what_they_become():
+    made, numbers = clouds(0, 8), Pair(list(range(8)), list(range(8)))
+    quarters = made.map(lambda own: np.full(len(own[0]), 0.25))
+    assert len(batches(made, numbers, 600)) > 1
+    (batch,) = batches_of(numbers, candidates_in(made), quarters, REACH, 600)
+    assert batch.numbers == numbers
