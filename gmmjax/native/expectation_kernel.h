@@ -14,8 +14,10 @@ namespace {
 constexpr int kVectors = 8;
 template <typename T>
 constexpr int kBlock = kVectors * Lanes<T>::kCount;
-// Of these as many at a time as the machine has registers for, with those of two components.
-constexpr int kTogether = kVectors * kMachineBytes / kVectorBytes / (kMachineBytes < kVectorBytes ? 2 : 1);
+// Of these as many at a time as half of the machine's registers hold: 16 of AVX-512, 8 of narrower ones.
+constexpr int kHeld = kVectors * kMachineBytes / kVectorBytes;
+// And the same for two components at once, where AVX-512 has registers to spare.
+constexpr int kTogether = kMachineBytes < kVectorBytes ? kHeld / 2 : kHeld;
 static_assert(kTogether > 0);
 
 // Chunks of points after which the lanes' sums are added up in double precision.
@@ -138,13 +140,18 @@ class Expectation {
   // One component's responsibilities, times the features of the block.
   void add_sums(int m, const T* joint, const Vector<T>* share, const T* features, int64_t stride) {
     constexpr int kCount = Lanes<T>::kCount;
-    Vector<T> responsibilities[kVectors];
-    for (int v = 0; v < kVectors; ++v) responsibilities[v] = load<T>(joint + v * kCount) * share[v];
     T* own = p_.workspace.sums + int64_t(m) * p_.features * kCount;
-    for (int f = 0; f < p_.features; ++f) {
-      Vector<T> total = load<T>(own + f * kCount);
-      for (int v = 0; v < kVectors; ++v) total += responsibilities[v] * load<T>(features + f * stride + v * kCount);
-      store(own + f * kCount, total);
+    for (int first = 0; first < kVectors; first += kHeld) {
+      Vector<T> responsibilities[kHeld];
+      GMMJAX_UNROLL
+      for (int v = 0; v < kHeld; ++v) responsibilities[v] = load<T>(joint + (first + v) * kCount) * share[first + v];
+      for (int f = 0; f < p_.features; ++f) {
+        const T* of_block = features + f * stride + first * kCount;
+        Vector<T> total = load<T>(own + f * kCount);
+        GMMJAX_UNROLL
+        for (int v = 0; v < kHeld; ++v) total += responsibilities[v] * load<T>(of_block + v * kCount);
+        store(own + f * kCount, total);
+      }
     }
   }
 
