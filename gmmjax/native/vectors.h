@@ -198,15 +198,15 @@ GMMJAX_INLINE Vector<To, kBytes> bits_as(Vector<From, kBytes> from) {
     return {bits_as<To>(from.low), bits_as<To>(from.high)};
 }
 
-// The bits of lanes that are not negative, that many places lower. AVX2 has no such instruction with a sign.
+// Integers that are not negative, shifted to the right: AVX2 has no such instruction for signed ones of 64 bits.
 template <typename T, int kBytes>
-GMMJAX_INLINE Vector<T, kBytes> lowered(Vector<T, kBytes> a, int places) {
+GMMJAX_INLINE Vector<T, kBytes> shifted_right(Vector<T, kBytes> a, int places) {
   using Unsigned = std::make_unsigned_t<T>;
   if constexpr (kBytes == kMachineBytes) {
     typedef Unsigned Whole __attribute__((vector_size(kMachineBytes)));
     return {(typename Vector<T, kBytes>::Value)((Whole)a.value >> places)};
   } else {
-    return {lowered(a.low, places), lowered(a.high, places)};
+    return {shifted_right(a.low, places), shifted_right(a.high, places)};
   }
 }
 
@@ -278,7 +278,7 @@ GMMJAX_INLINE Vector<T> logarithm(Vector<T> x) {
   using L = Lanes<T>;
   using I = typename L::Integer;
   const Bits<T> bits = bits_as<I>(x);
-  Bits<T> exponent = lowered(bits - bits_as<I>(all<T>(T(1))), L::kMantissa);
+  Bits<T> exponent = shifted_right(bits - bits_as<I>(all<T>(T(1))), L::kMantissa);
   Vector<T> mantissa = bits_as<T>(bits - (exponent << L::kMantissa));
   const Bits<T> large = mantissa > T(1.41421356237309504880);
   mantissa = select(large, mantissa * T(0.5), mantissa);

@@ -82,12 +82,15 @@ def real(folder: Path) -> PairOfScans:
 
 
 @contextlib.contextmanager
-def process(checkout: Path) -> Iterator[Callable[[Path], Elsewhere]]:
-    """A process that detects with the package of a checkout: call it with the file of a pair."""
+def process(checkout: Path, script: Path = PROCESS, **variables: str) -> Iterator[Callable[[object], Elsewhere]]:
+    """A process that computes with the package of a checkout: call it with a line that its script understands.
+
+    The script first writes where it has the package from, and then an answer for each line, with its `wall` and `cpu`.
+    """
     threads = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
-    environment = {**os.environ, **threads, "PYTHONPATH": str(checkout)}
+    environment = {**os.environ, **threads, **variables, "PYTHONPATH": str(checkout)}
     # -P: the folder of the script is not on the path, the checkout is.
-    command = [sys.executable, "-P", str(PROCESS)]
+    command = [sys.executable, "-P", str(script)]
     with subprocess.Popen(
         command, cwd=checkout, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as running:
@@ -96,15 +99,15 @@ def process(checkout: Path) -> Iterator[Callable[[Path], Elsewhere]]:
         if not package.is_relative_to(checkout):
             raise SystemExit(f"{checkout} is no checkout of gmmjax: the package was imported from {package}")
 
-        def detect(pair: Path) -> Elsewhere:
-            print(pair, file=running.stdin, flush=True)
+        def ask(question: object) -> Elsewhere:
+            print(question, file=running.stdin, flush=True)
             line = next(answers, None)
             if line is None:
                 raise SystemExit(f"the process of {checkout} ended; what it said stands above")
             found = json.loads(line)
             return Elsewhere(found["wall"], found["cpu"], found)
 
-        yield detect
+        yield ask
         running.stdin.close()
 
 

@@ -9,14 +9,10 @@ The other checkout is a worktree of an earlier commit, with its kernels compiled
 
 import argparse
 import contextlib
-import json
-import os
-import subprocess
-import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from tests.benchmarks.interleaved import Elsewhere, Interleaved, load
+from tests.benchmarks.checkouts import process
+from tests.benchmarks.interleaved import Interleaved, load
 from tests.benchmarks.kernels_process import TASKS
 from tests.benchmarks.page import put
 
@@ -25,38 +21,13 @@ PROCESS = Path(__file__).with_name("kernels_process.py")
 SETS = "baseline", "avx2", "avx512"
 
 
-@contextlib.contextmanager
-def process(checkout: Path, instructions: str) -> Iterator[Callable[[str], Elsewhere]]:
-    """A process that computes with the kernels of a checkout: call it with the name of a task."""
-    threads = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
-    chosen = {"PYTHONPATH": str(checkout), "GMMJAX_INSTRUCTIONS": instructions}
-    with subprocess.Popen(
-        [sys.executable, "-P", str(PROCESS)],
-        cwd=checkout,
-        env={**os.environ, **threads, **chosen},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as running:
-
-        def compute(task: str) -> Elsewhere:
-            print(task, file=running.stdin, flush=True)
-            line = running.stdout.readline()
-            if not line:
-                raise SystemExit(f"the process of {checkout} ended; what it said stands above")
-            return Elsewhere(*json.loads(line), None)
-
-        yield compute
-        running.stdin.close()
-
-
 def table(against: Path | None, sets: list[str], repeats: int) -> str:
     """A row for each task and instruction set."""
     columns = ["task", "instructions", *(["other, ms"] if against else []), "this, ms", *(["ratio"] if against else [])]
     lines = [f"| {' | '.join([*columns, 'load'])} |", "|---" * (len(columns) + 1) + "|"]
     with contextlib.ExitStack() as stack:
         computed = {
-            (checkout, instructions): stack.enter_context(process(checkout, instructions))
+            (checkout, instructions): stack.enter_context(process(checkout, PROCESS, GMMJAX_INSTRUCTIONS=instructions))
             for checkout in filter(None, (against, HERE))
             for instructions in sets
         }
@@ -77,7 +48,7 @@ def table(against: Path | None, sets: list[str], repeats: int) -> str:
 
 
 def sets_of_this_machine() -> list[str]:
-    """The instruction sets that it has; each is chosen by a name, and without it a narrower one would be."""
+    """The instruction sets that it has: in place of one that it lacks a narrower one would be timed."""
     flags = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
     needed = {"baseline": "", "avx2": "avx2", "avx512": "avx512dq"}
     return [name for name in SETS if needed[name] in flags]

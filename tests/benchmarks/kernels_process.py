@@ -1,10 +1,11 @@
 """The compiled kernels of one checkout, in a process that stays: started by `kernels`, with that checkout on the path.
 
 It imports nothing of the tests, so that the package may be of any age. A line on the standard input is the name of a
-task; a line of JSON on the standard output is the seconds that it took.
+task; a line of JSON on the standard output is the seconds that it took. The first one says where the package is.
 """
 
 import importlib
+import inspect
 import json
 import sys
 import time
@@ -14,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+import gmmjax
 from gmmjax import native
 from gmmjax.mixtures import FeatureChunks, GaussianMixture, WeightedPoints
 from gmmjax.mixtures.quadratic import coefficients
@@ -23,6 +25,7 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     if not native.available():
         raise SystemExit("its kernels were not compiled, or are switched off")
+    print(json.dumps(inspect.getfile(gmmjax)), flush=True)
     made: dict[str, Callable[[], object]] = {}
     for line in sys.stdin:
         name = line.rstrip("\n")
@@ -30,7 +33,8 @@ def main() -> None:
             made[name] = TASKS[name]()
         wall, cpu = time.perf_counter(), time.process_time()
         jax.block_until_ready(made[name]())
-        print(json.dumps([time.perf_counter() - wall, time.process_time() - cpu]), flush=True)
+        taken = {"wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu}
+        print(json.dumps(taken), flush=True)
 
 
 def e_step(dtype: str) -> Callable[[], object]:
