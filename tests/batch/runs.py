@@ -22,6 +22,12 @@ MEANS = np.array([[0, 0, 0], [5, 0, 0], [0, 5, 1], [5, 5, 1], [2, 10, 3]], float
 # One padded size, and few components: one small program for all.
 SETTINGS = {"restarts": 2, "max_components": 8, "registration": "never"}
 FLAGS = ["--restarts", "2", "--max-components", "8", "--registration", "never"]
+# A job in the background passes on that it ignores Ctrl-C. (`preexec_fn` would fork a process with JAX's threads.)
+HEAR_CTRL_C = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.SIG_DFL)
+os.execv(sys.argv[1], sys.argv[1:])
+"""
 
 
 def cloud(seed, gaussians=5, points=60):
@@ -59,14 +65,13 @@ def run(*words, before=()):
 
 
 def start(*words):
-    # A job in the background passes on that it ignores Ctrl-C.
+    program, *arguments = command(*words)
     return subprocess.Popen(
-        command(*words),
+        [program, "-c", HEAR_CTRL_C, program, *arguments],
         env=environment(),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
     )
 
 
