@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from gmmjax.changes.detectors import Measured as Measured
     from gmmjax.changes.detectors import Scan as Scan
     from gmmjax.changes.detectors import TransportDetector as TransportDetector
+    from gmmjax.changes.detectors import as_depth_frame as as_depth_frame
     from gmmjax.changes.detectors import with_recognised_views as with_recognised_views
     from gmmjax.changes.detectors.greedy_removal import Removals as Removals
     from gmmjax.changes.detectors.greedy_removal import remove_changed as remove_changed
@@ -136,7 +137,7 @@ if TYPE_CHECKING:
     from gmmjax.changes.signed_distance import PointFigures as PointFigures
     from gmmjax.changes.signed_distance import SignedDistanceSettings as SignedDistanceSettings
     from gmmjax.changes.signed_distance import distances_at as distances_at
-    from gmmjax.changes.signed_distance import sensor_places as sensor_places
+    from gmmjax.changes.signed_distance import high_above as high_above
     from gmmjax.changes.storage import CHANGES_FILE as CHANGES_FILE
     from gmmjax.changes.storage import LABELS_FILE as LABELS_FILE
     from gmmjax.changes.storage import OPTIONAL_FIGURES as OPTIONAL_FIGURES

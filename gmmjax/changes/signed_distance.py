@@ -13,7 +13,6 @@ from scipy.spatial import cKDTree
 
 from gmmjax.changes.differences import DetectionLimits, Differences, LocalDifference
 from gmmjax.changes.m3c2 import M3C2Distances, M3C2Settings, m3c2_distances
-from gmmjax.clouds import SensorViews
 from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each
 
@@ -90,22 +89,21 @@ def signed_distances(
     clouds: Pair[Float64[np.ndarray, "_ 3"]],
     surfaces: Pair[LocalSurface],
     differences: Differences,
-    views: Pair[SensorViews | None],
+    towards: Pair[Float64[np.ndarray, "_ 3"]],
     settings: SignedDistanceSettings = SignedDistanceSettings(),
 ) -> Pair[PointFigures]:
     """The distance from the before to the after surface at each working point of either cloud, in the clouds' unit.
 
-    Positive where the after surface lies on the outer side of the before one: towards the sensor, or, where no views
-    are known, towards a point high above the middle of the cloud, along z.
+    Positive where the after surface lies on the outer side of the before one: towards the sensor.
 
     Args:
         clouds: all points of both clouds, registered.
         surfaces: of the working points, which are the core points.
         differences: of these from each other.
-        views: where the sensor stood, in the before frame; None: not known.
+        towards: where the sensor of either survey stood, or is taken to have stood, in the before frame.
         settings: of the cylinders.
     """
-    cores = each(lambda own, side: CorePoints.of(own, sensor_places(side, own.points)), surfaces, views)
+    cores = each(CorePoints.of, surfaces, towards)
     errors = differences.local.map(lambda side: _registration_errors(side, differences.limits))
     return distances_at(clouds, cores, differences.local, errors, settings)
 
@@ -143,17 +141,10 @@ def distances_at(
     return Pair(slice(count), slice(count, None)).map(lambda rows: _figures(found, rows, settings.least_points))
 
 
-def sensor_places(views: SensorViews | None, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "p 3"]:
-    """Where the sensor stood; where that is not known, a place high above the middle of a cloud, along z.
-
-    Args:
-        views: of the cloud, in the frame of the points; None: not known.
-        points: of the cloud.
-    """
-    if views is not None:
-        return np.asarray(views.poses[:, :3, 3])
+def high_above(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
+    """A place high above the middle of a cloud, along z, which its surfaces are taken to be seen from."""
     lower, upper = points.min(axis=0), points.max(axis=0)
-    return ((lower + upper) / 2 + np.array([0.0, 0.0, (upper - lower).max()]))[None]
+    return np.asarray((lower + upper) / 2 + np.array([0.0, 0.0, (upper - lower).max()]))
 
 
 def _figures(found: M3C2Distances, rows: slice, least_points: int) -> PointFigures:

@@ -220,6 +220,8 @@ def poses_text(changes: Changes) -> str | None:
     if not resting:
         return f"{text}."
     options = " or ".join(option for side in missing for option in (f"--sensor-{side} X Y Z", f"--views-{side} FILE"))
+    if not known and all(changes.diagnostics[side].get("depth_frame") for side in used):
+        return f"{text}; {resting}. Both scans are frames of a depth camera: give --sensor-at-origin."
     if not known:
         options = "--sensor-at-origin, --sensor-before X Y Z or --views-before FILE (likewise for after)"
     return f"{text}; {resting}. Give the sensor's position with {options}."

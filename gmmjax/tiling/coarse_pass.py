@@ -14,6 +14,7 @@ from gmmjax.changes import (
     JointDetector,
     Scan,
     VoxelLattice,
+    as_depth_frame,
     check_same_place,
     stated_systems,
     with_recognised_views,
@@ -89,6 +90,8 @@ def coarse_pass(
         scans = each(
             lambda scan, own: with_recognised_views(scan, own.points, settings.stations, own.counts), scans, thinned
         )
+    # Nor do they lie on the pixels of a camera; some of the points that they are of do.
+    scans = each(lambda scan, own: as_depth_frame(scan, _some_points(own)), scans, inside)
     prepared = detector.prepared(scans, clock)
     if prepared.volumetric:
         raise InputError(
@@ -103,6 +106,11 @@ def _cropped(clouds: Pair[ChunkedCloud], config: DetectionConfig) -> Pair[Chunke
         return clouds
     lower, upper = np.array(config.crop[:3]), np.array(config.crop[3:])
     return clouds.map(lambda own: CroppedCloud(own, lower, upper))
+
+
+def _some_points(cloud: ChunkedCloud) -> Float64[np.ndarray, "n 3"]:
+    """The first of a cloud that has any."""
+    return next(chunk.points for chunk in cloud.chunks() if len(chunk.points))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -21,7 +21,6 @@ from gmmjax.changes import (
     Progress,
     Survey,
     WorkingCloud,
-    sensor_places,
 )
 from gmmjax.clouds import ChunkedCloud, PointCloud, ThinnedCloud
 from gmmjax.geometry import LocalSurface, transformed
@@ -147,11 +146,7 @@ def _part(clock: Clock, message: str, first: float, last: float) -> Progress:
 
 def _coarse_clouds(prepared: AlignedScans, offset: Float64[np.ndarray, "3"], voxel_size: float) -> CoarseClouds:
     points = prepared.pair.surfaces.map(lambda surface: surface.points - offset)
-
-    def towards(survey: Survey, own: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "p 3"]:
-        return sensor_places(None if survey.views is None else survey.views.relative_to(offset), own)
-
-    return CoarseClouds(points, voxel_size, each(towards, prepared.surveys, points))
+    return CoarseClouds(points, voxel_size, prepared.surveys.map(lambda survey: survey.towards - offset))
 
 
 def _seen_first(coarse: CoarsePass, tiles: Tiles, clock: Clock) -> BlockRecords | None:

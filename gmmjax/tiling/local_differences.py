@@ -60,7 +60,7 @@ class CoarseClouds(NamedTuple):
     Attributes:
         points: of both.
         voxel_size: of their voxels.
-        towards: where the sensor of each survey stood, as of `sensor_places`.
+        towards: where the sensor of each survey stood, or is taken to have stood.
     """
 
     points: Pair[Float64[np.ndarray, "_ 3"]]

@@ -5,10 +5,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.differences import differences_between
-from gmmjax.changes.signed_distance import SignedDistanceSettings, signed_distances
+from gmmjax.changes.signed_distance import SignedDistanceSettings, high_above, signed_distances
 from gmmjax.clouds import SensorViews
 from gmmjax.geometry import LocalSurface
-from gmmjax.pair import Pair
+from gmmjax.pair import Pair, each
 
 SPACING = 0.05
 STEP = 0.12
@@ -24,7 +24,11 @@ def floor(seed, step=0.0):
 
 def figures(points, views=Pair(None, None), settings=SignedDistanceSettings()):
     surfaces = points.map(LocalSurface.of)
-    return signed_distances(points, surfaces, differences_between(surfaces, SPACING), views, settings)
+    return signed_distances(points, surfaces, differences_between(surfaces, SPACING), towards(points, views), settings)
+
+
+def towards(points, views=Pair(None, None)):
+    return each(lambda own, side: high_above(own)[None] if side is None else side.poses[:, :3, 3], points, views)
 
 
 def distances(points, *options):
@@ -102,8 +106,9 @@ def test_all_points_count_whatever_the_working_points_are(risen):
 
     surfaces = risen.map(few)
     differences = differences_between(surfaces, SPACING * np.sqrt(10))
-    every = signed_distances(risen, surfaces, differences, Pair(None, None)).after
-    own = signed_distances(surfaces.map(lambda own: own.points), surfaces, differences, Pair(None, None)).after
+    above = towards(risen)
+    every = signed_distances(risen, surfaces, differences, above).after
+    own = signed_distances(surfaces.map(lambda own: own.points), surfaces, differences, above).after
     _, same = parts(surfaces.after.points)
     scatter = [np.nanmedian(np.abs(found.distance[same])) for found in (every, own)]
     assert scatter[0] < 0.5 * scatter[1]

@@ -183,6 +183,22 @@ def test_what_rests_on_unknown_poses_names_the_option(pair):
     assert all(option in text for option in ("--sensor-at-origin", "--sensor-before X Y Z", "--views-before FILE"))
 
 
+def test_of_depth_frames_it_names_the_one_option_that_fits(pair):
+    gone, _, new = (dataclasses.replace(item, explanation=explanation()) for item in pair[2].items)
+    unknown = posed(pair[2], 0, 0, gone, new)
+
+    def text(*frames):
+        sides = zip(("before", "after"), frames, strict=True)
+        found = {side: {**unknown.diagnostics[side], "depth_frame": frame} for side, frame in sides}
+        return poses_text(dataclasses.replace(unknown, diagnostics={**unknown.diagnostics, **found}))
+
+    assert text(True, True) == (
+        "Sensor poses: not known; 2 changes rest on shape alone. "
+        "Both scans are frames of a depth camera: give --sensor-at-origin."
+    )
+    assert text(True, False) == text(False, False)
+
+
 def test_a_change_is_judged_by_the_poses_of_the_other_survey(pair):
     gone, _, new = (dataclasses.replace(item, explanation=explanation()) for item in pair[2].items)
     assert poses_text(posed(pair[2], 1, 0, new)) == "Sensor poses: known for the before scan only."

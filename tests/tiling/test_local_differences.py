@@ -10,7 +10,7 @@ from gmmjax.changes import (
     LocalResolutionSettings,
     SignedDistanceSettings,
     VoxelLattice,
-    sensor_places,
+    high_above,
 )
 from gmmjax.clouds import ArrayCloud, BlockSettings, MemoryBlockStore, PlacedClouds, tree_of
 from gmmjax.pair import Pair
@@ -42,7 +42,7 @@ def scene(tmp_path_factory):
     for block, result in compute_here(store, block_voxels, (lattice, LocalResolutionSettings(voxels_per_edge=4))):
         records.add(write_record(folder, block.number, result))
     points = Pair(floor(2)[::100], floor(3)[::100]).map(lambda own: own - store.offset)
-    coarse = CoarseClouds(points, SIZE, points.map(lambda own: sensor_places(None, own)))
+    coarse = CoarseClouds(points, SIZE, points.map(lambda own: high_above(own)[None]))
     sparse = max(store.blocks, key=lambda block: (block.lower + block.edge)[0] if sum(block.counts) > 100 else -np.inf)
     return store, LocalVoxels.of(records, lattice, 1_000_000), coarse, sparse
 

@@ -106,8 +106,8 @@ class AlignedScans:
     def figures(self) -> Pair[PointFigures]:
         """The signed distance at each point of scans, and how significant it is: those of its working point."""
         if self.measured is None:
-            views = self.surveys.map(lambda survey: survey.views)
-            working = signed_distances(self.pair.points, self.pair.surfaces, self.differences, views, self.distances)
+            towards = self.surveys.map(lambda survey: survey.towards)
+            working = signed_distances(self.pair.points, self.pair.surfaces, self.differences, towards, self.distances)
         else:
             working = self.measured.figures
 
@@ -174,4 +174,25 @@ def surveys_of(
         # Nobody has given those that were recognised: there is nothing to be corrected.
         return usable_views(f"views_{name}", own, checks, points, quiet=scan.recognised)
 
-    return each(survey, NAMES, pair.surfaces, views, pair.points, scans)
+    return _seen_from_known_places(each(survey, NAMES, pair.surfaces, views, pair.points, scans), scans, pair)
+
+
+def _seen_from_known_places(surveys: Pair[Survey], scans: Pair[Scan], pair: AlignedPair) -> Pair[Survey]:
+    """The surveys, with the places that those without views are seen from, where any is known.
+
+    That is the camera of a depth frame; else what the other survey is seen from: the same surface faces the same way.
+    """
+    cameras = scans.map(lambda scan: np.zeros((1, 3)) if scan.depth_frame else None)
+    if cameras.after is not None:
+        cameras = Pair(cameras.before, pair.registration.apply(cameras.after))
+
+    def known(own: Survey, camera: Float64[np.ndarray, "1 3"] | None) -> Float64[np.ndarray, "p 3"] | None:
+        return camera if own.views is None else own.towards
+
+    places = each(known, surveys, cameras)
+    return each(
+        lambda own, mine, others: dataclasses.replace(own, seen_from=others if mine is None else mine),
+        surveys,
+        places,
+        places.swapped,
+    )

@@ -15,7 +15,7 @@ from gmmjax.changes.change import Change
 from gmmjax.changes.detectors.aligned_scans import AlignedScans, refined, surveys_of
 from gmmjax.changes.detectors.detector import Scan
 from gmmjax.changes.detectors.joint_diagnostics import joint_diagnostics
-from gmmjax.changes.detectors.recognised_views import with_recognised_views
+from gmmjax.changes.detectors.recognised_views import as_depth_frame, with_recognised_views
 from gmmjax.changes.detectors.restart_detector import AbstractRestartDetector, Outcome
 from gmmjax.changes.differences import DifferenceSettings, LocalDifference
 from gmmjax.changes.evidence.candidate import Candidate
@@ -117,7 +117,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         clock.start("registration", "Registering the clouds", 0.1)
         pair = self._aligned(checked)
         problem = joint_problem(pair.working, pair.registration, self.config, self.fit)
-        scans = self._with_stations(scans, pair, checked)
+        scans = self._with_recognised(scans, pair, checked)
         surveys, coarse = surveys_of(pair, scans, self.evidence.free_space, self.evidence.view_checks), None
         finer = self._refined(pair)
         if finer is not None:
@@ -126,12 +126,14 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             surveys = each_on_cores(lambda own, points: own.sighted_by(points), surveys, pair.points)
         return AlignedScans(scans, checked, pair, coarse, surveys, problem, self.differences, self.distances)
 
-    def _with_stations(self, scans: Pair[Scan], pair: AlignedPair, checked: Pair[CheckedCloud]) -> Pair[Scan]:
-        """The scans, with views of the stations that they show themselves where nobody has told any."""
-        settings = self.stations
-        if settings is None or pair.working.volumetric or not self.config.recognise_stations:
+    def _with_recognised(self, scans: Pair[Scan], pair: AlignedPair, checked: Pair[CheckedCloud]) -> Pair[Scan]:
+        """The scans, with what they show themselves of where their sensors stood where nobody has told any."""
+        if pair.working.volumetric:
             return scans
-        return each_on_cores(lambda scan, own: with_recognised_views(scan, own.points, settings), scans, checked)
+        points, settings = checked.map(lambda own: own.points), self.stations
+        if settings is not None and self.config.recognise_stations:
+            scans = each_on_cores(lambda scan, own: with_recognised_views(scan, own, settings), scans, points)
+        return each(as_depth_frame, scans, points)
 
     def _refined(self, pair: AlignedPair) -> AlignedPair | None:
         """The scans at their own resolution at each place; None where it is that of the registration, or was given."""

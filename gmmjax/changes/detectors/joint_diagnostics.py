@@ -56,4 +56,5 @@ def _cloud_diagnostics(
         "points_compared": len(working.points),
         "views": 0 if views is None else len(views),
         "recognised_stations": [] if recognised is None else recognised.poses[:, :3, 3].tolist(),
+        "depth_frame": scan.depth_frame,
     }

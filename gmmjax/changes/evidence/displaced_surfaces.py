@@ -17,7 +17,7 @@ from gmmjax.changes.evidence.displacements import Displacements, DisplacementSet
 from gmmjax.changes.evidence.examination import Examined
 from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.explanation import Explanation
-from gmmjax.changes.signed_distance import CorePoints, sensor_places
+from gmmjax.changes.signed_distance import CorePoints
 from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each
 
@@ -97,7 +97,7 @@ def _places_of(
     if not len(rows):
         return _Places(rows, rows)
     there = other.surface.nearest(surface.points[rows])
-    behind = CorePoints.of(other.surface, sensor_places(other.views, other.points), there)
+    behind = CorePoints.of(other.surface, other.towards, there)
     in_front = ((surface.points[rows] - behind.points) * behind.normals).sum(axis=1) > 0
     change = np.where(in_front, surfaces_of_other[there], -1)
     return _Places(rows[change >= 0], change[change >= 0])

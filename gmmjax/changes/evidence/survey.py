@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float64, Int64
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.evidence.seen_first import SeenFirstSettings, angles_between, seen_first, seen_first_in
+from gmmjax.changes.signed_distance import high_above
 from gmmjax.clouds import SensorViews
 from gmmjax.geometry import DepthImage, DepthImageSettings, Frustum, LocalSurface, frustums
 
@@ -68,6 +69,7 @@ class Survey:
         settings: what its points occlude.
         cell: edge of the cells of directions of which the points are the nearest ones, degrees: their spacing in a view
             is by direction then. None: they are not chosen by direction.
+        seen_from: places that the surfaces are seen from where the views are not known; None: from high above.
         sighted: the same survey at the resolution of its lines of sight, which the depth images of its views show;
             None: they show `surface`.
     """
@@ -76,6 +78,7 @@ class Survey:
     views: SensorViews | None = None
     settings: FreeSpaceSettings = FreeSpaceSettings()
     cell: float | None = None
+    seen_from: Float64[np.ndarray, "p 3"] | None = None
     sighted: "Survey | None" = None
     _images: dict[int, list[tuple[Frustum, DepthImage]]] = dataclasses.field(
         default_factory=dict, init=False, repr=False
@@ -93,7 +96,7 @@ class Survey:
 
     def without_views(self) -> "Survey":
         """The survey, where nobody knows where it was taken from."""
-        return dataclasses.replace(self, views=None, sighted=None)
+        return dataclasses.replace(self, views=None, seen_from=None, sighted=None)
 
     def sighted_by(self, points: Float64[np.ndarray, "m 3"]) -> "Survey":
         """The survey whose views show what the scan itself has nearest in each direction; itself without views.
@@ -113,6 +116,13 @@ class Survey:
     def points(self) -> Float64[np.ndarray, "n 3"]:
         """The points of the cloud."""
         return self.surface.points
+
+    @property
+    def towards(self) -> Float64[np.ndarray, "p 3"]:
+        """Places on the outer side of the surfaces: where the sensor stood, as far as that is known."""
+        if self.views is not None:
+            return np.asarray(self.views.poses[:, :3, 3])
+        return high_above(self.points)[None] if self.seen_from is None else self.seen_from
 
     @functools.cached_property
     def spacing(self) -> Float64[np.ndarray, " n"]:

@@ -1,5 +1,7 @@
 """Both places of displaced surfaces."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -31,10 +33,10 @@ def examined(candidate, change):
     return Examined(labels, probability, none * 1.0, none if change else candidate, shown, () if change else rejected)
 
 
-def both_places(points, candidates, changes, views=None, **settings):
+def both_places(points, candidates, changes, views=None, seen_from=None, **settings):
     own = each(lambda cloud, rows: candidates_of(cloud, np.where(rows, 0, -1)), points, candidates)
     found = each(examined, candidates, changes)
-    surveys = points.map(lambda cloud: Survey.of(cloud, views))
+    surveys = points.map(lambda cloud: dataclasses.replace(Survey.of(cloud, views), seen_from=seen_from))
     return found, with_both_places(found, own, surveys, LIMITS, **settings)
 
 
@@ -86,6 +88,17 @@ def test_what_one_cloud_tells_is_a_change_in_both(told_by):
         assert why is NONE
         np.testing.assert_array_equal(np.sort(rows), np.flatnonzero((old.unobserved) & (new.labels < 0)))
         np.testing.assert_array_equal(new.unobserved, old.unobserved & (new.labels < 0))
+
+
+def test_upside_down_and_seen_from_below_it_is_the_same(told_by):
+    """Where no views are known, but the side that the surfaces are seen from is."""
+    points, candidates, told = told_by
+    _, expected = both_places(*told_by)
+    turned = points.map(lambda cloud: cloud * [1, 1, -1])
+    below = np.array([[1.0, 1.0, -3.0]])
+    _, shown = both_places(turned, candidates, told, seen_from=below)
+    for one, other in zip(expected, shown, strict=True):
+        np.testing.assert_array_equal(one.labels, other.labels)
 
 
 def test_a_place_of_fewer_points_is_none(told_by):
