@@ -138,9 +138,9 @@ class BlockDifferences:
             number: of the block.
             side: "before" or "after".
         """
-        values = self.records.values(number)
-        names = (*_DIFFERENCES, "own_spacing")
-        return LocalDifference(**{name: values[f"{name}_{side}"].astype(np.float64) for name in names})
+        names = {f"{name}_{side}": name for name in (*_DIFFERENCES, "own_spacing")}
+        values = self.records.values(number, *names)
+        return LocalDifference(**{name: values[stored].astype(np.float64) for stored, name in names.items()})
 
     def figures(self, number: int, side: str, error: Float[np.ndarray, " v"]) -> PointFigures:
         """The signed distance at the voxels of one cloud in a block.
@@ -150,8 +150,9 @@ class BlockDifferences:
             side: "before" or "after".
             error: the registration error at each voxel.
         """
-        values, standard_errors = self.records.values(number), np.float32(M3C2Settings.standard_errors)
-        distance, without = (values[f"{name}_{side}"].astype(np.float32) for name in ("signed", "detection"))
+        values = self.records.values(number, f"signed_{side}", f"detection_{side}")
+        standard_errors = np.float32(M3C2Settings.standard_errors)
+        distance, without = (own.astype(np.float32) for own in values.values())
         # Equation (1) of M3C2 adds the error to the standard error of the means.
         detection = without + standard_errors * error.astype(np.float32)
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -87,7 +87,7 @@ class LocalVoxels:
         """
         numbers, smallest = np.zeros((2, lattice.halvings + 1), np.int64), np.inf
         for number in records.numbers:
-            values = records.values(number)
+            values = records.values(number, *(f"{name}_{side}" for name in ("numbers", "sizes") for side in NAMES))
             numbers += np.stack([values[f"numbers_{side}"].astype(np.int64) for side in NAMES])
             smallest = min(smallest, *(float(values[f"sizes_{side}"].min(initial=np.inf)) for side in NAMES))
         few = np.append(numbers.max(axis=0)[:-1] <= most, True)
@@ -122,8 +122,10 @@ class LocalVoxels:
         return each(lambda own, place: place[own["voxel"]], self.records[number].rows, places)
 
     def _voxels(self, number: int) -> Pair[Voxels]:
-        values = self.records.values(number)
-        return NAMES.map(lambda side: Voxels(*(values[f"{name}_{side}"] for name in Voxels._fields)))
+        def voxels(side: str) -> Voxels:
+            return Voxels(*self.records.values(number, *(f"{name}_{side}" for name in Voxels._fields)).values())
+
+        return NAMES.map(voxels)
 
 
 def joined(voxels: Voxels, least: float) -> tuple[Voxels, Int64[np.ndarray, " v"]]:

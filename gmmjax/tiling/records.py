@@ -1,14 +1,15 @@
 """What was computed of each block, on disk.
 
-Every worker appends to a file of its own; where the record of a block begins is known to the one who asked for it. What
-a worker wrote before it died is in no index, and is not read.
+Every worker appends to a file of its own; where each array of a block is in it is known to the one who asked for the
+block. What a worker wrote before it died is in no index, and is not read.
 """
 
+import math
 import secrets
 import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -36,20 +37,43 @@ class BlockResult(NamedTuple):
     rows: Pair[Arrays]
 
 
+class StoredArray(NamedTuple):
+    """Where an array is in a file, in C order.
+
+    Attributes:
+        start: its first byte.
+        dtype: of its numbers.
+        shape: its shape.
+    """
+
+    start: int
+    dtype: np.dtype[np.generic]
+    shape: tuple[int, ...]
+
+    def read(self, file: BinaryIO) -> npt.NDArray[np.generic]:
+        """The array.
+
+        Args:
+            file: open.
+        """
+        file.seek(self.start)
+        return np.fromfile(file, self.dtype, math.prod(self.shape)).reshape(self.shape)
+
+
 class RecordPlace(NamedTuple):
     """Where the record of a block is.
 
     Attributes:
         number: of the block.
         file: name of the file.
-        start: its first byte there.
-        names: of the values, of the columns of the before cloud, and of those of the after cloud.
+        values: of the block, by name.
+        rows: the columns of either cloud, by name.
     """
 
     number: int
     file: str
-    start: int
-    names: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]
+    values: Mapping[str, StoredArray]
+    rows: Pair[Mapping[str, StoredArray]]
 
 
 class BlockRecords:
@@ -78,25 +102,22 @@ class BlockRecords:
 
     def __getitem__(self, number: int) -> BlockResult:
         """The result of a block."""
-        values, before, after = self._groups(number, 3)
-        return BlockResult(values, Pair(before, after))
+        place = self._places[number]
+        return BlockResult(self._read(place, place.values), place.rows.map(lambda own: self._read(place, own)))
 
-    def values(self, number: int) -> Arrays:
-        """The values of a block, without those of its rows, which are not read.
+    def values(self, number: int, *names: str) -> Arrays:
+        """Values of a block; nothing else is read.
 
         Args:
             number: of the block.
+            names: of the values; none: all of them.
         """
-        return self._groups(number, 1)[0]
-
-    def _groups(self, number: int, count: int) -> list[dict[str, npt.NDArray[np.generic]]]:
         place = self._places[number]
+        return self._read(place, {name: place.values[name] for name in names or place.values})
+
+    def _read(self, place: RecordPlace, arrays: Mapping[str, StoredArray]) -> Arrays:
         with disk_errors(self._folder), (self._folder / place.file).open("rb") as file:
-            file.seek(place.start)
-            return [
-                {name: np.lib.format.read_array(file, allow_pickle=False) for name in names}
-                for names in place.names[:count]
-            ]
+            return {name: array.read(file) for name, array in arrays.items()}
 
     def __iter__(self) -> Iterator[tuple[int, BlockResult]]:
         """The number and the result of each block."""
@@ -114,15 +135,23 @@ def write_record(folder: Path, number: int, result: BlockResult) -> RecordPlace:
 
     Raises:
         InputError: the disk is full.
+        TypeError: an array of Python objects.
     """
-    groups = (result.values, result.rows.before, result.rows.after)
     if not hasattr(_of_thread, "name"):
         _of_thread.name = f"{secrets.token_hex(8)}.records"
     name = _of_thread.name
     with disk_errors(folder), (folder / name).open("ab") as file:
-        start = file.tell()
-        for arrays in groups:
-            for values in arrays.values():
-                np.lib.format.write_array(file, np.asanyarray(values), allow_pickle=False)
-    names = tuple(groups[0]), tuple(groups[1]), tuple(groups[2])
-    return RecordPlace(number, name, start, names)
+        values, rows = _written(file, result.values), result.rows.map(lambda own: _written(file, own))
+    return RecordPlace(number, name, values, rows)
+
+
+def _written(file: BinaryIO, arrays: Arrays) -> dict[str, StoredArray]:
+    """Appends arrays to a file, and says where they are."""
+    places = {}
+    for name, values in arrays.items():
+        array = np.asarray(values)
+        if array.dtype.hasobject:
+            raise TypeError(f"{name}: Python objects cannot be written")
+        places[name] = StoredArray(file.tell(), array.dtype, array.shape)
+        file.write(array.tobytes())
+    return places
