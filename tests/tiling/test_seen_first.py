@@ -51,7 +51,7 @@ def test_of_many_looks_some_points_are_taken(points, tmp_path):
     views = SensorViews.from_positions(points.after, [STATION])
 
     def looks(offset):
-        few = SeenFirstSettings(cell=0.01, most_looks=len(points.after) // 3)
+        few = SeenFirstSettings(cell=0.1, most_looks=len(points.after) // 3)
         return Pair(None, Looks.of(views.relative_to(offset), len(points.after), few))
 
     (_, after), _ = found(points, looks, tmp_path)

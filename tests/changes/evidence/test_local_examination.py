@@ -14,7 +14,7 @@ from gmmjax.scenes.rigid_motions import upright
 
 HALL = np.array([30.0, 16.0, 6.0])
 BOXES = {0: np.array([4.0, 1.5, 0.1]), 1: np.array([-3.0, -4.0, 0.12])}
-CONFIG = DetectionConfig(registration="never", kinds="both")
+CONFIG = DetectionConfig(registration="never", kinds="both", restarts=1, max_components=12)
 
 
 def between(lower, upper, label=-1):
