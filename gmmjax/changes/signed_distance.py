@@ -141,10 +141,10 @@ def distances_at(
     return Pair(slice(count), slice(count, None)).map(lambda rows: _figures(found, rows, settings.least_points))
 
 
-def high_above(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
+def high_above(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "1 3"]:
     """A place high above the middle of a cloud, along z, which its surfaces are taken to be seen from."""
     lower, upper = points.min(axis=0), points.max(axis=0)
-    return np.asarray((lower + upper) / 2 + np.array([0.0, 0.0, (upper - lower).max()]))
+    return np.asarray((lower + upper) / 2 + np.array([0.0, 0.0, (upper - lower).max()]))[None]
 
 
 def _figures(found: M3C2Distances, rows: slice, least_points: int) -> PointFigures:

@@ -219,12 +219,17 @@ def poses_text(changes: Changes) -> str | None:
     resting = _resting(changes, missing) if missing else ""
     if not resting:
         return f"{text}."
+    return f"{text}; {resting}. {_how_to_give_poses(changes, missing)}"
+
+
+def _how_to_give_poses(changes: Changes, missing: list[str]) -> str:
+    """The options that give the poses of these sides, in a sentence."""
     options = " or ".join(option for side in missing for option in (f"--sensor-{side} X Y Z", f"--views-{side} FILE"))
-    if not known and all(changes.diagnostics[side].get("depth_frame") for side in used):
-        return f"{text}; {resting}. Both scans are frames of a depth camera: give --sensor-at-origin."
-    if not known:
+    if len(missing) == 2:
+        if all(changes.diagnostics[side].get("depth_frame") for side in missing):
+            return "Both scans are frames of a depth camera: give --sensor-at-origin."
         options = "--sensor-at-origin, --sensor-before X Y Z or --views-before FILE (likewise for after)"
-    return f"{text}; {resting}. Give the sensor's position with {options}."
+    return f"Give the sensor's position with {options}."
 
 
 def _views_used(changes: Changes) -> dict[str, int] | None:

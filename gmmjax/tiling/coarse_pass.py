@@ -90,7 +90,7 @@ def coarse_pass(
         scans = each(
             lambda scan, own: with_recognised_views(scan, own.points, settings.stations, own.counts), scans, thinned
         )
-    # Nor do they lie on the pixels of a camera; some of the points that they are of do.
+    # Nor do means lie on the pixels of a camera: that is asked of points as they were measured.
     scans = each(lambda scan, own: as_depth_frame(scan, _some_points(own)), scans, inside)
     prepared = detector.prepared(scans, clock)
     if prepared.volumetric:

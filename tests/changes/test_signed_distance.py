@@ -28,7 +28,7 @@ def figures(points, views=Pair(None, None), settings=SignedDistanceSettings()):
 
 
 def towards(points, views=Pair(None, None)):
-    return each(lambda own, side: high_above(own)[None] if side is None else side.poses[:, :3, 3], points, views)
+    return each(lambda own, side: high_above(own) if side is None else side.poses[:, :3, 3], points, views)
 
 
 def distances(points, *options):

@@ -62,7 +62,7 @@ def test_every_row_is_in_one_block_and_the_margin_is_what_is_near(pair, margin, 
     assert sum(block.counts.before + block.counts.after for block in store.blocks) == sum(map(len, pair))
 
 
-@settings(max_examples=6)
+@settings(max_examples=12)
 @given(clouds(), st.floats(0.5, 4), st.integers(1, 200))
 def test_a_margin_of_too_many_points_is_thinned_and_the_block_is_not(pair, margin, most):
     store = store_of(pair, dataclasses.replace(SMALL, most_points=50.0))

@@ -42,7 +42,7 @@ def scene(tmp_path_factory):
     for block, result in compute_here(store, block_voxels, (lattice, LocalResolutionSettings(voxels_per_edge=4))):
         records.add(write_record(folder, block.number, result))
     points = Pair(floor(2)[::100], floor(3)[::100]).map(lambda own: own - store.offset)
-    coarse = CoarseClouds(points, SIZE, points.map(lambda own: high_above(own)[None]))
+    coarse = CoarseClouds(points, SIZE, points.map(high_above))
     sparse = max(store.blocks, key=lambda block: (block.lower + block.edge)[0] if sum(block.counts) > 100 else -np.inf)
     return store, LocalVoxels.of(records, lattice, 1_000_000), coarse, sparse
 

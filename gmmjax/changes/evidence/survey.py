@@ -122,7 +122,7 @@ class Survey:
         """Places on the outer side of the surfaces: where the sensor stood, as far as that is known."""
         if self.views is not None:
             return np.asarray(self.views.poses[:, :3, 3])
-        return high_above(self.points)[None] if self.seen_from is None else self.seen_from
+        return high_above(self.points) if self.seen_from is None else self.seen_from
 
     @functools.cached_property
     def spacing(self) -> Float64[np.ndarray, " n"]:

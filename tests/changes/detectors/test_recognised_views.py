@@ -131,7 +131,7 @@ def test_the_camera_of_one_frame_serves_for_the_other_scan_too(frames):
 def test_the_camera_of_the_after_frame_is_placed_by_the_registration(frames):
     motion = rigid_transform(Rotation.from_euler("y", 2, degrees=True).as_matrix(), np.array([0.05, 0.02, 0.03]))
     moved = Pair(frames.before, transformed(frames.after, np.linalg.inv(motion)))
-    # In its own frame the after scan is none of a camera at the origin any more; what its camera is, is said.
+    # The moved points no longer lie on the pixels of a camera at the origin: that they are a frame is given.
     scans = Pair(Scan(moved.before), Scan(moved.after, depth_frame=True))
     found = prepared(scans, registration="always")
     assert found.pair.registration.applied
