@@ -20,7 +20,7 @@ from gmmjax._messages import print_message
 from gmmjax.changes import Changes
 from gmmjax.errors import InputWarning, printable
 from gmmjax.reporting.explanation_lines import explanation_lines
-from gmmjax.reporting.explanations import rejected_text
+from gmmjax.reporting.explanations import displaced_text, rejected_text
 from gmmjax.reporting.palette import KIND_COLORS
 from gmmjax.reporting.summary import (
     HEADINGS,
@@ -112,7 +112,7 @@ def print_changes(
     console.print(answer(changes), style="bold", highlight=False)
     if changes.items:
         print_whole(_table(changes, console.width))
-    sentences = volumes_text, registration_text, unobserved_text, poses_text
+    sentences = volumes_text, registration_text, unobserved_text, poses_text, displaced_text
     for text in (sentence(changes) for sentence in sentences):
         if text is not None:
             print_sentence(text)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 from gmmjax.changes import Changes, Contribution, Explanation
-from gmmjax.reporting.summary import percent
+from gmmjax.reporting.summary import percent, place_cells
 
 Side = Literal["for", "against"]
 
@@ -93,6 +93,29 @@ def rejected_text(changes: Changes) -> str | None:
     count = len(changes.rejected)
     were = "candidate was" if count == 1 else "candidates were"
     return f"{count:,} {were} rejected" if count else None
+
+
+def displaced_text(changes: Changes) -> str | None:
+    """What is off the other scan's surface by more than noise and registration explain, and was judged unchanged.
+
+    None where there is no such candidate. A surface that bends by a few noises over many metres looks the same
+    whether a wall gave way or the scan drifted: the verdict is learned from scans that drift.
+    """
+    found = [one for one in changes.rejected if one.reason == "unchanged" and _mostly_displaced(one.explanation)]
+    if not found:
+        return None
+    largest = max(found, key=lambda one: one.point_count)
+    points, centre, _ = place_cells(largest)
+    place = f"{points} points at {centre}"
+    most = f"points of {len(found):,} candidates, the largest of {place}," if len(found) > 1 else f"of the {place}"
+    return (
+        f"Most {most} lie surely off the other scan's surface and were judged unchanged: a bent or drifting scan "
+        "looks like that, too. Their distances tell how far they are off."
+    )
+
+
+def _mostly_displaced(explanation: Explanation) -> bool:
+    return any(one.fact == "displaced" and one.value > 0.5 for one in explanation.contributions)
 
 
 def confidence_text(changes: Changes) -> str | None:

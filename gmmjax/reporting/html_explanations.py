@@ -7,6 +7,7 @@ from gmmjax.reporting.explanations import (
     ExplanationSettings,
     Facts,
     confidence_text,
+    displaced_text,
     rejected_text,
     signed,
     verdict_text,
@@ -66,7 +67,9 @@ def rejected_section(changes: Changes, longest: float) -> str:
     if text is None:
         return ""
     items = "".join(_rejected(number, one, changes, longest) for number, one in enumerate(changes.rejected))
-    return f"""<details class="rejected" id="rejected-section"><summary>{text}</summary>
+    displaced = displaced_text(changes)
+    hint = f'<p class="hint">{escape(displaced)}</p>\n' if displaced else ""
+    return f"""{hint}<details class="rejected" id="rejected-section"><summary>{text}</summary>
 <p class="hint">What looked changed in one scan and was turned down. Choose one to see it in the view.</p>
 <ol class="changes" id="rejected">{items}</ol></details>
 """

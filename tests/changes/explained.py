@@ -1,5 +1,7 @@
 """Explanations and rejected candidates, made by hand."""
 
+import dataclasses
+
 import numpy as np
 
 from gmmjax.changes import Box, Contribution, Explanation, RejectedCandidate
@@ -19,3 +21,10 @@ def rejected(kind="disappeared", reason="unchanged", changed=0.2, unchanged=0.7)
     points = np.random.default_rng(0).normal(size=(40, 3))
     own = explanation(changed, unchanged)
     return RejectedCandidate(kind, reason, own.changed, 40, points.mean(axis=0), Box.around(points), own)
+
+
+def displaced(share, point_count, reason="unchanged"):
+    """A rejected candidate of which this share lies surely off the other scan's surface."""
+    fact = Contribution("displaced", share, 0.8, f"{share:.0%} of it lies surely off the other scan's surface")
+    own = rejected(reason=reason)
+    return dataclasses.replace(own, point_count=point_count, explanation=explanation(0.2, 0.7, (fact,)))

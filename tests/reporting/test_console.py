@@ -6,6 +6,7 @@ import pytest
 
 from gmmjax.errors import InputWarning
 from gmmjax.reporting import console
+from tests.changes.explained import displaced
 
 
 def test_the_table_fits_the_usual_terminal(pair, capsys):
@@ -59,6 +60,12 @@ def test_rejected_candidates_are_one_line_unless_they_are_asked_for(pair, explai
     assert "looked through" not in printed
     console.print_changes(pair[2])
     assert "--explain" not in capsys.readouterr().out
+
+
+def test_a_displaced_surface_that_is_no_change_is_told(explained, capsys):
+    console.print_changes(dataclasses.replace(explained, rejected=(displaced(0.64, 9000),)))
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "Most of the 9,000 points at " in printed and "and were judged unchanged: a bent" in printed
 
 
 def test_sentences_are_no_markup(explained, capsys):

@@ -3,8 +3,15 @@ import dataclasses
 import pytest
 
 from gmmjax.changes import Contribution
-from gmmjax.reporting.explanations import Facts, confidence_text, rejected_text, signed, verdict_text
-from tests.changes.explained import explanation
+from gmmjax.reporting.explanations import (
+    Facts,
+    confidence_text,
+    displaced_text,
+    rejected_text,
+    signed,
+    verdict_text,
+)
+from tests.changes.explained import displaced, explanation
 
 
 def contributions(*log_odds):
@@ -39,6 +46,21 @@ def test_rejected_candidates_are_counted(explained):
     assert rejected_text(explained) == "2 candidates were rejected"
     assert rejected_text(dataclasses.replace(explained, rejected=explained.rejected[:1])) == "1 candidate was rejected"
     assert rejected_text(dataclasses.replace(explained, rejected=())) is None
+
+
+def test_surfaces_that_are_off_and_were_judged_unchanged_are_told(explained):
+    assert displaced_text(explained) is None
+    of_one = displaced_text(dataclasses.replace(explained, rejected=(*explained.rejected, displaced(0.64, 9000))))
+    assert of_one.startswith("Most of the 9,000 points at ") and "lie surely off the other scan's surface" in of_one
+    several = displaced(0.51, 70), displaced(0.9, 12_345)
+    assert displaced_text(dataclasses.replace(explained, rejected=several)).startswith(
+        "Most points of 2 candidates, the largest of 12,345 points at "
+    )
+
+
+@pytest.mark.parametrize("candidate", [displaced(0.5, 9000), displaced(0.9, 9000, "not observed")])
+def test_half_of_a_surface_and_what_was_not_observed_are_no_displacement(explained, candidate):
+    assert displaced_text(dataclasses.replace(explained, rejected=(candidate,))) is None
 
 
 def test_a_doubtful_registration_is_said_to_lower_the_probabilities(explained):

@@ -8,6 +8,7 @@ import pytest
 from gmmjax.clouds import PointCloud
 from gmmjax.reporting import report_html
 from gmmjax.reporting.close_ups import CloseUpSettings
+from tests.changes.explained import displaced
 from tests.reporting.conftest import labelled
 
 HOSTILE = '</script><img src=x onerror=alert(1)>"&.ply'
@@ -176,6 +177,12 @@ def test_rejected_candidates_are_shown_where_nothing_changed(pair, explained):
     assert "<summary>2 candidates were rejected</summary>" in text
     assert 'data-toggle="rejected"' in text
     assert 'data-toggle="gaussians"' not in text
+
+
+def test_a_displaced_surface_that_is_no_change_is_told_above_the_rejected_candidates(pair, explained):
+    text = text_of(*pair[:2], dataclasses.replace(explained, rejected=(displaced(0.64, 9000),)))
+    assert "Most of the 9,000 points at " in text.split('<details class="rejected"')[0]
+    assert "judged unchanged" not in text_of(*pair[:2], explained)
 
 
 def test_facts_that_say_next_to_nothing_have_no_bar(pair, explained):

@@ -152,14 +152,17 @@ def test_a_frame_is_read_through_the_index(bags, monkeypatch):
 @pytest.mark.parametrize("name", ["run.bag", "run.mcap", "run.db3"])
 def test_memory_does_not_grow_with_the_bag(tmp_path, name):
     size = 120 * 100 * 12
+
+    def many():
+        return (frame(START + 0.1 * index, 120, 100) for index in range(100))
+
     # What is loaded and made once is not the bag's.
-    write_bag(tmp_path / f"short_{name}", [frame(START, 120, 100)], trajectory())
-    with open_bag(tmp_path / f"short_{name}") as bag:
-        assert len(list(bag.frames())) == 1
-    many = (frame(START + 0.1 * index, 120, 100) for index in range(100))
+    write_bag(tmp_path / f"first_{name}", many(), trajectory())
+    with open_bag(tmp_path / f"first_{name}") as bag:
+        assert sum(1 for _ in bag.frames()) == 100
     tracemalloc.start()
     try:
-        write_bag(tmp_path / name, many, trajectory())
+        write_bag(tmp_path / name, many(), trajectory())
         written = tracemalloc.get_traced_memory()[1]
         tracemalloc.reset_peak()
         with open_bag(tmp_path / name) as bag:

@@ -55,6 +55,8 @@ def hull_measures(
     spacing: float,
     registration_error: float,
     settings: HullVolumeSettings = HullVolumeSettings(),
+    *,
+    hangs: bool = False,
 ) -> HullVolume | None:
     """The volume of the convex hull of an object with its feet; None where it has none.
 
@@ -65,6 +67,7 @@ def hull_measures(
         spacing: of its points.
         registration_error: between the scan that shows the object and the one that shows what it stands on.
         settings: of the uncertainty.
+        hangs: whether it hangs before a surface: the side towards that was not seen, even where points are near it.
     """
     try:
         hull = ConvexHull(np.concatenate([points, feet]))
@@ -74,7 +77,7 @@ def hull_measures(
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     unseen = ~_seen(corners, points, settings.seen * spacing) & ~(hull.simplices >= len(points)).all(axis=1)
     outline = hull_area(hull.points[hull.vertices] @ np.linalg.svd(up[None])[2][1:].T)
-    hidden, shown = float(areas[unseen].sum()), float(areas[~unseen].sum())
+    hidden, shown = float(areas[unseen].sum()) + hangs * outline, float(areas[~unseen].sum())
     behind = settings.bulge * 2 / 3 * hidden * np.sqrt(hidden / np.pi)
     # Two sides of a box are off by one error each, not by that of all points.
     surface = settings.surface * spacing * shown / 2

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.change import Change
@@ -41,6 +41,7 @@ class PlacedChange(NamedTuple):
         outward: unit normal of the reference below it, to the outer side.
         on_surface: whether the other scan saw that surface below it.
         gained: whether there is more now.
+        hangs: whether it is off that surface, which its own scan shows behind it: lamps, signs.
         highest: coordinate along the normal above which everything is something else, such as a shelf above the change.
     """
 
@@ -51,6 +52,7 @@ class PlacedChange(NamedTuple):
     outward: Float64[np.ndarray, " 3"]
     on_surface: bool
     gained: bool
+    hangs: bool = False
     highest: float = np.inf
 
     @property
@@ -77,20 +79,58 @@ def placed_change(
         sensors: where those of the other survey stood; None: not known.
         settings: how changes are measured.
     """
-    other = pair.surfaces.before if part.after else pair.surfaces.after
-    reach = window_reach(part.points, settings.surfaces)
-    lower, upper = part.points.min(axis=0) - reach, part.points.max(axis=0) + reach
-    rows = within_box(other.points, lower + item.mean, upper + item.mean)
-    if not len(rows):
-        rows = np.array([int(other.nearest(item.mean[None])[0])])
+    own, other = pair.surfaces.swapped if part.after else pair.surfaces
     surface = LocalSurface.of(part.points[evenly_chosen(len(part.points), settings.surfaces.sample)])
-    around = other.points[rows] - item.mean
+    around = _points_around(other, item.mean, part.points, settings)
+    if not len(around):
+        around = other.points[other.nearest(item.mean[None])] - item.mean
     reference = LocalSurface.of(around)
     revealed = sensors is not None and _not_seen_through(item) and _behind(surface, reference, sensors - item.mean)
     place = _on_nearest(item.mean, part, surface, reference, distance, revealed, settings)
+    if place.on_surface and _hangs_clear(place, _points_around(own, item.mean, part.points, settings), settings):
+        return place._replace(on_surface=False, hangs=True)
     if place.on_surface or part.plane is None:
         return place
     return _on_plane(place, part.plane.up, around, settings)
+
+
+def _points_around(
+    scan: LocalSurface, mean: Float64[np.ndarray, " 3"], points: Float64[np.ndarray, "n 3"], settings: VolumeSettings
+) -> Float64[np.ndarray, "m 3"]:
+    """The points of a scan about a change, relative to its mean, as its own points are."""
+    reach = window_reach(points, settings.surfaces)
+    lower, upper = points.min(axis=0) - reach, points.max(axis=0) + reach
+    rows = within_box(scan.points, lower + mean, upper + mean)
+    return scan.points[rows] - mean
+
+
+def _hangs_clear(place: PlacedChange, own: Float64[np.ndarray, "n 3"], settings: VolumeSettings) -> bool:
+    """Whether a change is off the surface of the other scan, and its own scan shows that surface behind it.
+
+    What lies on a surface hides it. Between a lamp and the ceiling nothing was gained or lost.
+
+    Args:
+        place: on that surface.
+        own: points of the change's own scan about it.
+        settings: how far off it is, and which part of it has that surface behind it.
+    """
+    reference, across = place.reference, np.linalg.svd(place.outward[None])[2][1:]
+    above = HeightAbove(reference, place.outward, settings.surfaces.heights.planes, settings.surfaces.heights.steepest)
+    spacing = float(np.median(reference.spacing(reference.nearest(place.surface.points))))
+    clear = float(np.quantile(np.abs(above.of(place.surface.points)), settings.resting))
+    if clear <= settings.below * spacing:
+        return False
+    behind, outline = own[np.abs(above.of(own)) < clear / 2] @ across.T, place.surface.points @ across.T
+    try:
+        # Joggled, so that a row of points has one, too.
+        sides = ConvexHull(outline, qhull_options="QJ").equations
+    except (QhullError, ValueError):
+        return False
+    # Not what is seen of it beside the change.
+    behind = behind[(behind @ sides[:, :2].T + sides[:, 2]).max(axis=1) < -place.spacing]
+    if not len(behind):
+        return False
+    return bool(np.mean(cKDTree(behind).query(outline)[0] <= settings.below * spacing) >= settings.on_surface)
 
 
 def _on_nearest(

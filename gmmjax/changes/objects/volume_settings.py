@@ -20,6 +20,9 @@ class VolumeSettings:
             it always does, and a box before a wall may be taken for a part of the wall that receded.
         below: distance along the surface, in spacings of the other scan, up to which it has a surface below a point.
             0: no change has; infinite: the surface is taken to go on below a change that nobody saw the ground of.
+        resting: fraction of a change's points, at least, that are near the surface of the other scan where it lies on
+            that. With fewer it hangs, where its own scan shows that surface behind it, and the hull is measured. 0: a
+            stray point near the surface makes it lie there; 1: a ring on a floor hangs.
         nearest: difference between the height of a point above the surface below it and that above the nearest point of
             the other scan, as a fraction of the former, at most. Where most points have a larger one, what is nearest
             is a wall, a rack or a shelf, and the change is measured down to the plane that it stands on. Infinite: it
@@ -34,6 +37,7 @@ class VolumeSettings:
     on_surface: float = 0.5
     aligned: float = 0.7
     below: float = 3.0
+    resting: float = 0.05
     nearest: float = 0.5
     same: float = 0.5
     most_points: int = 2_000_000

@@ -166,7 +166,7 @@ def _hull_quantity(place: PlacedChange, registration_error: float, settings: Vol
         up = plane.up
         feet = points - plane.above(points + place.mean)[:, None] * up
     spacing = place.spacing * np.sqrt(len(place.surface) / len(points))
-    volume = hull_measures(points, feet, up, spacing, registration_error, settings.hulls)
+    volume = hull_measures(points, feet, up, spacing, registration_error, settings.hulls, hangs=place.hangs)
     if volume is None:
         return _Quantity()
     return _Quantity(*volume, "hull", _effect(place.gained))

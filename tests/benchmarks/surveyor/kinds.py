@@ -11,6 +11,7 @@ from tests.benchmarks.surveyor.halls import hall_site
 from tests.benchmarks.surveyor.quarries import quarry_site
 from tests.benchmarks.surveyor.slopes import slope_site
 from tests.benchmarks.surveyor.surveys import Errors, Site, SurveyedPair, surveyed
+from tests.benchmarks.surveyor.tunnels import tunnel_site
 from tests.benchmarks.surveyor.warehouses import warehouse_site
 
 # The coordinates of one in three scenes are a national grid's, of this reference system.
@@ -36,6 +37,7 @@ KINDS: Mapping[str, Kind] = {
 HELD_OUT: Mapping[str, Kind] = {
     "warehouse": Kind(warehouse_site, Errors(0.002, 0.004, 0.003, 0.005)),
     "quarry": Kind(quarry_site, Errors(0.002, 0.001, 0.005, 0.002)),
+    "tunnel": Kind(tunnel_site, Errors(0.001, 0.002, 0.004, 0.004)),
 }
 
 

@@ -3,17 +3,36 @@
 import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from tests.benchmarks.surveyor.solids import UNCHANGED, Thing, distances, first_hits
-from tests.benchmarks.surveyor.terrain import Columns, Terrain
+from tests.benchmarks.surveyor.terrain import Columns
 
 # Rays that are cast at one time.
 CHUNK = 200_000
 # The index of the terrain, or of nothing, in place of a thing's.
 TERRAIN, NOTHING = -2, -1
+
+
+class Ground(Protocol):
+    """A surface that is no thing: terrain, or the lining of a tunnel."""
+
+    def ranges(self, columns: Columns) -> np.ndarray:
+        """How far along each ray it is met [c, r]; inf where it is not."""
+
+    def normals(self, places: np.ndarray) -> np.ndarray:
+        """Unit normals at places [n, 3] on it."""
+
+    def distances(self, places: np.ndarray) -> np.ndarray:
+        """How far places [n, 3] are from it; NaN beyond its edges."""
+
+    def sees(self, origin: np.ndarray, places: np.ndarray, slack: float) -> np.ndarray:
+        """Which places [n, 3] it does not hide from one origin."""
+
+    def nodes(self, places: np.ndarray) -> np.ndarray:
+        """The nodes of its grid next to places [n, 3]."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -22,20 +41,18 @@ class World:
 
     Attributes:
         things: on the terrain, or in the hall.
-        terrain: None: there is none.
+        terrain: or the lining of a tunnel; None: there is none.
     """
 
     things: Sequence[Thing]
-    terrain: Terrain | None = None
+    terrain: Ground | None = None
 
     def distances(self, places: np.ndarray, most: float) -> np.ndarray:
         """How far places [n, 3] are from the nearest solid surface; `most` where none is as near."""
         nearest = distances(self.things, places, most)
         if self.terrain is None:
             return nearest
-        height = self.terrain.at(places[:, :2])
-        upright = self.terrain.normals(places[:, :2])[:, 2]
-        return np.fmin(nearest, np.abs(places[:, 2] - height) * upright)
+        return np.fmin(nearest, self.terrain.distances(places))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,9 +144,7 @@ def _part(world: World, columns: Columns, beam: Beam, random: np.random.Generato
         nearer = np.flatnonzero(own < ranges)
         ranges[nearer], thing[nearer] = own[nearer], TERRAIN
         met = (origins if one_place else origins[nearer]) + own[nearer, None] * directions[nearer]
-        facing[nearer] = np.nan_to_num(
-            np.abs((world.terrain.normals(met[:, :2]) * directions[nearer]).sum(axis=1)), nan=1.0
-        )
+        facing[nearer] = np.nan_to_num(np.abs((world.terrain.normals(met) * directions[nearer]).sum(axis=1)), nan=1.0)
     behind, other = _behind(ranges.reshape(shape), thing.reshape(shape))
     mixes = (behind > ranges) & np.isfinite(behind) & (random.random(len(ranges)) < beam.mixed)
     kept = np.isfinite(ranges) & (ranges > beam.least_range) & (random.random(len(ranges)) >= beam.lost)

@@ -288,8 +288,7 @@ def _labels(scan: Scan, world: World, other: World, site: Site) -> tuple[np.ndar
 
 def _lowered_at(lowered: Lowered, world: World, places: np.ndarray) -> np.ndarray:
     assert world.terrain is not None
-    nodes = np.round((places[:, :2] - world.terrain.lower) / world.terrain.cell).astype(np.intp)
-    nodes = np.clip(nodes, 0, np.array(lowered.numbers.shape) - 1)
+    nodes = world.terrain.nodes(places)
     return np.asarray(lowered.numbers[nodes[:, 0], nodes[:, 1]])
 
 

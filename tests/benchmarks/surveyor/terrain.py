@@ -55,14 +55,23 @@ class Terrain:
         return np.where(inside, low * (1 - u) + high * u, np.nan)
 
     def normals(self, places: np.ndarray) -> np.ndarray:
-        """Unit normals at places [n, 2], over the width of a cell."""
-        step = self.cell / 2
+        """Unit normals at places [n, 2], or above or below them [n, 3], over the width of a cell."""
+        step, places = self.cell / 2, places[:, :2]
         rise = [
             (self.at(places + shift) - self.at(places - shift)) / self.cell
             for shift in (np.array([step, 0]), np.array([0, step]))
         ]
         normals = np.stack([-rise[0], -rise[1], np.ones(len(places))], axis=1)
         return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+    def distances(self, places: np.ndarray) -> np.ndarray:
+        """How far places [n, 3] are from it, to first order; NaN outside."""
+        return np.abs(places[:, 2] - self.at(places[:, :2])) * self.normals(places)[:, 2]
+
+    def nodes(self, places: np.ndarray) -> np.ndarray:
+        """The nodes of the grid next to places [n, 2 or 3]."""
+        nodes = np.round((places[:, :2] - self.lower) / self.cell).astype(np.intp)
+        return np.clip(nodes, 0, np.array(self.heights.shape) - 1)
 
     def ranges(self, columns: Columns) -> np.ndarray:
         """How far along each ray it is met [c, r]; inf where it is not, or where the ray comes from below."""

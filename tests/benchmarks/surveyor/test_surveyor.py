@@ -15,6 +15,7 @@ from tests.benchmarks.surveyor import HELD_OUT, KINDS, __main__, accuracy, hall_
 from tests.benchmarks.surveyor.accuracy import Line, to_markdown
 from tests.benchmarks.surveyor.found import found_in_large
 from tests.benchmarks.surveyor.large import write_large
+from tests.benchmarks.surveyor.lining import Lining
 from tests.benchmarks.surveyor.scanning import Beam, World, scanned
 from tests.benchmarks.surveyor.scoring import mistakes, of_unjudged_changes, scores
 from tests.benchmarks.surveyor.solids import UNJUDGED, Thing, box, distances, ellipsoid, first_hits, pipe, pole
@@ -63,6 +64,29 @@ def test_rays_meet_terrain_where_its_height_is_theirs():
     np.testing.assert_allclose(places[:, 2], terrain.at(places[:, :2]), atol=0.02)
     assert terrain.sees(origins[0], places, 0.05).mean() > 0.99
     assert not terrain.sees(origins[0], places - (0, 0, 1.0), 0.05).any()
+
+
+def test_rays_meet_the_lining_of_a_tunnel_from_inside():
+    length, radius, cell = 20.0, 4.0, 0.1
+    first, last = Lining.arc(radius)
+    x, arc = np.meshgrid(cell * np.arange(201), np.arange(first, last + cell, cell), indexing="ij")
+    lining = Lining(radius, Terrain(0.1 * np.sin(x) * np.cos(2 * arc / radius), np.array([0.0, first]), cell))
+    columns = Station(np.array([9.0, 0.5, -1.0])).columns(5000, np.random.default_rng(0))
+    ranges = lining.ranges(columns)
+    met = np.isfinite(ranges)
+    places = (columns.origins[:, None] + np.where(met, ranges, 0)[..., None] * columns.directions())[met]
+    # All rays but those that leave through an end, or graze the wall.
+    assert met.mean() > 0.9 and (places[:, 0] > 0).all() and (places[:, 0] < length).all()
+    assert lining.distances(places).max() < 1e-3
+    expected = radius - 0.1 * np.sin(places[:, 0]) * np.cos(2 * np.arctan2(places[:, 2], places[:, 1]))
+    np.testing.assert_allclose(np.hypot(places[:, 1], places[:, 2]), expected, atol=2e-3)
+    places = places[(np.abs(places[:, 0] - length / 2) < length / 2 - cell) & (places[:, 2] > -3.5)]
+    normals = lining.normals(places)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+    # Into the tunnel, and across the wall: what is a little along it is on it.
+    assert (-(normals * places)[:, 1:].sum(axis=1) / np.hypot(places[:, 1], places[:, 2]) > 0.95).all()
+    along = np.cross(normals, np.array([1.0, 0, 0]))
+    assert lining.distances(places + 0.01 * along).max() < 1e-3
 
 
 @pytest.mark.parametrize(

@@ -221,12 +221,55 @@ def test_what_moved_without_known_poses_left_less_behind(kind, station, expected
     random = np.random.default_rng(2)
     wall = random.uniform([-1, 0, -1], [1, 0, 1], (6000, 3))
     front = random.uniform([-0.2, -0.2, -0.2], [0.2, -0.2, 0.2], (600, 3))
-    before, after = (own + random.normal(0, 0.001, own.shape) for own in (np.concatenate([wall, front]), wall))
+    bare = wall[(np.abs(wall[:, [0, 2]]) > 0.2).any(axis=1)]
+    before, after = (own + random.normal(0, 0.001, own.shape) for own in (np.concatenate([bare, front]), wall))
     pair = aligned(Pair(before, after), "never")
-    labels = Pair(np.repeat([-1, 0], [len(wall), len(front)]), np.full(len(after), -1))
-    distance = Pair(np.repeat([0.0, 0.2], [len(wall), len(front)]), np.zeros(len(after)))
+    labels = Pair(np.repeat([-1, 0], [len(bare), len(front)]), np.full(len(after), -1))
+    distance = Pair(np.repeat([0.0, 0.2], [len(bare), len(front)]), np.zeros(len(after)))
     sensors = None if station is None else np.array([station])
-    change = change_of(before[len(wall) :], kind, 0.9, 5.0)
+    change = change_of(before[len(bare) :], kind, 0.9, 5.0)
     found = with_measures((change,), labels, pair, 0.001, distance, Pair(sensors, sensors))[0]
     assert found.gain_or_loss == expected
-    assert found.volume == pytest.approx(0.2 * 0.4**2, rel=0.1)
+    # Where its sides were, nothing was seen: half of what is between the front and the wall counts there.
+    assert found.volume == pytest.approx(0.2 * 0.4**2, rel=0.15)
+
+
+def board(gap, *, hides):
+    """A board of 0.6 m by 0.4 m by 0.1 m that came before a wall, seen from the front and from both sides.
+
+    Args:
+        gap: between the wall and the board.
+        hides: whether nobody sees the wall behind it.
+    """
+    random = np.random.default_rng(3)
+    walls = [random.uniform([-1.5, 0, -1.5], [1.5, 0, 1.5], (9000, 3)) for _ in range(2)]
+    front = random.uniform([-0.3, -0.1, -0.2], [0.3, -0.1, 0.2], (600, 3))
+    sides = [random.uniform([x, -0.1, -0.2], [x, 0.0, 0.2], (100, 3)) for x in (-0.3, 0.3)]
+    points = np.concatenate([front, *sides]) - [0, gap, 0]
+    if hides:
+        walls[1] = walls[1][(np.abs(walls[1][:, [0, 2]]) > [0.3, 0.2]).any(axis=1)]
+    before, wall, points = (own + random.normal(0, 0.001, own.shape) for own in (*walls, points))
+    pair = aligned(Pair(before, np.concatenate([wall, points])), "never")
+    labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(wall), len(points)]))
+    nowhere = labels.map(lambda own: np.full(len(own), np.nan, np.float32))
+    change = change_of(points, "appeared", 0.9, 5.0)
+    return with_measures((change,), labels, pair, 0.001, nowhere, Pair(None, None))[0]
+
+
+def test_between_what_hangs_and_the_wall_behind_it_nothing_was_gained():
+    volume = 0.6 * 0.4 * 0.1
+    found = board(0.4, hides=False)
+    assert (found.volume_method, found.gain_or_loss) == ("hull", "gain")
+    assert abs(found.volume - volume) < 0.1 * volume
+    # How far it reaches towards the wall nobody saw.
+    assert abs(found.volume - volume) < found.volume_error
+
+
+def test_what_hides_the_wall_behind_it_reaches_to_the_wall():
+    assert board(0.4, hides=True).volume == pytest.approx(0.6 * 0.4 * 0.5, rel=0.15)
+    assert board(0.0, hides=True).volume_method == "surface"
+
+
+def test_what_touches_the_wall_lies_on_it_although_the_wall_is_seen_around_it():
+    found = board(0.0, hides=False)
+    assert found.volume_method == "surface" and found.volume == pytest.approx(0.6 * 0.4 * 0.1, rel=0.25)
