@@ -64,6 +64,7 @@ def test_a_second_time_there_is_nothing_to_do(scans, done):
     assert again.stdout == done[0].stdout
 
 
+@pytest.mark.slow
 def test_shards_are_merged(scans, tmp_path):
     folder = tmp_path / "my run"
     first = run(scans, "--out", folder, "--shard", "1/2", "--workers", "1", *FLAGS)
@@ -79,6 +80,7 @@ def test_shards_are_merged(scans, tmp_path):
     assert merged.stdout.splitlines()[0] == "3 pairs done; 3 with changes"
 
 
+@pytest.mark.slow
 def test_a_series_has_a_time_line(scans, tmp_path):
     manifest = scans.with_name("epochs.csv")
     manifest.write_text("name,cloud\nMonday,before0.ply\nTuesday,after0.ply\n")
@@ -88,6 +90,7 @@ def test_a_series_has_a_time_line(scans, tmp_path):
     assert {"timeline.html", "objects.csv", "objects.parquet"} <= set(os.listdir(tmp_path / "run"))
 
 
+@pytest.mark.slow
 def test_a_pair_that_fails_is_listed(scans, tmp_path):
     bad = scans.with_name("bad.ply")
     bad.write_text("no cloud")

@@ -39,6 +39,7 @@ def result(files, tmp_path_factory):
     return folder / "result"
 
 
+@pytest.mark.slow
 def test_a_result_has_every_row_of_every_file(result, files):
     changes = Changes.load(result)
     assert [change.kind for change in changes] == ["appeared"]

@@ -19,6 +19,7 @@ def small(monkeypatch):
         monkeypatch.setattr(part, "survey_sources", floor_sources)
 
 
+@pytest.mark.slow
 def test_it_runs_writes_resumes_and_begins_anew(tmp_path, capsys, monkeypatch):
     out = tmp_path / "thesis"
     calls = []

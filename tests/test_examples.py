@@ -51,6 +51,7 @@ def test_every_example_is_run_here():
     assert {path.name for path in (ROOT / "examples").glob("*.py")} == set(EXPECTED)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(EXPECTED))
 def test_the_example_says_and_draws_what_it_should(name, tmp_path):
     """As a user runs it, in a process of its own; warnings are errors."""

@@ -89,6 +89,7 @@ def distance(solver, points):
     return jax.grad(cost)(points)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("function", [looked_at, derivative, component_wise, tied, joint])
 def test_fits_multiply_with_all_digits(function):
     found = products(function, POINTS)

@@ -151,6 +151,7 @@ def test_blocks_that_are_not_run_say_why(page):
             assert block.reason is None or block.reason in REASONS, block.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
 def test_the_blocks_of_a_page_run_one_after_the_other(page, supplies, demonstration, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

@@ -48,6 +48,7 @@ def test_a_program_is_compiled_once_while_it_is_kept(three):
     assert len(traced) == 5
 
 
+@pytest.mark.slow
 def test_programs_do_not_pile_up(three):
     scaled(np.ones(1, np.float32), factor=2)
     before = live_programs()

@@ -85,6 +85,7 @@ def started(folder):
         made.stop()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("send", [False, True])
 def test_a_cluster_finds_the_same(pairs, local, cluster, tmp_path, send):
     results = list(detect_many(pairs, out=tmp_path / "run", config=CONFIG, scheduler=cluster.address, send=send))
@@ -107,6 +108,7 @@ def test_all_pairs_finish_when_a_worker_is_killed(pairs, local, cluster, tmp_pat
     assert contents(tmp_path / "run") == local
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_goes_is_said_and_the_run_goes_on_later(pairs, local, tmp_path):
     folder = tmp_path / "run"
     with started(tmp_path) as cluster:

@@ -228,6 +228,7 @@ def test_a_damaged_record_of_the_run(scans, copy):
     assert computed(detect(scans, copy, overwrite=True)) == []
 
 
+@pytest.mark.slow
 def test_a_script_without_a_guard_is_told(tmp_path, scans):
     script = tmp_path / "script.py"
     script.write_text(

@@ -63,6 +63,7 @@ def interrupted(scans, folder, fault):
     return process.returncode, output, errors, workers
 
 
+@pytest.mark.slow
 def test_number_of_workers_and_order_change_nothing(scans, undisturbed, tmp_path):
     pairs = read_manifest(scans, DetectionConfig(**SETTINGS))
     results = detect_many(reversed(pairs), out=tmp_path / "run", config=DetectionConfig(**SETTINGS), workers=1)
@@ -72,6 +73,7 @@ def test_number_of_workers_and_order_change_nothing(scans, undisturbed, tmp_path
     assert {name.split("/")[-1] for name in found} == {"changes.json", "labels.npz", "fits.npz"}
 
 
+@pytest.mark.slow
 def test_a_killed_worker(scans, undisturbed, tmp_path):
     status, output, errors, _ = interrupted(scans, tmp_path / "run", lambda process, workers: kill(workers[0]))
     # The run itself goes on.
@@ -80,6 +82,7 @@ def test_a_killed_worker(scans, undisturbed, tmp_path):
     assert contents(tmp_path / "run") == undisturbed
 
 
+@pytest.mark.slow
 def test_a_killed_driver(scans, undisturbed, tmp_path):
     folder = tmp_path / "run"
     status, *_, workers = interrupted(scans, folder, lambda process, workers: process.kill())
@@ -89,6 +92,7 @@ def test_a_killed_driver(scans, undisturbed, tmp_path):
     completes(scans, folder, undisturbed)
 
 
+@pytest.mark.slow
 def test_an_interrupted_run(scans, undisturbed, tmp_path):
     folder = tmp_path / "run"
 
@@ -108,6 +112,7 @@ def test_an_interrupted_run(scans, undisturbed, tmp_path):
     assert {name: (folder / "pairs" / name / "pair.json").read_bytes() for name in before} == before
 
 
+@pytest.mark.slow
 def test_a_full_disk(scans, undisturbed, tmp_path):
     folder = tmp_path / "run"
 
@@ -120,6 +125,7 @@ def test_a_full_disk(scans, undisturbed, tmp_path):
     completes(scans, folder, undisturbed)
 
 
+@pytest.mark.slow
 def test_a_truncated_result(scans, undisturbed, tmp_path):
     folder = tmp_path / "run"
     completes(scans, folder, undisturbed)
@@ -132,6 +138,7 @@ def test_a_truncated_result(scans, undisturbed, tmp_path):
     assert (pairs / "pair 4" / "pair.json").read_bytes() == kept
 
 
+@pytest.mark.slow
 def test_a_file_that_vanishes(scans, undisturbed, tmp_path):
     """After the manifest was checked, before the pair is computed."""
     copy = tmp_path / "scans"
@@ -152,6 +159,7 @@ def test_a_file_that_vanishes(scans, undisturbed, tmp_path):
     assert all(contents(tmp_path / "run")[name] == undisturbed[name] for name in labels)
 
 
+@pytest.mark.slow
 def test_a_pair_that_ends_its_worker(scans, tmp_path):
     config = DetectionConfig(**SETTINGS)
     pairs = read_manifest(scans, config)[:2]
@@ -165,6 +173,7 @@ def test_a_pair_that_ends_its_worker(scans, tmp_path):
     assert [result.name for result in again if not result.reused] == ["bad"]
 
 
+@pytest.mark.slow
 def test_two_runs_in_one_folder(scans, undisturbed, tmp_path):
     folder, config = tmp_path / "run", DetectionConfig(**SETTINGS)
     pairs = read_manifest(scans, config)[:3]
@@ -180,6 +189,7 @@ def test_two_runs_in_one_folder(scans, undisturbed, tmp_path):
     completes(scans, folder, undisturbed)
 
 
+@pytest.mark.slow
 def test_no_process_is_left(scans, tmp_path):
     process = start(scans, "--out", tmp_path / "run", "--workers", "2", *FLAGS)
     workers = wait_for(lambda: workers_of(process.pid) or process.poll() is not None)

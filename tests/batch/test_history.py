@@ -328,6 +328,7 @@ def test_bad_input():
         HistorySettings(spacings=float("nan"))
 
 
+@pytest.mark.slow
 def test_the_truth_is_recovered_from_detections():
     """Three simulated surveys, against the previous and against the first: things that came, moved and went."""
     scene = series(8, epochs=3, things=5, voxel=0.032)

@@ -67,6 +67,7 @@ def process():
 NAMES = ("PointCloud", "SensorViews", "DetectionConfig", "GaussianMixture", "Changes", "Consensus", "PairTask")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_spawned_process_needs_no_setting(made, process, name):
     assert process.submit(content_of, made[name]).result() == content_of(made[name])

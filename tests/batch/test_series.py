@@ -32,6 +32,7 @@ def detect(epochs, out, **options):
     }
 
 
+@pytest.mark.slow
 def test_each_with_its_predecessor_or_the_first(epochs, tmp_path):
     previous = detect(epochs, tmp_path / "previous")
     assert sorted(previous) == ["day 0 to day 1", "day 1 to day 2", "day 2 to day 3"]

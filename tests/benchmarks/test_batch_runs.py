@@ -162,6 +162,7 @@ def test_a_row_of_the_mappings_says_whether_the_bits_are_the_same(tmp_path):
     assert rows[-1] == "| fits | 500 | 16 x 8 | 2 | one vmap | 1 s | 500 ms | 1 s | 2.00 | 2e-11 | 5 | 0.2 |"
 
 
+@pytest.mark.slow
 def test_all_mappings_compute_the_same(tmp_path):
     """Also the library itself; of fits, which take long to compile, one restart after the other is enough."""
     path, problems = tmp_path / "pairs.npz", mapped_work.problems_of_scenes(50, 2, 3)

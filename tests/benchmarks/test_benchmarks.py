@@ -79,6 +79,7 @@ def test_transport_and_its_peers_agree():
         assert set(np.flatnonzero(removed.appeared[index])) == set(new)
 
 
+@pytest.mark.slow
 def test_an_accelerator_is_compared_with_the_cores():
     case = next(case for case in accelerator.cases(quick=True) if case.function is accelerator.transported)
     cells = accelerator.row(case, "cpu", repeats=1).strip("| ").split(" | ")
@@ -86,6 +87,7 @@ def test_an_accelerator_is_compared_with_the_cores():
     assert cells[0] == case.what and cells[6] == "0 of the distance" and cells[7] == "1"
 
 
+@pytest.mark.slow
 def test_the_fused_loop_sums_what_em_sums(cloud):
     fused = pytest.importorskip("tests.benchmarks.fused_loop", exc_type=ImportError)
     blocks, parameters = fused.problem(cloud, 5)
@@ -96,6 +98,7 @@ def test_the_fused_loop_sums_what_em_sums(cloud):
     assert likelihood == pytest.approx(np.log(joint.sum(axis=0)).sum(), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_implicit_and_unrolled_gradients_agree(cloud):
     ways = gradients.Contenders(cloud, 6)
     implicit = ways.gradient("implicit", 5000)()
@@ -256,6 +259,7 @@ def test_candidates_of_other_generators_are_judged_by_the_verdict(tmp_path, monk
     assert all("| hall | 2 | 1 |" in table for table in (unknown, given)) and "| 1.000 | 0 | 0 |" in given
 
 
+@pytest.mark.slow
 def test_facts_can_be_left_out_of_what_is_learned(tmp_path):
     """Of facts that are noise but for one, no family is judged without that one."""
     random, names = np.random.default_rng(0), names_of(poses=True)

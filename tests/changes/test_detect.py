@@ -63,6 +63,7 @@ def test_finds_what_is_gone_and_what_is_new(gaussians, of_gaussians):
     assert of_gaussians.emd > 0.1
 
 
+@pytest.mark.slow
 def test_a_displaced_cloud_gives_the_same_changes_in_the_frame_of_the_before_cloud(laboratory, of_laboratory):
     displacement = np.eye(4)
     displacement[:3, :3] = Rotation.from_rotvec([0.1, -0.2, 0.3]).as_matrix()
@@ -329,6 +330,7 @@ def test_small_clouds_work():
     assert not changes.items
 
 
+@pytest.mark.slow
 def test_real_scans_are_told_apart(scan_pairs):
     """The changes of the five real pairs, and no other; the camera of the mosd pairs stood at the origin.
 

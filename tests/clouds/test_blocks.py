@@ -40,6 +40,7 @@ def clouds(draw):
     return Pair(cloud(), cloud())
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(clouds(), st.floats(0, 2), st.sampled_from([20.0, 200.0, np.inf]))
 def test_every_row_is_in_one_block_and_the_margin_is_what_is_near(pair, margin, most):
@@ -62,6 +63,7 @@ def test_every_row_is_in_one_block_and_the_margin_is_what_is_near(pair, margin, 
     assert sum(block.counts.before + block.counts.after for block in store.blocks) == sum(map(len, pair))
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(clouds(), st.floats(0.5, 4), st.integers(1, 200))
 def test_a_margin_of_too_many_points_is_thinned_and_the_block_is_not(pair, margin, most):

@@ -33,6 +33,7 @@ def test_both_stations_of_a_room_are_recognised(room):
     assert_are(recognised_stations(room), STATIONS)
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(st.floats(0, 360), st.floats(-3, 3), st.sampled_from([(0.0, 0.0, 0.0), (433_000.0, 5_411_000.0, 300.0)]))
 def test_stations_move_with_the_scan_in_any_unit(room, degrees, exponent, place):

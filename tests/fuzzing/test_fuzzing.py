@@ -14,6 +14,7 @@ def fuzzer():
         yield running
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reader", all_targets())
 def test_mutants_are_read_or_refused_in_one_line(fuzzer, reader):
     report = fuzzer.run(reader, 200)
@@ -52,6 +53,7 @@ def test_planted_defects_are_found(fuzzer, reader, found):
     assert report.outcomes.total() == 2
 
 
+@pytest.mark.slow
 def test_a_reader_that_hangs_is_found():
     with Fuzzer(hangs=15.0) as own:
         report = own.run("planted_hangs", 1)

@@ -109,6 +109,7 @@ def test_every_family_has_scenes_with_views():
         training_sources("caves", [0])
 
 
+@pytest.mark.slow
 def test_the_number_of_workers_changes_nothing():
     one, two = (collected(["tabletop"], [2, 3], workers=workers) for workers in (1, 2))
     for was, now in zip(one.families["tabletop"], two.families["tabletop"], strict=True):
@@ -116,6 +117,7 @@ def test_the_number_of_workers_changes_nothing():
         np.testing.assert_array_equal(was.kind, now.kind)
 
 
+@pytest.mark.slow
 def test_scenes_of_many_points_are_examined_at_their_own_resolution_too():
     alone, both, never = (
         collected(["terrain"], [1], settings=CollectionSettings(voxels)).families["terrain"].before

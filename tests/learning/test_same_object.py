@@ -88,6 +88,7 @@ def test_the_motion_within_the_place_is_an_example(shifted):
     assert any(example.one_object and example.situation == "in place" for example in examples)
 
 
+@pytest.mark.slow
 def test_a_scene_gives_the_same_examples_every_time(shifted):
     settings = LearningSettings(scene=SMALL)
     assert Job("room, within a place", 6, settings).run() == list(

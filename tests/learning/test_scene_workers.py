@@ -24,6 +24,7 @@ def test_results_come_in_the_order_of_the_tasks():
     assert [list(over_workers(abs, [-3, 1, -2], workers)) for workers in (1, 2)] == [[3, 1, 2]] * 2
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").is_file(), reason="processes are looked up in /proc")
 def test_workers_end_with_the_process_that_started_them(tmp_path):
     script = tmp_path / "script.py"

@@ -24,6 +24,7 @@ def trained(families):
     return learned(families, poses=False, settings=SETTINGS)
 
 
+@pytest.mark.slow
 def test_the_facts_that_decide_have_the_greatest_weights(trained):
     slopes = trained[0].weights.reshape(2, 2, -1).sum(axis=1)
     assert NAMES[int(np.argmax(slopes[0]))] == "excess"

@@ -82,6 +82,7 @@ def test_mixture_is_at_rest_where_it_says_so(float64):
     assert (result.mixture.covariances[dead] == jnp.eye(3)[None]).all()
 
 
+@pytest.mark.slow
 def test_settings_are_kept(float64):
     points = scene_points(random_scene(jax.random.key(0), appeared=0, points=100))
     for step in ("joint", "component-wise"):

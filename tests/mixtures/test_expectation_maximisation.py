@@ -232,6 +232,7 @@ COMBINATIONS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moved", COMBINATIONS, ids="-".join)
 def test_derivatives_of_the_sums_are_those_of_plain_jax(float64, moved):
     """Forward and in reverse, for every choice of what moves."""

@@ -55,6 +55,7 @@ def test_of_a_linear_map(float64):
     np.testing.assert_allclose(parameters, answer(problem()), atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jacobian", [jax.jacfwd, jax.jacrev])
 def test_derivatives_of_a_linear_map(float64, jacobian):
     assert_trees_close(jax.jit(jacobian(at_rest))(problem()), jacobian(answer)(problem()))

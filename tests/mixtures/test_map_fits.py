@@ -102,6 +102,7 @@ print(len(jax.devices()), len(told), [fit.bits.tolist() for fit in ours])
 """
 
 
+@pytest.mark.slow
 def test_several_devices_share_the_fits():
     """Two host devices, and a stack of fits that does not divide by two for one of the padded sizes."""
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2"

@@ -73,6 +73,7 @@ def of_leaves(function, tree):
     return lambda vector: function(unravel(vector)), vector
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("dimension", "gradient"), [(2, gradient), (6, front_door_gradient)], ids=["2", "6"])
 def test_gradients_of_prior_points_and_masses_equal_differences(float64, dimension, gradient):
     """Slots that died and one that never lived, padding, masses; in 6-D `fit_mixture`, with scatter of the points.
@@ -112,6 +113,7 @@ def test_gradient_of_a_single_point_equals_differences(float64):
         assert_derivatives(of_points.points[index, 0], expected)
 
 
+@pytest.mark.slow
 def test_gradients_with_a_tied_covariance_equal_differences(float64):
     (points, first), prior = stray_scene(2), informative_prior(2)
     settings = FitSettings(polish=True, covariance_type="tied")
@@ -122,6 +124,7 @@ def test_gradients_with_a_tied_covariance_equal_differences(float64):
     assert_derivatives(ravel_pytree(of_prior)[0], difference_gradient(by_prior, vector))
 
 
+@pytest.mark.slow
 def test_forward_and_second_derivatives_equal_differences(float64):
     """Of the statistic and of its gradient, along one direction in which all leaves of the prior move."""
     (points, first), prior = stray_scene(2), informative_prior(2)
@@ -152,6 +155,7 @@ def batch():
         yield scenes, prior, lanes(*jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenes))
 
 
+@pytest.mark.slow
 def test_vmap_of_gradients_equals_a_loop(float64, batch):
     scenes, prior, (_, gradients) = batch
     for lane in (0, 2):
@@ -182,6 +186,7 @@ def test_without_polish_derivatives_are_an_error_that_says_so(float64, argument)
             jax.jit(jax.grad(lambda points: fit_statistic(prior, points, first, settings)[0]))(points)
 
 
+@pytest.mark.slow
 def test_float32_gradients_are_near_those_of_float64():
     """Each to 0.5 % of itself and 0.1 % of the largest: the parameters rest to 1e-4 of their component only."""
     with jax.enable_x64(True):

@@ -139,6 +139,7 @@ print(gmmjax.native.available())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "setting",
     [

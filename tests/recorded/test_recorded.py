@@ -14,6 +14,7 @@ LABELS_BY_ROUNDING = 0.005
 NUMBER = re.compile(r"-?\d+\.?\d*(e[+-]?\d+)?")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_simulated_scenes_keep_their_labels(name):
     was, found = recorded(name), detected(SCENES[name]())
@@ -23,6 +24,7 @@ def test_simulated_scenes_keep_their_labels(name):
         assert (labels != earlier).mean() <= LABELS_BY_ROUNDING
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["split_room_sixpack_removed", "nochange_split_milk", "split_milk_carton_removed"])
 def test_real_pairs_keep_their_changes(name):
     pairs = real_pairs()

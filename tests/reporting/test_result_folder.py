@@ -65,6 +65,7 @@ def test_clouds_of_other_changes_are_refused(pair, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fail_at", range(1, 9))
 def test_a_disk_that_fills_leaves_no_result_and_the_old_one_whole(pair, tmp_path, monkeypatch, fail_at):
     old = write_result(tmp_path / "old", *pair)

@@ -28,6 +28,7 @@ def test_a_scene_is_its_family_and_its_seed(name):
         np.testing.assert_array_equal(getattr(again.views, side).poses, getattr(scene.views, side).poses)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAMILIES)
 def test_changes_are_on_the_sides_that_their_kinds_say(name):
     scene = scene_of(name)

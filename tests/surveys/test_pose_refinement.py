@@ -16,6 +16,7 @@ def errors(poses, true):
     return np.linalg.norm(places, axis=1), np.degrees(turns.magnitude())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("shift", "degrees"), [(0.02, 0.5), (0.01, 0.5), (0.01, 0.1), (0.005, 0.2)])
 def test_noisy_poses_become_better(shift, degrees):
     true = around(10)

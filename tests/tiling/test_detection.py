@@ -81,6 +81,7 @@ def test_rows_have_what_a_record_has(points, found):
     assert len(record.clouds.after) < len(points.after)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tile_size", "threads", "size"), [(2.0, 1, 1_000_000), (5.0, 3, 1_000_000), (20.0, 3, 999_999)]
 )
@@ -92,6 +93,7 @@ def test_tiles_and_workers_change_no_bit(points, found, tmp_path, tile_size, thr
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_regions_with_too_many_voxels_are_coarser(points, found, tmp_path, monkeypatch):
     """Block by block, as if all had been gathered first, whatever the tiles."""
     regions = dataclasses.replace(SETTINGS.regions, most_voxels=6_000)
@@ -106,6 +108,7 @@ def test_regions_with_too_many_voxels_are_coarser(points, found, tmp_path, monke
     assert all(values.tobytes() == others[name].tobytes() for name, values in arrays.items())
 
 
+@pytest.mark.slow
 def test_nothing_is_found_where_nothing_changed(tmp_path):
     arrays, record = detected(Pair(room(0, box=False), room(2, box=False)), tmp_path)
     assert len(record.changes) == 0
@@ -113,18 +116,21 @@ def test_nothing_is_found_where_nothing_changed(tmp_path):
     assert np.isfinite(arrays["distance_after"]).mean() > 0.95
 
 
+@pytest.mark.slow
 def test_a_scan_is_like_itself(points, tmp_path):
     arrays, record = detected(Pair(points.before, points.before.copy()), tmp_path)
     assert len(record.changes) == 0
     assert np.nanmax(np.abs(arrays["distance_after"])) == 0
 
 
+@pytest.mark.slow
 def test_a_stray_point_far_away_changes_nothing(points, tmp_path):
     after = np.concatenate([points.after, [[300.0, 300.0, 5.0]]])
     _, record = detected(Pair(points.before, after), tmp_path)
     assert [change.kind for change in record.changes] == ["appeared"]
 
 
+@pytest.mark.slow
 def test_survey_coordinates_lose_nothing(points, found, tmp_path):
     arrays, record = detected(points.map(lambda own: own + PLACE), tmp_path)
     assert len(record.shown) == 1
@@ -137,6 +143,7 @@ def test_survey_coordinates_lose_nothing(points, found, tmp_path):
         assert np.isclose(distance[same], near[same], atol=1e-4).mean() > 0.99
 
 
+@pytest.mark.slow
 def test_rows_that_are_not_compared_have_no_label(points, found, tmp_path):
     after = np.insert(points.after, [0, 7], [[np.nan] * 3, [50.0, 50.0, 50.0]], axis=0)
     for side, own in zip(("before", "after"), (points.before, after), strict=True):
@@ -151,6 +158,7 @@ def test_rows_that_are_not_compared_have_no_label(points, found, tmp_path):
     assert (np.delete(labels, [0, 8]) == found[0]["labels_after"]).mean() > 0.999
 
 
+@pytest.mark.slow
 def test_what_is_shown_has_the_colours_of_its_rows(points, found, tmp_path):
     """In reports of large scans as of small ones."""
     colors = points.map(lambda own: np.random.default_rng(0).integers(0, 256, (len(own), 3)).astype(np.uint8))
@@ -171,6 +179,7 @@ def test_what_is_shown_has_the_colours_of_its_rows(points, found, tmp_path):
     assert (arrays["labels_after"][shown.after.rows[changed]] == 0).all()
 
 
+@pytest.mark.slow
 def test_views_tell_what_was_not_observed(points, tmp_path, monkeypatch):
     shown, sighted_by = [], Survey.sighted_by
     monkeypatch.setattr(Survey, "sighted_by", lambda own, seen: shown.append(seen) or sighted_by(own, seen))
@@ -249,6 +258,7 @@ def test_volumes_are_refused(tmp_path):
         detected(Pair(*random.normal(size=(2, 5_000, 3))), tmp_path)
 
 
+@pytest.mark.slow
 def test_few_points_are_compared_as_in_memory(tmp_path):
     few = Pair(room(0, box=False)[::4], np.insert(room(1, box=True)[::4], 3, np.nan, axis=0))
     for side, own in zip(("before", "after"), few, strict=True):

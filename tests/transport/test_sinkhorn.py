@@ -34,6 +34,7 @@ def promotions():
         yield
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("promotions")
 def test_padding_changes_neither_the_default_epsilon_nor_the_gradients_in_single_precision():
     problem = random_problems(1, 3, 5, "unequal", seed=2).as_type(np.float32)
@@ -52,6 +53,7 @@ def test_padding_changes_neither_the_default_epsilon_nor_the_gradients_in_single
     np.testing.assert_allclose(gradients[0][:3], bare[0], atol=tolerance)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("promotions")
 def test_gradients_equal_central_differences_under_vmap():
     problems = tuple(map(jnp.asarray, random_problems(3, 3, 5, "unequal", seed=3)))

@@ -50,6 +50,7 @@ def test_a_rigid_motion_of_both_clouds_changes_nothing(scene, run, found):
     np.testing.assert_allclose(moved.after, found.after, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_brier_score_has_the_gradient_of_differences(scene):
     changed = [(truth >= 0).astype(float) for truth in (scene.truth_before, scene.truth_after)]
 

@@ -56,6 +56,7 @@ def steps_alone(monkeypatch):
     )
 
 
+@pytest.mark.slow
 def test_wrong_settings_get_better(course):
     result, _ = course
     assert result.improved and result.loss == "f1"
@@ -141,6 +142,7 @@ def test_the_gradient_is_that_of_the_loss(pairs):
         assert_derivatives(gradient, difference_gradient(loss, free, step=3e-4))
 
 
+@pytest.mark.slow
 def test_without_truth_held_out_points_are_the_judge():
     pairs = [gaussian_pair(seed, labelled=False) for seed in range(3)]
     result = tune(pairs, config=WRONG, settings=dataclasses.replace(SETTINGS, steps=2, starts=1))

@@ -311,6 +311,7 @@ def run(folder, *more):
     return main(["tune", str(folder / "pairs"), "--config", str(folder / "every.toml"), *more])
 
 
+@pytest.mark.slow
 def test_an_unchanged_place_stops_false_alarms_and_detection_uses_the_file(folder, capsys, monkeypatch):
     out = folder / "tuned.toml"
     assert run(folder, "--out", str(out), "--unchanged", "--least-corrected", "1") == 0

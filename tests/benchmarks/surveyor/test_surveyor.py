@@ -103,6 +103,7 @@ def test_a_scanner_sees_what_it_scanned_and_nothing_behind_it(scanner):
     assert len(behind) > 100 and not scanner.seen(world, behind, 0.02, random).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [*KINDS, *HELD_OUT])
 def test_what_changed_is_off_the_other_scan_and_the_rest_is_on_it(kind):
     pair = changed_pair(kind)
@@ -126,6 +127,7 @@ def test_changed_points_are_where_the_other_survey_saw_no_surface(kind):
     assert np.concatenate([*apart]).min() > 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [*KINDS, *HELD_OUT])
 def test_the_twin_is_unchanged(kind):
     pair = simulated(kind, 1, 5_000, changed=False)

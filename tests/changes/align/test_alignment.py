@@ -65,6 +65,7 @@ def test_never_leaves_misaligned_clouds_alone():
     assert not result.applied and result.residual == result.residual_before > 0.008
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift", [0.05, 0.3])
 def test_a_shift_that_only_the_ends_of_a_room_show_is_taken_back(shift):
     """Their share of the points is too small for the median offset to show it."""
@@ -136,6 +137,7 @@ def direction(random):
     return vector / np.linalg.norm(vector)
 
 
+@pytest.mark.slow
 def test_the_voxels_are_those_of_the_common_frame():
     """What is found does not depend on the frame that the after cloud was given in."""
     before, after = room(12, points=18000), room(13, extra=(1.3, 0.8), points=18000)

@@ -78,11 +78,13 @@ def test_finds_usual_small_and_thin_objects(name, centre, size, poses):
     assert all(change.kind == "disappeared" and change.probability < most for change in changes[1:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("poses", [True, False])
 def test_nothing_new_is_no_change(poses):
     assert detected([], poses=poses)[2].items == ()
 
 
+@pytest.mark.slow
 def test_what_only_one_survey_saw_is_unobserved():
     """Four places see less than eight: the rest is new to the eye, and did not change."""
     changes = detected([], seed_views=(2, 8))[2]
@@ -90,6 +92,7 @@ def test_what_only_one_survey_saw_is_unobserved():
     assert changes.unobserved_after.mean() > changes.unobserved_before.mean()
 
 
+@pytest.mark.slow
 def test_without_evidence_it_is_reported_all_the_same():
     changes = detected([], seed_views=(2, 8), config=dataclasses.replace(CONFIG, evidence=False))[2]
     assert len(changes.items) > 0

@@ -57,6 +57,7 @@ def found(surveys):
     return JointDetector(CONFIG).changes(surveys.map(lambda own: Scan(own[0])))
 
 
+@pytest.mark.slow
 def test_what_is_smaller_than_a_voxel_of_the_registration_is_found(found, surveys):
     assert [change.kind for change in sorted(found, key=lambda own: own.kind)] == ["appeared", "disappeared"]
     assert found.diagnostics["voxel_size"] > 0.05
@@ -91,6 +92,7 @@ def test_the_registration_s_own_voxels_show_less(found, surveys):
     assert labelled(coarse.changes(surveys.map(lambda own: Scan(own[0])))) < labelled(found)
 
 
+@pytest.mark.slow
 def test_what_is_examined_in_batches_is_found_as_together(found, surveys):
     """Where the boxes are far from each other, and each batch sees the surroundings that both have."""
     alone = dataclasses.replace(JointDetector(CONFIG), examination=LocalExaminationSettings(most_together=1))

@@ -71,6 +71,7 @@ def test_only_what_a_view_shows_is_seen():
     assert seen_first_at(points, ahead, CELL).tolist() == [0]
 
 
+@pytest.mark.slow
 def test_the_number_of_points_is_bounded():
     points = np.random.default_rng(1).normal(size=(20_000, 3))
     everything, cell = seen_first(points, VIEWS, SeenFirstSettings(cell=0.01))

@@ -16,6 +16,7 @@ def scene():
     return halls(np.random.default_rng(48))
 
 
+@pytest.mark.slow
 def test_the_positions_of_a_scanner_tell_nearly_what_its_poses_do(scene):
     points, places = scene.clouds.before, scene.clouds.after[::5]
     views = scene.views.before

@@ -170,6 +170,7 @@ def scan_through_racks():
     return STAND + rays[met] * ranges[met, None]
 
 
+@pytest.mark.slow
 def test_what_is_seen_through_gaps_is_not_hidden(scan_through_racks):
     """It seems to be in voxels that are nearly as large as the gaps, and where one bin in front is enough."""
     voxels = Survey.of(voxel_grid(scan_through_racks, 0.16).points, scanner())
@@ -179,6 +180,7 @@ def test_what_is_seen_through_gaps_is_not_hidden(scan_through_racks):
     assert "hidden by others" in check_views("views_before", voxels, edges, scan_through_racks)
 
 
+@pytest.mark.slow
 def test_detection_looks_through_the_gaps_of_scans_in_voxels(scan_through_racks):
     generator = np.random.default_rng(0)
     scan = Scan(scan_through_racks + generator.normal(0, 0.003, scan_through_racks.shape), scanner(reach=12.0))

@@ -123,6 +123,7 @@ def test_points_of_further_chunks_are_judged_like_those_of_the_first(found):
     assert point_excess(found, many[:0], True, 0).shape == (0,)
 
 
+@pytest.mark.slow
 def test_the_number_of_threads_changes_no_bit():
     """A pair has the same result by a worker of one core as by one of several."""
     hashes = set()

@@ -70,6 +70,7 @@ def posterior(prior, points, settings=POLISHED):
 gradient = jax.jit(jax.value_and_grad(posterior, argnums=(0, 1), has_aux=True))
 
 
+@pytest.mark.slow
 def test_gradients_of_the_posterior_equal_differences():
     """By every leaf of the prior, and along directions of points and masses."""
     points, prior = changed_scene(), informative_prior()

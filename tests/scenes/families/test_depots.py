@@ -29,6 +29,7 @@ def test_the_first_solids_of_a_rack_are_its_decks_from_the_lowest_on(levels):
     assert height(thing) > decks[-1].centre[2]
 
 
+@pytest.mark.slow
 def test_what_changes_stands_on_the_floor_and_in_the_racks():
     lowest = []
     for scene in (scene_of(seed) for seed in (0, 3)):

@@ -11,6 +11,7 @@ from gmmjax.scenes.families.earthworks import earthworks
 scene_of = functools.cache(functools.partial(family_scene, "earthworks"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "number", "kind"), [(6, 0, "disappeared"), (10, 1, "appeared"), (12, 1, "appeared")])
 def test_displaced_ground_is_a_change_at_both_its_heights(seed, number, kind):
     scene = scene_of(seed)
@@ -23,6 +24,7 @@ def test_displaced_ground_is_a_change_at_both_its_heights(seed, number, kind):
     assert 0.1 < (rise if kind == "appeared" else -rise) < 5
 
 
+@pytest.mark.slow
 def test_changes_are_apart_and_smaller_than_the_ground():
     for seed in (0, 9, 12):
         scene = scene_of(seed)
@@ -35,6 +37,7 @@ def test_changes_are_apart_and_smaller_than_the_ground():
                     assert cKDTree(places[one]).query(places[other])[0].min() > 0
 
 
+@pytest.mark.slow
 def test_a_scene_is_drawn_from_its_generator_alone():
     drawn = [earthworks(np.random.default_rng(3)) for _ in range(2)]
     for one, other in zip(drawn[0].clouds, drawn[1].clouds, strict=True):
