@@ -32,9 +32,10 @@ def parser() -> argparse.ArgumentParser:
     _scenes(own)
     own.add_argument("--views", choices=("given", "unknown", "both"), default="both", help="the stations' poses")
     own.add_argument("--peers", choices=("with", "without", "only"), default="without", help="at their best setting")
+    own.add_argument("--verdict", help="file that gmmjax tune wrote, in place of ours")
     own.add_argument("--out", type=Path, help="file that the table is written to")
     own.set_defaults(run=run_accuracy)
-    own = commands.add_parser("write", help="a folder of scenes, one .npz each")
+    own = commands.add_parser("write", help="a folder of pairs, as gmmjax tune reads them")
     _scenes(own)
     own.add_argument("--unchanged", action="store_true", help="the twins in which nothing changed")
     own.add_argument("--out", type=Path, required=True, help="folder")
@@ -69,7 +70,8 @@ def parser() -> argparse.ArgumentParser:
 def run_accuracy(arguments: argparse.Namespace) -> None:
     views = get_args(Views) if arguments.views == "both" else (arguments.views,)
     ours, peers = arguments.peers != "only", arguments.peers != "without"
-    jobs = [Job(kind, arguments.seeds, arguments.points, views, ours, peers) for kind in arguments.kinds]
+    asked = arguments.seeds, arguments.points, views, ours, peers, arguments.verdict
+    jobs = [Job(kind, *asked) for kind in arguments.kinds]
     text = f"{conditions()}\n\n" + to_markdown(line for job in jobs for line in accuracy(job))
     print(text)
     if arguments.out:
@@ -81,7 +83,7 @@ def run_write(arguments: argparse.Namespace) -> None:
     for kind in arguments.kinds:
         for seed in arguments.seeds:
             pair = simulated(kind, seed, arguments.points, changed=not arguments.unchanged)
-            write_scene(arguments.out / f"{kind}_{seed}{'_unchanged' * arguments.unchanged}.npz", pair)
+            write_scene(arguments.out / f"{kind}_{seed}{'_unchanged' * arguments.unchanged}", pair)
 
 
 def run_make_large(arguments: argparse.Namespace) -> None:

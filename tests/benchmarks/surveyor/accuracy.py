@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Literal
 
+from gmmjax import DetectionConfig
 from gmmjax.evaluation import Scores
 from gmmjax.pair import Pair
 from tests.benchmarks.surveyor.kinds import simulated
@@ -87,6 +88,7 @@ class Job:
         views: whether the detection is given the stations' poses; each of these.
         ours: whether `detect_changes` is run.
         peers: whether the peers are.
+        verdict: file that the detection is given; None: ours.
     """
 
     kind: str
@@ -95,6 +97,7 @@ class Job:
     views: Sequence[Views]
     ours: bool = True
     peers: bool = False
+    verdict: str | None = None
 
 
 def accuracy(job: Job) -> list[Line]:
@@ -105,7 +108,7 @@ def accuracy(job: Job) -> list[Line]:
         for views, line in ours.items():
             if views == "given" and pair.views.before is None:
                 continue
-            ours[views] = _detected(pair, line, views, changed)
+            ours[views] = _detected(pair, line, views, changed, DetectionConfig(verdict=job.verdict))
         for setting, labels in peer_labels(job.kind, pair) if job.peers else ():
             line = theirs.get(setting) or Line(job.kind, f"{setting.name}: {setting.text}")
             unjudged = of_unjudged_changes(pair, labels)
@@ -128,7 +131,7 @@ def to_markdown(lines: Iterable[Line]) -> str:
     return text + "".join(f"\n- failed: {failure}" for line in lines for failure in line.failed)
 
 
-def _detected(pair: SurveyedPair, line: Line, views: Views, changed: bool) -> Line:
+def _detected(pair: SurveyedPair, line: Line, views: Views, changed: bool, config: DetectionConfig) -> Line:
     from gmmjax import detect_changes
 
     known = pair.views if views == "given" else Pair(None, None)
@@ -136,7 +139,7 @@ def _detected(pair: SurveyedPair, line: Line, views: Views, changed: bool) -> Li
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            found = detect_changes(*pair.points, views_before=known.before, views_after=known.after)
+            found = detect_changes(*pair.points, config=config, views_before=known.before, views_after=known.after)
     # Whatever is wrong with this scene, there are the others.
     except Exception as error:
         failure = f"{pair.name}, {line.detector}: {type(error).__name__}: {error}"

@@ -1,22 +1,24 @@
-"""Scenes as files: one .npz each, for development."""
+"""Scenes as folders of files, as `gmmjax tune` and `gmmjax evaluate` read them."""
 
 from pathlib import Path
 
 import numpy as np
 
+from gmmjax.clouds import write_ply, write_views
+from tests.benchmarks.surveyor.solids import UNCHANGED
 from tests.benchmarks.surveyor.surveys import SurveyedPair
 
 
-def write_scene(path: Path, pair: SurveyedPair) -> None:
-    """Writes points, truth, source, unseen (`_before` and `_after`) and the views' poses, angles and range."""
-    arrays = {}
-    for field in ("points", "truth", "source", "unseen"):
-        for side, own in zip(("before", "after"), getattr(pair, field), strict=True):
-            arrays[f"{field}_{side}"] = own
-    for side, views in zip(("before", "after"), pair.views, strict=True):
-        if views is None:
-            continue
-        arrays[f"poses_{side}"] = views.poses
-        arrays[f"field_of_view_{side}"] = np.array(views.field_of_view)
-        arrays[f"max_range_{side}"] = np.array(views.max_range)
-    np.savez(path, **arrays)
+def write_scene(folder: Path, pair: SurveyedPair) -> None:
+    """Writes both clouds, the truth, and the views where they are told; the folder is made.
+
+    What nobody can judge is unchanged there, or not seen by the other survey.
+    """
+    folder.mkdir(parents=True)
+    sides = zip(("before", "after"), pair.points, pair.truth, pair.unseen, pair.views, strict=True)
+    for side, points, truth, unseen, views in sides:
+        write_ply(folder / f"{side}.ply", points)
+        np.save(folder / f"truth_{side}.npy", np.maximum(truth, UNCHANGED))
+        np.save(folder / f"unseen_{side}.npy", unseen)
+        if views is not None:
+            write_views(folder / f"views_{side}.json", views)

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from gmmjax import InputError
 from gmmjax.clouds import read_cloud
+from gmmjax.evaluation.labelled_pair import read_pair
 from gmmjax.pair import Pair, each
 from tests.benchmarks.surveyor import HELD_OUT, KINDS, __main__, accuracy, hall_scene, peers, simulated
 from tests.benchmarks.surveyor.accuracy import Line, to_markdown
@@ -188,6 +189,18 @@ def test_the_command_measures_and_writes_a_table(tmp_path, monkeypatch, capsys):
     assert ours[1:3] == ["gmmjax, poses unknown", "1.000 / 1.000"] and ours[6] == "0 in 1"
     assert peer[1].startswith("c2c: ")
     assert table.read_text() in capsys.readouterr().out
+
+
+def test_scenes_are_written_as_pairs_that_tuning_reads(tmp_path, monkeypatch):
+    options = "write --kinds tunnel warehouse --seeds 1 --points 3000 --out"
+    monkeypatch.setattr("sys.argv", ["surveyor", *options.split(), str(tmp_path / "pairs")])
+    __main__.main()
+    tunnel, warehouse = (read_pair(tmp_path / "pairs" / name) for name in ("tunnel_1", "warehouse_1"))
+    made = simulated("tunnel", 1, 3000)
+    np.testing.assert_array_equal(tunnel.before.truth, np.maximum(made.truth.before, -1))
+    np.testing.assert_array_equal(tunnel.after.unseen, made.unseen.after)
+    np.testing.assert_allclose(tunnel.after.points, made.points.after)
+    assert len(tunnel.after.views) == len(made.views.after) and warehouse.after.views is None
 
 
 def by_truth(changed: bool) -> SurveyedPair:
