@@ -10,6 +10,7 @@ from typing import Any, Literal
 from gmmjax import DetectionConfig
 from gmmjax.evaluation import Scores
 from gmmjax.pair import Pair
+from gmmjax.reporting.explanations import displaced_text
 from tests.benchmarks.surveyor.kinds import simulated
 from tests.benchmarks.surveyor.peers import peer_labels
 from tests.benchmarks.surveyor.scoring import mistakes, of_unjudged_changes, scores
@@ -152,6 +153,7 @@ def _detected(pair: SurveyedPair, line: Line, views: Views, changed: bool, confi
         f"{pair.name} {state}, {line.detector}: {own.f1:.3f} / {own.point_f1:.3f}, "
         f"{own.found} of {own.changes} found, {own.false_segments} false, {seconds:.1f} s",
         *mistakes(pair, labels),
+        *filter(None, [displaced_text(found)]),
         sep="\n  ",
         file=sys.stderr,
         flush=True,

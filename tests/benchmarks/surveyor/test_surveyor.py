@@ -180,6 +180,7 @@ def test_the_command_measures_and_writes_a_table(tmp_path, monkeypatch, capsys):
     found = iter([SimpleNamespace(labels_before=own.before, labels_after=own.after) for own in truth])
     monkeypatch.setattr(accuracy, "simulated", lambda kind, seed, points, changed: by_truth(changed))
     monkeypatch.setattr("gmmjax.detect_changes", lambda *clouds, **views: next(found))
+    monkeypatch.setattr(accuracy, "displaced_text", lambda changes: None)
     monkeypatch.setattr(peers, "VOXELS", {"hall": (0.15,)})
     table = tmp_path / "table.md"
     options = "accuracy --kinds hall --seeds 1 --views unknown --peers with --out"
