@@ -70,6 +70,10 @@ class Box:
         return self.centre + (signs * self.extent) @ self.rotation.T
 
 
+_VOLUME = ("volume", "volume_error", "volume_registration_error")
+_MEASURES = ("area", *_VOLUME, *(f"opposite_{name}" for name in _VOLUME))
+
+
 @dataclasses.dataclass(frozen=True)
 class Change:
     """One object that changed.
@@ -106,6 +110,10 @@ class Change:
             lost in one place and gained in the other. None where no volume was measured.
         volume_counted_in: the index of the change that has the volume, where this one is its other surface: of erosion
             both the old and the new surface may have changed. Else None.
+        opposite_volume: where a part of the change was gained and the rest was lost, as of stockpiles that touch, the
+            smaller one of both volumes, which is not in `volume`; not negative. Else None.
+        opposite_volume_error: half-width of its 95 % interval.
+        opposite_volume_registration_error: the part of it that is due to registration.
     """
 
     kind: Kind
@@ -126,6 +134,9 @@ class Change:
     volume_method: VolumeMethod | None = None
     gain_or_loss: GainOrLoss | None = None
     volume_counted_in: int | None = None
+    opposite_volume: float | None = None
+    opposite_volume_error: float | None = None
+    opposite_volume_registration_error: float | None = None
 
     def __repr__(self) -> str:
         return f"<Change: {self.kind}, {_in_short(self)}>"
@@ -151,6 +162,9 @@ class Change:
             "volume_method": self.volume_method,
             "gain_or_loss": self.gain_or_loss,
             "volume_counted_in": self.volume_counted_in,
+            "opposite_volume": self.opposite_volume,
+            "opposite_volume_error": self.opposite_volume_error,
+            "opposite_volume_registration_error": self.opposite_volume_registration_error,
         }
 
     @classmethod
@@ -163,7 +177,7 @@ class Change:
         partner, transform = content["partner"], content["transform"]
         # Earlier records have none of these.
         explanation, moved_probability = content.get("explanation"), content.get("moved_probability")
-        measures = {name: content.get(name) for name in ("area", "volume", "volume_error", "volume_registration_error")}
+        measures = {name: content.get(name) for name in _MEASURES}
         method, effect, counted_in = (
             content.get(name) for name in ("volume_method", "gain_or_loss", "volume_counted_in")
         )

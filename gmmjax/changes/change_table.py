@@ -53,6 +53,9 @@ class ChangeColumns:
         volume_registration_error: the part of it that registration has, which is common to all changes.
         volume_method: "surface", between the surfaces of both scans, or "hull", of the convex hull.
         volume_counted_in: the change that has the volume of this one, of which it is the other surface; else None.
+        opposite_volume: of a change that was gained in one part and lost in the other, the smaller volume of both,
+            which is not in `volume`; else None.
+        opposite_volume_error: half-width of its 95 % interval.
         displacement: of a moved object, how far the centre of its box moved; None where its motion is not known.
         rotation_degrees: of a moved object, the angle that it turned by; None likewise.
     """
@@ -77,6 +80,8 @@ class ChangeColumns:
     volume_registration_error: float | None
     volume_method: str | None
     volume_counted_in: int | None
+    opposite_volume: float | None
+    opposite_volume_error: float | None
     displacement: float | None
     rotation_degrees: float | None
 
@@ -114,6 +119,8 @@ def _row(changes: "Changes", label: int, change: "Change") -> ChangeColumns:
         volume_registration_error=change.volume_registration_error,
         volume_method=change.volume_method,
         volume_counted_in=change.volume_counted_in,
+        opposite_volume=change.opposite_volume,
+        opposite_volume_error=change.opposite_volume_error,
         displacement=displacement,
         rotation_degrees=rotation_degrees,
     )

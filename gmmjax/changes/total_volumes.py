@@ -41,14 +41,35 @@ def volume_totals(changes: "Sequence[Change]") -> VolumeTotals:
     Args:
         changes: those without a volume count for nothing.
     """
-    measured = [change for change in changes if change.volume is not None]
-    gains = [change for change in measured if change.gain_or_loss == "gain"]
-    losses = [change for change in measured if change.gain_or_loss == "loss"]
-    gained, lost = (sum(change.volume or 0.0 for change in own) for own in (gains, losses))
+    measured = [volume for change in changes for volume in _volumes(change)]
+    gains = [own for own in measured if own.gained]
+    losses = [own for own in measured if not own.gained]
+    gained, lost = (sum(own.volume for own in side) for side in (gains, losses))
     return VolumeTotals(gained, _error(gains), lost, _error(losses), gained - lost, _error(measured))
 
 
-def _error(changes: "Sequence[Change]") -> float:
-    total = np.array([change.volume_error or 0.0 for change in changes])
-    common = np.array([change.volume_registration_error or 0.0 for change in changes])
+class _Volume(NamedTuple):
+    """A volume that was gained or lost, the half-width of its interval, and the part of that due to registration."""
+
+    gained: bool
+    volume: float
+    error: float
+    registration_error: float
+
+
+def _volumes(change: "Change") -> list[_Volume]:
+    """The volume of a change, and that of its part that was gained where the rest was lost, or the other way round."""
+    if change.volume is None:
+        return []
+    gained = change.gain_or_loss == "gain"
+    found = [_Volume(gained, change.volume, change.volume_error or 0.0, change.volume_registration_error or 0.0)]
+    if change.opposite_volume is not None:
+        errors = change.opposite_volume_error or 0.0, change.opposite_volume_registration_error or 0.0
+        found.append(_Volume(not gained, change.opposite_volume, *errors))
+    return found
+
+
+def _error(volumes: Sequence[_Volume]) -> float:
+    total = np.array([own.error for own in volumes])
+    common = np.array([own.registration_error for own in volumes])
     return float(np.sqrt(np.maximum(total**2 - common**2, 0).sum() + common.sum() ** 2))

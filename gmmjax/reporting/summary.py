@@ -135,6 +135,8 @@ def unobserved_text(changes: Changes) -> str | None:
 def own_volume_text(changes: Changes, change: Change, *, signed: bool = True) -> str:
     """The volume of a change, "+17.3 ± 0.4 m³" or "in 3" where it is that of another one; empty where it is not known.
 
+    Of a change of which a part was gained and the rest lost it is both: "−170 ± 4 m³, +96 ± 2 m³".
+
     Args:
         changes: whose volumes have one unit.
         change: one of them.
@@ -145,7 +147,11 @@ def own_volume_text(changes: Changes, change: Change, *, signed: bool = True) ->
     if change.volume is None:
         return ""
     sign = {"gain": "+", "loss": "−", None: ""}[change.gain_or_loss if signed else None]
-    return f"{sign}{_volume_text(changes, change.volume, change.volume_error)}"
+    text = f"{sign}{_volume_text(changes, change.volume, change.volume_error)}"
+    if change.opposite_volume is None or not sign:
+        return text
+    opposite = _volume_text(changes, change.opposite_volume, change.opposite_volume_error)
+    return f"{text}, {'−' if sign == '+' else '+'}{opposite}"
 
 
 def measures_text(changes: Changes, change: Change) -> str | None:

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gmmjax.changes import Changes, volume_totals
+from gmmjax.changes import Change, Changes, volume_totals
 from tests.reporting.conftest import change
 from tests.reporting.conftest import pair as pair
 
@@ -27,6 +27,20 @@ def test_registration_errors_add_up_and_the_others_do_not():
 def test_a_volume_that_is_counted_in_another_change_is_counted_once():
     other = dataclasses.replace(measured(None, None, None, None), volume_counted_in=0)
     assert volume_totals([measured(10.0, 3.0, 1.0, "loss"), other]).lost == 10.0
+
+
+def test_a_change_that_is_a_gain_in_one_part_and_a_loss_in_another_counts_for_both():
+    both = dataclasses.replace(
+        measured(10.0, 3.0, 1.0, "loss"),
+        opposite_volume=4.0,
+        opposite_volume_error=2.0,
+        opposite_volume_registration_error=1.0,
+    )
+    totals = volume_totals([both, measured(1.0, 0.0, 0.0, "gain")])
+    assert (totals.gained, totals.lost, totals.net) == (5.0, 10.0, -5.0)
+    assert (totals.gained_error, totals.lost_error) == (2.0, 3.0)
+    assert totals.net_error == pytest.approx(np.sqrt(9 - 1 + 4 - 1 + 2**2))
+    assert Change.from_dict(both.to_dict()).opposite_volume_registration_error == 1.0
 
 
 def test_the_record_keeps_measures_and_totals(pair, tmp_path):

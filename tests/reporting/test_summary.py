@@ -86,6 +86,9 @@ def test_what_was_gained_and_lost_is_told_with_its_uncertainty(pair):
     other = dataclasses.replace(items[2], volume_counted_in=1)
     record = dataclasses.replace(pair[2], items=(gains, loss, other), unit="m")
     assert [row.volume for row in object_rows(record)] == ["+17.3 ± 0.4 m³", "−107 ± 3 m³", "in 1"]
+    both = dataclasses.replace(loss, opposite_volume=96.2, opposite_volume_error=2.0)
+    row = object_rows(dataclasses.replace(record, items=(both,)))[0]
+    assert row.volume == "−107 ± 3 m³, +96 ± 2 m³"
     text = "Volume: 17.3 ± 0.4 m³ gained, 107 ± 3 m³ lost, net −90 ± 3 m³ (95 % intervals)."
     assert volumes_text(record) == text
     only = dataclasses.replace(record, items=(gains, gains))

@@ -3,10 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
+from gmmjax.changes.objects.plane_grid import PlaneGrid
 from gmmjax.geometry import LocalSurface
-from gmmjax.pair import Pair
+from gmmjax.pair import Pair, each
 
 
 class ChangeSurface(NamedTuple):
@@ -43,3 +44,20 @@ class ChangeSurface(NamedTuple):
         along = places @ (axes @ first)
         first = first if (along**3).sum() >= 0 else -first
         return np.stack([first, np.cross(self.outward, first)])
+
+    def divided(self, grid: PlaneGrid, cells: Bool[np.ndarray, "r c"]) -> Pair["ChangeSurface"]:
+        """The change without some cells of its plane, and that in these cells; to each the other one is another change.
+
+        Args:
+            grid: of its plane, along `across`.
+            cells: of the second part.
+        """
+        across = self.across()
+        inside = self.labelled.map(lambda own: cells.ravel()[grid.cells(own @ across.T)])
+
+        def part(chosen: Pair[Bool[np.ndarray, " _"]]) -> "ChangeSurface":
+            own = each(lambda points, rows: points[rows], self.labelled, chosen)
+            rest = each(lambda points, rows: points[~rows], self.labelled, chosen)
+            return self._replace(labelled=own, others=np.concatenate([self.others, *rest]))
+
+        return Pair(part(inside.map(np.logical_not)), part(inside))

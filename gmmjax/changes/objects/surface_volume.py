@@ -216,6 +216,20 @@ class SurfaceMap(NamedTuple):
             registration_error=common,
         )
 
+    def opposite(self, settings: SurfaceVolumeSettings = SurfaceVolumeSettings()) -> Bool[np.ndarray, "r c"]:
+        """The cells of the change that were certainly gained where most of it was lost, or lost where it was gained.
+
+        Single cells do not count, nor rows of them along a steep side.
+
+        Args:
+            settings: when a cell is certain.
+        """
+        sense = np.sign(np.nansum(self.difference[self.core]))
+        smooth, error = _smooth_with_error(self.difference, self.offset)
+        against = np.nan_to_num(-sense * smooth)
+        certain = ndimage.binary_opening(self.labelled & (against > settings.certain * error), SQUARE)
+        return np.asarray(ndimage.binary_propagation(certain, mask=self.labelled & (against > 0), structure=SQUARE))
+
     def _of_partly(self, whole: Float64[np.ndarray, "r c"], footprint: Bool[np.ndarray, "r c"]) -> float:
         """By how much the volume differs without the cells that show one part of the lower surface, in areas of a cell.
 
@@ -242,6 +256,37 @@ class SurfaceMap(NamedTuple):
         beside = (ndimage.distance_transform_edt(~footprint) <= reach) & ~self.foreign
         least = settings.certain * float(np.sqrt(self.offset.density))
         return hidden(thickness, self.shown, footprint, beside & ~inside, least)
+
+
+def volumes_of(
+    change: ChangeSurface,
+    registration_error: float,
+    settings: SurfaceVolumeSettings = SurfaceVolumeSettings(),
+    *,
+    whole: bool = False,
+) -> tuple[SurfaceVolume, ...]:
+    """The volume of a change, or both of one of which a part was gained and the rest lost, the larger one first.
+
+    Args:
+        change: with what both scans show there.
+        registration_error: of the pair, standard deviation.
+        settings: how they are measured.
+        whole: whether it is one thing, of which no part is gained where another one is lost.
+
+    Returns:
+        None where the scans cannot be compared. Two where both are greater than the half-width of their interval.
+    """
+    found = SurfaceMap.of(change, registration_error, settings)
+    if found is None:
+        return ()
+    single, cells = (found.volume(settings),), found.opposite(settings)
+    if whole or not cells.any():
+        return single
+    maps = [SurfaceMap.of(part, registration_error, settings) for part in change.divided(found.grid, cells)]
+    parts = [part.volume(settings) for part in maps if part is not None]
+    if len(parts) < 2 or parts[0].gain * parts[1].gain >= 0 or any(abs(part.gain) <= part.error for part in parts):
+        return single
+    return tuple(sorted(parts, key=lambda part: -abs(part.gain)))
 
 
 def _widest(core: Bool[np.ndarray, "r c"], settings: SurfaceVolumeSettings) -> int:
@@ -295,16 +340,24 @@ def _grown(
 ) -> Bool[np.ndarray, "r c"]:
     """The labelled cells with those beyond them whose difference is as certain, though no point is labelled there."""
     sense = np.sign(np.nansum(difference[core]))
-    number = ndimage.convolve(np.isfinite(difference).astype(float), SQUARE.astype(float), mode="constant")
-    error = np.sqrt(np.divide(offset.density, number, out=np.full(number.shape, np.inf), where=number > 0))
-    smooth = np.nan_to_num(sense * smoothed(difference))
-    certain = (smooth > settings.certain * np.hypot(error, offset.error)) & (number > 0) & ~excluded
+    mean, error = _smooth_with_error(difference, offset)
+    smooth = np.nan_to_num(sense * mean)
+    certain = (smooth > settings.certain * error) & ~excluded
     # Where a scan has several levels, as in a rack, their mean depends on how much was seen of each.
     certain &= smooth > np.nan_to_num(spread)
     grown = ndimage.binary_propagation(core, mask=core | certain, structure=SQUARE)
     # Into the shadow of what rises no further than between cells that are seen; of a pit the shadow is a part.
     between = ndimage.binary_fill_holes(ndimage.binary_closing(grown & shown, SQUARE, _widest(core, settings)))
     return np.asarray(core | (grown & (shown | between)))
+
+
+def _smooth_with_error(
+    difference: Float64[np.ndarray, "r c"], offset: Offset
+) -> tuple[Float64[np.ndarray, "r c"], Float64[np.ndarray, "r c"]]:
+    """The mean difference of each cell and its neighbours, and its standard error; infinite where there are none."""
+    number = ndimage.convolve(np.isfinite(difference).astype(float), SQUARE.astype(float), mode="constant")
+    error = np.sqrt(np.divide(offset.density, number, out=np.full(number.shape, np.inf), where=number > 0))
+    return smoothed(difference), np.hypot(error, offset.error)
 
 
 def _with_rim(

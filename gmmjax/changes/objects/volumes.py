@@ -13,7 +13,7 @@ from gmmjax.changes.change import Change, GainOrLoss, VolumeMethod
 from gmmjax.changes.objects.change_surface import ChangeSurface
 from gmmjax.changes.objects.hull_volume import hull_measures
 from gmmjax.changes.objects.placed_change import MeasuredPart, PlacedChange, placed_change
-from gmmjax.changes.objects.surface_volume import SurfaceMap, window_reach
+from gmmjax.changes.objects.surface_volume import volumes_of, window_reach
 from gmmjax.changes.objects.volume_settings import VolumeSettings
 from gmmjax.geometry import evenly_chosen, within_box
 from gmmjax.pair import Pair, each
@@ -29,6 +29,9 @@ class _Quantity(NamedTuple):
     volume_method: VolumeMethod | None = None
     gain_or_loss: GainOrLoss | None = None
     volume_counted_in: int | None = None
+    opposite_volume: float | None = None
+    opposite_volume_error: float | None = None
+    opposite_volume_registration_error: float | None = None
 
 
 def with_volumes(
@@ -66,7 +69,8 @@ def with_volumes(
         if counted_in[index] is not None:
             quantity = _Quantity(volume_counted_in=counted_in[index])
         else:
-            quantity = _quantity(index, places, counted_in, pair, registration_error, settings)
+            whole = item.kind == "moved"
+            quantity = _quantity(index, places, counted_in, pair, registration_error, settings, whole=whole)
         found.append(dataclasses.replace(item, **quantity._asdict()))
     return tuple(found)
 
@@ -116,17 +120,34 @@ def _quantity(
     pair: AlignedPair,
     registration_error: float,
     settings: VolumeSettings,
+    *,
+    whole: bool,
 ) -> _Quantity:
-    place, found = places[index], None
-    if place.on_surface:
-        own = [other for other in range(len(places)) if other == index or counted_in[other] == index]
-        change = _change_surface(index, own, places, pair, settings)
-        found = SurfaceMap.of(change, registration_error, settings.surfaces)
-    if found is None:
+    place = places[index]
+    if not place.on_surface:
         return _hull_quantity(place, registration_error, settings)
-    volume = found.volume(settings.surfaces)
-    errors = volume.error, volume.registration_error
-    return _Quantity(volume.area, abs(volume.gain), *errors, "surface", _effect(volume.gain >= 0))
+    own = [other for other in range(len(places)) if other == index or counted_in[other] == index]
+    change = _change_surface(index, own, places, pair, settings)
+    volumes = volumes_of(change, registration_error, settings.surfaces, whole=whole)
+    if not volumes:
+        return _hull_quantity(place, registration_error, settings)
+    larger = volumes[0]
+    measured = _Quantity(
+        sum(volume.area for volume in volumes),
+        abs(larger.gain),
+        larger.error,
+        larger.registration_error,
+        "surface",
+        _effect(larger.gain >= 0),
+    )
+    if len(volumes) == 1:
+        return measured
+    opposite = volumes[1]
+    return measured._replace(
+        opposite_volume=abs(opposite.gain),
+        opposite_volume_error=opposite.error,
+        opposite_volume_registration_error=opposite.registration_error,
+    )
 
 
 def _effect(gained: bool) -> GainOrLoss:

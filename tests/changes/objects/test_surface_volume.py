@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.objects.change_surface import ChangeSurface
-from gmmjax.changes.objects.surface_volume import SurfaceMap, SurfaceVolumeSettings
+from gmmjax.changes.objects.surface_volume import SurfaceMap, SurfaceVolumeSettings, volumes_of
 from gmmjax.changes.objects.surroundings_offset import OffsetSettings
 from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair
@@ -197,3 +197,41 @@ def test_what_differs_beside_it_at_several_levels_is_not_of_the_change():
     change = ChangeSurface(Pair(NOTHING, labelled), clouds, NOTHING, LocalSurface.of(before), UP)
     found = SurfaceMap.of(change, 0.005)
     assert (found.core & ~found.labelled).sum() < 0.15 * found.labelled.sum()
+
+
+def two_lenses(seed, lost, apart=2.5, *, whole=False):
+    """The volumes of one change: a lens that was deposited, and one of another thickness that was dug beside it."""
+    random = np.random.default_rng(seed)
+    before, _ = ground(random)
+    after, _ = ground(random)
+    lenses = [
+        thickness * np.clip(1 - ((after[:, :2] - [x, 0]) ** 2).sum(axis=1) / RADIUS**2, 0, None)
+        for x, thickness in ((-apart / 2, THICKNESS), (apart / 2, -lost))
+    ]
+    after[:, 2] += sum(lenses)
+    labelled = after[np.abs(sum(lenses)) > 0.05]
+    change = ChangeSurface(Pair(NOTHING, labelled), Pair(before, after), NOTHING, LocalSurface.of(before), UP)
+    return volumes_of(change, 0.005, whole=whole)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("lost", [0.35, 0.15])
+def test_what_was_gained_and_what_was_lost_beside_it_are_two_volumes(seed, lost):
+    larger, smaller = two_lenses(seed, lost)
+    true = sorted((VOLUME, -VOLUME * lost / THICKNESS), key=abs, reverse=True)
+    for found, expected in zip((larger, smaller), true, strict=True):
+        assert found.gain == pytest.approx(expected, rel=0.08)
+        assert found.error < 0.15 * abs(expected)
+    (net,) = two_lenses(seed, lost, whole=True)
+    assert larger.gain + smaller.gain == pytest.approx(net.gain, abs=net.error)
+
+
+@pytest.mark.parametrize("thickness", [THICKNESS, -THICKNESS])
+def test_what_was_gained_everywhere_is_one_volume(thickness):
+    random = np.random.default_rng(5)
+    before, _ = ground(random)
+    after, lens = ground(random, thickness)
+    for limit in (0.05, 0.01):
+        labelled = after[np.abs(lens) > limit]
+        change = ChangeSurface(Pair(NOTHING, labelled), Pair(before, after), NOTHING, LocalSurface.of(before), UP)
+        assert volumes_of(change, 0.005) == (SurfaceMap.of(change, 0.005).volume(),)
