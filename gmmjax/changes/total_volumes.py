@@ -59,7 +59,7 @@ class _Volume(NamedTuple):
 
 def _volumes(change: "Change") -> list[_Volume]:
     """The volume of a change, and that of its part that was gained where the rest was lost, or the other way round."""
-    if change.volume is None:
+    if change.volume is None or change.gain_or_loss is None:
         return []
     gained = change.gain_or_loss == "gain"
     found = [_Volume(gained, change.volume, change.volume_error or 0.0, change.volume_registration_error or 0.0)]

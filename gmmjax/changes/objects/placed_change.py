@@ -13,7 +13,7 @@ from gmmjax.changes.objects.support_plane import SupportPlane
 from gmmjax.changes.objects.surface_volume import window_reach
 from gmmjax.changes.objects.volume_settings import VolumeSettings
 from gmmjax.changes.signed_distance import CorePoints
-from gmmjax.geometry import LocalSurface, evenly_chosen, within_box
+from gmmjax.geometry import MEAN_NEIGHBOURS, LocalSurface, evenly_chosen, nearest_neighbours, within_box
 
 
 class MeasuredPart(NamedTuple):
@@ -80,57 +80,49 @@ def placed_change(
         settings: how changes are measured.
     """
     own, other = pair.surfaces.swapped if part.after else pair.surfaces
+    reach = window_reach(part.points, settings.surfaces)
+    lower, upper = part.points.min(axis=0) - reach, part.points.max(axis=0) + reach
+    rows = within_box(other.points, lower + item.mean, upper + item.mean)
+    if not len(rows):
+        rows = np.array([int(other.nearest(item.mean[None])[0])])
     surface = LocalSurface.of(part.points[evenly_chosen(len(part.points), settings.surfaces.sample)])
-    around = _points_around(other, item.mean, part.points, settings)
-    if not len(around):
-        around = other.points[other.nearest(item.mean[None])] - item.mean
+    around = other.points[rows] - item.mean
     reference = LocalSurface.of(around)
     revealed = sensors is not None and _not_seen_through(item) and _behind(surface, reference, sensors - item.mean)
     place = _on_nearest(item.mean, part, surface, reference, distance, revealed, settings)
-    if place.on_surface and _hangs_clear(place, _points_around(own, item.mean, part.points, settings), settings):
+    if place.on_surface and _hangs_clear(place, own, settings):
         return place._replace(on_surface=False, hangs=True)
     if place.on_surface or part.plane is None:
         return place
     return _on_plane(place, part.plane.up, around, settings)
 
 
-def _points_around(
-    scan: LocalSurface, mean: Float64[np.ndarray, " 3"], points: Float64[np.ndarray, "n 3"], settings: VolumeSettings
-) -> Float64[np.ndarray, "m 3"]:
-    """The points of a scan about a change, relative to its mean, as its own points are."""
-    reach = window_reach(points, settings.surfaces)
-    lower, upper = points.min(axis=0) - reach, points.max(axis=0) + reach
-    rows = within_box(scan.points, lower + mean, upper + mean)
-    return scan.points[rows] - mean
-
-
-def _hangs_clear(place: PlacedChange, own: Float64[np.ndarray, "n 3"], settings: VolumeSettings) -> bool:
+def _hangs_clear(place: PlacedChange, own: LocalSurface, settings: VolumeSettings) -> bool:
     """Whether a change is off the surface of the other scan, and its own scan shows that surface behind it.
 
     What lies on a surface hides it. Between a lamp and the ceiling nothing was gained or lost.
 
     Args:
         place: on that surface.
-        own: points of the change's own scan about it.
+        own: the scan of the change.
         settings: how far off it is, and which part of it has that surface behind it.
     """
-    reference, across = place.reference, np.linalg.svd(place.outward[None])[2][1:]
-    above = HeightAbove(reference, place.outward, settings.surfaces.heights.planes, settings.surfaces.heights.steepest)
-    spacing = float(np.median(reference.spacing(reference.nearest(place.surface.points))))
-    clear = float(np.quantile(np.abs(above.of(place.surface.points)), settings.resting))
-    if clear <= settings.below * spacing:
+    points, reference, across = place.surface.points, place.reference, np.linalg.svd(place.outward[None])[2][1:]
+    heights = _heights(place.surface, reference, place.outward, settings)
+    near = settings.below * float(np.median(reference.spacing(reference.nearest(points))))
+    if float(np.quantile(np.abs(heights), settings.resting)) <= near:
         return False
-    behind, outline = own[np.abs(above.of(own)) < clear / 2] @ across.T, place.surface.points @ across.T
     try:
         # Joggled, so that a row of points has one, too.
-        sides = ConvexHull(outline, qhull_options="QJ").equations
+        outline = ConvexHull(points @ across.T, qhull_options="QJ").equations
     except (QhullError, ValueError):
         return False
-    # Not what is seen of it beside the change.
-    behind = behind[(behind @ sides[:, :2].T + sides[:, 2]).max(axis=1) < -place.spacing]
-    if not len(behind):
-        return False
-    return bool(np.mean(cKDTree(behind).query(outline)[0] <= settings.below * spacing) >= settings.on_surface)
+    behind = points - heights[:, None] * place.outward
+    distance, nearest = nearest_neighbours(own.tree, behind + place.mean, MEAN_NEIGHBOURS)
+    shown = (own.points[nearest] - place.mean) @ across.T
+    # What is seen of it beside the change is not behind it.
+    inside = (shown @ outline[:, :2].T + outline[:, 2]).max(axis=2) < 0
+    return bool(np.mean((inside & (distance <= near)).any(axis=1)) >= settings.on_surface)
 
 
 def _on_nearest(
