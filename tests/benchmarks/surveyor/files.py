@@ -1,4 +1,4 @@
-"""Scenes as folders of files, as `gmmjax tune` and `gmmjax evaluate` read them."""
+"""Scenes as folders of files, as `gmmjax tune` reads them."""
 
 from pathlib import Path
 
