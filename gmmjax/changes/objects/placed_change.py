@@ -41,6 +41,7 @@ class PlacedChange(NamedTuple):
         outward: unit normal of the reference below it, to the outer side.
         on_surface: whether the other scan saw that surface below it.
         gained: whether there is more now.
+        layer: whether it lies as that surface does, which was displaced: the sign of its distance says what was gained.
         hangs: whether it is off that surface, which its own scan shows behind it: lamps, signs.
         highest: coordinate along the normal above which everything is something else, such as a shelf above the change.
     """
@@ -52,6 +53,7 @@ class PlacedChange(NamedTuple):
     outward: Float64[np.ndarray, " 3"]
     on_surface: bool
     gained: bool
+    layer: bool = False
     hangs: bool = False
     highest: float = np.inf
 
@@ -154,11 +156,12 @@ def _on_nearest(
         heights = _heights(surface, reference, outward, settings)
     # Towards the after surface where that lies on the outer side; else what appeared was added, unless only what hid it
     # was taken away, as from before the wall of a pit.
-    layer = np.mean(np.abs((surface.normals * below).sum(axis=1)) >= settings.aligned) >= settings.on_surface
-    gained = distance > 0 if on_surface and layer and distance else part.after != (on_surface and revealed)
+    aligned = np.mean(np.abs((surface.normals * below).sum(axis=1)) >= settings.aligned) >= settings.on_surface
+    layer = bool(on_surface and aligned and distance)
+    gained = distance > 0 if layer and distance else part.after != (on_surface and revealed)
     if (float(np.median(heights)) > 0) != (gained == part.after):
         outward = -outward
-    return PlacedChange(mean, part, surface, reference, outward, on_surface, gained)
+    return PlacedChange(mean, part, surface, reference, outward, on_surface, gained, layer)
 
 
 class _OnPlane(NamedTuple):

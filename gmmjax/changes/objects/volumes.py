@@ -101,7 +101,10 @@ def _counted_in(places: Sequence[PlacedChange], settings: VolumeSettings) -> lis
 
 def _is_other_surface(own: PlacedChange, other: PlacedChange, settings: VolumeSettings) -> bool:
     """Whether a change is the other surface of a change of the other scan."""
-    if own.part.after == other.part.after or own.gained != other.gained or not (own.on_surface and other.on_surface):
+    if own.part.after == other.part.after or not (own.on_surface and other.on_surface):
+        return False
+    # Of a surface that was raised in one part and lowered in another the two scans may show either more of.
+    if own.gained != other.gained and not (own.layer and other.layer):
         return False
     across = np.linalg.svd(other.outward[None])[2][1:]
     points, others = own.surface.points + (own.mean - other.mean), other.surface.points

@@ -15,6 +15,7 @@ from gmmjax.changes.objects.measures import MeasureSettings, with_measures
 from gmmjax.changes.objects.support_plane import SupportPlaneSettings
 from gmmjax.changes.objects.surface_volume import SurfaceVolumeSettings
 from gmmjax.changes.objects.volume_settings import VolumeSettings
+from gmmjax.changes.total_volumes import volume_totals
 from gmmjax.pair import Pair
 
 CRATE = np.array([0.8, 0.5, 0.6])
@@ -273,3 +274,42 @@ def test_what_hides_the_wall_behind_it_reaches_to_the_wall():
 def test_what_touches_the_wall_lies_on_it_although_the_wall_is_seen_around_it():
     found = board(0.0, hides=False)
     assert found.volume_method == "surface" and found.volume == pytest.approx(0.6 * 0.4 * 0.1, rel=0.25)
+
+
+def cut_and_fill(before_shows, after_shows):
+    """Ground that was lowered by 0.2 m in one place and raised by 0.2 m beside it, of which each scan shows a part.
+
+    Args:
+        before_shows: from where to where along x the before scan's points are labelled.
+        after_shows: likewise.
+    """
+    random = np.random.default_rng(4)
+    before, after = (random.uniform([-4, -4, 0], [4, 4, 0], (14_000, 3)) for _ in range(2))
+    inside = (np.abs(after[:, 0]) < 1.5) & (np.abs(after[:, 1]) < 1)
+    after[inside, 2] = 0.2 * np.sign(after[inside, 0])
+    before, after = (own + random.normal(0, 0.004, own.shape) for own in (before, after))
+
+    def labelled(points, shows, number):
+        low, high = shows
+        rows = (points[:, 0] > low) & (points[:, 0] < high) & (np.abs(points[:, 1]) < 1)
+        return np.where(rows, number, -1)
+
+    labels = Pair(labelled(before, before_shows, 0), labelled(after, after_shows, 1))
+    changes = [
+        change_of(own[label >= 0], kind, 0.9, 5.0)
+        for own, label, kind in zip((before, after), labels, ("disappeared", "appeared"), strict=True)
+    ]
+    distance = Pair(*(np.where(np.abs(own[:, 0]) < 1.5, 0.2 * np.sign(own[:, 0]), 0.0) for own in (before, after)))
+    return with_measures(
+        tuple(changes), labels, aligned(Pair(before, after), "never"), 0.001, distance, Pair(None, None)
+    )
+
+
+@pytest.mark.parametrize("parts", [((-1.5, 1.2), (-1.2, 1.5)), ((-1.5, 1.5), (-0.2, 1.5))])
+def test_cut_and_fill_that_both_scans_show_has_both_volumes_once(parts):
+    changes = cut_and_fill(*parts)
+    totals = volume_totals(changes)
+    assert sum(change.volume_counted_in is not None for change in changes) == 1
+    for found, error in ((totals.gained, totals.gained_error), (totals.lost, totals.lost_error)):
+        assert found == pytest.approx(1.5 * 2 * 0.2, rel=0.1)
+        assert error < 0.2 * found
