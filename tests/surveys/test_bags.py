@@ -149,28 +149,26 @@ def test_a_frame_is_read_through_the_index(bags, monkeypatch):
         assert 0 < len(unpacked) < 40
 
 
-@pytest.mark.parametrize("name", ["run.bag", "run.mcap", "run.db3"])
-def test_memory_does_not_grow_with_the_bag(tmp_path, name):
-    size = 120 * 100 * 12
-
-    def many():
-        return (frame(START + 0.1 * index, 120, 100) for index in range(100))
-
-    # What is loaded and made once is not the bag's.
-    write_bag(tmp_path / f"first_{name}", many(), trajectory())
-    with open_bag(tmp_path / f"first_{name}") as bag:
-        assert sum(1 for _ in bag.frames()) == 100
+def most_memory(path):
+    """The most memory that writing and reading a bag of a hundred frames of 120 by 100 pixels takes."""
+    many = (frame(START + 0.1 * index, 120, 100) for index in range(100))
     tracemalloc.start()
     try:
-        write_bag(tmp_path / name, many(), trajectory())
+        write_bag(path, many, trajectory())
         written = tracemalloc.get_traced_memory()[1]
         tracemalloc.reset_peak()
-        with open_bag(tmp_path / name) as bag:
+        with open_bag(path) as bag:
             assert sum(1 for _ in bag.frames()) == 100
-        read = tracemalloc.get_traced_memory()[1]
+        return max(written, tracemalloc.get_traced_memory()[1])
     finally:
         tracemalloc.stop()
-    assert max(written, read) < 60 * size
+
+
+@pytest.mark.parametrize("name", ["run.bag", "run.mcap", "run.db3"])
+def test_memory_does_not_grow_with_the_bag(tmp_path, name):
+    # What is loaded and made once, such as a larger table of all names in the interpreter, is not the bag's.
+    taken = [most_memory(tmp_path / f"{attempt}_{name}") for attempt in range(3)]
+    assert min(taken) < 60 * 120 * 100 * 12
 
 
 @pytest.mark.parametrize("little_endian", [False, True])
