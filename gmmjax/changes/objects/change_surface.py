@@ -45,7 +45,7 @@ class ChangeSurface(NamedTuple):
         first = first if (along**3).sum() >= 0 else -first
         return np.stack([first, np.cross(self.outward, first)])
 
-    def divided(self, grid: PlaneGrid, cells: Bool[np.ndarray, "r c"]) -> Pair["ChangeSurface"]:
+    def divided(self, grid: PlaneGrid, cells: Bool[np.ndarray, "r c"]) -> tuple["ChangeSurface", "ChangeSurface"]:
         """The change without some cells of its plane, and that in these cells; to each the other one is another change.
 
         Args:
@@ -60,4 +60,4 @@ class ChangeSurface(NamedTuple):
             rest = each(lambda points, rows: points[~rows], self.labelled, chosen)
             return self._replace(labelled=own, others=np.concatenate([self.others, *rest]))
 
-        return Pair(part(inside.map(np.logical_not)), part(inside))
+        return part(inside.map(np.logical_not)), part(inside)

@@ -274,7 +274,7 @@ def volumes_of(
         whole: whether it is one thing, of which no part is gained where another one is lost.
 
     Returns:
-        None where the scans cannot be compared. Two where both are greater than the half-width of their interval.
+        Empty where the scans cannot be compared. Two where both are greater than the half-width of their interval.
     """
     found = SurfaceMap.of(change, registration_error, settings)
     if found is None:
