@@ -112,7 +112,9 @@ def _hangs_clear(place: PlacedChange, own: LocalSurface, settings: VolumeSetting
     points, reference, across = place.surface.points, place.reference, np.linalg.svd(place.outward[None])[2][1:]
     heights = _heights(place.surface, reference, place.outward, settings)
     near = settings.below * float(np.median(reference.spacing(reference.nearest(points))))
-    if float(np.quantile(np.abs(heights), settings.resting)) <= near:
+    lowest, highest = np.quantile(np.abs(heights), [settings.resting, 1 - settings.resting])
+    # What stands on a surface is seen from near it upwards.
+    if lowest <= max(near, highest - lowest):
         return False
     try:
         # Joggled, so that a row of points has one, too.
