@@ -313,3 +313,17 @@ def test_cut_and_fill_that_both_scans_show_has_both_volumes_once(parts):
     for found, error in ((totals.gained, totals.gained_error), (totals.lost, totals.lost_error)):
         assert found == pytest.approx(1.5 * 2 * 0.2, rel=0.1)
         assert error < 0.2 * found
+
+
+def test_what_leans_over_the_floor_in_front_of_it_stands_there():
+    """The front of a box, seen from 0.1 m above the floor upwards, which leans over floor that is seen."""
+    random = np.random.default_rng(6)
+    before, floor = (random.uniform([-1, -1, 0], [1, 1, 0], (30_000, 3)) for _ in range(2))
+    front = random.uniform([-0.3, 0, 0.1], [0.3, 0, 0.6], (900, 3))
+    front[:, 1] = 0.25 - 0.4 * front[:, 2]
+    before, floor, front = (own + random.normal(0, 0.001, own.shape) for own in (before, floor, front))
+    pair = aligned(Pair(before, np.concatenate([floor, front])), "never")
+    labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(floor), len(front)]))
+    nowhere = labels.map(lambda own: np.full(len(own), np.nan, np.float32))
+    change = change_of(front, "appeared", 0.9, 5.0)
+    assert with_measures((change,), labels, pair, 0.001, nowhere, Pair(None, None))[0].volume_method == "surface"
