@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from gmmjax.changes.detectors import Measured as Measured
     from gmmjax.changes.detectors import Scan as Scan
     from gmmjax.changes.detectors import TransportDetector as TransportDetector
-    from gmmjax.changes.detectors import as_depth_frame as as_depth_frame
     from gmmjax.changes.detectors import with_recognised_views as with_recognised_views
     from gmmjax.changes.detectors.greedy_removal import Removals as Removals
     from gmmjax.changes.detectors.greedy_removal import remove_changed as remove_changed

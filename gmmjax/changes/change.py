@@ -107,7 +107,8 @@ class Change:
         volume_method: "surface", between the surfaces of both scans, its thin rim included, for what lies on a surface
             or was taken from it; "hull", of the convex hull down to what it stands on, for a closed object.
         gain_or_loss: whether there is more ("gain") or less ("loss") now in the place of the change; a moved object is
-            lost in one place and gained in the other. None where no volume was measured.
+            lost in one place and gained in the other. None where no volume was measured, and of a surface that was
+            displaced where nothing tells from which side it was seen.
         volume_counted_in: the index of the change that has the volume, where this one is its other surface: of erosion
             both the old and the new surface may have changed. Else None.
         opposite_volume: where a part of the change was gained and the rest was lost, as of stockpiles that touch, the

@@ -47,7 +47,7 @@ class ChangeColumns:
         extent_3: the shortest one.
         area: of the surface that changed, or of the outline of an object, in the square of the unit; None where it was
             not measured.
-        gain_or_loss: "gain" where there is more now, "loss" where there is less; None where no volume was measured.
+        gain_or_loss: "gain" where there is more now, "loss" where there is less; None where that is not known.
         volume: in the cube of the unit, not negative; None where it was not measured, or is counted in another change.
         volume_error: half-width of its 95 % interval.
         volume_registration_error: the part of it that registration has, which is common to all changes.

@@ -5,7 +5,7 @@ the surface was scanned from.
 """
 
 import dataclasses
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int
@@ -15,6 +15,9 @@ from gmmjax.changes.differences import DetectionLimits, Differences, LocalDiffer
 from gmmjax.changes.m3c2 import M3C2Distances, M3C2Settings, m3c2_distances
 from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each
+
+# What tells from which side surfaces were scanned: the sensor's position, that z is a height, or nothing.
+OuterSide = Literal["sensor", "up", "unknown"]
 
 
 @dataclasses.dataclass(frozen=True)

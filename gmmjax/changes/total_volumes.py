@@ -21,6 +21,8 @@ class VolumeTotals(NamedTuple):
         lost_error: likewise.
         net: what was gained without what was lost.
         net_error: likewise.
+        unsigned: the volume of changes of which nothing tells whether it was gained or lost; in none of the above.
+        unsigned_error: likewise.
     """
 
     gained: float
@@ -29,6 +31,8 @@ class VolumeTotals(NamedTuple):
     lost_error: float
     net: float
     net_error: float
+    unsigned: float = 0.0
+    unsigned_error: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """The totals by name."""
@@ -42,16 +46,16 @@ def volume_totals(changes: "Sequence[Change]") -> VolumeTotals:
         changes: those without a volume count for nothing.
     """
     measured = [volume for change in changes for volume in _volumes(change)]
-    gains = [own for own in measured if own.gained]
-    losses = [own for own in measured if not own.gained]
-    gained, lost = (sum(own.volume for own in side) for side in (gains, losses))
-    return VolumeTotals(gained, _error(gains), lost, _error(losses), gained - lost, _error(measured))
+    gains, losses, others = ([own for own in measured if own.gained is gained] for gained in (True, False, None))
+    gained, lost, unsigned = (sum(own.volume for own in side) for side in (gains, losses, others))
+    net = gained - lost, _error(gains + losses)
+    return VolumeTotals(gained, _error(gains), lost, _error(losses), *net, unsigned, _error(others))
 
 
 class _Volume(NamedTuple):
-    """A volume that was gained or lost, the half-width of its interval, and the part of that due to registration."""
+    """A volume, whether it was gained (None: not known), and the half-widths of its interval and of its common part."""
 
-    gained: bool
+    gained: bool | None
     volume: float
     error: float
     registration_error: float
@@ -59,13 +63,13 @@ class _Volume(NamedTuple):
 
 def _volumes(change: "Change") -> list[_Volume]:
     """The volume of a change, and that of its part that was gained where the rest was lost, or the other way round."""
-    if change.volume is None or change.gain_or_loss is None:
+    if change.volume is None:
         return []
-    gained = change.gain_or_loss == "gain"
+    gained = None if change.gain_or_loss is None else change.gain_or_loss == "gain"
     found = [_Volume(gained, change.volume, change.volume_error or 0.0, change.volume_registration_error or 0.0)]
     if change.opposite_volume is not None:
         errors = change.opposite_volume_error or 0.0, change.opposite_volume_registration_error or 0.0
-        found.append(_Volume(not gained, change.opposite_volume, *errors))
+        found.append(_Volume(None if gained is None else not gained, change.opposite_volume, *errors))
     return found
 
 

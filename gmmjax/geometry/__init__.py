@@ -41,3 +41,4 @@ from gmmjax.geometry.statistics import MEDIAN_TO_DEVIATION as MEDIAN_TO_DEVIATIO
 from gmmjax.geometry.upward import Contact as Contact
 from gmmjax.geometry.upward import UpwardSettings as UpwardSettings
 from gmmjax.geometry.upward import upward_direction as upward_direction
+from gmmjax.geometry.upward import z_is_height as z_is_height

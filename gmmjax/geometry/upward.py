@@ -1,4 +1,4 @@
-"""The upward direction of a place where gravity is not known: that of the surface on which most things stand."""
+"""The upward direction of a place: whether it is that of z, and that of the surface on which most things stand."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -39,6 +39,22 @@ class Contact(NamedTuple):
 
     normals: Float64[np.ndarray, "k 3"]
     rise: Float64[np.ndarray, " 3"]
+
+
+def z_is_height(points: Float64[np.ndarray, "n 3"]) -> bool:
+    """Whether z can only be a height: a scan is widest along x and y, and is not what a camera at the origin can see.
+
+    In the frame of a camera z points away from it: what lies across z is seen from below.
+
+    Args:
+        points: of a scan, in the frame that they were given in.
+    """
+    lower, upper = np.quantile(points, [0.01, 0.99], axis=0)
+    x, y, z = points.T
+    # No camera sees farther than 60 degrees to the side of its axis; one point in a hundred may be an outlier.
+    within = np.hypot(x, y) <= np.tan(np.radians(60)) * np.abs(z)
+    in_view = max(np.mean(within & (z > 0)), np.mean(within & (z < 0)))
+    return bool(np.argmin(upper - lower) == 2 and in_view < 0.99)
 
 
 def upward_direction(

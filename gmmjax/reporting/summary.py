@@ -135,7 +135,8 @@ def unobserved_text(changes: Changes) -> str | None:
 def own_volume_text(changes: Changes, change: Change, *, signed: bool = True) -> str:
     """The volume of a change, "+17.3 ± 0.4 m³" or "in 3" where it is that of another one; empty where it is not known.
 
-    Of a change of which a part was gained and the rest lost it is both: "−170 ± 4 m³, +96 ± 2 m³".
+    Of a change of which a part was gained and the rest lost it is both: "−170 ± 4 m³, +96 ± 2 m³". It has no sign
+    where nothing tells which of them was gained.
 
     Args:
         changes: whose volumes have one unit.
@@ -148,10 +149,10 @@ def own_volume_text(changes: Changes, change: Change, *, signed: bool = True) ->
         return ""
     sign = {"gain": "+", "loss": "−", None: ""}[change.gain_or_loss if signed else None]
     text = f"{sign}{_volume_text(changes, change.volume, change.volume_error)}"
-    if change.opposite_volume is None or not sign:
+    if change.opposite_volume is None or not signed:
         return text
     opposite = _volume_text(changes, change.opposite_volume, change.opposite_volume_error)
-    return f"{text}, {'−' if sign == '+' else '+'}{opposite}"
+    return f"{text}, {opposite} the other way" if not sign else f"{text}, {'−' if sign == '+' else '+'}{opposite}"
 
 
 def measures_text(changes: Changes, change: Change) -> str | None:
@@ -179,11 +180,25 @@ def volumes_text(changes: Changes) -> str | None:
         parts.append(f"{_volume_text(changes, totals.gained, totals.gained_error)} gained")
     if totals.lost:
         parts.append(f"{_volume_text(changes, totals.lost, totals.lost_error)} lost")
-    if len(parts) == 2:
+    if len(parts) == 2 and not totals.unsigned:
         sign = "+" if totals.net > 0 else ""
         parts.append(f"net {sign}{_volume_text(changes, totals.net, totals.net_error)}")
-    interval = "95 % intervals" if len(parts) > 1 else "95 % interval"
-    return f"Volume: {', '.join(parts)} ({interval})." if parts else None
+    if totals.unsigned:
+        parts.append(f"{_volume_text(changes, totals.unsigned, totals.unsigned_error)} gained or lost")
+    if not parts:
+        return None
+    height = "; z taken for the height" if changes.diagnostics.get("outer_side") == "up" else ""
+    text = f"Volume: {', '.join(parts)} (95 % interval{'s' * (len(parts) > 1)}{height})."
+    return f"{text} {_why_unsigned(changes)}" if totals.unsigned else text
+
+
+def _why_unsigned(changes: Changes) -> str:
+    """Why volumes have no sign, and the remedy, in sentences."""
+    if changes.diagnostics.get("outer_side") == "up":
+        why = "Of walls and ceilings height does not tell which side is free"
+    else:
+        why = "Nothing tells from which side the surfaces were seen, so gain and loss are not told apart"
+    return f"{why}: give the sensor's position (--sensor-before X Y Z; for scans from the air a point high above)."
 
 
 def registration_text(changes: Changes) -> str | None:
@@ -232,8 +247,6 @@ def _how_to_give_poses(changes: Changes, missing: list[str]) -> str:
     """The options that give the poses of these sides, in a sentence."""
     options = " or ".join(option for side in missing for option in (f"--sensor-{side} X Y Z", f"--views-{side} FILE"))
     if len(missing) == 2:
-        if all(changes.diagnostics[side].get("depth_frame") for side in missing):
-            return "Both scans are frames of a depth camera: give --sensor-at-origin."
         options = "--sensor-at-origin, --sensor-before X Y Z or --views-before FILE (likewise for after)"
     return f"Give the sensor's position with {options}."
 

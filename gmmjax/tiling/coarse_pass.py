@@ -14,7 +14,6 @@ from gmmjax.changes import (
     JointDetector,
     Scan,
     VoxelLattice,
-    as_depth_frame,
     check_same_place,
     stated_systems,
     with_recognised_views,
@@ -82,16 +81,15 @@ def coarse_pass(
     for side, own in zip(NAMES, thinned, strict=True):
         if not own.total:
             raise InputError(f"{side}: has no points{' inside the crop box' * (config.crop is not None)}")
-    check_same_place(thinned.map(lambda own: own.points), stated_systems(clouds))
+    systems = stated_systems(clouds)
+    check_same_place(thinned.map(lambda own: own.points), systems)
     # In means of voxels alone there is no density to recognise stations by.
     detector = JointDetector(config, stations=None, resolution=None)
-    scans = each(lambda own, known: Scan(own.points, known), thinned, views)
+    scans = each(lambda own, known, crs: Scan(own.points, known, heights=crs is not None), thinned, views, systems)
     if config.recognise_stations:
         scans = each(
             lambda scan, own: with_recognised_views(scan, own.points, settings.stations, own.counts), scans, thinned
         )
-    # Nor do means lie on the pixels of a camera: that is asked of points as they were measured.
-    scans = each(lambda scan, own: as_depth_frame(scan, _some_points(own)), scans, inside)
     prepared = detector.prepared(scans, clock)
     if prepared.volumetric:
         raise InputError(
@@ -106,11 +104,6 @@ def _cropped(clouds: Pair[ChunkedCloud], config: DetectionConfig) -> Pair[Chunke
         return clouds
     lower, upper = np.array(config.crop[:3]), np.array(config.crop[3:])
     return clouds.map(lambda own: CroppedCloud(own, lower, upper))
-
-
-def _some_points(cloud: ChunkedCloud) -> Float64[np.ndarray, "n 3"]:
-    """The first of a cloud that has any."""
-    return next(chunk.points for chunk in cloud.chunks() if len(chunk.points))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

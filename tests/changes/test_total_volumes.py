@@ -29,6 +29,12 @@ def test_a_volume_that_is_counted_in_another_change_is_counted_once():
     assert volume_totals([measured(10.0, 3.0, 1.0, "loss"), other]).lost == 10.0
 
 
+def test_a_volume_without_a_sign_is_in_no_sum_of_those_with_one():
+    totals = volume_totals([measured(10.0, 3.0, 1.0, None), measured(1.0, 0.5, 0.0, "gain")])
+    assert (totals.gained, totals.gained_error, totals.lost, totals.net) == (1.0, 0.5, 0.0, 1.0)
+    assert (totals.unsigned, totals.unsigned_error) == (10.0, 3.0)
+
+
 def test_a_change_that_is_a_gain_in_one_part_and_a_loss_in_another_counts_for_both():
     both = dataclasses.replace(
         measured(10.0, 3.0, 1.0, "loss"),

@@ -1,7 +1,8 @@
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
-from gmmjax.geometry import Contact, UpwardSettings, upward_direction
+from gmmjax.geometry import Contact, UpwardSettings, upward_direction, z_is_height
 
 
 def standing(direction, seed=0, count=40):
@@ -30,3 +31,28 @@ def test_there_is_none_where_things_do_not_agree_or_touch_nothing():
     assert upward_direction([nothing, nothing]) is None
     assert upward_direction([standing((1.0, 0, 0)), standing((0, 1.0, 0)), standing((0, 0, 1.0))]) is None
     assert upward_direction([standing((1.0, 0, 0)), standing((0, 1.0, 0))], UpwardSettings(agreement=0.5)) is not None
+
+
+def terrain(motion=np.eye(3), shift=(0.0, 0.0, 0.0), size=40.0):
+    """Ground with bushes, in any frame."""
+    random = np.random.default_rng(1)
+    ground = random.uniform([0, 0, 0], [size, size, 1], (3000, 3))
+    ground[::10, 2] += random.gamma(1.0, 2.0, 300)
+    return ground @ np.transpose(motion) + shift
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0, 0.0), (-20.0, -20.0, 0.0), (0.0, 0.0, 2.0), (5e5, 5.2e6, 300.0)])
+def test_z_is_the_height_of_surveyed_ground(shift):
+    assert z_is_height(terrain(shift=shift))
+
+
+@pytest.mark.parametrize("stray", [0, 1])
+def test_z_may_be_the_depth_of_what_a_camera_at_the_origin_sees(stray):
+    """A table that a camera looks down at, z forward or backward, and the same frame with a stray point behind it."""
+    forward = terrain(np.diag([1, -1, -1.0]), (-2.0, 2.0, 6.0), size=4.0)
+    forward[:stray] = [0.1, 0.2, -1.0]
+    assert not z_is_height(forward) and not z_is_height(forward * [1, -1, -1])
+
+
+def test_z_is_no_height_where_a_scan_is_flatter_along_another_axis():
+    assert not z_is_height(terrain(Rotation.from_euler("x", -90, degrees=True).as_matrix(), (-20.0, 0.0, 20.0)))

@@ -96,6 +96,22 @@ def test_what_was_gained_and_lost_is_told_with_its_uncertainty(pair):
     assert volumes_text(pair[2]) is None
 
 
+def test_a_volume_without_a_known_side_has_no_sign_and_the_sentence_says_why(pair):
+    items = pair[2].items
+    either = measured(items[0], 17.29, 0.4, None)
+    record = dataclasses.replace(pair[2], items=(either,), unit="m", diagnostics={"outer_side": "unknown"})
+    assert [row.volume for row in object_rows(record)] == ["17.3 ± 0.4 m³"]
+    text = volumes_text(record)
+    assert text.startswith("Volume: 17.3 ± 0.4 m³ gained or lost (95 % interval). Nothing tells from which side")
+    assert "--sensor-before X Y Z" in text and "point high above" in text
+    on_wall = dataclasses.replace(
+        record, items=(either, measured(items[1], 2.0, 0.4, "gain")), diagnostics={"outer_side": "up"}
+    )
+    text = volumes_text(on_wall)
+    assert "2.0 ± 0.4 m³ gained, 17.3 ± 0.4 m³ gained or lost (95 % intervals; z taken for the height)" in text
+    assert "walls and ceilings" in text and "net" not in text
+
+
 def test_all_volumes_have_one_unit(pair):
     """Beside cubic metres, 8,000 cm³ read as if they were much."""
     items = pair[2].items
@@ -184,22 +200,6 @@ def test_what_rests_on_unknown_poses_names_the_option(pair):
         "Sensor poses: not known; 2 changes rest on shape alone and 1 candidate was rejected as not observed."
     )
     assert all(option in text for option in ("--sensor-at-origin", "--sensor-before X Y Z", "--views-before FILE"))
-
-
-def test_of_depth_frames_it_names_the_one_option_that_fits(pair):
-    gone, _, new = (dataclasses.replace(item, explanation=explanation()) for item in pair[2].items)
-    unknown = posed(pair[2], 0, 0, gone, new)
-
-    def text(*frames):
-        sides = zip(("before", "after"), frames, strict=True)
-        found = {side: {**unknown.diagnostics[side], "depth_frame": frame} for side, frame in sides}
-        return poses_text(dataclasses.replace(unknown, diagnostics={**unknown.diagnostics, **found}))
-
-    assert text(True, True) == (
-        "Sensor poses: not known; 2 changes rest on shape alone. "
-        "Both scans are frames of a depth camera: give --sensor-at-origin."
-    )
-    assert text(True, False) == text(False, False)
 
 
 def test_a_change_is_judged_by_the_poses_of_the_other_survey(pair):

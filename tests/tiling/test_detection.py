@@ -15,7 +15,6 @@ from gmmjax.pair import Pair
 from gmmjax.tiling import TiledDetectionSettings, Workers, tiled_changes
 from gmmjax.tiling.coarse_pass import coarse_pass
 from tests.clouds.made_clouds import ChunkedArray
-from tests.clouds.made_frames import frame
 from tests.clouds.scanned_room import STATIONS, scan
 from tests.tiling.rooms import BOX, of_box, room
 
@@ -208,17 +207,6 @@ def test_stations_are_recognised_by_the_density_of_all_points():
             assert own.recognised == switched_on == (survey.views is not None)
             if switched_on:
                 np.testing.assert_allclose(survey.views.poses[:, :3, 3], STATIONS[:1], atol=0.4)
-
-
-def test_depth_frames_are_recognised_by_the_pixels_of_their_points():
-    """Which their voxels, those of the coarse pass, do not lie on."""
-    clouds = Pair(frame(1), frame(2)).map(lambda points: ChunkedArray(points, 5_000))
-    settings = dataclasses.replace(SETTINGS, thinned=4_000)
-    views = Pair(None, SensorViews.at_origin(frame(2)))
-    coarse = coarse_pass(clouds, views, CONFIG, Clock(silent), settings)
-    assert [scan.depth_frame for scan in coarse.prepared.scans] == [True, False]
-    for survey in coarse.prepared.surveys:
-        np.testing.assert_array_equal(survey.towards, np.zeros((1, 3)))
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,6 @@ from gmmjax.changes.detectors.detector import Detection as Detection
 from gmmjax.changes.detectors.detector import Scan as Scan
 from gmmjax.changes.detectors.greedy import GreedyDetector as GreedyDetector
 from gmmjax.changes.detectors.joint import JointDetector as JointDetector
-from gmmjax.changes.detectors.recognised_views import as_depth_frame as as_depth_frame
 from gmmjax.changes.detectors.recognised_views import with_recognised_views as with_recognised_views
 from gmmjax.changes.detectors.restart_detector import AbstractRestartDetector as AbstractRestartDetector
 from gmmjax.changes.detectors.transport import TransportDetector as TransportDetector

@@ -22,9 +22,9 @@ from gmmjax.changes.prepare.checking import NAMES, CheckedCloud
 from gmmjax.changes.prepare.local_resolution import LocalResolutionSettings, locally_reduced
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.changes.record import Changes
-from gmmjax.changes.signed_distance import PointFigures, SignedDistanceSettings, signed_distances
+from gmmjax.changes.signed_distance import OuterSide, PointFigures, SignedDistanceSettings, signed_distances
 from gmmjax.clouds import SensorViews
-from gmmjax.geometry import LocalSurface
+from gmmjax.geometry import LocalSurface, z_is_height
 from gmmjax.pair import Pair, each, each_on_cores
 
 
@@ -122,6 +122,14 @@ class AlignedScans:
         return self.surveys.map(lambda survey: None if survey.views is None else survey.views.poses[:, :3, 3])
 
     @functools.cached_property
+    def outer_side(self) -> OuterSide:
+        """What tells from which side the surfaces of both scans were seen."""
+        if any(views is not None for views in self.sensors):
+            return "sensor"
+        heights = any(scan.heights for scan in self.scans) or all(z_is_height(own.points) for own in self.pair.surfaces)
+        return "up" if heights else "unknown"
+
+    @functools.cached_property
     def members(self) -> Pair[Int[np.ndarray, " _"]]:
         """Of each point of either scan the row of its working point, -1 for what was left out."""
         return each(lambda cloud, working: cloud.to_rows(working.member, -1), self.checked, self.pair.working.clouds)
@@ -174,25 +182,10 @@ def surveys_of(
         # Nobody has given those that were recognised: there is nothing to be corrected.
         return usable_views(f"views_{name}", own, checks, points, quiet=scan.recognised)
 
-    return _seen_from_known_places(each(survey, NAMES, pair.surfaces, views, pair.points, scans), scans, pair)
+    return _seen_from_known_places(each(survey, NAMES, pair.surfaces, views, pair.points, scans))
 
 
-def _seen_from_known_places(surveys: Pair[Survey], scans: Pair[Scan], pair: AlignedPair) -> Pair[Survey]:
-    """The surveys, with the places that those without views are seen from, where any is known.
-
-    That is the camera of a depth frame; else what the other survey is seen from: the same surface faces the same way.
-    """
-    cameras = scans.map(lambda scan: np.zeros((1, 3)) if scan.depth_frame else None)
-    if cameras.after is not None:
-        cameras = Pair(cameras.before, pair.registration.apply(cameras.after))
-
-    def known(own: Survey, camera: Float64[np.ndarray, "1 3"] | None) -> Float64[np.ndarray, "p 3"] | None:
-        return camera if own.views is None else own.towards
-
-    places = each(known, surveys, cameras)
-    return each(
-        lambda own, mine, others: dataclasses.replace(own, seen_from=others if mine is None else mine),
-        surveys,
-        places,
-        places.swapped,
-    )
+def _seen_from_known_places(surveys: Pair[Survey]) -> Pair[Survey]:
+    """The surveys, one without views seen from where the other one was: the same surface faces the same way."""
+    places = surveys.map(lambda own: None if own.views is None else own.towards)
+    return each(lambda own, others: dataclasses.replace(own, seen_from=others), surveys, places.swapped)

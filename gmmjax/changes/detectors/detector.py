@@ -21,13 +21,13 @@ class Scan(NamedTuple):
         cloud: coordinates [n, 3], or a `PointCloud`, in any unit.
         views: where the sensor stood, in the frame of the cloud; None: not known.
         recognised: whether nobody has told where it stood, but the cloud itself shows it.
-        depth_frame: whether it has no views, but its points show that they are a frame of a camera at the origin.
+        heights: whether its file states that z is a height, by a coordinate reference system.
     """
 
     cloud: ArrayLike | PointCloud
     views: SensorViews | None = None
     recognised: bool = False
-    depth_frame: bool = False
+    heights: bool = False
 
 
 class Detection(NamedTuple):

@@ -15,7 +15,7 @@ from gmmjax.changes.change import Change
 from gmmjax.changes.detectors.aligned_scans import AlignedScans, refined, surveys_of
 from gmmjax.changes.detectors.detector import Scan
 from gmmjax.changes.detectors.joint_diagnostics import joint_diagnostics
-from gmmjax.changes.detectors.recognised_views import as_depth_frame, with_recognised_views
+from gmmjax.changes.detectors.recognised_views import with_recognised_views
 from gmmjax.changes.detectors.restart_detector import AbstractRestartDetector, Outcome
 from gmmjax.changes.differences import DifferenceSettings, LocalDifference
 from gmmjax.changes.evidence.candidate import Candidate
@@ -131,9 +131,9 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         if pair.working.volumetric:
             return scans
         points, settings = checked.map(lambda own: own.points), self.stations
-        if settings is not None and self.config.recognise_stations:
-            scans = each_on_cores(lambda scan, own: with_recognised_views(scan, own, settings), scans, points)
-        return each(as_depth_frame, scans, points)
+        if settings is None or not self.config.recognise_stations:
+            return scans
+        return each_on_cores(lambda scan, own: with_recognised_views(scan, own, settings), scans, points)
 
     def _refined(self, pair: AlignedPair) -> AlignedPair | None:
         """The scans at their own resolution at each place; None where it is that of the registration, or was given."""
@@ -174,7 +174,8 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         if not prepared.volumetric:
             error, measures = found.registration_error, self.objects.measures
             distance = prepared.figures.map(lambda own: own.distance)
-            items = with_measures(items, labels, pair, error, distance, prepared.sensors, measures)
+            sides = prepared.sensors, prepared.outer_side
+            items = with_measures(items, labels, pair, error, distance, *sides, measures)
         clock.stop()
         emd, diagnostics = mixtures_distance(joint), joint_diagnostics(prepared, joint, clock)
         changes = found.record(prepared.checked, items, labels, emd, self.config, diagnostics, pair.registration)

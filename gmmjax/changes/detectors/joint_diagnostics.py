@@ -33,6 +33,7 @@ def joint_diagnostics(prepared: AlignedScans, fits: JointFits, clock: Clock) -> 
         "finest_voxel_size": pair.working.finest_voxel_size,
         "spacing": pair.working.spacing,
         "volumetric": pair.working.volumetric,
+        "outer_side": None if pair.working.volumetric else prepared.outer_side,
         "tolerance": float(prepared.problem.prior.tolerance),
         "components": fits.joint.mixture.live.sum(axis=1).tolist(),
         "message_length": np.round(fits.message_length, 3).tolist(),
@@ -56,5 +57,4 @@ def _cloud_diagnostics(
         "points_compared": len(working.points),
         "views": 0 if views is None else len(views),
         "recognised_stations": [] if recognised is None else recognised.poses[:, :3, 3].tolist(),
-        "depth_frame": scan.depth_frame,
     }

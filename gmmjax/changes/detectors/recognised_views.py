@@ -1,14 +1,10 @@
-"""Where the sensor stood of which nobody has given any views, as the scan itself shows it.
-
-The stations of a scanner on a tripod become views. That a scan is a frame of a depth camera at its origin tells only
-from which side its surfaces are seen: which places are empty is not asked of a camera that nobody has vouched for.
-"""
+"""Views from the stations of a scanner on a tripod, as a scan without views shows them itself."""
 
 import numpy as np
 from jaxtyping import Float64, Int
 
 from gmmjax.changes.detectors.detector import Scan
-from gmmjax.clouds import DepthFrameSettings, SensorViews, StationSettings, is_depth_frame, recognised_stations
+from gmmjax.clouds import SensorViews, StationSettings, recognised_stations
 
 
 def with_recognised_views(
@@ -31,18 +27,3 @@ def with_recognised_views(
     if not len(stations):
         return scan
     return scan._replace(views=SensorViews.from_positions(points, stations), recognised=True)
-
-
-def as_depth_frame(
-    scan: Scan, points: Float64[np.ndarray, "n 3"], settings: DepthFrameSettings = DepthFrameSettings()
-) -> Scan:
-    """The scan, marked where it has no views and is a frame of a depth camera at its origin.
-
-    Args:
-        scan: with or without views.
-        points: of the scan as they were measured, or a part of them.
-        settings: what is a frame.
-    """
-    if scan.views is not None or scan.depth_frame:
-        return scan
-    return scan._replace(depth_frame=is_depth_frame(points, settings))

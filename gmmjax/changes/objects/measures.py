@@ -12,6 +12,7 @@ from gmmjax.changes.objects.placed_change import MeasuredPart
 from gmmjax.changes.objects.support_plane import SupportPlane, SupportPlaneSettings, support_planes
 from gmmjax.changes.objects.volume_settings import VolumeSettings
 from gmmjax.changes.objects.volumes import with_volumes
+from gmmjax.changes.signed_distance import OuterSide
 from gmmjax.geometry import (
     LocalSurface,
     density_clusters,
@@ -61,6 +62,7 @@ def with_measures(
     noise: float,
     distance: Pair[Float[np.ndarray, " _"]],
     sensors: Pair[Float64[np.ndarray, "_ 3"] | None],
+    outer_side: OuterSide,
     settings: MeasureSettings = MeasureSettings(),
 ) -> tuple[Change, ...]:
     """The changes with the smallest box around their points, but for outliers, their area and their volume.
@@ -75,6 +77,7 @@ def with_measures(
         noise: standard deviation of the offset between local means of one surface.
         distance: signed distance of each point to the other surface; NaN where there is none.
         sensors: where those of each survey stood; None: not known.
+        outer_side: what tells from which side surfaces were seen.
         settings: how they are measured.
     """
     points = [_points_of(index, pair.points, labels) for index in range(len(items))]
@@ -88,7 +91,7 @@ def with_measures(
     boxed = [_boxed(item, own, plane, settings) for item, own, plane in zip(items, kept, planes, strict=True)]
     sides = [bool((labels.after == index).any()) for index in range(len(items))]
     measured = [MeasuredPart(*part) for part in zip(kept, sides, planes, strict=True)]
-    return with_volumes(boxed, measured, labels, pair, distance, sensors, noise, settings.volumes)
+    return with_volumes(boxed, measured, labels, pair, distance, sensors, outer_side, noise, settings.volumes)
 
 
 def _points_of(

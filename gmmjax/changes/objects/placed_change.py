@@ -12,7 +12,7 @@ from gmmjax.changes.objects.height_above import HeightAbove
 from gmmjax.changes.objects.support_plane import SupportPlane
 from gmmjax.changes.objects.surface_volume import window_reach
 from gmmjax.changes.objects.volume_settings import VolumeSettings
-from gmmjax.changes.signed_distance import CorePoints
+from gmmjax.changes.signed_distance import CorePoints, OuterSide
 from gmmjax.geometry import MEAN_NEIGHBOURS, LocalSurface, evenly_chosen, nearest_neighbours, within_box
 
 
@@ -69,6 +69,7 @@ def placed_change(
     pair: AlignedPair,
     distance: float | None,
     sensors: Float64[np.ndarray, "p 3"] | None,
+    outer_side: OuterSide,
     settings: VolumeSettings,
 ) -> PlacedChange:
     """A change above the surface of the other scan, which is cut out about it.
@@ -79,6 +80,7 @@ def placed_change(
         pair: both clouds, registered.
         distance: signed, of its points; None where there is none, or its sign is not to be trusted.
         sensors: where those of the other survey stood; None: not known.
+        outer_side: what tells from which side surfaces were seen.
         settings: how changes are measured.
     """
     own, other = pair.surfaces.swapped if part.after else pair.surfaces
@@ -90,7 +92,10 @@ def placed_change(
     surface = LocalSurface.of(part.points[evenly_chosen(len(part.points), settings.surfaces.sample)])
     around = other.points[rows] - item.mean
     reference = LocalSurface.of(around)
-    revealed = sensors is not None and _not_seen_through(item) and _behind(surface, reference, sensors - item.mean)
+    if sensors is not None:
+        revealed = _not_seen_through(item) and _behind(surface, reference, sensors - item.mean)
+    else:
+        revealed = outer_side == "up" and _under_all(part.points + item.mean, other.points)
     place = _on_nearest(item.mean, part, surface, reference, distance, revealed, settings)
     if place.on_surface and _hangs_clear(place, own, settings):
         return place._replace(on_surface=False, hangs=True)
@@ -228,6 +233,13 @@ def _behind(surface: LocalSurface, reference: LocalSurface, sensors: Float64[np.
     """Whether a change lies behind the nearest surface of the other scan, as that survey's sensors see it."""
     nearest = CorePoints.of(reference, sensors, reference.nearest(surface.points))
     return bool(np.median(((surface.points - nearest.points) * nearest.normals).sum(axis=1)) < 0)
+
+
+def _under_all(points: Float64[np.ndarray, "n 3"], scan: Float64[np.ndarray, "m 3"]) -> bool:
+    """Whether all that a scan shows in the column of some points is above most of them, as above the walls of a pit."""
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    column = within_box(scan, np.append(lower[:2], -np.inf), np.append(upper[:2], np.inf))
+    return bool(len(column) and np.mean(scan[column, 2] > np.median(points[:, 2])) > 0.9)
 
 
 def _of_one_level(

@@ -15,6 +15,7 @@ from gmmjax.changes.objects.hull_volume import hull_measures
 from gmmjax.changes.objects.placed_change import MeasuredPart, PlacedChange, placed_change
 from gmmjax.changes.objects.surface_volume import volumes_of, window_reach
 from gmmjax.changes.objects.volume_settings import VolumeSettings
+from gmmjax.changes.signed_distance import OuterSide
 from gmmjax.geometry import evenly_chosen, within_box
 from gmmjax.pair import Pair, each
 
@@ -41,6 +42,7 @@ def with_volumes(
     pair: AlignedPair,
     distance: Pair[Float[np.ndarray, " _"]],
     sensors: Pair[Float64[np.ndarray, "_ 3"] | None],
+    outer_side: OuterSide,
     registration_error: float,
     settings: VolumeSettings = VolumeSettings(),
 ) -> tuple[Change, ...]:
@@ -53,6 +55,7 @@ def with_volumes(
         pair: both clouds, registered.
         distance: signed distance of each point to the other surface; NaN where there is none.
         sensors: where those of each survey stood; None: not known.
+        outer_side: what tells from which side surfaces were seen.
         registration_error: of the pair, standard deviation.
         settings: how they are measured.
     """
@@ -62,7 +65,7 @@ def with_volumes(
         # Without poses the outer side of a surface is a guess; that an object left its place is none.
         guessed = own is None and item.kind == "moved"
         median = None if guessed else _median_distance(index, labels, distance)
-        places.append(placed_change(item, part, pair, median, other, settings))
+        places.append(placed_change(item, part, pair, median, other, outer_side, settings))
     counted_in = _counted_in(places, settings)
     found = []
     for index, item in enumerate(items):
@@ -71,6 +74,10 @@ def with_volumes(
         else:
             whole = item.kind == "moved"
             quantity = _quantity(index, places, counted_in, pair, registration_error, settings, whole=whole)
+            # That an object came or left is known without: one that is closed, or is found in another place.
+            closed = quantity.volume_method == "hull" or item.kind == "moved"
+            if not closed and not _side_is_known(places[index], pair, outer_side):
+                quantity = quantity._replace(gain_or_loss=None)
         found.append(dataclasses.replace(item, **quantity._asdict()))
     return tuple(found)
 
@@ -86,10 +93,11 @@ def _median_distance(
 def _counted_in(places: Sequence[PlacedChange], settings: VolumeSettings) -> list[int | None]:
     """For each change the change of the other scan that is the other surface of the same volume, if there is one.
 
-    The old and the new surface of what was eroded may both be found changed. The larger one has the volume.
+    The old and the new surface of what was eroded may both be found changed. The larger one has the volume; a patch of
+    the ground that a block hides, below which nothing is seen, has none beside that of the block.
     """
     areas = [len(place.surface) * place.spacing**2 for place in places]
-    order = sorted(range(len(places)), key=lambda index: (-areas[index], index))
+    order = sorted(range(len(places)), key=lambda index: (not places[index].on_surface, -areas[index], index))
     found: list[int | None] = [None] * len(places)
     for rank, index in enumerate(order):
         for larger in order[:rank]:
@@ -101,10 +109,7 @@ def _counted_in(places: Sequence[PlacedChange], settings: VolumeSettings) -> lis
 
 def _is_other_surface(own: PlacedChange, other: PlacedChange, settings: VolumeSettings) -> bool:
     """Whether a change is the other surface of a change of the other scan."""
-    if own.part.after == other.part.after or not (own.on_surface and other.on_surface):
-        return False
-    # Of a surface that was raised in one part and lowered in another the two scans may show either more of.
-    if own.gained != other.gained and not (own.layer and other.layer):
+    if own.part.after == other.part.after or not other.on_surface:
         return False
     across = np.linalg.svd(other.outward[None])[2][1:]
     points, others = own.surface.points + (own.mean - other.mean), other.surface.points
@@ -113,7 +118,28 @@ def _is_other_surface(own: PlacedChange, other: PlacedChange, settings: VolumeSe
     # In front of it or behind it by less than it is wide.
     depth = np.abs((points[near] - others[nearest[near]]) @ other.outward)
     width = float(np.ptp(others @ across.T, axis=0).max())
-    return bool((depth <= width).sum() >= settings.same * len(points))
+    if (depth <= width).sum() < settings.same * len(points):
+        return False
+    # Of a surface that was raised in one part and lowered in another the two scans may show either more of.
+    same_effect = own.gained == other.gained or (own.layer and other.layer)
+    # A patch that is thinner than it is far from the other surface is the ground that a block hides now.
+    patch = bool(np.ptp(points @ other.outward) <= np.median(depth))
+    return patch or (own.on_surface and same_effect)
+
+
+def _side_is_known(place: PlacedChange, pair: AlignedPair, outer_side: OuterSide) -> bool:
+    """Whether it is known on which side of the surface that a change is measured from the free space is.
+
+    Height tells it of what is more level than upright, unless most of its scan goes on beneath: that may be a ceiling.
+    """
+    if outer_side == "sensor":
+        return True
+    if outer_side == "unknown" or abs(place.outward[2]) < np.sqrt(0.5):
+        return False
+    own, scan = place.part.points + place.mean, pair.points.after if place.part.after else pair.points.before
+    lower, upper = own.min(axis=0), own.max(axis=0)
+    beneath = within_box(scan, np.append(lower[:2], -np.inf), np.append(upper[:2], lower[2] - place.spacing))
+    return len(beneath) < len(own) / 2
 
 
 def _quantity(

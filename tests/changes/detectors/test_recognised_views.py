@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from gmmjax.changes import (
     AlignSettings,
@@ -10,15 +9,12 @@ from gmmjax.changes import (
     DetectionConfig,
     JointDetector,
     Scan,
-    as_depth_frame,
     silent,
     with_recognised_views,
 )
 from gmmjax.changes.prepare.resolution import ResolutionSettings
 from gmmjax.clouds import SensorViews
-from gmmjax.geometry import rigid_transform, transformed
-from gmmjax.pair import Pair, each
-from tests.clouds.made_frames import frame, on_box
+from gmmjax.pair import Pair
 from tests.clouds.scanned_room import STATIONS, scan
 
 
@@ -88,75 +84,3 @@ def test_the_record_says_where_the_stations_are_in_the_frame_of_each_scan(points
     assert len(before) == len(after) == 1
     np.testing.assert_allclose(after[0, :2] - before[0, :2], [0.2, 0.0], atol=0.05)
     assert [changes.diagnostics[side]["views"] for side in ("before", "after")] == [1, 1]
-
-
-NEARER = 0.08
-
-
-@pytest.fixture(scope="module")
-def frames():
-    """The same camera before a wall of which a part has come nearer."""
-    return Pair(frame(seed=1, noise=0.001, nearer=0.0), frame(seed=2, noise=0.001, nearer=NEARER))
-
-
-def distance_of_box(scans):
-    """The median signed distance where the box is, in both clouds."""
-    found = prepared(scans, registration="never")
-    medians = each(
-        lambda own, cloud: float(np.nanmedian(own.distance[on_box(cloud.points)])), found.figures, found.checked
-    )
-    np.testing.assert_allclose(*medians, atol=0.02)
-    return medians.before
-
-
-@pytest.mark.parametrize("direction", [1, -1])
-def test_what_came_nearer_to_the_camera_of_a_depth_frame_has_a_positive_distance(frames, direction):
-    turned = frames.map(lambda points: points * [1, direction, direction])
-    assert distance_of_box(turned) == pytest.approx(NEARER, abs=0.02)
-    assert distance_of_box(turned.swapped) == pytest.approx(-NEARER, abs=0.02)
-
-
-def test_without_the_pixels_of_a_camera_z_points_up(frames):
-    """The same points, a little out of place: nothing tells that z does not point up, away from the camera."""
-    shaken = frames.map(lambda points: points + np.random.default_rng(3).normal(0, 0.005, points.shape))
-    assert distance_of_box(shaken) == pytest.approx(-NEARER, abs=0.02)
-
-
-def test_the_camera_of_one_frame_serves_for_the_other_scan_too(frames):
-    shaken = frames.after + np.random.default_rng(3).normal(0, 0.005, frames.after.shape)
-    assert distance_of_box(Pair(frames.before, shaken)) == pytest.approx(NEARER, abs=0.02)
-    known = Scan(frames.before, SensorViews.at_origin(frames.before))
-    assert distance_of_box(Pair(known, shaken)) == pytest.approx(NEARER, abs=0.02)
-
-
-def test_the_camera_of_the_after_frame_is_placed_by_the_registration(frames):
-    motion = rigid_transform(Rotation.from_euler("y", 2, degrees=True).as_matrix(), np.array([0.05, 0.02, 0.03]))
-    moved = Pair(frames.before, transformed(frames.after, np.linalg.inv(motion)))
-    # The moved points no longer lie on the pixels of a camera at the origin: that they are a frame is given.
-    scans = Pair(Scan(moved.before), Scan(moved.after, depth_frame=True))
-    found = prepared(scans, registration="always")
-    assert found.pair.registration.applied
-    place = found.surveys.after.towards
-    np.testing.assert_allclose(place, transformed(np.zeros((1, 3)), motion), atol=0.05)
-    np.testing.assert_array_equal(found.surveys.before.towards, np.zeros((1, 3)))
-
-
-def test_a_depth_frame_has_no_views(frames):
-    """Which places are empty is asked of sensors only that somebody has told of, or that are recognised as stations."""
-    assert all(own.views is None and own.seen_from is not None for own in prepared(frames).surveys)
-
-
-def test_views_are_kept_whatever_the_points_are(frames):
-    views = SensorViews.at_origin(frames.before)
-    known = Scan(frames.before, views)
-    assert as_depth_frame(known, frames.before) is known
-    assert as_depth_frame(Scan(frames.before), frames.before).depth_frame
-    assert as_depth_frame(Scan(frames.before, depth_frame=True), frames.before[:0]).depth_frame
-
-
-def test_the_record_says_whether_a_scan_is_a_depth_frame(frames):
-    mixed = Pair(frames.before, frames.after + np.array([0.3, 0.0, 0.0]))
-    changes = JointDetector(DetectionConfig(restarts=1, max_components=12, registration="never")).changes(
-        mixed.map(Scan)
-    )
-    assert [changes.diagnostics[side]["depth_frame"] for side in ("before", "after")] == [True, False]

@@ -59,7 +59,7 @@ def measured_crate(crate, motion=np.eye(3), shift=np.zeros(3), settings=MeasureS
     labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(floor), len(points)]))
     change = change_of(points, "appeared", 0.9, 5.0)
     nowhere = labels.map(lambda own: np.full(len(own), np.nan, np.float32))
-    return with_measures((change,), labels, pair, 0.001, nowhere, Pair(None, None), settings)[0]
+    return with_measures((change,), labels, pair, 0.001, nowhere, Pair(None, None), "up", settings)[0]
 
 
 def test_a_crate_that_three_sides_were_seen_of_has_its_size_and_its_volume(crate):
@@ -202,7 +202,7 @@ def pit_wall(unreached, seen_through):
     change = dataclasses.replace(change_of(wall, "appeared", 0.9, 5.0), explanation=Explanation(1.0, 0.0, 0.0, facts))
     nowhere = labels.map(lambda own: np.full(len(own), np.nan, np.float32))
     station = np.array([[0.0, -12.0, -4.0]])
-    return with_measures((change,), labels, pair, 0.001, nowhere, Pair(station, station))[0]
+    return with_measures((change,), labels, pair, 0.001, nowhere, Pair(station, station), "sensor")[0]
 
 
 def test_the_wall_of_a_pit_came_to_light_by_a_loss():
@@ -215,7 +215,7 @@ def test_what_stands_where_the_other_survey_saw_through_came():
 
 @pytest.mark.parametrize(
     ("kind", "station", "expected"),
-    [("moved", None, "loss"), ("disappeared", None, "gain"), ("moved", (0.0, -5.0, 0.5), "gain")],
+    [("moved", None, "loss"), ("disappeared", None, None), ("moved", (0.0, -5.0, 0.5), "gain")],
 )
 def test_what_moved_without_known_poses_left_less_behind(kind, station, expected):
     """The front of a box before a wall, with signed distances by the far side of the wall as the outer one."""
@@ -229,7 +229,8 @@ def test_what_moved_without_known_poses_left_less_behind(kind, station, expected
     distance = Pair(np.repeat([0.0, 0.2], [len(bare), len(front)]), np.zeros(len(after)))
     sensors = None if station is None else np.array([station])
     change = change_of(before[len(bare) :], kind, 0.9, 5.0)
-    found = with_measures((change,), labels, pair, 0.001, distance, Pair(sensors, sensors))[0]
+    side = "up" if station is None else "sensor"
+    found = with_measures((change,), labels, pair, 0.001, distance, Pair(sensors, sensors), side)[0]
     assert found.gain_or_loss == expected
     # Where its sides were, nothing was seen: half of what is between the front and the wall counts there.
     assert found.volume == pytest.approx(0.2 * 0.4**2, rel=0.15)
@@ -254,7 +255,7 @@ def board(gap, *, hides):
     labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(wall), len(points)]))
     nowhere = labels.map(lambda own: np.full(len(own), np.nan, np.float32))
     change = change_of(points, "appeared", 0.9, 5.0)
-    return with_measures((change,), labels, pair, 0.001, nowhere, Pair(None, None))[0]
+    return with_measures((change,), labels, pair, 0.001, nowhere, Pair(None, None), "up")[0]
 
 
 def test_between_what_hangs_and_the_wall_behind_it_nothing_was_gained():
@@ -301,7 +302,7 @@ def cut_and_fill(before_shows, after_shows):
     ]
     distance = Pair(*(np.where(np.abs(own[:, 0]) < 1.5, 0.2 * np.sign(own[:, 0]), 0.0) for own in (before, after)))
     return with_measures(
-        tuple(changes), labels, aligned(Pair(before, after), "never"), 0.001, distance, Pair(None, None)
+        tuple(changes), labels, aligned(Pair(before, after), "never"), 0.001, distance, Pair(None, None), "up"
     )
 
 
@@ -326,4 +327,4 @@ def test_what_leans_over_the_floor_in_front_of_it_stands_there():
     labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(floor), len(front)]))
     nowhere = labels.map(lambda own: np.full(len(own), np.nan, np.float32))
     change = change_of(front, "appeared", 0.9, 5.0)
-    assert with_measures((change,), labels, pair, 0.001, nowhere, Pair(None, None))[0].volume_method == "surface"
+    assert with_measures((change,), labels, pair, 0.001, nowhere, Pair(None, None), "up")[0].volume_method == "surface"
