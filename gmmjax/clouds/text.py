@@ -218,9 +218,10 @@ class _Rows:
         if name in needed:
             self._check({name})
         place = self._names.index(name)
-        number, cell = next(
-            (n, row[place]) for n, row in self._numbered() if not is_number(row[place]) and row[place] not in MISSING
-        )
+        cells = ((number, row[place]) for number, row in self._numbered() if place < len(row))
+        number, cell = next(((n, own) for n, own in cells if not is_number(own) and own not in MISSING), (0, ""))
+        if name in needed or not number:
+            raise InputError(f"{self._source}: the column {shown(name)} cannot be read; write plain decimal numbers")
         warn(f"{self._source}: the column {shown(name)} has text (line {number}: {shown(cell)}), and is left out")
 
     def _numbered(self) -> Iterator[tuple[int, list[str]]]:

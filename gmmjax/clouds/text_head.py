@@ -96,8 +96,12 @@ def cells_of(line: str, separator: str) -> list[str]:
     if separator == " ":
         cells = BLANK_SEPARATED.findall(line)
     else:
-        cells = next(csv.reader([line.strip(" ")], delimiter=separator, skipinitialspace=True), [])
-    return [_unquoted(cell) for cell in cells]
+        try:
+            cells = next(csv.reader([line.strip(" ")], delimiter=separator, skipinitialspace=True), [])
+        # A cell of more than 128 KiB.
+        except csv.Error:
+            cells = line.split(separator)
+    return [_unquoted(cell) for cell in cells] or [""]
 
 
 def _lines(text: bytes, source: str) -> Iterator[Line]:
