@@ -199,8 +199,8 @@ class RunRecord:
             known = {**previous.settings, "series": previous.series}
             listed = ", ".join(f"{name} {shown(known.get(name, 'default'))}" for name in other[:3])
             raise InputError(
-                f"{folder}: holds a run with other settings ({listed}); choose another folder, or --overwrite to "
-                "compute its pairs again with these"
+                f"{folder}: holds a run with other settings ({listed}); choose another folder, or --overwrite "
+                "(overwrite=True) to compute its pairs again with these"
             )
 
     def write(self, path: Path) -> None:
@@ -219,7 +219,7 @@ class RunRecord:
         Raises:
             InputError: the file is missing or damaged, or of another schema version.
         """
-        remedy = "start the run again with --overwrite, which writes it anew and keeps what is done"
+        remedy = "start the run again with --overwrite (overwrite=True), which writes it anew and keeps what is done"
         content = read_json_record(path, RUN_SCHEMA, remedy)
         try:
             names, epochs = tuple(map(str, content["pairs"])), tuple(map(str, content["epochs"]))

@@ -11,7 +11,7 @@ from jaxtyping import ArrayLike
 
 from gmmjax.changes import NAMES, DetectionConfig
 from gmmjax.clouds import PointCloud, SensorViews, read_cloud, read_views
-from gmmjax.errors import InputError, shown
+from gmmjax.errors import InputError, shown, warn
 from gmmjax.pair import Pair
 
 CloudSource: TypeAlias = str | os.PathLike[str] | PointCloud | ArrayLike
@@ -78,9 +78,16 @@ class BatchPair:
 
         Raises:
             InputError: a file that cannot be read, or an array that is no cloud.
+
+        Warns:
+            InputWarning: rows of an array that are not finite.
         """
         views = self.views.map(lambda source: read_views(source) if isinstance(source, str | os.PathLike) else source)
-        return LoadedPair(self.clouds.map(_cloud_of), views)
+        clouds = self.clouds.map(_cloud_of)
+        for name, given, cloud in zip(NAMES, self.clouds, clouds, strict=True):
+            if cloud.rows_dropped and cloud.source is None and given is not cloud:
+                warn(f"{cloud.rows_dropped:,} rows of the {name} cloud had no finite position and were left out")
+        return LoadedPair(clouds, views)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -55,8 +55,8 @@ def detect_changes(
         ComputationError: no restart gave a mixture, or no pair of separate mixtures could be compared.
 
     Warns:
-        InputWarning: extents that differ as if in another unit; a registration in doubt; views that contradict their
-            cloud, which are not used.
+        InputWarning: rows of an array that are not finite; extents that differ as if in another unit; a registration
+            in doubt; views that contradict their cloud, which are not used.
     """
     config = _overridden(config or DetectionConfig(), method=method, restarts=restarts, seed=seed)
     scans = _scans(before, after, views_before, views_after)

@@ -32,8 +32,8 @@ def color_bytes(channels: np.ndarray, source: str, limits: ColorRange | None = N
     """Red, green and blue as bytes.
 
     Bytes stay. Other integers stay when none is above 255 (many writers put bytes into 16-bit columns) and are divided
-    by 257 otherwise, which maps 65535 to 255. Floats are shares of one when none is above 1, and 0 to 255 otherwise.
-    NaN, as scanners write it for points without a colour, becomes 0.
+    by 257 otherwise, which maps 65535 to 255. Floats are shares of one when none is above 1, and otherwise as integers,
+    which above 255 they have to be. NaN, as scanners write it for points without a colour, becomes 0.
 
     Args:
         channels: numbers [N, 3].
@@ -53,7 +53,7 @@ def color_bytes(channels: np.ndarray, source: str, limits: ColorRange | None = N
     factor, divisor = 1.0, 1.0
     if channels.dtype.kind == "f" and limits.highest <= 1:
         factor = 255.0
-    elif channels.dtype.kind != "f" and limits.highest > 255:
+    elif limits.highest > 255 and (channels.dtype.kind != "f" or (values == np.rint(values)).all()):
         divisor = 257.0
     if limits.lowest < 0 or limits.highest * factor / divisor > 255:
         raise InputError(

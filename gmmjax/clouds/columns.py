@@ -1,7 +1,7 @@
 """Columns of numbers from a file, by name, as a point cloud."""
 
 import itertools
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float64
@@ -13,6 +13,22 @@ from gmmjax.errors import InputError
 
 AXES = ("x", "y", "z")
 PACKED_COLORS = ("rgb", "rgba")
+# What the channels of colour are called, in lower case.
+COLOR_NAMES = (CHANNELS, ("r", "g", "b"), ("rf", "gf", "bf"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+
+
+def canonical_names(names: Sequence[str]) -> list[str]:
+    """x, y, z for X, Y, Z, and red, green, blue for the other names of all three; names that are there stay.
+
+    Args:
+        names: of the columns of a file.
+    """
+    lower, renamed = [name.lower() for name in names], list(names)
+    colors = next((own for own in COLOR_NAMES if all(lower.count(channel) == 1 for channel in own)), ())
+    for old, new in (*zip(AXES, AXES, strict=True), *zip(colors, CHANNELS, strict=False)):
+        if new not in names and lower.count(old) == 1:
+            renamed[lower.index(old)] = new
+    return renamed
 
 
 def require_axes(names: Iterable[str], source: str) -> None:
@@ -84,7 +100,7 @@ def field_columns(name: str, block: np.ndarray) -> dict[str, np.ndarray]:
         Numbers [N] by name.
     """
     count = block.shape[1]
-    if count == 1 and name in PACKED_COLORS and block.dtype.itemsize == 4:
+    if count == 1 and name.lower() in PACKED_COLORS and block.dtype.itemsize == 4:
         packed = native(block[:, 0]).view(np.uint32)
         shifts = zip(CHANNELS, (16, 8, 0), strict=True)
         return {channel: (packed >> shift & 255).astype(np.uint8) for channel, shift in shifts}

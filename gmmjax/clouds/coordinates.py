@@ -1,10 +1,32 @@
 """Coordinates as callers give them, checked."""
 
+import os
+
 import numpy as np
 import numpy.typing as npt
 from jaxtyping import Float64
 
-from gmmjax.errors import InputError
+from gmmjax.errors import InputError, shown
+
+
+def require_array(values: object, name: str) -> None:
+    """Check that values are neither a path nor a cloud, which are given where an array is expected.
+
+    Args:
+        values: of an argument.
+        name: what the message calls them.
+
+    Raises:
+        InputError: a text, a path, several of them, or an object that has points.
+    """
+    first = values[0] if isinstance(values, list | tuple) and values else values
+    if isinstance(first, str | bytes | os.PathLike):
+        raise InputError(
+            f"{name}: is {shown(os.fspath(first))}, which is no array of points; read a file with "
+            "gmmjax.read_cloud(path), the files of one survey with gmmjax.read_survey(paths)"
+        )
+    if hasattr(values, "points"):
+        raise InputError(f"{name}: is a {type(values).__name__}, which is no array; give its attribute points")
 
 
 def as_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray, "n 3"]:
@@ -20,6 +42,7 @@ def as_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray
     Raises:
         InputError: not real numbers, or not [N, 3].
     """
+    require_array(points, name)
     try:
         array = np.asarray(points)
     except (ValueError, TypeError) as error:

@@ -62,6 +62,21 @@ def decode_laz(request: dict[str, Any]) -> Iterator[bytes | bytearray]:
             yield records
 
 
+def decode_laszip(request: dict[str, Any]) -> Iterator[bytes | bytearray]:
+    """As `decode_laz`, by LASzip itself, which reads versions of items that lazrs does not."""
+    import laszip
+
+    _limit_memory(request["memory"])
+    record, left = request["record_length"], request["count"]
+    with open(request["path"], "rb") as file:
+        decompressor = laszip.LasUnZipper(file)
+        while left:
+            records = bytearray(min(left, max(FRAME // record, 1)) * record)
+            decompressor.decompress_into(records)
+            left -= len(records) // record
+            yield records
+
+
 def decode_mesh(request: dict[str, Any]) -> Iterator[bytes | bytearray]:
     """The vertices of a mesh and their colours, float64 [N, 3] each."""
     import numpy as np
@@ -137,6 +152,7 @@ def _scan_blocks(image: Any, points: Any, fields: list[str]) -> Iterator[bytes]:
 
 DECODERS: dict[str, Callable[[dict[str, Any]], Iterator[bytes | bytearray]]] = {
     "laz": decode_laz,
+    "laszip": decode_laszip,
     "mesh": decode_mesh,
     "e57": decode_e57,
 }

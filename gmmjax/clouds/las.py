@@ -1,4 +1,4 @@
-"""Reading LAS files, and LAZ files with lazrs in a process of its own."""
+"""Reading LAS files, and LAZ files with lazrs or laszip in a process of its own."""
 
 import dataclasses
 import os
@@ -38,7 +38,7 @@ LONGEST_WKT = 1 << 20
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class LasFile(CloudFile):
-    """A LAS or LAZ file, versions 1.0 to 1.4.
+    """A LAS or LAZ file, versions 1.0 to 1.5.
 
     Scale and offset are applied in float64; intensity and classification are columns. Unit and reference system are
     those of the WKT or the GeoTIFF keys.
@@ -140,12 +140,25 @@ def _decompressed(file: Path, header: LasHeader, laszip: LaszipLayout, decoder: 
     }
     # A chunk may hold all points, and is held beside the block that is asked for.
     memory = 2 * header.count * header.record_length
+    version = laszip.unknown_version
+    decoder_name, library = ("laz", "lazrs") if version is None else ("laszip", "laszip")
     try:
-        for data in decoder.decode(Request("laz", file, "lazrs", memory, header.count / SLOWEST, details)):
+        for data in decoder.decode(Request(decoder_name, file, library, memory, header.count / SLOWEST, details)):
             yield np.frombuffer(data, header.row_type)
     except DecodingError as error:
+        if version is not None:
+            raise InputError(f"{file}: {_newer_laszip(version, error)}, or convert it to LAS") from error
         if error.kind in ("ModuleNotFoundError", "ImportError"):
             raise InputError(
                 f"{file}: LAZ files need lazrs ({error}): pip install lazrs, or convert it to LAS"
             ) from error
         raise InputError(f"{file}: lazrs cannot read it ({one_line(error)}); {DAMAGED}") from error
+
+
+def _newer_laszip(version: int, error: DecodingError) -> str:
+    if error.kind in ("ModuleNotFoundError", "ImportError"):
+        return f"is compressed by a newer LASzip (items of version {version}) than lazrs reads: pip install laszip"
+    return (
+        f"laszip cannot read it, which has items of version {version} ({one_line(error)}): pip install --upgrade "
+        "laszip, copy it again if it is damaged"
+    )

@@ -1,4 +1,4 @@
-"""The header of a LAS or LAZ file (ASPRS LAS 1.4, LASzip), checked against the bytes that are there."""
+"""The header of a LAS or LAZ file (ASPRS LAS 1.4 and 1.5, LASzip), checked against the bytes that are there."""
 
 import struct
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from jaxtyping import Float64
 from gmmjax.errors import InputError
 
 # Bytes of the public header block of each minor version, and of a record of each point format, at least.
-HEADER_SIZES = (227, 227, 227, 235, 375)
+HEADER_SIZES = (227, 227, 227, 235, 375, 393)
 RECORD_SIZES = (20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67)
 # Where red, green and blue stand in a record of each point format that has them.
 COLOR_OFFSETS = {2: 20, 3: 28, 5: 28, 7: 30, 8: 30, 10: 30}
@@ -29,6 +29,8 @@ CHUNKED = (2, 3)
 ITEMS = ((6,), (6, 7), (6, 8), (6, 7, 8), (6, 7, 9), (6, 7, 8, 9), (10,), (10, 11), (10, 12), (10, 13), (10, 12, 13))
 ITEM_SIZES = {6: 20, 7: 8, 8: 6, 9: 29, 10: 30, 11: 6, 12: 8, 13: 29}
 EXTRA_BYTES = (0, 14)
+# Of the items of point formats 6 to 10, the version that lazrs reads.
+LAZRS_VERSION = 3
 CHUNKS_DIFFER = 2**32 - 1
 FEW_RECORDS = "the file is cut off, copy it again"
 DAMAGED = "the file is damaged, copy or export it again"
@@ -45,6 +47,12 @@ class LaszipLayout:
 
     vlr: bytes
     chunk_bytes: int
+
+    @property
+    def unknown_version(self) -> int | None:
+        """The version of an item of point formats 6 to 10 that lazrs does not read, such as 4; None: there is none."""
+        items = struct.iter_unpack("<HHH", self.vlr[LASZIP_SIZE:][: LASZIP_ITEM * self.vlr[LASZIP_SIZE - 2]])
+        return next((version for kind, _, version in items if kind >= 10 and version != LAZRS_VERSION), None)
 
 
 @dataclass(frozen=True)
@@ -85,7 +93,7 @@ class LasHeader:
     """What a file declares; there is room for it.
 
     Attributes:
-        minor: of the version 1.0 to 1.4.
+        minor: of the version 1.0 to 1.5.
         size: bytes of the header.
         point_format: 0 to 10.
         record_length: bytes of a point.
@@ -153,10 +161,12 @@ def read_header(stream: BinaryIO, size: int, file: Path) -> LasHeader:
     if header[:4] != b"LASF":
         raise InputError(f"{file}: is no LAS or LAZ file (it does not start with LASF); rename it to its real format")
     major, minor = header[24:26] if len(header) > 25 else (0, 0)
-    if len(header) < min(HEADER_SIZES) or (major == 1 and minor < 5 and len(header) < HEADER_SIZES[minor]):
+    if len(header) < min(HEADER_SIZES) or (
+        major == 1 and minor < len(HEADER_SIZES) and len(header) < HEADER_SIZES[minor]
+    ):
         raise InputError(f"{file}: ends within its header, after {len(header)} bytes; {FEW_RECORDS}")
     if major != 1 or minor >= len(HEADER_SIZES):
-        raise InputError(f"{file}: has version {major}.{minor}, known are 1.0 to 1.4; export it as LAS 1.4")
+        raise InputError(f"{file}: has version {major}.{minor}, known are 1.0 to 1.5; export it as LAS 1.4")
     header_size, offset, records = struct.unpack_from("<HII", header, 94)
     point_format, record_length, count = struct.unpack_from("<BHI", header, 104)
     if minor >= 4:

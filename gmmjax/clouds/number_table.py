@@ -66,13 +66,15 @@ def parse_table(
     return table
 
 
-def is_number(token: bytes) -> bool:
+def is_number(token: bytes | str) -> bool:
     """Whether a word of text is a number."""
+    text = token.decode("latin-1") if isinstance(token, bytes) else token
     try:
-        float(token)
+        float(text)
     except ValueError:
         return False
-    return b"_" not in token
+    # Python takes more for numbers than files have.
+    return text.isascii() and "_" not in text
 
 
 def _split(text: bytes) -> Iterator[bytes]:

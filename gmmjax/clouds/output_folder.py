@@ -129,7 +129,10 @@ def _check_contents(folder: Path, kind: FolderKind, overwrite: bool) -> None:
         listed = ", ".join(foreign[:3]) + (", ..." if len(foreign) > 3 else "")
         raise InputError(f"{folder}: holds something else ({listed}); choose a new or an empty output folder")
     if entries and not overwrite:
-        raise InputError(f"{folder}: holds a previous {kind.name}; --overwrite replaces it, or choose another folder")
+        raise InputError(
+            f"{folder}: holds a previous {kind.name}; --overwrite replaces it (overwrite=True in Python), or choose "
+            "another folder"
+        )
 
 
 def _exists(path: str | os.PathLike[str]) -> bool:

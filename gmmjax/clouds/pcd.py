@@ -11,7 +11,14 @@ from jaxtyping import Float64, UInt8
 
 from gmmjax.clouds import lzf
 from gmmjax.clouds.cloud_file import CloudFile, RowBlock
-from gmmjax.clouds.columns import block_of_columns, cast_column, cloud_of_columns, field_columns, require_axes
+from gmmjax.clouds.columns import (
+    block_of_columns,
+    canonical_names,
+    cast_column,
+    cloud_of_columns,
+    field_columns,
+    require_axes,
+)
 from gmmjax.clouds.files import read_bytes, require_file
 from gmmjax.clouds.number_table import NumberedLines, parse_table
 from gmmjax.clouds.ordered_frame import frame_views, pose_of
@@ -248,7 +255,7 @@ def _fields(entries: dict[str, list[str]], source: str) -> tuple[Field, ...]:
         raise InputError(f"{source}: the PCD header declares {sorted(repeated)} more than once; rename one of them")
     return tuple(
         Field(name, np.dtype(f"<{kind.lower()}{size}"), count)
-        for name, kind, size, count in zip(names, types, sizes, counts, strict=True)
+        for name, kind, size, count in zip(canonical_names(names), types, sizes, counts, strict=True)
     )
 
 

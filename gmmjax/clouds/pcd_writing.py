@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax.clouds.atomic import atomic_write
 from gmmjax.clouds.columns import AXES
-from gmmjax.clouds.coordinates import as_finite_points
+from gmmjax.clouds.coordinates import as_finite_points, require_array
 from gmmjax.clouds.ordered_frame import QUATERNION_TOLERANCE
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.errors import InputError
@@ -48,6 +48,7 @@ def write_pcd(
         InputError: a shape, type, name or viewpoint that PCD cannot hold, or a folder that cannot be written.
         OSError: from writing, such as a full disk; a file that was there before is left as it was.
     """
+    require_array(points, f"{path}: points")
     array = np.asarray(points)
     grid = array.shape[:-1]
     if array.ndim == 3 and array.shape[2] == 3 and array.dtype.kind == "f":

@@ -62,14 +62,15 @@ class PlyFile(CloudFile):
 def open_ply(path: str | os.PathLike[str]) -> PlyFile | PointCloud:
     """The vertices of a PLY file: ascii or binary of either byte order, a cloud or a mesh.
 
-    red, green and blue become colours, other scalar properties become fields in their declared type; faces and other
-    elements are passed over.
+    red, green and blue become colours, other scalar properties become fields in their declared type; lists, faces and
+    other elements are passed over. Names are in upper or lower case.
 
     Args:
         path: the file.
 
     Returns:
-        The file, of which the header is read; where it is ascii, its points in the order of the file.
+        The file, of which the header is read; where it is ascii or its vertices have lists, its points in the order of
+        the file.
 
     Raises:
         InputError: the file cannot be read, is no PLY, is cut off, or has no x, y, z.
@@ -81,14 +82,14 @@ def open_ply(path: str | os.PathLike[str]) -> PlyFile | PointCloud:
     if index < 0:
         names = ", ".join(element.name for element in header.elements) or "nothing"
         raise InputError(f"{source}: declares no vertex element, only: {names}; export the vertices")
-    vertex = header.elements[index]
+    vertex = header.elements[index].without_lists
     require_axes((prop.name for prop in vertex.properties), source)
-    if vertex.has_lists:
-        lists = ", ".join(prop.name for prop in vertex.properties if prop.length is not None)
-        raise InputError(f"{source}: vertices have list properties ({lists}); export them without these")
     if header.encoding == "ascii":
         return cloud_of_columns(_ascii_columns(read_bytes(file), header, index, source), source)
     offset = _vertex_offset(file, header, index)
+    if header.elements[index].has_lists:
+        rows = _rows_without_lists(read_bytes(file), offset, header.elements[index], header.encoding, source)
+        return cloud_of_columns({prop.name: rows[prop.name] for prop in vertex.properties}, source)
     available = max(written.size - offset, 0) // vertex.row_type.itemsize
     if available < vertex.count:
         raise _cut_off(vertex.count, available, source)
@@ -193,25 +194,55 @@ def _after_element(data: bytes, offset: int, element: Element, encoding: str, so
     """The byte after an element that is passed over."""
     if not element.has_lists:
         return offset + element.count * element.row_type.itemsize
-    sizes = [(prop.dtype.itemsize, 0 if prop.length is None else prop.length.itemsize) for prop in element.properties]
+    for place in _list_places(data, offset, element, encoding, source):
+        offset = place[-1]
+    return offset
+
+
+def _list_places(data: bytes, offset: int, element: Element, encoding: str, source: str) -> Iterator[list[int]]:
+    """Where each row of an element with lists begins, and the byte after each of its lists and after its end."""
     order: Literal["big", "little"] = "big" if encoding == "binary_big_endian" else "little"
+    sizes = [(prop.dtype.itemsize, 0 if prop.length is None else prop.length.itemsize) for prop in element.properties]
     for row in range(element.count):
+        places = [offset]
         for size, length_size in sizes:
             # A negative length, read here as a huge positive one, ends behind the file like any other wrong length.
             length = int.from_bytes(data[offset : offset + length_size], order) if length_size else 1
             offset += length_size + length * size
+            if length_size:
+                places.append(offset)
         if offset > len(data):
             raise InputError(
-                f"{source}: declares {element.count} rows of {element.name} before the vertices, {row} are there; "
-                "the file is cut off, copy it again"
+                f"{source}: declares {element.count} rows of {element.name}, {row} are there; the file is cut off, "
+                "copy it again"
             )
-    return offset
+        yield [*places, offset]
+
+
+def _rows_without_lists(data: bytes, offset: int, element: Element, encoding: str, source: str) -> np.ndarray:
+    """The scalars of an element with lists, as rows of `element.without_lists`."""
+    if element.count > len(data):
+        raise _cut_off(element.count, 0, source)
+    places = np.array(list(_list_places(data, offset, element, encoding, source)), np.int64).reshape(element.count, -1)
+    rows = np.empty(element.count, element.without_lists.row_type)
+    content, names, run, start = np.frombuffer(data, np.uint8), iter(rows.dtype.names or ()), 0, 0
+    for prop in element.properties:
+        if prop.length is not None:
+            run, start = run + 1, 0
+            continue
+        bytes_of = content[places[:, run, None] + np.arange(start, start + prop.dtype.itemsize)]
+        rows[next(names)] = bytes_of.view(prop.dtype)[:, 0]
+        start += prop.dtype.itemsize
+    return rows
 
 
 def _ascii_columns(data: bytes, header: PlyHeader, index: int, source: str) -> dict[str, np.ndarray]:
     vertex = header.elements[index]
     lines = NumberedLines(data[header.body :], first=header.lines + 1)
     before = sum(element.count for element in header.elements[:index] if element.properties)
+    if vertex.has_lists:
+        lines = _without_lists(lines, before, vertex, source)
+    vertex = vertex.without_lists
     width = len(vertex.properties)
     try:
         table = parse_table(lines, width, source, skip=before, count=vertex.count)
@@ -229,6 +260,32 @@ def _ascii_columns(data: bytes, header: PlyHeader, index: int, source: str) -> d
         else cast_column(table[:, column], prop.dtype, prop.name, source)
         for column, prop in enumerate(vertex.properties)
     }
+
+
+def _without_lists(lines: NumberedLines, before: int, element: Element, source: str) -> NumberedLines:
+    """The lines without the lists in the rows of an element, with their numbers."""
+    kept: list[bytes] = []
+    for index, (number, line) in enumerate(lines):
+        kept += [b""] * (number - lines.first - len(kept))
+        is_row = before <= index < before + element.count
+        kept.append(_scalars(line, element, f"{source}: line {number}") if is_row else line)
+    return NumberedLines(b"\n".join(kept), lines.first)
+
+
+def _scalars(line: bytes, element: Element, where: str) -> bytes:
+    """The words of a row that are of no list."""
+    words, scalars, place = line.split(), list[bytes](), 0
+    for prop in element.properties:
+        if prop.length is None:
+            scalars += words[place : place + 1]
+            place += 1
+        elif place < len(words) and words[place].isdigit() and len(words[place]) < 10:
+            place += 1 + int(words[place])
+        else:
+            raise InputError(f"{where}: the list {prop.name!r} has no length; the line is incomplete, export it again")
+    if place != len(words):
+        raise InputError(f"{where} has {len(words)} values where {place} are expected; export it again")
+    return b" ".join(scalars)
 
 
 def _cut_off(declared: int, available: int, source: str) -> InputError:

@@ -1,11 +1,12 @@
 """The header of a PLY file (Turk, "The PLY polygon file format", 1994)."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from gmmjax.clouds.columns import canonical_names
 from gmmjax.errors import InputError
 
 SCALARS = {
@@ -55,6 +56,14 @@ class Element:
     def has_lists(self) -> bool:
         """Whether rows differ in length."""
         return any(prop.length is not None for prop in self.properties)
+
+    @property
+    def without_lists(self) -> "Element":
+        """The same of the scalars alone, with the usual names for coordinates and colours."""
+        scalars = [prop for prop in self.properties if prop.length is None]
+        names = canonical_names([prop.name for prop in scalars])
+        renamed = (replace(prop, name=name) for prop, name in zip(scalars, names, strict=True))
+        return replace(self, properties=tuple(renamed))
 
     @property
     def row_type(self) -> np.dtype:

@@ -48,9 +48,12 @@ def open_cloud(path: str | os.PathLike[str]) -> CloudFile:
     file = require_file(path)
     reader = READERS.get(file.suffix.lower())
     if reader is None:
-        raise InputError(
-            f"{file}: the ending {file.suffix!r} is of no known format; convert it to one of {' '.join(READERS)}"
+        what = (
+            "of PTX, scans with their poses, which is not read"
+            if file.suffix.lower() == ".ptx"
+            else "of no known format"
         )
+        raise InputError(f"{file}: the ending {file.suffix!r} is {what}; convert it to one of {' '.join(READERS)}")
     source = SourceFile.of(file)
     opened = reader(file)
     opened = WholeFile.of(file, source, opened) if isinstance(opened, PointCloud) else opened

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
+from gmmjax.clouds import require_array
 from gmmjax.errors import InputError
 from gmmjax.mixtures.covariance_type import CovarianceType, parameters_per_component
 from gmmjax.mixtures.weighted_points import WeightedPoints
@@ -20,6 +21,7 @@ def checked_points(
     Raises:
         InputError: what is wrong with the points, and the remedy.
     """
+    require_array(points, "points")
     coordinates = np.asarray(points, dtype=np.float64)
     if coordinates.ndim != 2 or coordinates.shape[1] < 1:
         raise InputError(f"points must have the shape [n, d], not {list(coordinates.shape)}")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from gmmjax.clouds import PointCloud
+from gmmjax.clouds import PointCloud, require_array
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures import CRITERIA, Criterion, Fit, FitStatus, GaussianMixture, GridSearch
 from gmmjax.plotting.cloud_image import CloudImageSettings, Page, cloud_picture, flat_colors
@@ -257,7 +257,9 @@ def _live(mixture: GaussianMixture, name: str) -> _Live:
 def _points_of(points: ArrayLike | PointCloud | None, dimension: int) -> np.ndarray | None:
     if points is None:
         return None
-    coordinates = np.asarray(points.points if isinstance(points, PointCloud) else points, float)
+    given = points.points if isinstance(points, PointCloud) else points
+    require_array(given, "points")
+    coordinates = np.asarray(given, float)
     if coordinates.ndim != 2 or coordinates.shape[1] != dimension:
         raise InputError(f"points: must be [n, {dimension}], as the mixture is, not {list(coordinates.shape)}")
     if not len(coordinates) or not np.isfinite(coordinates).all():

@@ -171,5 +171,5 @@ def _check_depths(depth: Float64[np.ndarray, "h w"], unit: float, source: str) -
     if (middle := float(np.median(returned))) > FARTHEST:
         warn(
             f"{source}: half of the depths are beyond {middle:.4g} m with a unit of {unit} m; if the numbers are "
-            f"millimetres, give --depth-unit {MILLIMETRE}"
+            f"millimetres, give --depth-unit {MILLIMETRE} (unit={MILLIMETRE})"
         )

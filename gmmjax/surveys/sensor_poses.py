@@ -53,6 +53,6 @@ def sensor_trajectory(
         return trajectory.of_sensor(bag.transforms().fixed_pose(body, sensor))
     warn(
         f"{bag.path}: where the sensor {sensor!r} is on the body {body!r} is not known, the poses of {topic} are "
-        "taken for the sensor's own; give its extrinsics (--sensor-on-body) if they are not"
+        "taken for the sensor's own; give its extrinsics (sensor_on_body, --sensor-on-body) if they are not"
     )
     return trajectory

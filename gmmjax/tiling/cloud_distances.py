@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial import cKDTree
 
-from gmmjax.changes import DetectionConfig, M3C2Settings, common_unit, m3c2_distances
+from gmmjax.changes import M3C2Settings, common_unit, m3c2_distances
 from gmmjax.clouds import (
     AbstractBlockStore,
     Block,
@@ -127,7 +127,7 @@ def distances(
             disk.
         ComputationError: a worker died twice with the same tile, or there are no workers any more.
     """
-    common_unit(clouds.clouds, DetectionConfig())
+    common_unit(clouds.clouds)
     tree = tree_of(clouds, blocks)
     require_overlap(tree)
     tiles_of(tree, tile_size, tiles)

@@ -31,7 +31,7 @@ def find_tuning_pairs(folder: Path, *, unchanged: bool = False) -> list[ScanPair
         names = ", ".join(path.name for path, labelled in zip(folders, with_truth, strict=True) if not labelled)
         raise InputError(
             f"{folder}: {names} have no truth, other pairs have; give truth for all, move them "
-            "away, or say with --unchanged that nothing changed in them"
+            "away, or say with unchanged=True (--unchanged) that nothing changed in them"
         )
     without = _unchanged if unchanged else _unlabelled
     return [

@@ -272,7 +272,9 @@ def test_looks_for_the_kinds_that_are_wanted(gaussians, kinds):
 
 def test_rows_without_a_position_are_unchanged(gaussians, of_gaussians):
     before = np.insert(gaussians.before, [0, 700], [[np.nan, 0, 0], [1, np.inf, 2]], axis=0)
-    given = detect_changes(before, gaussians.after, config=CONFIG)
+    with pytest.warns(InputWarning, match=r"2 of [\d,]+ rows of the before cloud had no finite position"):
+        given = detect_changes(before, gaussians.after, config=CONFIG)
+    assert len(given.warnings) == 1
     np.testing.assert_array_equal(np.delete(given.labels_before, [0, 701]), of_gaussians.labels_before)
     assert (given.labels_before[[0, 701]] == -1).all()
     assert given.diagnostics["before"]["rows_dropped"] == 2

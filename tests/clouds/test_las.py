@@ -87,7 +87,7 @@ def changed(path, place, kind, value):
 @pytest.mark.parametrize(
     ("place", "kind", "value", "message"),
     [
-        (24, "<B", 2, "has version 2.2, known are 1.0 to 1.4"),
+        (24, "<B", 2, "has version 2.2, known are 1.0 to 1.5"),
         (25, "<B", 9, "has version 1.9"),
         (94, "<H", 10, "has a header of 10|a header of 10 and points from"),
         (96, "<I", 10**9, "points from byte 1000000000 on, which cannot be"),
@@ -234,3 +234,53 @@ def test_reading_that_is_given_up_ends_the_process(laz, monkeypatch):
     assert [process.poll() for process in started] == [None]
     chunks.close()
     assert [process.poll() is None for process in started] == [False]
+
+
+def compressed_by(tmp_path, version):
+    """Points whose items are said to be of a version: those of 3 and 4 differ in nothing that such points have."""
+    las = laspy.LasData(laspy.LasHeader(point_format=7, version="1.4"))
+    las.x = las.y = las.z = las.red = np.arange(1000)
+    path = tmp_path / "survey.laz"
+    las.write(path)
+    data = bytearray(path.read_bytes())
+    items = data.index(b"laszip encoded") + 52 + 34
+    for item in (items, items + 6):
+        assert data[item + 4] == 3
+        data[item + 4] = version
+    path.write_bytes(data)
+    return path
+
+
+def test_newer_items_are_read_by_laszip(tmp_path):
+    np.testing.assert_array_equal(read_cloud(compressed_by(tmp_path, 4)).points[:, 0], np.arange(1000))
+    path = compressed_by(tmp_path, 9)
+    with pytest.raises(InputError, match=r"items of version 9 .*pip install --upgrade laszip.*or convert it to LAS"):
+        read_cloud(path)
+
+
+def test_newer_items_without_laszip(tmp_path, monkeypatch):
+    (tmp_path / "without").mkdir()
+    (tmp_path / "without" / "laszip.py").write_text("raise ModuleNotFoundError('laszip')")
+    monkeypatch.syspath_prepend(tmp_path / "without")
+    with pytest.raises(
+        InputError, match=r"newer LASzip .items of version 4. than lazrs reads: pip install laszip"
+    ) as caught:
+        read_cloud(compressed_by(tmp_path, 4))
+    assert "damaged" not in str(caught.value)
+
+
+@pytest.mark.parametrize("ending", ["las", "laz"])
+def test_version_1_5(tmp_path, ending):
+    las = laspy.LasData(laspy.LasHeader(point_format=7, version="1.4"))
+    las.x = las.y = las.z = las.red = np.arange(100)
+    path = tmp_path / f"survey.{ending}"
+    las.write(path)
+    data = bytearray(path.read_bytes())
+    # The header of 1.5 is that of 1.4 and 18 bytes: the earliest, the latest and the offset of the times.
+    header_size, start = struct.unpack_from("<HI", data, 94)
+    struct.pack_into("<BB68xHI", data, 24, 1, 5, header_size + 18, start + 18)
+    if ending == "laz":
+        table = struct.unpack_from("<q", data, start)[0]
+        struct.pack_into("<q", data, start, table + 18)
+    path.write_bytes(data[:header_size] + bytes(18) + data[header_size:])
+    np.testing.assert_array_equal(read_cloud(path).points[:, 0], np.arange(100))

@@ -177,3 +177,12 @@ def test_equals_open3d(open3d, tmp_path):
         theirs, ours = open3d.io.read_point_cloud(str(path)), read_cloud(path)
         np.testing.assert_allclose(ours.points, np.asarray(theirs.points), rtol=1e-7, atol=1e-9)
         np.testing.assert_array_equal(ours.colors, np.rint(np.asarray(theirs.colors) * 255))
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_names_in_upper_case(write_file, encoding):
+    row = np.dtype([("X", "<f4"), ("Y", "<f4"), ("Z", "<f4"), ("R", "u1"), ("G", "u1"), ("B", "u1"), ("Label", "<i4")])
+    rows = np.array([(1, 2, 3, 9, 8, 7, 5)], row)
+    cloud = read_cloud(write_file("a.pcd", header(encoding, 1, row) + body(encoding, rows, None)))
+    assert (cloud.points.tolist(), cloud.colors.tolist()) == ([[1, 2, 3]], [[9, 8, 7]])
+    assert cloud.fields["Label"].tolist() == [5]

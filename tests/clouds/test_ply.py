@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from gmmjax.clouds import read_cloud, write_ply
+from gmmjax.clouds.colors import CHANNELS
 from gmmjax.errors import InputError
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
@@ -20,6 +21,7 @@ def header(encoding: str, *lines: str, newline: str = "\n") -> bytes:
 
 
 XYZ = ("property float x", "property float y", "property float z")
+LIST = "property list uchar short near"
 
 
 @given(POINTS, st.data())
@@ -164,10 +166,10 @@ def test_rows_without_a_position_are_dropped_and_counted(write_file):
             header("ascii", "element vertex 1", "property float x", "property int label") + b"1 2\n",
             "no y, z, only: x, label",
         ),
-        (
-            header("ascii", "element vertex 1", *XYZ, "property list uchar int near") + b"1 2 3 0\n",
-            r"list properties \(near\)",
-        ),
+        (header("ascii", "element vertex 1", *XYZ, LIST) + b"1 2 3 2 5\n", "line 9 has 5 values where 6 are expected"),
+        (header("ascii", "element vertex 1", *XYZ, LIST) + b"1 2 3 -1\n", "line 9: the list 'near' has no length"),
+        (header("binary_big_endian", "element vertex 9", *XYZ, LIST) + b"\0" * 30, "9 rows of vertex, 2 are there"),
+        (header("binary_big_endian", "element vertex 999", *XYZ, LIST) + b"\0" * 30, "999 vertices, 0 are there"),
         (header("ascii", "element face 1", "property int x") + b"1\n", "no vertex element, only: face"),
         (header("ascii", "element vertex 1", *XYZ, "property float x") + b"1 2 3 4\n", "more than once"),
         (header("ascii", "element vertex many", *XYZ), "line 3 of the PLY header"),
@@ -185,11 +187,49 @@ def test_what_is_wrong_is_said(write_file, content, message):
     assert str(caught.value).startswith(str(path))
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_lists_of_vertices_are_passed_over(write_file, encoding):
+    lists = [[], [7, 8, 9], [5]]
+    order = ">" if encoding == "binary_big_endian" else "<"
+    if encoding == "ascii":
+        rows = "".join(
+            f"{x} {len(own)} {' '.join(map(str, own))} {y} {z} {label}\n"
+            for (x, y, z), own, label in zip(TRIANGLE, lists, range(3), strict=True)
+        ).encode()
+    else:
+        rows = b"".join(
+            struct.pack(f"{order}fB{len(own)}hffi", x, len(own), *own, y, z, label)
+            for (x, y, z), own, label in zip(TRIANGLE, lists, range(3), strict=True)
+        )
+    element = ("element vertex 3", XYZ[0], LIST, *XYZ[1:], "property int label")
+    faces = ("element face 1", "property list uchar int vertex_indices")
+    end = b"3 0 1 2\n" if encoding == "ascii" else struct.pack(f"{order}B3i", 3, 0, 1, 2)
+    cloud = read_cloud(write_file("cloud.ply", header(encoding, *element, *faces) + rows + end))
+    assert cloud.points.tolist() == TRIANGLE
+    assert cloud.fields["label"].tolist() == [0, 1, 2] and cloud.fields["label"].dtype == np.int32
+
+
+@pytest.mark.parametrize("channels", [("r", "G", "b"), ("Red", "Green", "Blue"), [f"diffuse_{c}" for c in CHANNELS]])
+@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian"])
+def test_other_names_of_coordinates_and_colours(write_file, channels, encoding):
+    names = [f"property float {axis}" for axis in "XYZ"] + [f"property uchar {channel}" for channel in channels]
+    row = b"1 2 3 9 8 7\n" if encoding == "ascii" else struct.pack("<3f3B", 1, 2, 3, 9, 8, 7)
+    cloud = read_cloud(write_file("cloud.ply", header(encoding, "element vertex 1", *names) + row))
+    assert (cloud.points.tolist(), cloud.colors.tolist(), cloud.fields) == ([[1, 2, 3]], [[9, 8, 7]], {})
+
+
+def test_usual_names_stay(write_file):
+    names = ("property float X", *XYZ, "property uchar r", "property uchar red")
+    cloud = read_cloud(write_file("cloud.ply", header("ascii", "element vertex 1", *names) + b"9 1 2 3 4 5\n"))
+    assert cloud.points.tolist() == [[1, 2, 3]] and cloud.colors is None
+    assert {name: values.tolist() for name, values in cloud.fields.items()} == {"X": [9], "r": [4], "red": [5]}
+
+
 def test_lists_that_run_past_the_end(write_file):
     faces = ("element face 3", "property list int int vertex_indices")
     head = header("binary_little_endian", *faces, "element vertex 1", *XYZ)
     for length in (-1, 5, 2**31 - 1):
-        with pytest.raises(InputError, match="3 rows of face before the vertices, 0 are there"):
+        with pytest.raises(InputError, match="3 rows of face, 0 are there"):
             read_cloud(write_file("mesh.ply", head + struct.pack("<i", length) + b"\0" * 12))
 
 

@@ -92,13 +92,18 @@ def check_pair(
             is too large or too small for float64; clouds of two places of one reference system.
 
     Warns:
-        InputWarning: extents that differ so much that the units must differ.
+        InputWarning: rows of an array without a position; extents that differ so much that the units must differ.
     """
     checked = each(lambda name, cloud: _checked(name, cloud, crop, settings), NAMES, clouds)
     for name, own, given in zip(NAMES, checked, clouds, strict=True):
         about = own.diagnostics(given)
         text = "%s: %d points of %r, %d rows without a position, %d points outside the crop box"
         logger.info(text, name, *(about[key] for key in ("points", "source", "rows_dropped", "cropped")))
+        if not isinstance(given, PointCloud) and (count := about["rows_dropped"]):
+            warn(
+                f"{count:,} of {own.given:,} rows of the {name} cloud had no finite position and were left out; "
+                "labels and probabilities keep their rows"
+            )
     check_same_place(checked.map(lambda own: own.points), stated_systems(clouds), settings)
     _warn_about_extents(checked.before.points, checked.after.points, settings)
     return checked
@@ -147,7 +152,8 @@ def check_overlap(clouds: Pair[CheckedCloud], registration: Registration | None 
     if (boxes.before[1] < boxes.after[0]).any() or (boxes.after[1] < boxes.before[0]).any():
         raise InputError(
             f"before, after: the scans do not overlap ({_in_words(boxes)}); they may be in different coordinate "
-            "systems or units: bring them into one frame first, and leave stray points out with crop"
+            "systems or units: bring them into one frame first, and leave stray points out with crop "
+            "(DetectionConfig(crop=...), --crop)"
         )
 
 
@@ -181,7 +187,7 @@ def check_comparable(
         f"before and after: nothing can be compared, because at a resolution of {resolution:.4g} one of them is hardly "
         f"more than a point: the before cloud extends over {extents.before:.4g}, the after cloud over "
         f"{extents.after:.4g}. Give both in the same unit, leave stray points out with crop, or give a smaller "
-        "voxel_size"
+        "voxel_size (DetectionConfig(crop=..., voxel_size=...), --crop, --voxel-size)"
     )
 
 
@@ -220,7 +226,8 @@ def _check_points(label: str, points: np.ndarray, crop: tuple[float, ...] | None
     if not 1 / settings.largest_extent <= extent <= settings.largest_extent:
         raise InputError(
             f"{label}: the points extend over {extent:.4g}, which cannot be computed with; give the coordinates in "
-            "another unit, and leave stray points out with crop"
+            "another unit, and leave stray points out with crop (DetectionConfig(crop=...), "
+            "--crop)"
         )
 
 

@@ -8,12 +8,12 @@ from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 
 
-def common_unit(clouds: Pair[Any], config: DetectionConfig) -> str | None:
+def common_unit(clouds: Pair[Any], config: DetectionConfig | None = None) -> str | None:
     """The unit of both clouds: the setting, else what both files state; no coordinate is ever converted.
 
     Args:
         clouds: coordinates, or a cloud, a file or a survey with the unit and the reference system that its files state.
-        config: with the unit that the user gave.
+        config: with the unit that the user gave; None where none can be given.
 
     Returns:
         The unit; None where it is not known.
@@ -21,18 +21,19 @@ def common_unit(clouds: Pair[Any], config: DetectionConfig) -> str | None:
     Raises:
         InputError: the files state two units, and the user gave none; or two reference systems.
     """
+    unit = None if config is None else config.unit
     units, systems = clouds.map(lambda cloud: _stated(cloud, "unit")), stated_systems(clouds)
-    if config.unit is None and None not in (*units,) and units.before != units.after:
+    given = "" if config is None else ", or give the unit of both (DetectionConfig(unit=...), --unit) if one is wrong"
+    if unit is None and None not in (*units,) and units.before != units.after:
         raise InputError(
-            f"before is in {units.before} and after in {units.after}, as their files state; convert one of them, or "
-            "give the unit of both (unit=..., --unit) where a file is wrong"
+            f"before is in {units.before} and after in {units.after}, as their files state; convert one of them{given}"
         )
     if None not in (*systems,) and systems.before != systems.after:
         raise InputError(
             f"before is in {systems.before} and after in {systems.after}, as their files state: coordinates of two "
             "reference systems cannot be compared; reproject one of them"
         )
-    return config.unit or (units.before if units.before == units.after else None)
+    return unit or (units.before if units.before == units.after else None)
 
 
 def stated_systems(clouds: Pair[Any]) -> Pair[str | None]:

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from gmmjax import DetectionConfig, InputError, PointCloud, detect_changes, read_cloud
+from gmmjax import DetectionConfig, InputError, InputWarning, PointCloud, detect_changes, read_cloud
 from gmmjax.evaluation import score_pair
 from gmmjax.scenes import random_scene
 from tests.mixtures.examples import random_rotation
@@ -166,7 +166,8 @@ def test_a_rigid_motion_and_another_unit_move_the_changes(scene, changes):
 
 def test_rows_without_a_position_are_unchanged_and_counted(scene, changes):
     before = np.insert(scene.before, [0, 700], [[np.nan, 0, 0], [1, np.inf, 2]], axis=0)
-    given = detect_changes(before, scene.after, method="transport", config=CONFIG)
+    with pytest.warns(InputWarning, match="2 of 1,252 rows of the before cloud"):
+        given = detect_changes(before, scene.after, method="transport", config=CONFIG)
     assert given.labels_before.shape == (1252,)
     np.testing.assert_array_equal(np.delete(given.labels_before, [0, 701]), changes.labels_before)
     assert (given.labels_before[[0, 701]] == -1).all() and (given.probability_before[[0, 701]] == 0).all()
@@ -185,7 +186,8 @@ def test_outside_the_crop_box_nothing_changes(scene, changes):
     (lower if appeared.mean[axis] > 0 else upper)[axis] = 0.0
     config = DetectionConfig(method="transport", restarts=2, crop=(*lower.tolist(), *upper.tolist()))
     before = np.insert(scene.before, 3, np.nan, axis=0)
-    cropped = detect_changes(before, scene.after, method="transport", config=config)
+    with pytest.warns(InputWarning, match="1 of 1,251 rows of the before cloud"):
+        cropped = detect_changes(before, scene.after, method="transport", config=config)
     outside = ~((scene.after >= lower) & (scene.after <= upper)).all(axis=1)
     assert outside.any() and (cropped.labels_after[outside] == -1).all()
     assert (cropped.probability_after[outside] == 0).all()

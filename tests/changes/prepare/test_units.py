@@ -34,6 +34,14 @@ def test_two_units_are_refused():
         stated({"unit": "m"}, {"unit": "ftUS"})
 
 
+def test_only_where_a_unit_can_be_given_it_is_asked_for():
+    clouds = Pair(*(dataclasses.replace(PointCloud.from_rows(POINTS), unit=unit) for unit in ("m", "ftUS")))
+    with pytest.raises(InputError, match=r"give the unit of both .DetectionConfig.unit=.*, --unit"):
+        common_unit(clouds, DetectionConfig())
+    with pytest.raises(InputError, match=r"convert one of them$"):
+        common_unit(clouds)
+
+
 def test_two_reference_systems_are_refused():
     with pytest.raises(InputError, match=r"EPSG:25832 and after in EPSG:25833.*reproject one of them"):
         stated({"crs": "EPSG:25832"}, {"crs": "EPSG:25833"})

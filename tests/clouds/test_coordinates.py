@@ -1,0 +1,53 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gmmjax.clouds import PointCloud, require_array
+from gmmjax.errors import InputError
+
+# Not in this process, where the types of arguments are checked before anything else.
+FUNCTIONS = """
+import sys
+from pathlib import Path
+
+import jax
+
+import gmmjax
+from gmmjax.changes import detect_consensus
+from gmmjax.clouds import voxel_grid
+from gmmjax.errors import InputError
+
+for path in ("a.ply", Path("a.ply")):
+    for call in (
+        lambda: gmmjax.detect_changes(path, path),
+        lambda: detect_consensus(path, path),
+        lambda: gmmjax.fit_mixture(path, key=jax.random.key(0)),
+        lambda: gmmjax.fit_mixture(path, key=jax.random.key(0), method="grid"),
+        lambda: gmmjax.PointCloud.from_rows(path),
+        lambda: gmmjax.SensorViews.at_origin(path),
+        lambda: voxel_grid(path, 0.1),
+    ):
+        try:
+            call()
+        except InputError as error:
+            print("read_cloud" in str(error))
+"""
+
+
+@pytest.mark.parametrize("path", ["a.ply", Path("a.ply"), ["a.ply", "b.ply"], b"a.ply"])
+def test_a_path_is_to_be_read(path):
+    with pytest.raises(InputError, match=r"before: is b?'a.ply', [^;]*; .*read_cloud\(path\), .*read_survey\(paths\)"):
+        require_array(path, "before")
+
+
+def test_a_cloud_is_no_array():
+    with pytest.raises(InputError, match=r"points: is a PointCloud, .*give its attribute points"):
+        require_array(PointCloud.from_rows(np.zeros((1, 3))), "points")
+
+
+def test_functions_of_points_say_how_a_file_is_read():
+    done = subprocess.run([sys.executable, "-c", FUNCTIONS], capture_output=True, text=True)
+    assert (done.stdout.split(), done.stderr) == (["True"] * 14, "")
