@@ -13,6 +13,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from gmmjax.changes import Changes
 from gmmjax.cli import main as gmmjax
 from gmmjax.clouds import PointCloud, write_ply
@@ -69,9 +71,9 @@ class Shot(NamedTuple):
 
 
 SHOTS = (
-    Shot("every-night", "batch-index", 1500, 1060, page="index.html"),
-    Shot("store-room", "timeline", 1400, 780, page="timeline.html"),
-    Shot("demo", "report", 1500),
+    Shot("Every night", "batch-index", 1500, 1060, page="index.html"),
+    Shot("Store room", "timeline", 1400, 780, page="timeline.html"),
+    Shot("demo", "report", 1500, page="result/report.html"),
     Shot("hall", "report-hall"),
     Shot("hall", "report-hall-change", keys=("j", "j")),
     Shot("table", "report-table", clicks=("#changes li.moved .row",)),
@@ -140,7 +142,7 @@ def _write_rows(path: Path, rows: list[list[str]]) -> None:
         csv.writer(file).writerows(rows)
 
 
-RUNS = {"demo": write_demo, "every-night": write_batch, "store-room": write_series}
+RUNS = {"demo": write_demo, "Every night": write_batch, "Store room": write_series}
 
 
 def write_made(folder: Path) -> None:
@@ -166,17 +168,13 @@ def main() -> None:
     shots = [shot for shot in SHOTS if not options.scenes or shot.scene in options.scenes]
     with tempfile.TemporaryDirectory() as temporary:
         results = options.results or Path(temporary)
-        for name in dict.fromkeys(shot.scene for shot in shots):
-            folder = results / name
-            if not folder.exists():
-                write_made(folder)
-            report = folder / "report.html"
-            if not report.exists():
-                continue
-            print(f"{name}: {report.stat().st_size / 1e6:.1f} MB")
-            assert report.stat().st_size < LARGEST_PAGE
-            if not options.no_clicks:
-                subprocess.run(["node", CLICK_THROUGH, CHROMIUM, report, folder / "changes.json"], check=True)
+        for name, page in {shot.scene: results / shot.scene / shot.page for shot in shots}.items():
+            if not (results / name).exists():
+                write_made(results / name)
+            print(f"{name}: {page.stat().st_size / 1e6:.1f} MB")
+            assert page.stat().st_size < LARGEST_PAGE
+            if page.name == "report.html" and not options.no_clicks:
+                subprocess.run(["node", CLICK_THROUGH, CHROMIUM, page, page.with_name("changes.json")], check=True)
         _take(shots, results, options.out, CHROMIUM)
 
 
@@ -207,7 +205,14 @@ def _compress(path: Path) -> None:
     rounded = image.quantize(160, Image.Quantize.FASTOCTREE).getpalette()
     palette = Image.new("P", (1, 1))
     palette.putpalette([*exact, *(rounded or [])][:768])
-    image.quantize(palette=palette, dither=Image.Dither.NONE).save(path, optimize=True)
+    shown = image.quantize(palette=palette, dither=Image.Dither.NONE)
+    # Pillow takes the first colour that is nearly the same: white would be a light grey.
+    colors, pixels, entries = shown.getpalette(), np.asarray(image).reshape(-1, 3), np.asarray(shown).reshape(-1)
+    for _, color in reversed(counts[:96]):
+        entry = int(entries[np.argmax((pixels == color).all(axis=1))])
+        colors[3 * entry : 3 * entry + 3] = color
+    shown.putpalette(colors)
+    shown.save(path, optimize=True)
     assert path.stat().st_size < LARGEST_PICTURE, f"{path} has {path.stat().st_size:,} bytes"
 
 
