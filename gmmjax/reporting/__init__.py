@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from gmmjax.reporting.batch_files import write_summary as write_summary
     from gmmjax.reporting.batch_index import batch_index_html as batch_index_html
     from gmmjax.reporting.geotiff import write_geotiff as write_geotiff
-    from gmmjax.reporting.html_report import CONTENT_POLICY as CONTENT_POLICY
     from gmmjax.reporting.html_report import report_html as report_html
     from gmmjax.reporting.labelled_cloud import write_scan as write_scan
     from gmmjax.reporting.map_cells import ChangeMap as ChangeMap
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from gmmjax.reporting.mixture_files import read_mixture as read_mixture
     from gmmjax.reporting.mixture_files import write_mixture as write_mixture
     from gmmjax.reporting.page_parts import asset as asset
+    from gmmjax.reporting.page_parts import page_head as page_head
     from gmmjax.reporting.page_parts import script_json as script_json
     from gmmjax.reporting.result_folder import check_result_folder as check_result_folder
     from gmmjax.reporting.result_folder import write_result as write_result

@@ -6,10 +6,10 @@ from html import escape
 from typing import Any
 
 from gmmjax.batch import ChangeRow, PairRow
-from gmmjax.reporting.page_parts import asset, script_json
+from gmmjax.reporting.page_parts import asset, page_head, script_json
 from gmmjax.reporting.palette import KIND_COLORS
 
-# As that of the report, and images of the same folder. The origin of a file is opaque: that 'self' allows the files
+# As that of other pages, and images of the same folder. The origin of a file is opaque: that 'self' allows the files
 # beside it, as in Chromium, no standard promises, and `file:` does. A page from a server cannot load files in any case.
 CONTENT_POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src 'self' file:; "
@@ -36,16 +36,7 @@ def batch_index_html(
     """
     from gmmjax import __version__
 
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{CONTENT_POLICY}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{escape(title)} · gmmjax</title>
-<style>{asset("report.css")}{asset("run_pages.css")}{asset("batch_index.css")}</style>
-</head>
-<body>
+    return f"""{page_head(title, asset("batch_index.css"), policy=CONTENT_POLICY)}<body>
 <main>
 <header>
 <p class="title">{escape(title)}</p><h1>{escape(batch_answer(pairs, missing))}</h1>

@@ -14,8 +14,7 @@ from gmmjax.reporting.html_explanations import explanation_hint, rejected_sectio
 from gmmjax.reporting.html_values import values_table
 from gmmjax.reporting.html_viewer import keys_dialog, viewer_section
 from gmmjax.reporting.packed_points import packed_scene
-from gmmjax.reporting.page_parts import asset, script_json
-from gmmjax.reporting.palette import KIND_COLORS
+from gmmjax.reporting.page_parts import asset, page_head, script_json
 from gmmjax.reporting.summary import (
     answer,
     dropped_rows,
@@ -29,10 +28,6 @@ from gmmjax.reporting.summary import (
     volumes_text,
 )
 
-# The browser itself then refuses to load anything from anywhere.
-CONTENT_POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; font-src data:"
-)
 OPTION = re.compile(r"--[a-z][a-z-]*")
 CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
@@ -70,20 +65,7 @@ def report_html(
     for record in packed.scene["changes"]:
         if record["label"] in pictures.directions:
             record["towardsEye"] = pictures.directions[record["label"]].tolist()
-    page = f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{CONTENT_POLICY}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<title>{escape(title or f"{names.before} → {names.after}")} · gmmjax</title>
-<style>:root {{ {_kind_colors()} }}
-{asset("report.css")}</style>
-<noscript><style>.stage, .toolbar, .panel-head label, .steps, .actions {{ display: none }}
-.pictures {{ display: grid }} .card {{ display: block !important }}</style></noscript>
-</head>
-<body>
+    page = f"""{page_head(title or f"{names.before} → {names.after}", asset("report.css"))}<body>
 <main>
 {_header(clouds, names, changes if recorded is None else recorded, title)}
 <div class="bench">
@@ -104,10 +86,6 @@ def report_html(
 """
     # Whatever was in a name: a page may hold no control characters.
     return CONTROL_CHARACTERS.sub(lambda found: f"\\x{ord(found[0]):02x}", page)
-
-
-def _kind_colors() -> str:
-    return " ".join(f"--{kind}: {color};" for kind, color in KIND_COLORS.items())
 
 
 def _header(clouds: Pair[PointCloud], names: Pair[str], changes: Changes, title: str | None) -> str:

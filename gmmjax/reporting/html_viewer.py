@@ -85,10 +85,10 @@ def viewer_section(scene: Mapping[str, Any], names: Pair[str], overview: Pair[st
     return f"""<section class="views" aria-label="Views in three dimensions">
 {_toolbar(scene, changes)}
 <div class="stage">
-<div class="view main" id="stage"><canvas id="view-main" tabindex="0" aria-label="Both scans with all changes. Drag to \
-turn, scroll to zoom, right-drag to move."></canvas>
+<figure class="view main" id="stage"><canvas id="view-main" tabindex="0" aria-label="Both scans with all changes. Drag \
+to turn, scroll to zoom, right-drag to move."></canvas>
 <p class="focus" id="focus" aria-live="polite"></p><div class="legend" id="legend"></div>
-<p class="loading" id="loading">Drawing the points …</p></div>
+<p class="loading" id="loading">Drawing the points …</p></figure>
 <div class="small">{figures}</div>
 </div>
 <div class="pictures" id="pictures"><p class="note" id="no-view" hidden></p>{pictures}</div>

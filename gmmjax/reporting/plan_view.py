@@ -61,8 +61,10 @@ def plan_svg(histories: Sequence[ObjectHistory], settings: PlanSettings = PlanSe
     lower = lower - [(free[0] / pixels - extent[0]) / 2, 0.0]
     scale = _Scale(lower, pixels, settings.margin, height)
     total = height + settings.scale_height
-    objects = "".join(_object(history, scale) for history in histories)
     dense = " dense" if len(histories) > settings.most_labelled else ""
+    objects = "".join(_object(history, scale) for history in histories)
+    # Above all boxes, also those of later objects.
+    objects += _numbers(histories, scale, apart=not dense)
     return f"""<svg class="plan{dense}" viewBox="0 0 {settings.width} {total:.0f}" role="img"
 aria-label="Plan of the objects">
 <defs><marker id="arrow" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto"><path
@@ -74,12 +76,28 @@ def _object(history: ObjectHistory, scale: _Scale) -> str:
     shapes = "".join(_event_shapes(event, scale) for event in history.events)
     moves = [event for event in history.events if event.origin is not None]
     path = "".join(_path(event.origin, event.box, scale) for event in moves if event.origin is not None)
-    x, y = scale.places(history.events[-1].box.centre[None, :2])[0]
-    # Above the head of the arrow.
-    y -= 13 * bool(moves)
-    return (
-        f'<g data-object="{history.number}"><title>Object {history.number}</title>{shapes}{path}'
-        f'<text x="{x:.1f}" y="{y:.1f}">{history.number}</text></g>\n'
+    return f'<g data-object="{history.number}"><title>Object {history.number}</title>{shapes}{path}</g>\n'
+
+
+def _numbers(histories: Sequence[ObjectHistory], scale: _Scale, apart: bool) -> str:
+    """The number of each object in its last box, or above the head of its arrow.
+
+    Args:
+        histories: of the objects.
+        scale: of the drawing.
+        apart: numbers that would cover one before, as where an object came to the place of another, are moved down.
+    """
+    drawn: list[tuple[float, float, int]] = []
+    for history in histories:
+        x, y = scale.places(history.events[-1].box.centre[None, :2])[0]
+        y -= 13 * any(event.origin is not None for event in history.events)
+        width = 10 * len(str(history.number))
+        while apart and any(2 * abs(x - left) < width + wide and abs(y - top) < 15 for left, top, wide in drawn):
+            y += 3
+        drawn.append((x, y, width))
+    return "".join(
+        f'<g data-object="{history.number}"><text x="{x:.1f}" y="{y:.1f}">{history.number}</text></g>\n'
+        for history, (x, y, _) in zip(histories, drawn, strict=True)
     )
 
 

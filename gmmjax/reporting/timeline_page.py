@@ -9,16 +9,12 @@ from typing import NamedTuple, get_args
 from urllib.parse import quote
 
 from gmmjax.batch import EpochTree, EventKind, ObjectEvent, ObjectHistory, epoch_trees
-from gmmjax.changes import Kind
 from gmmjax.errors import check_choice
 from gmmjax.pair import Pair
-from gmmjax.reporting.html_report import CONTENT_POLICY
-from gmmjax.reporting.page_parts import asset
-from gmmjax.reporting.palette import KIND_COLORS
+from gmmjax.reporting.page_parts import asset, page_head
 from gmmjax.reporting.plan_view import plan_svg
 from gmmjax.reporting.summary import percent, place_text
 
-KIND_OF_EVENT: Mapping[EventKind, Kind] = {"came": "appeared", "moved": "moved", "went": "disappeared"}
 SIGNS: Mapping[EventKind, str] = {"came": "+", "moved": "→", "went": "×"}
 HEADINGS = ("Object", "Event", "When", "Probability", "Moved by", "Points", "Centre", "Size", "Shown by")
 
@@ -96,16 +92,7 @@ def timeline_html(
     body = _no_objects(epochs, trees)
     if histories:
         body = _objects(epochs, histories, trees, pair_names, settings)
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{CONTENT_POLICY}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{escape(title)} · gmmjax</title>
-<style>{asset("report.css")}{asset("run_pages.css")}{_colors()}{asset("timeline.css")}</style>
-</head>
-<body>
+    return f"""{page_head(title, asset("timeline.css"))}<body>
 <main>
 <header>
 <p class="title">{escape(title)}</p><h1>{escape(series_answer(epochs, histories))}</h1>
@@ -118,11 +105,6 @@ def timeline_html(
 </body>
 </html>
 """
-
-
-def _colors() -> str:
-    """Those of the kinds, for the style sheet."""
-    return f":root{{{''.join(f'--{kind}:{KIND_COLORS[own]};' for kind, own in KIND_OF_EVENT.items())}}}"
 
 
 def series_answer(epochs: Sequence[str], histories: Sequence[ObjectHistory]) -> str:
@@ -220,7 +202,7 @@ def _timeline(
     column = settings.column(len(epochs))
     upright = " upright" if max(map(len, epochs)) * settings.letter > column else ""
     labelled = " labelled" if column >= settings.labelled else ""
-    sizes = f"--column:{column}px;--count:{len(epochs)};--rows:{len(histories)}"
+    sizes = f"--widest:{column}px;--count:{len(epochs)};--rows:{len(histories)}"
     return f"""<section class="timeline{upright}{labelled}" style="{sizes}" tabindex="0" aria-label="Time line">
 <div class="epochs"><b>Object</b>{heads}</div>
 <div class="columns" aria-hidden="true">{gaps}</div>
@@ -326,10 +308,7 @@ def _plan(epochs: Sequence[str], tree: EpochTree, histories: Sequence[ObjectHist
     if not own:
         return ""
     name = escape(epochs[tree.root])
-    return (
-        f'<figure><figcaption><b>Plan</b><span class="name">along z, frame of {name}</span>'
-        f"</figcaption>{plan_svg(own)}</figure>"
-    )
+    return f"<figure><figcaption><b>Plan</b><span>along z, frame of {name}</span></figcaption>{plan_svg(own)}</figure>"
 
 
 def _table(epochs: Sequence[str], histories: Sequence[ObjectHistory], pair_names: Mapping[tuple[int, int], str]) -> str:
@@ -337,15 +316,14 @@ def _table(epochs: Sequence[str], histories: Sequence[ObjectHistory], pair_names
     rows = "".join(_table_row(epochs, own, event, pair_names) for own in histories for event in own.events)
     count = sum(len(own.events) for own in histories)
     return f"""<details class="events"><summary>{_counted(count, "event")} as a table</summary>
-<section class="scroll"><table class="changes"><thead><tr>{head}</tr></thead>
+<section class="scroll"><table><thead><tr>{head}</tr></thead>
 <tbody>{rows}</tbody></table></section></details>"""
 
 
 def _table_row(
     epochs: Sequence[str], history: ObjectHistory, event: ObjectEvent, pair_names: Mapping[tuple[int, int], str]
 ) -> str:
-    color = KIND_COLORS[KIND_OF_EVENT[event.kind]]
-    kind = f'<i style="background:{color}"></i>{event.kind}{" back" if event.returned else ""}'
+    kind = f'<i class="dot {event.kind}"></i>{event.kind}{" back" if event.returned else ""}'
     centre, size = place_text(event.box.centre, event.box.extent)
     before, after = (epochs[epoch] for epoch in event.comparison)
     shown, link = f"{escape(before)} → {escape(after)}", _link(event, pair_names)

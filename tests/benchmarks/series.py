@@ -4,25 +4,18 @@ Each series is a room that a depth camera surveys again and again, in which thin
 noise of its own and is misregistered by up to 15 mm and 0.4 degrees. Each epoch is compared with the one before, and
 with the first one. A history is exactly right when the same events happen to the same thing in the same epochs.
 `--lost 12` takes up to 12 of its 16 frames from each survey, one after the other, so that parts are not observed.
-
-`--page timeline.html` writes the time line of a series of eight epochs instead, the fifth of which is missing.
 """
 
 import argparse
 from collections import Counter
 from collections.abc import Iterable
-from pathlib import Path
 
 from gmmjax import detect_changes
 from gmmjax.batch import Comparison, object_histories
 from gmmjax.pair import Pair
-from gmmjax.reporting import timeline_html
 from tests.batch.series_scenes import Series, series
 
 AGAINST = ("previous", "first")
-
-
-NIGHTS = ("Mon 2 Nov", "Tue 3 Nov", "Wed 4 Nov", "Thu 5 Nov", "Fri 6 Nov", "Sat 7 Nov", "Sun 8 Nov", "Mon 9 Nov")
 
 
 def compared(scene: Series, pairs: Iterable[tuple[int, int]], restarts: int) -> list[Comparison]:
@@ -38,16 +31,6 @@ def comparisons(scene: Series, against: str, restarts: int) -> list[Comparison]:
     """Of each epoch but the first with the one before, or with the first one."""
     later = range(1, len(scene.clouds))
     return compared(scene, [(epoch - 1 if against == "previous" else 0, epoch) for epoch in later], restarts)
-
-
-def page(path: Path, restarts: int) -> None:
-    """The time line of a series, of whose epochs one is missing."""
-    pairs = [(0, 1), (1, 2), (2, 3), (3, 5), (5, 6), (6, 7)]
-    scene = series(15, len(NIGHTS), things=8)
-    histories = object_histories(NIGHTS, compared(scene, pairs, restarts))
-    names = {(before, after): f"{NIGHTS[before]} to {NIGHTS[after]}" for before, after in pairs}
-    title = "Store room, every night"
-    path.write_text(timeline_html(title, NIGHTS, histories, against="previous", pair_names=names), encoding="utf-8")
 
 
 def score(scene: Series, against: str, restarts: int) -> Counter[str]:
@@ -78,11 +61,7 @@ def main() -> None:
     parser.add_argument("--epochs", type=int, default=6, help="surveys of each")
     parser.add_argument("--restarts", type=int, default=2, help="of each detection")
     parser.add_argument("--lost", type=int, default=0, help="most frames of the 16 of a survey that are lost")
-    parser.add_argument("--page", type=Path, help="file of a time line to write instead")
     arguments = parser.parse_args()
-    if arguments.page:
-        page(arguments.page, arguments.restarts)
-        return
     totals = {against: Counter[str]() for against in AGAINST}
     for seed in range(arguments.series):
         scene = series(seed, arguments.epochs, lost=arguments.lost)

@@ -1,4 +1,4 @@
-// What the scripts that look at a report share: a headless Chromium, the page in it, and what can be measured there.
+// What the scripts that look at pages share: a headless Chromium, the page in it, and what can be measured there.
 
 import { createRequire } from "node:module";
 import { pathToFileURL } from "node:url";
@@ -11,7 +11,7 @@ export function launched(executablePath) {
   return chromium.launch({ executablePath, args: SOFTWARE });
 }
 
-/** A report in a new window; `errors` collects what the console or the network complains of. */
+/** A page in a new window; `errors` collects what the console or the network complains of. */
 export async function opened(browser, file, { width = 1280, height = 860, dark = false, scale = 1 } = {}) {
   const page = await browser.newPage({
     viewport: { width, height },
@@ -24,13 +24,14 @@ export async function opened(browser, file, { width = 1280, height = 860, dark =
   page.on("pageerror", (error) => errors.push(error.message));
   page.on("request", (request) => /^(file|data|blob):/.test(request.url()) || errors.push(`asks for ${request.url()}`));
   await page.goto(pathToFileURL(file).href);
-  await page.waitForFunction(() => window.gmmjaxReport, null, { timeout: 120_000 });
+  // A report draws its points first.
+  await page.waitForFunction(() => window.gmmjaxReport || !document.getElementById("scene"), null, { timeout: 120_000 });
   await settled(page);
   return { page, errors };
 }
 
 export async function settled(page) {
-  await page.evaluate(() => window.gmmjaxReport.viewer.settled);
+  await page.evaluate(() => window.gmmjaxReport?.viewer.settled);
   // The pictures of the last frame still have to reach the screen.
   await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
 }

@@ -1,6 +1,5 @@
 import json
 import re
-import shutil
 import subprocess
 
 import numpy as np
@@ -10,12 +9,12 @@ from gmmjax.batch import ChangeRow, PairRow
 from gmmjax.clouds import PointCloud
 from gmmjax.pair import Pair
 from gmmjax.reporting import batch_index_html, write_thumbnails
+from tests.browser import CHROMIUM
 from tests.reporting.conftest import labelled
 
 HOSTILE = "</script><img src=x onerror=alert(1)> 100%#?\"'&"
 # What a folder may be called, and a part of an address may not.
 ODD = "scan 7 <b>&\"' 100%41#?+ä"
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
 def pair_row(name, probability=None, changes=0, **values):

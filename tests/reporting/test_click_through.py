@@ -1,7 +1,6 @@
 """A headless browser clicks through reports; where node, Chromium or playwright-core are missing, nothing is tested."""
 
 import dataclasses
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -11,15 +10,11 @@ import pytest
 from gmmjax.clouds import PointCloud
 from gmmjax.pair import Pair
 from gmmjax.reporting import report_html
+from tests.browser import CHROMIUM, needs_browser
 from tests.changes.explained import explanation, rejected
 from tests.reporting.conftest import change, labelled
 
-VIEWER = Path(__file__).parents[2] / "gmmjax" / "reporting" / "viewer"
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-pytestmark = pytest.mark.skipif(
-    not (CHROMIUM and shutil.which("node") and (VIEWER / "node_modules" / "playwright-core").is_dir()),
-    reason="needs node, Chromium, and `npm ci` in gmmjax/reporting/viewer",
-)
+pytestmark = needs_browser
 
 
 def clicked_through(folder, clouds, changes):

@@ -231,7 +231,7 @@ def test_many_epochs_and_objects_stay_small():
     ]
     page = page_of(histories, epochs, names={(198, 199): "x"})
     assert len(page) < 2e6
-    assert "--column:22px" in page
+    assert "--widest:22px" in page
     assert 'class="timeline upright"' in page
 
 
@@ -250,6 +250,13 @@ def test_the_plan_is_seen_from_above():
     shapes = re.findall(r'points="([^"]*)"', plan_svg([north, south]))
     heights = [np.mean([float(corner.split(",")[1]) for corner in shape.split()]) for shape in shapes]
     assert heights[0] < heights[1]
+
+
+def test_numbers_of_objects_in_one_place_do_not_cover_each_other():
+    """Two deep: a number that made way for one may not lie on another."""
+    objects = [history(number, [event("came", 1)], (False,) + (True,) * 4) for number in (9, 10, 11)]
+    heights = [float(y) for y in re.findall(r'<text x="[^"]*" y="([^"]*)">\d+</text>', plan_svg(objects))]
+    assert min(np.diff(sorted(heights))) >= 15
 
 
 @pytest.mark.parametrize("extent", [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1e-9, 1e-9, 0.0)])

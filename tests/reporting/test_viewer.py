@@ -3,16 +3,15 @@
 import json
 import shutil
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gmmjax.reporting import asset
 from gmmjax.reporting.packed_points import packed_scene
+from tests.browser import VIEWER
 from tests.reporting.test_packed_points import decoded, labels_of, surveyed
 
-VIEWER = Path(__file__).parents[2] / "gmmjax" / "reporting" / "viewer"
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="Node is not installed")
 

@@ -116,7 +116,7 @@
   };
   const small = (text) => make("small", {}, text);
   const dot = (kind) => {
-    const element = make("i");
+    const element = make("i", { className: "dot" });
     element.style.background = run.kinds[kind][1];
     return element;
   };

@@ -46,7 +46,7 @@
   function drawKinds(entries) {
     const names = made("ul");
     for (const { name, color: own } of entries) {
-      const dot = made("i");
+      const dot = made("i", "", "dot");
       dot.style.background = own;
       const entry = made("li");
       entry.append(dot, name);

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from html import escape
 
-from gmmjax.reporting import CONTENT_POLICY, asset, script_json
+from gmmjax.reporting import asset, page_head, script_json
 from gmmjax.thesis.chapter4 import THESIS, Cell, Headline, PartResult, Plan, Table, ThesisResults
 from gmmjax.thesis.report.bar_charts import (
     Chart,
@@ -42,16 +42,7 @@ def thesis_html(results: ThesisResults) -> str:
 
     charts: dict[str, Chart] = {}
     sections = "".join(_part(part, charts) for part in results.parts)
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{CONTENT_POLICY}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>Chapter 4 of the thesis again · gmmjax</title>
-<style>{asset("report.css")}{asset("thesis.css", _ASSETS)}</style>
-</head>
-<body>
+    return f"""{page_head("Chapter 4 of the thesis again", asset("thesis.css", _ASSETS))}<body>
 <main>
 {_header(results)}
 {_summary(results.parts)}
