@@ -16,7 +16,6 @@ from gmmjax.changes import (
     VoxelLattice,
     as_depth_frame,
     check_same_place,
-    cloud_label,
     stated_systems,
     warn_of_stray_points,
     with_recognised_views,
@@ -95,7 +94,8 @@ def coarse_pass(
     inside, thinned = both.map(lambda own: own[0]), both.map(lambda own: own[1])
     stray = each(lambda all_points, own: all_points - own.total, total, thinned)
     for side, count, own, cloud in zip(NAMES, stray, thinned, clouds, strict=True):
-        warn_of_stray_points(cloud_label(side, source_of(cloud)), count, np.array(own.bounds))
+        source = source_of(cloud)
+        warn_of_stray_points(f"{side} ({source})" if source else side, count, np.array(own.bounds))
     check_same_place(thinned.map(lambda own: own.points), stated_systems(clouds))
     # In means of voxels alone there is no density to recognise stations by.
     detector = JointDetector(config, stations=None, resolution=None)

@@ -20,6 +20,7 @@ from gmmjax.clouds import (
     within,
 )
 from gmmjax.errors import InputError, warn
+from gmmjax.geometry import evenly_chosen
 from gmmjax.mixtures import parameters_per_component
 from gmmjax.pair import Pair, each
 
@@ -163,13 +164,63 @@ def check_overlap(clouds: Pair[CheckedCloud], registration: Registration | None 
         )
 
 
+def check_not_flat(
+    points: Pair[Float[np.ndarray, "_ 3"]], given: Pair[ArrayLike | PointCloud], *, registered: bool
+) -> None:
+    """Checks that two clouds are not both flat, in one plane, unless they are equal: nothing can stand off a surface.
+
+    Args:
+        points: of both clouds, in one frame.
+        given: both, as they were given.
+        registered: whether the after cloud was moved there, so that its plane is that of the before cloud nearly.
+
+    Raises:
+        InputError: both are flat.
+    """
+    planes = points.map(_plane)
+    if planes.before is None or planes.after is None or np.array_equal(*points):
+        return
+    (centre, normal, rounding), _ = planes
+    # A registration takes one plane to the other but for a slight tilt.
+    slack = rounding + 1e-3 * registered * _longest_side(points.before)
+    if float(np.abs((points.after - centre) @ normal).max()) <= slack:
+        labels = each(cloud_label, NAMES, given)
+        raise InputError(
+            f"{labels.before}, {labels.after}: both scans are flat, as those of a 2-D laser are: all points lie in one "
+            "plane, where the method 'joint' can find no change. Give scans in 3-D, or compare them in the frame that "
+            "they are given in by the mixtures alone (method='transport', --method transport)"
+        )
+
+
+def _plane(points: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """A point of the plane that all points lie in, its normal, and how far they may be off it by rounding, or None."""
+    some = points[evenly_chosen(len(points), 1000)]
+    centre = some.mean(axis=0)
+    normal = np.linalg.svd(some - centre, full_matrices=False)[2][2]
+    for own in (some, points):
+        rounding = _rounding(own) * float(np.abs(normal).sum())
+        if np.abs((own - centre) @ normal).max() > rounding:
+            return None
+    return centre, normal, rounding
+
+
+def _rounding(points: Float[np.ndarray, "n 3"]) -> float:
+    """How far coordinates may be off by float64, by float32, or by the decimals that they are given to."""
+    largest, extent = float(np.abs(points).max()), _longest_side(points)
+    exact = 8 * float(np.finfo(np.float64).eps) * largest
+    with np.errstate(over="ignore"):
+        single = bool((points.astype(np.float32) == points).all()) * float(np.finfo(np.float32).eps) * largest
+    given = (10.0**-digits for digits in range(7) if np.abs(np.round(points, digits) - points).max() <= exact)
+    return max(exact, single, 1e-6 * extent, 0.6 * next(given, 0.0))
+
+
 def _extent(points: Float[np.ndarray, "_ 3"]) -> Float[np.ndarray, "2 3"]:
     """The lowest and the highest corner of the box around some points."""
     return np.array([points.min(axis=0), points.max(axis=0)])
 
 
 def _in_words(boxes: Pair[Float[np.ndarray, "2 3"]]) -> str:
-    extents = boxes.map(lambda box: box_text(bounds, float(np.ptp(bounds, axis=0).max())))
+    extents = boxes.map(lambda box: box_text(box, float(np.ptp(box, axis=0).max())))
     return f"before {extents.before}, after {extents.after}"
 
 
@@ -201,7 +252,7 @@ def _checked(
     name: str, cloud: ArrayLike | PointCloud, crop: tuple[float, ...] | None, settings: CheckSettings
 ) -> CheckedCloud:
     coordinates = cloud.points if isinstance(cloud, PointCloud) else as_points(cloud, name)
-    label = cloud_label(name, cloud.source if isinstance(cloud, PointCloud) else None)
+    label = cloud_label(name, cloud)
     finite = np.asarray(np.isfinite(coordinates).all(axis=1))
     used = finite if crop is None else finite & _inside(coordinates, crop)
     rows = np.flatnonzero(used)
@@ -222,9 +273,9 @@ def _checked(
     return CheckedCloud(points, rows, len(coordinates), int(finite.sum() - used.sum()), stray=int((~kept).sum()))
 
 
-def cloud_label(name: str, source: str | None) -> str:
-    """What messages call a cloud: the argument that it came in and, where it has one, its source."""
-    return f"{name} ({source})" if source else name
+def cloud_label(name: str, cloud: ArrayLike | PointCloud) -> str:
+    """What messages call a cloud: the argument that it came in and, where it is known, its file."""
+    return f"{name} ({cloud.source})" if isinstance(cloud, PointCloud) and cloud.source else name
 
 
 def warn_of_stray_points(label: str, count: int, bounds: Float[np.ndarray, "2 3"] | None) -> None:
