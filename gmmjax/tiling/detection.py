@@ -116,10 +116,9 @@ def tiled_changes(
         else:
             tiles = Tiles(write_block_store(place.clouds, tree, disk), tile_size, workers, settings.tiles)
             found = fine_pass(coarse, place, tiles, clock, settings)
-        diagnostics = found.changes.diagnostics | {
-            side: {**found.changes.diagnostics[side], "stray": count}
-            for side, count in zip(NAMES, coarse.stray, strict=True)
-        }
+        diagnostics = dict(found.changes.diagnostics)
+        for side, count in zip(NAMES, coarse.stray, strict=True):
+            diagnostics[side] = {**diagnostics[side], "stray": count}
         shown = dataclasses.replace(found.changes, unit=unit, warnings=tuple(warnings), diagnostics=diagnostics)
         arrays: dict[str, Any] = found.rows.arrays()
         changes = dataclasses.replace(shown, **arrays)

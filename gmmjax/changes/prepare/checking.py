@@ -180,7 +180,7 @@ def check_not_flat(
     planes = points.map(_plane)
     if planes.before is None or planes.after is None or np.array_equal(*points):
         return
-    (centre, normal, rounding), _ = planes
+    centre, normal, rounding = planes.before
     # A registration takes one plane to the other but for a slight tilt.
     slack = rounding + 1e-3 * registered * _longest_side(points.before)
     if float(np.abs((points.after - centre) @ normal).max()) <= slack:
