@@ -135,7 +135,7 @@ def test_a_scan_is_like_itself(points, tmp_path):
 def test_stray_points_change_no_bit(points, found, tmp_path, far, first):
     rows = np.concatenate([far, points.after] if first else [points.after, far])
     with pytest.warns(InputWarning, match=f"after: {len(far):,} stray point"):
-        arrays, record = detected(Pair(points.before, rows), tmp_path, size=20_000)
+        arrays, record = detected(Pair(points.before, rows), tmp_path)
     own = slice(len(far), None) if first else slice(len(points.after))
     for name, values in found[0].items():
         kept = arrays[name][own] if name.endswith("after") else arrays[name]
