@@ -493,6 +493,16 @@ def test_fit_writes_the_mixture(scans, tmp_path, capsys):
     assert capsys.readouterr().out.startswith("5 Gaussians\n")
 
 
+def test_fit_leaves_stray_points_out(scans, tmp_path, capsys):
+    np.save(tmp_path / "stray.npy", np.concatenate([read_cloud(scans[1]).points, [[3.4e38, 0, 0]]]))
+    assert main(["fit", str(tmp_path / "stray.npy"), "--out", str(tmp_path / "a"), *QUICK]) == 0
+    printed = capsys.readouterr()
+    assert printed.out.startswith("5 Gaussians\n")
+    assert "stray.npy: 1 stray point lies" in " ".join(printed.err.split())
+    settings = json.loads((tmp_path / "a" / "mixture.json").read_text())["settings"]
+    assert (settings["points"], settings["stray"]) == (750, 1)
+
+
 def test_fit_reduces_to_voxels_and_keeps_every_points_weight(scans, tmp_path):
     arguments = ["fit", scans[1], "--out", str(tmp_path / "a"), "--voxel-size", "0.3", "--quiet", *QUICK]
     assert main(arguments) == 0

@@ -113,6 +113,7 @@ if TYPE_CHECKING:
     from gmmjax.changes.prepare.checking import check_overlap as check_overlap
     from gmmjax.changes.prepare.checking import check_pair as check_pair
     from gmmjax.changes.prepare.checking import check_same_place as check_same_place
+    from gmmjax.changes.prepare.checking import warn_of_stray_points as warn_of_stray_points
     from gmmjax.changes.prepare.local_resolution import LocalResolutionSettings as LocalResolutionSettings
     from gmmjax.changes.prepare.local_resolution import VoxelLattice as VoxelLattice
     from gmmjax.changes.prepare.local_resolution import reduced_on as reduced_on

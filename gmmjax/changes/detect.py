@@ -32,7 +32,8 @@ def detect_changes(
     """What changed between two point clouds, and how sure that is.
 
     Args:
-        before: coordinates [n0, 3], or a `PointCloud`, in any unit. Rows that are not finite are never changed.
+        before: coordinates [n0, 3], or a `PointCloud`, in any unit. Rows that are not finite, and stray
+            points (`gmmjax.clouds.scan_bounds`), are never changed.
         after: the cloud at the later time [n1, 3], in the same unit and about the same frame.
         method: "joint" (one mixture for both clouds), "greedy" (the thesis's Algorithm 1) or "transport" (partial
             transport); None: the config's, "joint".
@@ -51,12 +52,12 @@ def detect_changes(
     Raises:
         InputError: clouds, views or settings that cannot be used; files that state two units or reference systems;
             extents that do not overlap, where no registration is made or it is in doubt; or that are far apart in the
-            one reference system that both files state.
+            one reference system that both files state; two flat clouds in one plane, by the method "joint".
         ComputationError: no restart gave a mixture, or no pair of separate mixtures could be compared.
 
     Warns:
-        InputWarning: rows of an array that are not finite; extents that differ as if in another unit; a registration
-            in doubt; views that contradict their cloud, which are not used.
+        InputWarning: rows of an array that are not finite; stray points; extents that differ as if in another unit; a
+            registration in doubt; views that contradict their cloud, which are not used.
     """
     config = _overridden(config or DetectionConfig(), method=method, restarts=restarts, seed=seed)
     scans = _scans(before, after, views_before, views_after)

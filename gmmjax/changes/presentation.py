@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from gmmjax.changes.storage import OPTIONAL_FIGURES
-from gmmjax.clouds import PointCloud, atomic_write
+from gmmjax.clouds import PointCloud, atomic_write, scan_bounds, within
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 
@@ -26,7 +26,7 @@ class Presented(NamedTuple):
     """What is shown.
 
     Attributes:
-        clouds: without the rows that have no position.
+        clouds: without the rows that have no position, and without stray points, which would be all that one sees.
         changes: with a label for each point of these clouds.
     """
 
@@ -64,11 +64,17 @@ def presented(changes: "Changes", before: GivenCloud | None = None, after: Given
             )
         if rows != len(cloud):
             changes = _of_rows(changes, time, cloud.rows)
+    for time, cloud in (("before", clouds.before), ("after", clouds.after)):
+        # A stray point is no part of a change, unless the comparison was cropped to its place.
+        shown = within(cloud.points, scan_bounds(cloud.points)) | (getattr(changes, f"labels_{time}") >= 0)
+        if not shown.all():
+            changes = _of_rows(changes, time, np.flatnonzero(shown))
+            clouds = dataclasses.replace(clouds, **{time: cloud.part(np.flatnonzero(shown))})
     return Presented(clouds, changes)
 
 
 def _of_rows(changes: "Changes", time: str, rows: np.ndarray) -> "Changes":
-    """The changes with the labels of some rows of one cloud: those that have a position."""
+    """The changes with the labels of some rows of one cloud."""
     names = [f"{name}_{time}" for name in ("labels", "probability", "unobserved", *OPTIONAL_FIGURES)]
     arrays = {name: getattr(changes, name) for name in names}
     kept: dict[str, Any] = {name: None if values is None else values[rows] for name, values in arrays.items()}

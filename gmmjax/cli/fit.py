@@ -56,8 +56,8 @@ def fit(
         overwrite: replace a previous mixture in the output folder.
         quiet: print nothing but errors.
     """
-    from gmmjax.changes import default_components, reduced
-    from gmmjax.clouds import read_cloud
+    from gmmjax.changes import default_components, reduced, warn_of_stray_points
+    from gmmjax.clouds import read_cloud, scan_bounds, within
     from gmmjax.reporting import console
     from gmmjax.reporting.mixture_files import check_mixture_folder, write_mixture
 
@@ -70,7 +70,11 @@ def fit(
     use_compilation_cache()
     with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
         progress("Reading the cloud", 0.0)
-        read = read_cloud(cloud)
+        whole = read_cloud(cloud)
+        bounds = scan_bounds(whole.points)
+        read = whole.part(within(whole.points, bounds))
+        stray = len(whole) - len(read)
+        warn_of_stray_points(str(cloud), stray, bounds)
         try:
             voxel_size = _voxel_size(read, voxel_size, max_points)
             weighted = reduced(read.points, voxel_size)
@@ -80,8 +84,8 @@ def fit(
         except InputError as error:
             raise InputError(f"{cloud}: {error}") from error
         given = {"method": method, "max_components": max_components, "restarts": restarts, "seed": seed}
-        counts = {"points": len(read), "rows_dropped": read.rows_dropped, "points_fitted": len(weighted.mass)}
-        settings = {**given, **counts, "voxel_size": voxel_size}
+        counts = {"points": len(read), "rows_dropped": read.rows_dropped, "stray": stray}
+        settings = {**given, **counts, "points_fitted": len(weighted.mass), "voxel_size": voxel_size}
         write_mixture(out, found, source=str(cloud), settings=settings, overwrite=overwrite)
         if plot is not None:
             from gmmjax.plotting import fit_figure, write_figure

@@ -75,6 +75,9 @@ from gmmjax.clouds.reading import read_cloud as read_cloud
 from gmmjax.clouds.source_file import SourceFile as SourceFile
 from gmmjax.clouds.stations import StationSettings as StationSettings
 from gmmjax.clouds.stations import recognised_stations as recognised_stations
+from gmmjax.clouds.stray_points import scan_bounds as scan_bounds
+from gmmjax.clouds.stray_points import within as within
+from gmmjax.clouds.stray_points import without_stray_points as without_stray_points
 from gmmjax.clouds.survey_files import SurveyFiles as SurveyFiles
 from gmmjax.clouds.survey_files import open_survey as open_survey
 from gmmjax.clouds.survey_files import read_survey as read_survey

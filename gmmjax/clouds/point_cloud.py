@@ -135,7 +135,7 @@ class PointCloud:
                 ),
             )
 
-    def part(self, place: slice) -> "PointCloud":
+    def part(self, place: slice | np.ndarray) -> "PointCloud":
         """Some of the points, in their order."""
         return dataclasses.replace(
             self,

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from jaxtyping import Bool, Float64
 
 from gmmjax.clouds.coordinates import as_finite_points
+from gmmjax.clouds.stray_points import without_stray_points
 from gmmjax.errors import InputError, one_line, shown
 from gmmjax.geometry import rigid_transform
 
@@ -83,7 +84,8 @@ class SensorViews:
     def at_origin(cls, points: npt.ArrayLike) -> "SensorViews":
         """One camera at the origin that looks along z, whose field of view and range just hold the points.
 
-        For a single depth frame in its camera's own coordinates. Only the caller knows that it is one.
+        For a single depth frame in its camera's own coordinates. Only the caller knows that it is one. Stray points, as
+        of `scan_bounds`, do not count.
 
         Args:
             points: coordinates [N, 3], finite.
@@ -91,7 +93,7 @@ class SensorViews:
         Raises:
             InputError: points behind the camera, or none.
         """
-        coordinates = as_finite_points(points)
+        coordinates = without_stray_points(as_finite_points(points))
         if not len(coordinates) or (coordinates[:, 2] <= 0).any():
             behind = int((coordinates[:, 2] <= 0).sum())
             raise InputError(
@@ -124,7 +126,7 @@ class SensorViews:
         Raises:
             InputError: positions that are not finite or too far from the points to be theirs; no points.
         """
-        coordinates = as_finite_points(points)
+        coordinates = without_stray_points(as_finite_points(points))
         return cls.from_parts(lambda: [coordinates], positions, settings)
 
     @classmethod

@@ -19,7 +19,7 @@ from gmmjax.batch import (
     write_table,
     write_tables,
 )
-from gmmjax.changes import Changes
+from gmmjax.changes import Changes, presented
 from gmmjax.clouds import atomic_write, read_cloud
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
@@ -72,7 +72,7 @@ def save_report(folder: Path, found: FoundPair) -> None:
     """
     changes, clouds = found.consensus.changes, found.loaded.clouds
     write_result_files(folder, clouds.before, clouds.after, changes)
-    write_thumbnails(folder, clouds, changes)
+    write_thumbnails(folder, *presented(changes, *clouds))
 
 
 def summary_of(folder: RunFolder, names: Sequence[str]) -> Summary:

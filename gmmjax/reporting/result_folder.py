@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import tomli_w
 
-from gmmjax.changes import CHANGES_FILE, LABELS_FILE, NAMES, Changes, DetectionConfig
+from gmmjax.changes import CHANGES_FILE, LABELS_FILE, NAMES, Changes, DetectionConfig, presented
 from gmmjax.clouds import FolderKind, PointCloud, SurveyFiles, atomic_write, check_output_folder, output_folder
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair, each, each_on_cores
@@ -138,7 +138,8 @@ def write_result_files(folder: Path, before: PointCloud, after: PointCloud, chan
         InputError, OSError: a file cannot be written.
     """
     scans = labelled_clouds(Pair(before, after), changes).map(lambda own: own.by_file())
-    _write_files(folder, changes, changes, Pair(before, after), scans, before.crs)
+    clouds, shown = presented(changes, before, after)
+    _write_files(folder, changes, shown, clouds, scans, before.crs)
 
 
 def _write_files(

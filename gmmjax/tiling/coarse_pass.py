@@ -16,6 +16,7 @@ from gmmjax.changes import (
     VoxelLattice,
     check_same_place,
     stated_systems,
+    warn_of_stray_points,
     with_recognised_views,
 )
 from gmmjax.clouds import (
@@ -26,12 +27,14 @@ from gmmjax.clouds import (
     SensorViews,
     ThinnedCloud,
     read_both,
+    scan_bounds,
     thinned_cloud,
 )
 from gmmjax.errors import InputError
 from gmmjax.geometry import transformed
 from gmmjax.pair import Pair, each
 from gmmjax.tiling.detection_settings import TiledDetectionSettings
+from gmmjax.tiling.point_clouds import source_of
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -40,11 +43,15 @@ class CoarsePass:
 
     Attributes:
         detector: by which they are compared.
+        clouds: what of both is compared: inside the crop box, without stray points.
+        stray: how many points of either are left out.
         thinned: as they were given.
         prepared: registered.
     """
 
     detector: JointDetector
+    clouds: Pair[ChunkedCloud]
+    stray: Pair[int]
     thinned: Pair[ThinnedCloud]
     prepared: AlignedScans
 
@@ -81,6 +88,13 @@ def coarse_pass(
     for side, own in zip(NAMES, thinned, strict=True):
         if not own.total:
             raise InputError(f"{side}: has no points{' inside the crop box' * (config.crop is not None)}")
+    total = thinned.map(lambda own: own.total)
+    both = each(lambda own, first: _without_stray_points(own, first, settings.thinned), inside, thinned)
+    inside, thinned = both.map(lambda own: own[0]), both.map(lambda own: own[1])
+    stray = each(lambda all_points, own: all_points - own.total, total, thinned)
+    for side, count, own, cloud in zip(NAMES, stray, thinned, clouds, strict=True):
+        source = source_of(cloud)
+        warn_of_stray_points(f"{side} ({source})" if source else side, count, np.array(own.bounds))
     systems = stated_systems(clouds)
     check_same_place(thinned.map(lambda own: own.points), systems)
     # In means of voxels alone there is no density to recognise stations by.
@@ -96,7 +110,7 @@ def coarse_pass(
             "before, after: the clouds fill volumes, as artificial mixtures do, and are no scans of surfaces; compare "
             "fewer of their points, without tiles"
         )
-    return CoarsePass(detector, thinned, prepared)
+    return CoarsePass(detector, inside, stray, thinned, prepared)
 
 
 def _cropped(clouds: Pair[ChunkedCloud], config: DetectionConfig) -> Pair[ChunkedCloud]:
@@ -104,6 +118,18 @@ def _cropped(clouds: Pair[ChunkedCloud], config: DetectionConfig) -> Pair[Chunke
         return clouds
     lower, upper = np.array(config.crop[:3]), np.array(config.crop[3:])
     return clouds.map(lambda own: CroppedCloud(own, lower, upper))
+
+
+def _without_stray_points(cloud: ChunkedCloud, thinned: ThinnedCloud, most: int) -> tuple[ChunkedCloud, ThinnedCloud]:
+    """The cloud without stray points, which is read again where it has any, and thinned to `most` voxels."""
+    while (bounds := scan_bounds(thinned.points)) is not None:
+        # The points of a voxel are within its size of their mean.
+        inside = CroppedCloud(cloud, bounds[0] - thinned.size, bounds[1] + thinned.size)
+        fewer = thinned_cloud(inside.chunks(), most)
+        if fewer.total == thinned.total:
+            break
+        cloud, thinned = inside, fewer
+    return cloud, thinned
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -121,15 +147,11 @@ class Place:
     voxels: VoxelLattice
 
 
-def place_of(
-    coarse: CoarsePass, clouds: Pair[ChunkedCloud], config: DetectionConfig, settings: TiledDetectionSettings
-) -> Place:
+def place_of(coarse: CoarsePass, settings: TiledDetectionSettings) -> Place:
     """Where the blocks begin: whole numbers of the cubes whose voxels are halved or not, as far as they are larger.
 
     Args:
         coarse: both scans, registered.
-        clouds: of both surveys.
-        config: of the detection, which may crop them.
         settings: how small the voxels are.
     """
     resolution, working = settings.resolution, coarse.prepared.pair.working
@@ -139,7 +161,7 @@ def place_of(
     extent = float((corners.max(axis=0) - lower).max()) + voxel_size
     cube = resolution.voxels_per_edge * voxel_size
     edge = float(cube * 2.0 ** max(0, np.ceil(np.log2(extent / cube))))
-    placed = PlacedClouds(_cropped(clouds, config), coarse.transform)
+    placed = PlacedClouds(coarse.clouds, coarse.transform)
     return Place(placed, Lattice(lower, edge), VoxelLattice.of(np.zeros(3), edge, voxel_size, resolution.halvings))
 
 

@@ -106,7 +106,7 @@ def tiled_changes(
     with working_folder(folder) as disk, recorded_warnings() as warnings:
         unit = common_unit(clouds, config)
         coarse = coarse_pass(clouds, views, config, clock, settings)
-        place = place_of(coarse, clouds, config, settings)
+        place = place_of(coarse, settings)
         tree = tree_of(place.clouds, settings.blocks, place.lattice)
         require_overlap(tree)
         tiles_of(tree, tile_size, settings.tiles)
@@ -116,7 +116,10 @@ def tiled_changes(
         else:
             tiles = Tiles(write_block_store(place.clouds, tree, disk), tile_size, workers, settings.tiles)
             found = fine_pass(coarse, place, tiles, clock, settings)
-        shown = dataclasses.replace(found.changes, unit=unit, warnings=tuple(warnings))
+        diagnostics = dict(found.changes.diagnostics)
+        for side, count in zip(NAMES, coarse.stray, strict=True):
+            diagnostics[side] = {**diagnostics[side], "stray": count}
+        shown = dataclasses.replace(found.changes, unit=unit, warnings=tuple(warnings), diagnostics=diagnostics)
         arrays: dict[str, Any] = found.rows.arrays()
         changes = dataclasses.replace(shown, **arrays)
         clock.finish()

@@ -40,7 +40,7 @@ def with_colors(points: PointCloud, cloud: ChunkedCloud) -> PointCloud:
 
 def uncropped(cloud: ChunkedCloud) -> ChunkedCloud:
     """The cloud that a cropped one is of; any other one itself."""
-    return cloud.cloud if isinstance(cloud, CroppedCloud) else cloud
+    return uncropped(cloud.cloud) if isinstance(cloud, CroppedCloud) else cloud
 
 
 def source_of(cloud: ChunkedCloud) -> str | None:

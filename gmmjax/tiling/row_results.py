@@ -23,7 +23,7 @@ MISSING: Mapping[str, np.generic] = {
     "unobserved": np.bool_(False),
     **{name: np.float32(np.nan) for name in PointFigures._fields},
 }
-"""The columns, with the values of rows that were not compared: those without a position, or outside of the crop box."""
+"""The columns, with the values of rows that were not compared: without a position, outside the crop box, or stray."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

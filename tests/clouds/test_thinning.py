@@ -1,6 +1,7 @@
 """Clouds of any size, thinned while they are read."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -41,6 +42,28 @@ def test_a_stray_point_far_away():
     found = thinned(points, 10_000, size=100)
     assert found.total == 501
     assert found.bounds.upper[0] == 1e9
+
+
+@pytest.mark.parametrize("place", [0, 250, 500])
+@pytest.mark.parametrize("far", [1e9, 3.4028235e38])
+def test_stray_points_do_not_enlarge_the_voxels(place, far):
+    """Wherever they are in the file."""
+    points = np.random.default_rng(0).uniform(size=(500, 3)) * [8, 6, 0]
+    found = thinned(np.insert(points, place, [[far, 0, 0], [0, -far, 0]], axis=0), 1_000, size=100)
+    clean = thinned(points, 1_000, size=100)
+    assert found.size <= 1.1 * clean.size
+    np.testing.assert_array_equal(
+        np.sort(found.points[np.abs(found.points).max(axis=1) < 10, 0]), np.sort(clean.points[:, 0])
+    )
+    assert found.total == 502
+
+
+def test_a_cloud_that_begins_with_a_small_part_of_it_is_thinned_as_a_whole():
+    parts = [np.random.default_rng(0).uniform(size=(100, 3)), np.random.default_rng(1).uniform(0, 1e4, (3_000, 3))]
+    found = thinned(np.concatenate(parts), 2_000, size=100)
+    assert len(found.points) <= 2_000
+    assert found.total == 3_100
+    assert found.size > 100
 
 
 def test_no_points():

@@ -154,6 +154,16 @@ def test_a_sensor_with_points_all_around_turns():
     assert farthest < views.max_range < 1.05 * farthest
 
 
+def test_stray_points_do_not_widen_what_is_seen():
+    points = a_room()
+    stray = np.concatenate([points, [[1e6, 0, 0], [0, 0, -3.4e38]]])
+    for place in ([3, 2, 1.5], [-5.0, 2, 1.5]):
+        views, seen = (SensorViews.from_positions(own, place) for own in (points, stray))
+        assert (views.field_of_view, views.max_range) == (seen.field_of_view, seen.max_range)
+    ahead = np.array([0, 0, 3])
+    assert SensorViews.at_origin(points + ahead).max_range == SensorViews.at_origin(stray + ahead).max_range
+
+
 def test_the_vertical_angle_of_a_turning_scanner_just_holds_the_points():
     points = a_room()
     points = points[(points[:, 2] > 1) & (points[:, 2] < 2)]

@@ -1,6 +1,8 @@
 import dataclasses
 import errno
+import json
 import os
+import re
 import tomllib
 
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 
 from gmmjax.changes import Changes, DetectionConfig
 from gmmjax.changes.registration import Registration
-from gmmjax.clouds import read_cloud
+from gmmjax.clouds import PointCloud, read_cloud
 from gmmjax.errors import InputError
 from gmmjax.geometry.rigid import rigid_transform
 from gmmjax.reporting import write_result
@@ -56,6 +58,19 @@ def test_changes_stand_out_by_colour(result):
     assert (colors[:60] == [0x00, 0x72, 0xB2]).all()
     assert (colors[60:130] == [0x00, 0x9E, 0x73]).all()
     assert (np.ptp(colors[130:].astype(int), axis=1) < 20).all()
+
+
+def test_stray_points_are_written_and_not_shown(pair, tmp_path):
+    before, after, changes = pair
+    stray = PointCloud.from_rows(np.concatenate([after.points, [[3.4e38, 0, 0], [0, 1e6, 0]]]))
+    arrays = {name: getattr(changes, f"{name}_after") for name in ("labels", "probability", "unobserved")}
+    longer = {f"{name}_after": np.append(values, np.full(2, -1, values.dtype)) for name, values in arrays.items()}
+    write_result(tmp_path / "a", before, stray, dataclasses.replace(changes, **longer))
+    assert len(read_cloud(tmp_path / "a" / "after.ply")) == len(stray)
+    page = (tmp_path / "a" / "report.html").read_text()
+    scene = json.loads(re.search(r'id="scene">(.*?)</script>', page, re.DOTALL)[1])
+    assert scene["after"]["count"] == len(after)
+    assert np.abs([scene["shown"]["lower"], scene["shown"]["upper"]]).max() < 10
 
 
 def test_clouds_of_other_changes_are_refused(pair, tmp_path):

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from gmmjax.changes import Clock, DetectionConfig, Survey, detect_changes, silent
 from gmmjax.clouds import SensorViews, open_cloud, write_ply
-from gmmjax.errors import InputError
+from gmmjax.errors import InputError, InputWarning
 from gmmjax.pair import Pair
 from gmmjax.tiling import TiledDetectionSettings, Workers, tiled_changes
 from gmmjax.tiling.coarse_pass import coarse_pass
@@ -123,10 +123,27 @@ def test_a_scan_is_like_itself(points, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_stray_point_far_away_changes_nothing(points, tmp_path):
-    after = np.concatenate([points.after, [[300.0, 300.0, 5.0]]])
-    _, record = detected(Pair(points.before, after), tmp_path)
-    assert [change.kind for change in record.changes] == ["appeared"]
+@pytest.mark.parametrize(
+    ("far", "first"),
+    [
+        ([[300.0, 300.0, 5.0]], False),
+        ([[1e6, 0, 0], [0, -3.4028235e38, 0]], True),
+        (np.full((3_000, 3), -9999.0), False),
+    ],
+)
+def test_stray_points_change_no_bit(points, found, tmp_path, far, first):
+    rows = np.concatenate([far, points.after] if first else [points.after, far])
+    with pytest.warns(InputWarning, match=f"after: {len(far):,} stray point"):
+        arrays, record = detected(Pair(points.before, rows), tmp_path)
+    own = slice(len(far), None) if first else slice(len(points.after))
+    for name, values in found[0].items():
+        kept = arrays[name][own] if name.endswith("after") else arrays[name]
+        np.testing.assert_array_equal(kept, values, err_msg=name)
+    assert (arrays["labels_after"] >= 0).sum() == (found[0]["labels_after"] >= 0).sum()
+    assert [change.to_dict() for change in record.shown] == [change.to_dict() for change in found[1].shown]
+    diagnostics = record.changes.diagnostics
+    assert (diagnostics["before"]["stray"], diagnostics["after"]["stray"]) == (0, len(far))
+    assert diagnostics["after"]["points"] == len(points.after)
 
 
 @pytest.mark.slow

@@ -9,8 +9,18 @@ from jaxtyping import ArrayLike, Float, Int
 
 from gmmjax.changes.prepare.units import stated_systems
 from gmmjax.changes.registration import Registration
-from gmmjax.clouds import PointCloud, as_points, box_text, canonical_order, crop_box, first_of_equals
+from gmmjax.clouds import (
+    PointCloud,
+    as_points,
+    box_text,
+    canonical_order,
+    crop_box,
+    first_of_equals,
+    scan_bounds,
+    within,
+)
 from gmmjax.errors import InputError, warn
+from gmmjax.geometry import evenly_chosen
 from gmmjax.mixtures import parameters_per_component
 from gmmjax.pair import Pair, each
 
@@ -47,16 +57,18 @@ class CheckedCloud:
     """One cloud that can be compared.
 
     Attributes:
-        points: all finite points inside the crop box, in the canonical order and the caller's unit.
+        points: all finite points inside the crop box but stray ones, in the canonical order and the caller's unit.
         rows: which row of the caller's cloud each of them is.
         given: how many rows the caller's cloud has.
         cropped: how many finite points lie outside the crop box.
+        stray: how many inside it are left out because they lie far from all others; see `scan_bounds`.
     """
 
     points: Float[np.ndarray, "n 3"]
     rows: Int[np.ndarray, " n"]
     given: int
     cropped: int
+    stray: int = dataclasses.field(default=0, kw_only=True)
 
     def to_rows(self, values: np.ndarray, missing: int | float | bool) -> np.ndarray:
         """Values of the points in the rows that the caller gave; `missing` in the rows that are not used."""
@@ -66,12 +78,13 @@ class CheckedCloud:
 
     def diagnostics(self, given: ArrayLike | PointCloud) -> dict[str, Any]:
         """Where the cloud came from and what of it is used, as plain values for the record."""
-        unplaced = self.given - len(self.points) - self.cropped
+        unplaced = self.given - len(self.points) - self.cropped - self.stray
         return {
             "source": given.source if isinstance(given, PointCloud) else None,
             "points": len(self.points),
             "rows_dropped": given.rows_dropped if isinstance(given, PointCloud) else unplaced,
             "cropped": self.cropped,
+            "stray": self.stray,
         }
 
 
@@ -80,7 +93,7 @@ def check_pair(
     crop: tuple[float, ...] | None = None,
     settings: CheckSettings = CheckSettings(),
 ) -> Pair[CheckedCloud]:
-    """Checks the two clouds and crops them.
+    """Checks the two clouds, crops them and leaves stray points out.
 
     Args:
         clouds: coordinates [n, 3] or a `PointCloud`, in one unit, whichever that is.
@@ -92,7 +105,8 @@ def check_pair(
             is too large or too small for float64; clouds of two places of one reference system.
 
     Warns:
-        InputWarning: rows of an array without a position; extents that differ so much that the units must differ.
+        InputWarning: rows of an array without a position; stray points; extents that differ so much that the units
+            must differ.
     """
     checked = each(lambda name, cloud: _checked(name, cloud, crop, settings), NAMES, clouds)
     for name, own, given in zip(NAMES, checked, clouds, strict=True):
@@ -157,6 +171,56 @@ def check_overlap(clouds: Pair[CheckedCloud], registration: Registration | None 
         )
 
 
+def check_not_flat(
+    points: Pair[Float[np.ndarray, "_ 3"]], given: Pair[ArrayLike | PointCloud], *, registered: bool
+) -> None:
+    """Checks that two clouds are not both flat, in one plane, unless they are equal: nothing can stand off a surface.
+
+    Args:
+        points: of both clouds, in one frame.
+        given: both, as they were given.
+        registered: whether the after cloud was moved there, so that its plane is that of the before cloud nearly.
+
+    Raises:
+        InputError: both are flat.
+    """
+    planes = points.map(_plane)
+    if planes.before is None or planes.after is None or np.array_equal(*points):
+        return
+    centre, normal, rounding = planes.before
+    # A registration takes one plane to the other but for a slight tilt.
+    slack = rounding + 1e-3 * registered * _longest_side(points.before)
+    if float(np.abs((points.after - centre) @ normal).max()) <= slack:
+        labels = each(cloud_label, NAMES, given)
+        raise InputError(
+            f"{labels.before}, {labels.after}: both scans are flat, as those of a 2-D laser are: all points lie in one "
+            "plane, where the method 'joint' can find no change. Give scans in 3-D, or compare them in the frame that "
+            "they are given in by the mixtures alone (method='transport', --method transport)"
+        )
+
+
+def _plane(points: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """A point of the plane that all points lie in, its normal, and how far they may be off it by rounding, or None."""
+    some = points[evenly_chosen(len(points), 1000)]
+    centre = some.mean(axis=0)
+    normal = np.linalg.svd(some - centre, full_matrices=False)[2][2]
+    for own in (some, points):
+        rounding = _rounding(own) * float(np.abs(normal).sum())
+        if np.abs((own - centre) @ normal).max() > rounding:
+            return None
+    return centre, normal, rounding
+
+
+def _rounding(points: Float[np.ndarray, "n 3"]) -> float:
+    """How far coordinates may be off by float64, by float32, or by the decimals that they are given to."""
+    largest, extent = float(np.abs(points).max()), _longest_side(points)
+    exact = 8 * float(np.finfo(np.float64).eps) * largest
+    with np.errstate(over="ignore"):
+        single = bool((points.astype(np.float32) == points).all()) * float(np.finfo(np.float32).eps) * largest
+    given = (10.0**-digits for digits in range(7) if np.abs(np.round(points, digits) - points).max() <= exact)
+    return max(exact, single, 1e-6 * extent, 0.6 * next(given, 0.0))
+
+
 def _extent(points: Float[np.ndarray, "_ 3"]) -> Float[np.ndarray, "2 3"]:
     """The lowest and the highest corner of the box around some points."""
     return np.array([points.min(axis=0), points.max(axis=0)])
@@ -195,11 +259,15 @@ def _checked(
     name: str, cloud: ArrayLike | PointCloud, crop: tuple[float, ...] | None, settings: CheckSettings
 ) -> CheckedCloud:
     coordinates = cloud.points if isinstance(cloud, PointCloud) else as_points(cloud, name)
-    label = f"{name} ({cloud.source})" if isinstance(cloud, PointCloud) and cloud.source else name
+    label = cloud_label(name, cloud)
     finite = np.asarray(np.isfinite(coordinates).all(axis=1))
     used = finite if crop is None else finite & _inside(coordinates, crop)
     rows = np.flatnonzero(used)
     points = coordinates[rows]
+    bounds = scan_bounds(points)
+    kept = within(points, bounds)
+    warn_of_stray_points(label, int((~kept).sum()), bounds)
+    points, rows = points[kept], rows[kept]
     _check_points(label, points, crop, settings)
     order = canonical_order(points)
     points, rows = points[order], rows[order]
@@ -209,7 +277,28 @@ def _checked(
             f"{label}: its {len(points)} points lie in {places} places only; "
             f"at least {SMALLEST_CLOUD} are needed to fit a Gaussian"
         )
-    return CheckedCloud(points, rows, len(coordinates), int(finite.sum() - used.sum()))
+    return CheckedCloud(points, rows, len(coordinates), int(finite.sum() - used.sum()), stray=int((~kept).sum()))
+
+
+def cloud_label(name: str, cloud: ArrayLike | PointCloud) -> str:
+    """What messages call a cloud: the argument that it came in and, where it is known, its file."""
+    return f"{name} ({cloud.source})" if isinstance(cloud, PointCloud) and cloud.source else name
+
+
+def warn_of_stray_points(label: str, count: int, bounds: Float[np.ndarray, "2 3"] | None) -> None:
+    """Warns of points that are left out.
+
+    Args:
+        label: of the cloud.
+        count: of its stray points.
+        bounds: of all others; None: there are no stray points.
+    """
+    if count and bounds is not None:
+        points, lie, are = ("point", "lies", "is") if count == 1 else ("points", "lie", "are")
+        warn(
+            f"{label}: {count:,} stray {points} {lie} very far from all others and {are} left out; the others are in "
+            f"{box_text(bounds, float(np.ptp(bounds, axis=0).max()) or 1.0)}"
+        )
 
 
 def _check_points(label: str, points: np.ndarray, crop: tuple[float, ...] | None, settings: CheckSettings) -> None:

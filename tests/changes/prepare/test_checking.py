@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from gmmjax import InputError, InputWarning, PointCloud, detect_changes
-from gmmjax.changes.prepare.checking import check_comparable, check_overlap, check_pair, check_same_place
+from gmmjax.changes.prepare.checking import (
+    check_comparable,
+    check_not_flat,
+    check_overlap,
+    check_pair,
+    check_same_place,
+)
 from gmmjax.changes.registration import Registration
 from gmmjax.pair import Pair
 
@@ -24,8 +30,8 @@ CLOUD = np.random.default_rng(0).normal(size=(300, 3))
         (np.zeros((20, 3), "M8[s]"), "before: must be real numbers, not datetime64"),
         (1e200 * CLOUD, "before: the points extend over 6.*another unit"),
         (1e-300 * CLOUD, "before: the points extend over 6.*another unit"),
-        (np.concatenate([CLOUD, [[1e300, 0, 0]]]), "before: the points extend over 1e.300.*stray points out with crop"),
-        (np.concatenate([CLOUD, [[1.7e308, 0, 0], [-1.7e308, 0, 0]]]), "before: the points extend over inf"),
+        (CLOUD * [1e300, 1, 1], "before: the points extend over 6.*e.300.*stray points out with crop"),
+        (CLOUD * [4e307, 1, 1], "before: the points extend over inf"),
         (np.repeat(np.eye(3), 100, axis=0), "before: its 300 points lie in 3 places only"),
         (np.concatenate([np.zeros((2000, 3)), CLOUD[:2]]), "before: its 2002 points lie in 3 places only"),
     ],
@@ -39,6 +45,26 @@ def test_a_stray_point_can_be_cropped():
     stray = np.concatenate([CLOUD, [[1e300, 0, 0]]])
     checked, _ = check_pair(Pair(stray, CLOUD), BOX)
     assert checked.cropped == 1 and len(checked.points) == 300
+
+
+@pytest.mark.parametrize("far", [1e4, 1e6, 3.4028235e38, 1e300])
+def test_stray_points_are_left_out_and_counted(far):
+    """Whatever follows is that of the cloud without them, and there is no word of millimetres."""
+    rows = np.insert(CLOUD, [0, 150, 300], [[far, 0, 0], [np.nan, 0, 0], [0, -far, 0]], axis=0)
+    given = PointCloud.from_rows(rows, source="after.las")
+    with pytest.warns(InputWarning) as caught:
+        (clean, checked), (_, of_file) = (check_pair(Pair(CLOUD, after)) for after in (rows, given))
+    texts = [str(warning.message) for warning in caught]
+    assert [text.split(" and ")[0] for text in texts] == [
+        f"{label}: 2 stray points lie very far from all others" for label in ("after", "after (after.las)")
+    ]
+    np.testing.assert_array_equal(checked.points, clean.points)
+    np.testing.assert_array_equal(of_file.points, clean.points)
+    labels = checked.to_rows(np.zeros(len(checked.points), int), -1)
+    assert np.flatnonzero(labels < 0).tolist() == [0, 151, 302]
+    counts = {"points": 300, "rows_dropped": 1, "cropped": 0, "stray": 2}
+    assert checked.diagnostics(rows) == {"source": None, **counts}
+    assert of_file.diagnostics(given) == {"source": "after.las", **counts}
 
 
 def test_values_return_to_the_rows_of_the_caller():
@@ -104,6 +130,49 @@ def test_clouds_of_one_reference_system_that_are_far_apart_are_of_two_places():
         check_pair(pair)
     check_same_place(Pair(CLOUD, near), systems)
     check_same_place(Pair(CLOUD, far), Pair("EPSG:25832", None))
+
+
+PLANE = np.c_[np.random.default_rng(2).uniform(-4, 4, (500, 2)), np.zeros(500)]
+OTHER = np.c_[np.random.default_rng(3).uniform(-4, 4, (500, 2)), np.zeros(500)]
+TURNED = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
+BOX_ON_IT = np.concatenate([OTHER, [[0, 0, 0.1], [0, 1, 0.1], [1, 0, 0.1]]])
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (Pair(PLANE, OTHER), "before, after: both scans are flat"),
+        (Pair(PLANE @ TURNED, OTHER @ TURNED), "flat"),
+        (Pair(*((own @ TURNED).astype(np.float32).astype(float) for own in (PLANE, OTHER))), "flat"),
+        (Pair(*((own @ TURNED + [5e5, 5e6, 100]).round(3) for own in (PLANE, OTHER))), "flat"),
+        (Pair(1e-6 * PLANE, 1e-6 * OTHER), "flat"),
+    ],
+)
+def test_two_flat_scans_in_one_plane_are_refused(points, message):
+    with pytest.raises(InputError, match=message):
+        check_not_flat(points, points, registered=False)
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        Pair(PLANE, PLANE.copy()),
+        Pair(PLANE, BOX_ON_IT),
+        Pair(BOX_ON_IT, PLANE),
+        Pair(PLANE, OTHER - [0, 0, 0.01]),
+        Pair(PLANE, OTHER @ TURNED),
+        Pair(*((own + np.random.default_rng(5).normal(0, 0.002, own.shape)).round(3) for own in (PLANE, OTHER))),
+    ],
+)
+def test_scans_that_are_not_flat_in_one_plane_are_compared(points):
+    check_not_flat(points, points, registered=False)
+
+
+def test_a_registration_of_two_planes_may_leave_a_slight_tilt():
+    tilted = OTHER + OTHER[:, [2, 2, 0]] * [0, 0, 1e-4]
+    check_not_flat(Pair(PLANE, tilted), Pair(PLANE, tilted), registered=False)
+    with pytest.raises(InputError, match=r"2-D laser.*method='transport'"):
+        check_not_flat(Pair(PLANE, tilted), Pair(PLANE, tilted), registered=True)
 
 
 @pytest.mark.parametrize("method", ["joint", "greedy"])
