@@ -56,7 +56,7 @@ def fit(
         overwrite: replace a previous mixture in the output folder.
         quiet: print nothing but errors.
     """
-    from gmmjax.changes import default_components, reduced
+    from gmmjax.changes import check_lengths, default_components, reduced
     from gmmjax.clouds import read_cloud
     from gmmjax.reporting import console
     from gmmjax.reporting.mixture_files import check_mixture_folder, write_mixture
@@ -71,6 +71,7 @@ def fit(
     with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
         progress("Reading the cloud", 0.0)
         read = read_cloud(cloud)
+        check_lengths("cloud", read)
         try:
             voxel_size = _voxel_size(read, voxel_size, max_points)
             weighted = reduced(read.points, voxel_size)

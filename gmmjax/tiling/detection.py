@@ -22,6 +22,7 @@ from gmmjax.changes import (
     Scan,
     common_unit,
     silent,
+    stated_systems,
 )
 from gmmjax.clouds import ChunkedCloud, PlacedClouds, PointCloud, SensorViews, require_overlap, tree_of
 from gmmjax.errors import InputError, recorded_warnings
@@ -92,8 +93,8 @@ def tiled_changes(
 
     Raises:
         InputError: surveys, views or settings that cannot be used: without points, that do not overlap, that state two
-            units or reference systems, that fill volumes; a tile size below ten point spacings; a file that cannot be
-            read, a folder that cannot be written, or a full disk.
+            units or reference systems, or angles, that fill volumes; a tile size below ten point spacings; a file that
+            cannot be read, a folder that cannot be written, or a full disk.
         ComputationError: no restart gave a mixture; a worker died twice with the same tile, or there are no workers any
             more.
 
@@ -116,7 +117,9 @@ def tiled_changes(
         else:
             tiles = Tiles(write_block_store(place.clouds, tree, disk), tile_size, workers, settings.tiles)
             found = fine_pass(coarse, place, tiles, clock, settings)
-        shown = dataclasses.replace(found.changes, unit=unit, warnings=tuple(warnings))
+        shown = dataclasses.replace(
+            found.changes, unit=unit, crs=stated_systems(clouds).before, warnings=tuple(warnings)
+        )
         arrays: dict[str, Any] = found.rows.arrays()
         changes = dataclasses.replace(shown, **arrays)
         clock.finish()

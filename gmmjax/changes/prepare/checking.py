@@ -9,7 +9,7 @@ from jaxtyping import ArrayLike, Float, Int
 
 from gmmjax.changes.prepare.units import stated_systems
 from gmmjax.changes.registration import Registration
-from gmmjax.clouds import PointCloud, as_points, box_text, canonical_order, crop_box, first_of_equals
+from gmmjax.clouds import PointCloud, as_points, box_text, canonical_order, crop_box, first_of_equals, system_name
 from gmmjax.errors import InputError, warn
 from gmmjax.mixtures import parameters_per_component
 from gmmjax.pair import Pair, each
@@ -126,7 +126,8 @@ def check_same_place(
     gap = max(float((boxes.after[0] - boxes.before[1]).max()), float((boxes.before[0] - boxes.after[1]).max()))
     if gap > settings.apart * max(float(np.ptp(box, axis=0).max()) for box in boxes):
         raise InputError(
-            f"before, after: the scans do not overlap ({_in_words(boxes)}), and both files state {systems.before}; "
+            f"before, after: the scans do not overlap ({_in_words(boxes)}), and both files state "
+            f"{system_name(systems.before)}; "
             "compare scans of one place, or correct the reference system or the coordinates of one of them"
         )
 
