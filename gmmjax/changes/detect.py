@@ -9,7 +9,7 @@ from gmmjax.changes.config import DetectionConfig, Method
 from gmmjax.changes.consensus import Consensus
 from gmmjax.changes.detectors import DETECTORS, AbstractRestartDetector, Scan
 from gmmjax.changes.fit.restart_fits import RestartFits
-from gmmjax.changes.prepare.units import common_unit, stated_systems
+from gmmjax.changes.prepare.units import common_unit, stated_system
 from gmmjax.changes.progress import Progress, silent
 from gmmjax.changes.record import Changes
 from gmmjax.clouds import PointCloud, SensorViews
@@ -64,7 +64,7 @@ def detect_changes(
         unit = common_unit(Pair(before, after), config)
         changes = DETECTORS[config.method](config).changes(scans, progress or silent)
     clouds = scans.map(lambda scan: scan.cloud)
-    crs = stated_systems(clouds).before
+    crs = stated_system(before)
     return dataclasses.replace(changes, warnings=tuple(warnings), unit=unit, crs=crs, clouds=clouds)
 
 
@@ -115,7 +115,7 @@ def detect_consensus(
     with recorded_warnings() as warnings:
         unit = common_unit(Pair(before, after), config)
         consensus = detector.consensus(scans, earlier=earlier, until_stable=until_stable, report=progress or silent)
-    crs = stated_systems(Pair(before, after)).before
+    crs = stated_system(before)
     changes = dataclasses.replace(consensus.changes, warnings=tuple(warnings), unit=unit, crs=crs)
     return dataclasses.replace(consensus, changes=changes)
 

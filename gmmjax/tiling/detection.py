@@ -22,7 +22,7 @@ from gmmjax.changes import (
     Scan,
     common_unit,
     silent,
-    stated_systems,
+    stated_system,
 )
 from gmmjax.clouds import ChunkedCloud, PlacedClouds, PointCloud, SensorViews, require_overlap, tree_of
 from gmmjax.errors import InputError, recorded_warnings
@@ -117,9 +117,8 @@ def tiled_changes(
         else:
             tiles = Tiles(write_block_store(place.clouds, tree, disk), tile_size, workers, settings.tiles)
             found = fine_pass(coarse, place, tiles, clock, settings)
-        shown = dataclasses.replace(
-            found.changes, unit=unit, crs=stated_systems(clouds).before, warnings=tuple(warnings)
-        )
+        crs = stated_system(clouds.before)
+        shown = dataclasses.replace(found.changes, unit=unit, crs=crs, warnings=tuple(warnings))
         arrays: dict[str, Any] = found.rows.arrays()
         changes = dataclasses.replace(shown, **arrays)
         clock.finish()

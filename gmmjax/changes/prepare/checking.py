@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
-from gmmjax.changes.prepare.units import stated_systems
+from gmmjax.changes.prepare.units import check_lengths, stated_systems
 from gmmjax.changes.registration import Registration
 from gmmjax.clouds import PointCloud, as_points, box_text, canonical_order, crop_box, first_of_equals, system_name
 from gmmjax.errors import InputError, warn
@@ -89,11 +89,12 @@ def check_pair(
 
     Raises:
         InputError: a cloud that is not of real numbers [n, 3], has too few points or only equal ones, or an extent that
-            is too large or too small for float64; clouds of two places of one reference system.
+            is too large or too small for float64; angles; clouds of two places of one reference system.
 
     Warns:
         InputWarning: extents that differ so much that the units must differ.
     """
+    each(check_lengths, NAMES, clouds)
     checked = each(lambda name, cloud: _checked(name, cloud, crop, settings), NAMES, clouds)
     for name, own, given in zip(NAMES, checked, clouds, strict=True):
         about = own.diagnostics(given)

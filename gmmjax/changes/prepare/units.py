@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.clouds import ANGLES, CloudFile, PointCloud, SurveyFiles, epsg_code, system_name
+from gmmjax.clouds import ANGLES, CloudFile, PointCloud, SurveyFiles, epsg_code, is_wkt, system_name
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 
@@ -79,13 +79,23 @@ def _utm_zone(longitude: float, latitude: float) -> tuple[str, str]:
     return f"UTM zone {zone}{'N' if north else 'S'} of WGS 84", f"EPSG:{(32600 if north else 32700) + zone}"
 
 
-def stated_systems(clouds: Pair[Any]) -> Pair[str | None]:
-    """The coordinate reference system that the file of each cloud states; None: it states none, or a wrong one.
+def stated_system(cloud: Any) -> str | None:
+    """The coordinate reference system that the file of a cloud states; None: it states none, or a wrong one.
 
     Args:
-        clouds: coordinates, or a cloud, a file or a survey. Of those with lengths a geographic system is wrong.
+        cloud: coordinates, or a cloud, a file or a survey. It passed `check_lengths`: a geographic system is wrong.
     """
-    return clouds.map(lambda cloud: None if _stated(cloud, "unit") in ANGLES else _stated(cloud, "crs"))
+    return None if _stated(cloud, "unit") in ANGLES else _stated(cloud, "crs")
+
+
+def stated_systems(clouds: Pair[Any]) -> Pair[str | None]:
+    """The systems of both clouds that can be compared; None for one that is known by a name at the most.
+
+    Args:
+        clouds: as of `stated_system`.
+    """
+    systems = clouds.map(stated_system)
+    return systems.map(lambda crs: crs if crs is not None and (epsg_code(crs) or is_wkt(crs)) else None)
 
 
 def _stated(cloud: Any, name: str) -> str | None:
