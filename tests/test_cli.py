@@ -285,6 +285,18 @@ def test_quiet_prints_nothing(scans, tmp_path, capsys):
     assert capsys.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize("options", [[], ["--transform-after"]])
+def test_the_after_scan_keeps_its_coordinates_unless_asked_for(scans, tmp_path, options):
+    after = read_cloud(scans[1]).points + 0.3
+    write_ply(tmp_path / "after.ply", after)
+    words = ["detect", scans[0], str(tmp_path / "after.ply"), "--registration", "always", "--quiet", *QUICK]
+    assert main([*words, "--out", str(tmp_path / "out"), *options]) == 0
+    registration = Changes.load(tmp_path / "out").registration
+    assert registration.applied
+    expected = registration.apply(after) if options else after
+    np.testing.assert_array_equal(read_cloud(tmp_path / "out" / "after.ply").points, expected)
+
+
 def test_rows_of_the_source_are_in_the_labelled_cloud(result):
     rows = read_cloud(result / "before.ply").fields["row"]
     np.testing.assert_array_equal(rows, np.delete(np.arange(601), 3))

@@ -123,7 +123,9 @@ if TYPE_CHECKING:
     from gmmjax.changes.prepare.resolution import working_pair as working_pair
     from gmmjax.changes.prepare.separate_clouds import default_components as default_components
     from gmmjax.changes.prepare.separate_clouds import reduced as reduced
+    from gmmjax.changes.prepare.units import check_lengths as check_lengths
     from gmmjax.changes.prepare.units import common_unit as common_unit
+    from gmmjax.changes.prepare.units import stated_system as stated_system
     from gmmjax.changes.prepare.units import stated_systems as stated_systems
     from gmmjax.changes.presentation import GivenCloud as GivenCloud
     from gmmjax.changes.presentation import Presented as Presented

@@ -169,7 +169,7 @@ def data_frame(changes: "Changes") -> Any:
         for name, hint in hints.items()
     }
     frame = pandas.DataFrame(columns).set_index("change")
-    frame.attrs["unit"] = changes.unit
+    frame.attrs.update(unit=changes.unit, crs=changes.crs)
     return frame
 
 

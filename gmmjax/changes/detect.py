@@ -9,7 +9,7 @@ from gmmjax.changes.config import DetectionConfig, Method
 from gmmjax.changes.consensus import Consensus
 from gmmjax.changes.detectors import DETECTORS, AbstractRestartDetector, Scan
 from gmmjax.changes.fit.restart_fits import RestartFits
-from gmmjax.changes.prepare.units import common_unit, stated_systems
+from gmmjax.changes.prepare.units import common_unit, stated_system, stated_systems
 from gmmjax.changes.progress import Progress, silent
 from gmmjax.changes.record import Changes
 from gmmjax.clouds import PointCloud, SensorViews
@@ -50,9 +50,9 @@ def detect_changes(
         The changes, with a label and a probability for every row of both clouds.
 
     Raises:
-        InputError: clouds, views or settings that cannot be used; files that state two units or reference systems;
-            extents that do not overlap, where no registration is made or it is in doubt; or that are far apart in the
-            one reference system that both files state; two flat clouds in one plane, by the method "joint".
+        InputError: clouds, views or settings that cannot be used; files that state two units or reference systems, or
+            angles; extents that do not overlap, where no registration is made or it is in doubt; or that are far apart
+            in the one reference system that both files state; two flat clouds in one plane, by the method "joint".
         ComputationError: no restart gave a mixture, or no pair of separate mixtures could be compared.
 
     Warns:
@@ -65,7 +65,8 @@ def detect_changes(
         unit = common_unit(Pair(before, after), config)
         changes = DETECTORS[config.method](config).changes(scans, progress or silent)
     clouds = scans.map(lambda scan: scan.cloud)
-    return dataclasses.replace(changes, warnings=tuple(warnings), unit=unit, clouds=clouds)
+    crs = stated_system(before)
+    return dataclasses.replace(changes, warnings=tuple(warnings), unit=unit, crs=crs, clouds=clouds)
 
 
 def detect_consensus(
@@ -115,7 +116,8 @@ def detect_consensus(
     with recorded_warnings() as warnings:
         unit = common_unit(Pair(before, after), config)
         consensus = detector.consensus(scans, earlier=earlier, until_stable=until_stable, report=progress or silent)
-    changes = dataclasses.replace(consensus.changes, warnings=tuple(warnings), unit=unit)
+    crs = stated_system(before)
+    changes = dataclasses.replace(consensus.changes, warnings=tuple(warnings), unit=unit, crs=crs)
     return dataclasses.replace(consensus, changes=changes)
 
 

@@ -67,6 +67,8 @@ class Changes:
         significance_after: the same for the after cloud.
         warnings: what the user was warned of during the detection.
         unit: of the coordinates, such as "m"; None where it is not known.
+        crs: coordinate reference system that the file of the before cloud states, in which the results are: as
+            "EPSG:25832" or else as WKT; None where it is not known.
         clouds: both clouds as they were given to `detect_changes`, by reference: what `report`, `plot` and notebooks
             show. They are not saved; None after `load`.
     """
@@ -91,6 +93,7 @@ class Changes:
     significance_after: Float[np.ndarray, " n1"] | None = None
     warnings: tuple[str, ...] = ()
     unit: str | None = None
+    crs: str | None = None
     clouds: Pair[GivenCloud] | None = dataclasses.field(default=None, repr=False, compare=False)
 
     def __repr__(self) -> str:
@@ -230,6 +233,7 @@ class Changes:
             "diagnostics": finite_or_null(self.diagnostics),
             "warnings": list(self.warnings),
             "unit": self.unit,
+            "crs": self.crs,
             "labels_file": LABELS_FILE,
         }
 
@@ -265,6 +269,7 @@ class Changes:
                 rejected=tuple(RejectedCandidate.from_dict(candidate) for candidate in content.get("rejected", ())),
                 warnings=tuple(text(warning) for warning in content.get("warnings", ())),
                 unit=None if content.get("unit") is None else text(content["unit"]),
+                crs=None if content.get("crs") is None else text(content["crs"]),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(

@@ -55,6 +55,7 @@ def batch(
     until_stable: bool = False,
     stable_within: Annotated[float, tyro.conf.arg(metavar="P")] = 0.01,
     fail_fast: bool = False,
+    transform_after: bool = False,
     overwrite: bool = False,
     quiet: bool = False,
     settings: OmitArgPrefixes[Flags],  # type: ignore[valid-type]
@@ -83,13 +84,15 @@ def batch(
             --restarts is then the maximum.
         stable_within: largest change of a probability that counts as stable.
         fail_fast: stop at the first failure.
+        transform_after: write the after scans transformed into the frames of the before scans. By default all scans
+            keep their own coordinates.
         overwrite: replace the results of a run with other settings in the folder.
         quiet: print nothing but errors.
         settings: lengths are in the unit of the scans.
     """
     del config  # Its settings are the defaults of the flags already: see `command`.
     from gmmjax.batch import Shard, detect_many, detect_series, read_epochs, run_folder
-    from gmmjax.reporting.batch_files import save_report
+    from gmmjax.reporting.batch_files import save_report, save_transformed_report
     from gmmjax.reporting.batch_progress import batch_progress
 
     detection = DetectionConfig(**dataclasses.asdict(settings))
@@ -103,7 +106,7 @@ def batch(
         "workers": workers,
         "scheduler": scheduler,
         "send": send,
-        "save": save_report,
+        "save": save_transformed_report if transform_after else save_report,
         "overwrite": overwrite,
         "fail_fast": fail_fast,
     }

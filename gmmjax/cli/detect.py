@@ -65,6 +65,7 @@ def detect(
     workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="tcp://HOST:PORT")] = None,
     temporary_folder: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
+    transform_after: bool = False,
     overwrite: bool = False,
     verbose: Annotated[tyro.conf.UseCounterAction[int], tyro.conf.arg(aliases=["-v"])] = 0,
     quiet: bool = False,
@@ -107,6 +108,8 @@ def detect(
         scheduler: address of a Dask scheduler, whose workers compare the tiles.
         temporary_folder: for what is kept on disk while scans are compared in tiles, some 150 bytes a point; by default
             the system's folder for temporary files.
+        transform_after: write the after scan transformed into the frame of the before scan, by the registration in
+            changes.json, so that they lie on each other in a viewer. By default both scans keep their own coordinates.
         overwrite: replace a previous result in the output folder.
         verbose: show the log in place of the progress bar; -vv shows details, too.
         quiet: print nothing but errors.
@@ -148,7 +151,7 @@ def detect(
             scans = ScansToCompare(files.map(open_survey), sensors, seen_from_above=map_2d is not None)
             found = results.enter_context(found_changes(scans, detection, tiles, progress))
             progress("Writing the results", 1.0)
-            found.write(out, overwrite=overwrite)
+            found.write(out, transform_after=transform_after, overwrite=overwrite)
             if plot is not None:
                 from gmmjax.plotting import overview_figure, write_figure
 

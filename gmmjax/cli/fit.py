@@ -56,7 +56,7 @@ def fit(
         overwrite: replace a previous mixture in the output folder.
         quiet: print nothing but errors.
     """
-    from gmmjax.changes import default_components, reduced, warn_of_stray_points
+    from gmmjax.changes import check_lengths, default_components, reduced, warn_of_stray_points
     from gmmjax.clouds import read_cloud, scan_bounds, within
     from gmmjax.reporting import console
     from gmmjax.reporting.mixture_files import check_mixture_folder, write_mixture
@@ -71,6 +71,7 @@ def fit(
     with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
         progress("Reading the cloud", 0.0)
         whole = read_cloud(cloud)
+        check_lengths("cloud", whole)
         bounds = scan_bounds(whole.points)
         read = whole.part(within(whole.points, bounds))
         stray = len(whole) - len(read)

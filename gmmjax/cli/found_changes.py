@@ -1,6 +1,7 @@
 """The changes that `gmmjax detect` shows and writes: found in memory or, of scans that are larger, in tiles."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -65,7 +66,7 @@ class FoundChanges(NamedTuple):
         changes: the record of all points.
         shown: that of the clouds which figures and maps show.
         clouds: these.
-        write: writes the folder of results.
+        write: writes the folder of results, as `write_result` and `write_tiled_result`.
     """
 
     changes: Changes
@@ -126,9 +127,7 @@ def _in_memory(scans: ScansToCompare, config: DetectionConfig, progress: "Progre
         progress=progress,
     )
 
-    def write(folder: Path, *, overwrite: bool) -> Path:
-        return write_result(folder, clouds.before, clouds.after, changes, overwrite=overwrite)
-
+    write = functools.partial(write_result, before=clouds.before, after=clouds.after, changes=changes)
     return FoundChanges(changes, changes, clouds, write)
 
 
@@ -152,8 +151,5 @@ def _in_tiles(
         folder=tiles.folder,
         progress=progress,
     ) as found:
-
-        def write(folder: Path, *, overwrite: bool) -> Path:
-            return write_tiled_result(folder, surveys, found, overwrite=overwrite)
-
+        write = functools.partial(write_tiled_result, surveys=surveys, found=found)
         yield FoundChanges(found.changes, found.shown, found.clouds, write)

@@ -72,6 +72,10 @@ from gmmjax.clouds.read_both import read_both as read_both
 from gmmjax.clouds.reading import READERS as READERS
 from gmmjax.clouds.reading import open_cloud as open_cloud
 from gmmjax.clouds.reading import read_cloud as read_cloud
+from gmmjax.clouds.reference_system import ANGLES as ANGLES
+from gmmjax.clouds.reference_system import epsg_code as epsg_code
+from gmmjax.clouds.reference_system import is_wkt as is_wkt
+from gmmjax.clouds.reference_system import system_name as system_name
 from gmmjax.clouds.source_file import SourceFile as SourceFile
 from gmmjax.clouds.stations import StationSettings as StationSettings
 from gmmjax.clouds.stations import recognised_stations as recognised_stations

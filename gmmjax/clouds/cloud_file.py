@@ -94,8 +94,8 @@ class CloudFile(abc.ABC):
         path: of the file, as it was given.
         source: the file as it was when it was opened. Where it is changed later, reading it is an error.
         count: its rows, among them those without a position.
-        unit: of the coordinates, such as "m", where the file says so; else None.
-        crs: coordinate reference system, such as "EPSG:25832", where the file says so; else None.
+        unit: as of `PointCloud`.
+        crs: as of `PointCloud`.
         bounds: of the points, as the file declares it, which need not be right; None where it does not.
     """
 

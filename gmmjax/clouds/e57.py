@@ -17,13 +17,13 @@ from gmmjax.clouds.cloud_file import CloudFile, RowBlock
 from gmmjax.clouds.decoder_process import DecoderProcess, DecodingError, Request
 from gmmjax.clouds.files import require_file
 from gmmjax.clouds.point_cloud import PointCloud
-from gmmjax.clouds.reference_system import of_wkt
+from gmmjax.clouds.reference_system import ANGLES, of_wkt
 from gmmjax.clouds.source_file import SourceFile
 from gmmjax.clouds.views import SensorViews
 from gmmjax.errors import InputError, one_line
 from gmmjax.geometry import rigid_transform, transformed
 
-# Lengths in E57 are metres, by its standard.
+# Lengths in E57 are metres, by its standard; a file that states a geographic system may hold angles in their place.
 UNIT = "m"
 SIGNATURE = b"ASTM-E57"
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
@@ -227,12 +227,13 @@ def open_e57(path: str | os.PathLike[str]) -> E57File:
     described = details.get("scans", [])
     _check(described, file)
     scans = tuple(_scan(own) for own in described)
+    system = of_wkt(details["coordinate_metadata"])
     return E57File(
         path=file,
         source=source,
         count=sum(scan.count for scan in scans),
-        unit=UNIT,
-        crs=of_wkt(details["coordinate_metadata"]).crs,
+        unit=system.unit if system.unit in ANGLES else UNIT,
+        crs=system.crs,
         all_scans=scans,
     )
 

@@ -22,7 +22,7 @@ from gmmjax.clouds.las_header import (
     read_header,
 )
 from gmmjax.clouds.records import stored_records
-from gmmjax.clouds.reference_system import ReferenceSystem, of_geotiff_keys, of_wkt
+from gmmjax.clouds.reference_system import GEOTIFF_TEXTS, ReferenceSystem, of_geotiff_keys, of_wkt
 from gmmjax.clouds.source_file import SourceFile
 from gmmjax.errors import InputError, one_line
 
@@ -32,8 +32,8 @@ SLOWEST = 50_000
 CLASS_BITS = 31
 # The records that hold the reference system as well-known text, and as keys of GeoTIFF.
 PROJECTION_USER, WKT_RECORD, GEOTIFF_RECORD = b"LASF_Projection", 2112, 34735
-# Bytes of the longest well-known text that is read.
-LONGEST_WKT = 1 << 20
+# Bytes of the longest of them that is read.
+LONGEST = 1 << 20
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -124,9 +124,12 @@ def _reference_system(stream: BinaryIO, header: LasHeader, size: int, file: Path
     except InputError:
         pass
     own = {record.number: record for record in records if record.user == PROJECTION_USER}
-    if WKT_RECORD in own and own[WKT_RECORD].length < LONGEST_WKT:
-        return of_wkt(own[WKT_RECORD].content(stream).decode("utf-8", "replace"))
-    return of_geotiff_keys(own[GEOTIFF_RECORD].content(stream)) if GEOTIFF_RECORD in own else ReferenceSystem()
+    wanted = (WKT_RECORD, GEOTIFF_RECORD, GEOTIFF_TEXTS)
+    texts = {number: own[number].content(stream) for number in wanted if number in own and own[number].length < LONGEST}
+    system = of_wkt(texts.get(WKT_RECORD, b"").decode("utf-8", "replace"))
+    if system != ReferenceSystem():
+        return system
+    return of_geotiff_keys(texts.get(GEOTIFF_RECORD, b""), texts.get(GEOTIFF_TEXTS, b""))
 
 
 def _decompressed(file: Path, header: LasHeader, laszip: LaszipLayout, decoder: DecoderProcess) -> Iterator[np.ndarray]:

@@ -12,6 +12,7 @@ from jaxtyping import Float64, UInt8
 from gmmjax.clouds import lzf
 from gmmjax.clouds.cloud_file import CloudFile, RowBlock
 from gmmjax.clouds.columns import (
+    AXES,
     block_of_columns,
     canonical_names,
     cast_column,
@@ -22,6 +23,7 @@ from gmmjax.clouds.columns import (
 from gmmjax.clouds.files import read_bytes, require_file
 from gmmjax.clouds.number_table import NumberedLines, parse_table
 from gmmjax.clouds.ordered_frame import frame_views, pose_of
+from gmmjax.clouds.pcd_writing import AT_ORIGIN
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.clouds.records import stored_records
 from gmmjax.clouds.source_file import SourceFile
@@ -168,13 +170,20 @@ class PcdLayout:
 
     Attributes:
         grid: rows and columns of an ordered image; None where the points are in no order.
-        pose: of the sensor, in the frame of the points; None where the file has none.
+        viewpoint: position and quaternion of the sensor, as the file has them; those of the origin where it has none.
         dtype: of the coordinates.
     """
 
     grid: tuple[int, int] | None
-    pose: Float64[np.ndarray, "4 4"] | None
+    viewpoint: tuple[float, ...]
     dtype: np.dtype
+
+    @property
+    def pose(self) -> Float64[np.ndarray, "4 4"]:
+        """Of the sensor, in the frame of the points."""
+        pose = pose_of(self.viewpoint)
+        assert pose is not None
+        return pose
 
 
 def read_layout(path: str | os.PathLike[str]) -> PcdLayout:
@@ -187,8 +196,9 @@ def read_layout(path: str | os.PathLike[str]) -> PcdLayout:
     with file.open("rb") as stream:
         header = parse_header(stream.read(LONGEST_HEADER), str(file))
     grid = None if header.width is None else (header.points // header.width, header.width)
-    dtype = next((field.dtype for field in header.fields if field.name == "x"), np.dtype(np.float64))
-    return PcdLayout(grid, pose_of(header.viewpoint), dtype)
+    axes = [field.dtype for field in header.fields if field.name in AXES]
+    viewpoint = AT_ORIGIN if pose_of(header.viewpoint) is None else header.viewpoint
+    return PcdLayout(grid, viewpoint, np.result_type(*axes) if axes else np.dtype(np.float64))
 
 
 def parse_header(data: bytes, source: str) -> PcdHeader:

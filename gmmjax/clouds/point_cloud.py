@@ -32,8 +32,10 @@ class PointCloud:
         rows_dropped: how many rows of the source had a NaN or infinite coordinate.
         source: the file, or None for arrays.
         views: where the sensor stood, in the frame of the points, where the file says so; else None.
-        unit: of the coordinates, such as "m", where the file says so; else None.
-        crs: coordinate reference system of the points, such as "EPSG:25832", where the file says so; else None.
+        unit: of the coordinates, such as "m", where the file says so, or "degree" or "angle" where x and y are angles;
+            else None.
+        crs: coordinate reference system of the points, as "EPSG:25832" or else as WKT, where the file says so; else
+            None.
         file: what `read_cloud` read, so that a result can be written with all that it held; else None.
         files: what `read_survey` read, one after the other, where it was several files; else empty.
 

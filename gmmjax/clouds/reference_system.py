@@ -1,21 +1,38 @@
-"""The coordinate reference system that a file states: its linear unit and its EPSG code, from GeoTIFF keys or WKT."""
+"""The coordinate reference system that a file states: its unit, and its EPSG code or WKT, from GeoTIFF keys or WKT."""
 
+import math
 import re
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-# Keys of GeoTIFF (OGC 19-008r4): system and linear unit of projected coordinates, and the unit of heights.
+# Keys of GeoTIFF (OGC 19-008r4): kind of system, geographic and projected system, their units, and that of heights.
+MODEL_TYPE, GEOGRAPHIC_SYSTEM, ANGULAR_UNIT = 1024, 2048, 2054
 PROJECTED_SYSTEM, PROJECTED_UNIT, VERTICAL_UNIT = 3072, 3076, 4099
+# What the system is called: the projected or geographic one, else the whole.
+CITATIONS = (3073, 2049, 1026)
+# The tag with the texts of the keys.
+GEOTIFF_TEXTS = 34737
+GEOGRAPHIC_MODEL, GEOCENTRIC_MODEL = 2, 3
 USER_DEFINED = 32767
 # EPSG codes of units, and lengths in metres with the names of the units.
 UNIT_CODES = {9001: "m", 9002: "ft", 9003: "ftUS"}
 UNIT_LENGTHS = {1.0: "m", 0.001: "mm", 0.01: "cm", 1000.0: "km", 0.3048: "ft", 1200 / 3937: "ftUS"}
 # The two feet differ by 2e-6.
 SAME_LENGTH = 1e-8
-PROJECTED = ("PROJCS", "PROJCRS", "PROJECTEDCRS")
+# The unit of coordinates that are angles, in degrees or another one.
+DEGREE, ANGLE = ANGLES = "degree", "angle"
+DEGREE_CODE = 9102
+# Writers round the length of a degree; a grad is a tenth less.
+SAME_ANGLE = 0.01
+PROJECTED = ("PROJCS", "PROJCRS", "PROJECTEDCRS", "DERIVEDPROJCRS")
+GEOGRAPHIC = ("GEOGCS", "GEOGCRS", "GEOGRAPHICCRS")
+# Geocentric, or in WKT 2 also geographic, which the unit tells.
+GEODETIC = ("GEOCCS", "GEODCRS", "GEODETICCRS")
 VERTICAL = ("VERT_CS", "VERTCRS", "VERTICALCRS")
 LOCAL = ("LOCAL_CS", "ENGCRS", "ENGINEERINGCRS")
+SYSTEMS = PROJECTED + GEOGRAPHIC + GEODETIC
+UNITS = ("UNIT", "LENGTHUNIT", "ANGLEUNIT")
 TOKEN = re.compile(r'"(?:[^"]|"")*"|[\[\](),]|[^\s\[\](),"]+')
 DEEPEST = 50
 
@@ -25,29 +42,58 @@ class ReferenceSystem:
     """What is known of the coordinate reference system of a cloud.
 
     Attributes:
-        unit: of all three coordinates, "m", "mm", "cm", "km", "ft" or "ftUS"; None where it is not stated, is an angle,
-            or is another one for the heights.
-        crs: of the horizontal coordinates, as "EPSG:25832"; None where it is not stated.
+        unit: of all three coordinates, "m", "mm", "cm", "km", "ft" or "ftUS"; None where it is not stated, or is
+            another one for the heights. Where x and y are angles "degree", or "angle" for other ones, whatever the
+            heights are in.
+        crs: of the horizontal coordinates, as "EPSG:25832", else as WKT, or what GeoTIFF keys call it that describe it
+            by parameters; None where it is not stated.
     """
 
     unit: str | None = None
     crs: str | None = None
 
 
-def of_geotiff_keys(directory: bytes) -> ReferenceSystem:
+def epsg_code(crs: str | None) -> str | None:
+    """A system that is known by its EPSG code, as it is; None for all others, which may be equal to any."""
+    return crs if crs is not None and crs.startswith("EPSG:") else None
+
+
+def is_wkt(crs: str) -> bool:
+    """Whether a system is described by WKT."""
+    return re.split(r"[\[(]", crs)[0].upper() in SYSTEMS
+
+
+def system_name(crs: str) -> str:
+    """A system in a message or on a page: its EPSG code or its name."""
+    root = _parsed(crs) if is_wkt(crs) else None
+    return root.values[0] if root is not None and root.values else crs
+
+
+def of_geotiff_keys(directory: bytes, texts: bytes = b"") -> ReferenceSystem:
     """The system that a GeoKeyDirectoryTag names.
 
     Args:
         directory: the tag: a header of four 16-bit numbers, and four for each key. What is damaged states nothing.
+        texts: the GeoAsciiParamsTag, with the names that keys refer to.
     """
     numbers = struct.unpack(f"<{len(directory) // 2}H", directory[: len(directory) // 2 * 2])
     entries = [numbers[start : start + 4] for start in range(4, len(numbers) - 3, 4)]
     # A location of 0: the value stands in the key itself.
     keys = {key: value for key, location, _, value in entries if location == 0}
-    code = keys.get(PROJECTED_SYSTEM, 0)
+    named = {key: texts[start : start + count] for key, location, count, start in entries if location == GEOTIFF_TEXTS}
+    name = next((named[key].decode("ascii", "replace").strip("|\0 ") for key in CITATIONS if key in named), "")
+    if (start := name.find("PROJCS[")) >= 0:
+        return of_wkt(name[start:])
+    alone = GEOGRAPHIC_SYSTEM in keys and not {PROJECTED_SYSTEM, PROJECTED_UNIT} & keys.keys()
+    model = keys.get(MODEL_TYPE) or (GEOGRAPHIC_MODEL if alone else 0)
+    code = keys.get(GEOGRAPHIC_SYSTEM if model in (GEOGRAPHIC_MODEL, GEOCENTRIC_MODEL) else PROJECTED_SYSTEM, 0)
+    described = (name or "a system of GeoTIFF parameters") if model or code else None
+    crs = f"EPSG:{code}" if 0 < code < USER_DEFINED else described
+    if model == GEOGRAPHIC_MODEL:
+        return ReferenceSystem(DEGREE if keys.get(ANGULAR_UNIT, DEGREE_CODE) == DEGREE_CODE else ANGLE, crs)
     units = [UNIT_CODES.get(keys[key]) for key in (PROJECTED_UNIT, VERTICAL_UNIT) if key in keys]
     stated = PROJECTED_UNIT in keys and len(set(units)) == 1
-    return ReferenceSystem(units[0] if stated else None, f"EPSG:{code}" if 0 < code < USER_DEFINED else None)
+    return ReferenceSystem(units[0] if stated else None, crs)
 
 
 def of_wkt(text: str) -> ReferenceSystem:
@@ -56,21 +102,37 @@ def of_wkt(text: str) -> ReferenceSystem:
     if root is None:
         return ReferenceSystem()
     nodes = list(root.walk())
-    flat = next((node for node in nodes if node.name in PROJECTED + LOCAL), None)
+    kinds = (PROJECTED + LOCAL, GEODETIC + GEOGRAPHIC)
+    flat = next((node for kind in kinds for node in nodes if node.name in kind), None)
     height = next((node for node in nodes if node.name in VERTICAL), None)
     if flat is None:
         return ReferenceSystem()
-    units = {node.unit() for node in (flat, height) if node is not None}
-    return ReferenceSystem(units.pop() if len(units) == 1 else None, flat.epsg())
+    crs = flat.epsg() or (None if flat.name in LOCAL else flat.text)
+    unit = flat.unit()
+    if unit in ANGLES:
+        return ReferenceSystem(unit, crs)
+    if flat.name in GEOGRAPHIC or (unit is None and flat.name in GEODETIC):
+        return ReferenceSystem(ANGLE, crs)
+    return ReferenceSystem(unit if height is None or height.unit() == unit else None, crs)
 
 
 @dataclass
 class _Node:
-    """A keyword of WKT with what stands in its brackets."""
+    """A keyword of WKT with what stands in its brackets.
+
+    Attributes:
+        name: the keyword.
+        start: which token it is.
+        values: words, numbers and quoted texts.
+        children: further keywords.
+        text: all of it, without blanks.
+    """
 
     name: str
+    start: int = 0
     values: list[str] = field(default_factory=list)
     children: list["_Node"] = field(default_factory=list)
+    text: str = ""
 
     def walk(self) -> Iterator["_Node"]:
         yield self
@@ -78,17 +140,23 @@ class _Node:
             yield from child.walk()
 
     def unit(self) -> str | None:
-        """The linear unit of the system itself, or of all its axes."""
+        """The unit of the system itself, or of all its axes; where some are angles, that of these."""
         axes = [unit for axis in self.children if axis.name == "AXIS" for unit in axis.children]
-        lengths = {unit.length() for unit in [*self.children, *axes] if unit.name in ("UNIT", "LENGTHUNIT")}
-        return lengths.pop() if len(lengths) == 1 else None
+        units = {unit.size() for unit in [*self.children, *axes] if unit.name in UNITS}
+        angles = [unit for unit in ANGLES if unit in units]
+        return angles[0] if angles else units.pop() if len(units) == 1 else None
 
-    def length(self) -> str | None:
+    def size(self) -> str | None:
+        """What a unit is called, by its size."""
         try:
-            metres = float(self.values[1])
+            size = float(self.values[1])
         except (IndexError, ValueError):
-            return None
-        return next((name for own, name in UNIT_LENGTHS.items() if abs(metres - own) <= SAME_LENGTH * own), None)
+            size = math.nan
+        if abs(size - math.radians(1)) <= SAME_ANGLE * math.radians(1):
+            return DEGREE
+        if self.name == "ANGLEUNIT":
+            return ANGLE
+        return next((name for own, name in UNIT_LENGTHS.items() if abs(size - own) <= SAME_LENGTH * own), None)
 
     def epsg(self) -> str | None:
         for child in self.children:
@@ -108,9 +176,10 @@ def _parsed(text: str) -> _Node | None:
         if token in "])":
             if len(open_nodes) < 2:
                 return None
-            open_nodes.pop()
+            node = open_nodes.pop()
+            node.text = "".join(tokens[node.start : index + 1])
         elif tokens[index + 1 : index + 2] in (["["], ["("]):
-            node = _Node(token.upper())
+            node = _Node(token.upper(), index)
             open_nodes[-1].children.append(node)
             open_nodes.append(node)
             if len(open_nodes) > DEEPEST:

@@ -12,6 +12,7 @@ from jaxtyping import Int64, UInt8
 from gmmjax.clouds.cloud_file import CHUNK_POINTS, Bounds, CloudChunk, CloudFile
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.clouds.reading import open_cloud, read_opened
+from gmmjax.clouds.reference_system import ANGLES, epsg_code
 from gmmjax.clouds.source_file import FileRows
 from gmmjax.clouds.views import SensorViews
 from gmmjax.errors import InputError, warn
@@ -50,7 +51,7 @@ class SurveyFiles:
         )
         _check_stated(
             self.files,
-            lambda file: file.crs,
+            lambda file: epsg_code(file.crs),
             "the scans of a survey must be in one coordinate reference system; reproject one of them (such as with "
             "pdal translate and filters.reprojection)",
         )
@@ -76,8 +77,9 @@ class SurveyFiles:
 
     @property
     def unit(self) -> str | None:
-        """Of the coordinates, where all files state it."""
-        return self.files[0].unit if len({file.unit for file in self.files}) == 1 else None
+        """Of the coordinates, where all files state it; angles, where any of them does."""
+        stated = {file.unit for file in self.files}
+        return next((unit for unit in ANGLES if unit in stated), stated.pop() if len(stated) == 1 else None)
 
     @property
     def crs(self) -> str | None:

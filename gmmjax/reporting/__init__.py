@@ -6,6 +6,7 @@ from gmmjax._lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from gmmjax.reporting.batch_files import save_report as save_report
+    from gmmjax.reporting.batch_files import save_transformed_report as save_transformed_report
     from gmmjax.reporting.batch_files import write_history as write_history
     from gmmjax.reporting.batch_files import write_summary as write_summary
     from gmmjax.reporting.batch_index import batch_index_html as batch_index_html

@@ -60,19 +60,25 @@ class Summary:
         return tuple(row for row in self.pairs if row.status == "done")
 
 
-def save_report(folder: Path, found: FoundPair) -> None:
+def save_report(folder: Path, found: FoundPair, *, transform_after: bool = False) -> None:
     """Writes what `detect` writes, and thumbnails.
 
     Args:
         folder: to write to.
         found: what was found in a pair.
+        transform_after: as of `write_result`.
 
     Raises:
         InputError, OSError: a file cannot be written.
     """
     changes, clouds = found.consensus.changes, found.loaded.clouds
-    write_result_files(folder, clouds.before, clouds.after, changes)
+    write_result_files(folder, clouds.before, clouds.after, changes, transform_after=transform_after)
     write_thumbnails(folder, *presented(changes, *clouds))
+
+
+def save_transformed_report(folder: Path, found: FoundPair) -> None:
+    """`save_report` with the after scan in the frame of the before scan."""
+    save_report(folder, found, transform_after=True)
 
 
 def summary_of(folder: RunFolder, names: Sequence[str]) -> Summary:

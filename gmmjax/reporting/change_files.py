@@ -11,13 +11,17 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.changes import Box, ChangeColumns, Changes, change_columns
-from gmmjax.clouds import atomic_write
+from gmmjax.clouds import atomic_write, epsg_code, is_wkt, system_name
+from gmmjax.errors import warn
 from gmmjax.geometry import hull_corners
+from gmmjax.reporting.geotiff import longitude_latitude
 
 TABLE_FILE = "changes.csv"
 MAP_FILE = "changes.geojson"
 # Widths of a footprint below this share of its length are rounding.
 NO_WIDTH = 1e-9
+# GDAL takes coordinates without a system for degrees.
+LOCAL_SYSTEM = 'LOCAL_CS["coordinates of the scans",UNIT["unknown",1]]'
 
 
 def write_table(path: Path, changes: Changes) -> None:
@@ -40,50 +44,83 @@ def write_table(path: Path, changes: Changes) -> None:
         file.write(text.getvalue().encode())
 
 
-def write_map(path: Path, changes: Changes, crs: str | None) -> None:
+def write_map(path: Path, changes: Changes) -> None:
     """Writes the changes as GeoJSON: the outline of each box from above, with the fields of its row as properties.
 
-    Coordinates are those of the scans, not degrees: with a `crs` member, which QGIS and GDAL know, where the scans
-    state their system. Outlines are counterclockwise (RFC 7946); that of a box without a width is a line or a point.
+    Coordinates are longitude and latitude in WGS 84, as RFC 7946 has them, where the system of the scans is known and
+    rasterio is installed. Else they are those of the scans, and a `crs` member says so, of which QGIS and GDAL take
+    notice. Outlines are counterclockwise; that of a box without a width is a line or a point.
 
     Args:
         path: the file to write.
         changes: what was found.
-        crs: coordinate reference system of the scans, as "EPSG:25832"; None where it is not known.
 
     Raises:
         InputError, OSError: the file cannot be written.
+
+    Warns:
+        InputWarning: the scans state a system, and the coordinates are not converted.
     """
-    content: dict[str, Any] = {"type": "FeatureCollection"}
-    if crs is not None:
-        authority, code = crs.split(":")
-        content["crs"] = {"type": "name", "properties": {"name": f"urn:ogc:def:crs:{authority}::{code}"}}
+    outlines = [_outline(change.box.corners()[:, :2]) for change in changes]
+    degrees = None if changes.crs is None else _in_degrees(path, outlines, changes.crs)
+    content: dict[str, Any] = {"type": "FeatureCollection", "crs_of_scans": changes.crs}
+    if degrees is None:
+        content["crs"] = {"type": "name", "properties": {"name": _legacy_name(changes.crs)}}
     content["features"] = [
-        _feature(row, change.box, changes.unit) for row, change in zip(change_columns(changes), changes, strict=True)
+        _feature(row, change.box, outline, changes.unit)
+        for row, change, outline in zip(
+            change_columns(changes), changes, outlines if degrees is None else degrees, strict=True
+        )
     ]
     with atomic_write(path) as file:
         file.write(json.dumps(content, indent=1, allow_nan=False).encode())
 
 
-def _feature(row: ChangeColumns, box: Box, unit: str | None) -> dict[str, Any]:
-    corners = box.corners()
-    heights = corners[:, 2]
+def _in_degrees(path: Path, outlines: list[np.ndarray], crs: str) -> list[np.ndarray] | None:
+    """Outlines in longitude and latitude; None, with a warning, where they cannot be converted."""
+    degrees = longitude_latitude(np.concatenate([np.empty((0, 2)), *outlines]), crs)
+    if degrees is None:
+        warn(
+            f"{path.name}: the coordinates are those of the scans, in {system_name(crs)}, and no degrees, for which "
+            "programs take them that do not know its member crs; with pip install 'gmmjax[map]' they are converted to "
+            "longitude and latitude, where the system is a map projection that PROJ knows"
+        )
+        return None
+    ends = np.cumsum([len(outline) for outline in outlines])
+    return [degrees[end - len(outline) : end] for end, outline in zip(ends, outlines, strict=True)]
+
+
+def _legacy_name(crs: str | None) -> str:
+    """A system as GeoJSON of 2008 names it; GDAL takes WKT, too, and then never takes lengths for degrees."""
+    if crs is not None and (code := epsg_code(crs)) is not None:
+        return f"urn:ogc:def:crs:{code.replace(':', '::')}"
+    return crs if crs is not None and is_wkt(crs) else LOCAL_SYSTEM
+
+
+def _feature(row: ChangeColumns, box: Box, outline: Float[np.ndarray, "n 2"], unit: str | None) -> dict[str, Any]:
+    heights = box.corners()[:, 2]
     properties = {**dataclasses.asdict(row), "base": heights.min().item(), "top": heights.max().item(), "unit": unit}
-    return {"type": "Feature", "id": row.change, "geometry": _geometry(corners[:, :2]), "properties": properties}
+    return {"type": "Feature", "id": row.change, "geometry": _geometry(outline), "properties": properties}
 
 
-def _geometry(places: Float[np.ndarray, "8 2"]) -> dict[str, Any]:
-    """The outline of the corners of a box seen from above; of one without a width the line or the point that it is."""
+def _outline(places: Float[np.ndarray, "8 2"]) -> Float[np.ndarray, "n 2"]:
+    """The outline of the corners of a box seen from above: a ring, two ends where it has no width, or a point."""
     centre = places.mean(axis=0)
     near = places - centre
     length = float(np.ptp(near, axis=0).max())
     ring = hull_corners(near)
     if _area(ring) > NO_WIDTH * length**2:
-        return {"type": "Polygon", "coordinates": [(centre + np.concatenate([ring, ring[:1]])).tolist()]}
-    ends = near[np.lexsort(near.T)][[0, -1]]
-    if length > 0:
-        return {"type": "LineString", "coordinates": (centre + ends).tolist()}
-    return {"type": "Point", "coordinates": centre.tolist()}
+        return np.asarray(centre + np.concatenate([ring, ring[:1]]))
+    return np.asarray(centre + near[np.lexsort(near.T)][[0, -1]] if length > 0 else centre[None])
+
+
+def _geometry(outline: Float[np.ndarray, "n 2"]) -> dict[str, Any]:
+    if len(outline) < 3:
+        kind, places = ("Point", outline[0]) if len(outline) == 1 else ("LineString", outline)
+        return {"type": kind, "coordinates": places.tolist()}
+    # The axes of some systems point south and west.
+    ring = outline if _area(outline - outline[0]) > 0 else outline[::-1]
+    return {"type": "Polygon", "coordinates": [ring.tolist()]}
 
 
 def _area(ring: Float[np.ndarray, "n 2"]) -> float:

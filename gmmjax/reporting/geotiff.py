@@ -3,11 +3,13 @@
 import os
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from gmmjax.clouds import atomic_write
-from gmmjax.errors import InputError
+from gmmjax.clouds import atomic_write, epsg_code, is_wkt, system_name
+from gmmjax.errors import InputError, warn
 from gmmjax.reporting.map_cells import ChangeMap
 
 BANDS = {
@@ -77,17 +79,57 @@ def write_geotiff(path: str | os.PathLike[str], found: ChangeMap) -> None:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
-def _reference_system(path: str | os.PathLike[str], crs: str | None) -> object | None:
-    """As rasterio has it; None, with a warning, where GDAL does not know it."""
-    if crs is None:
+def longitude_latitude(places: Float[np.ndarray, "n 2"], crs: str) -> Float[np.ndarray, "n 2"] | None:
+    """Places in degrees of WGS 84, by PROJ.
+
+    Args:
+        places: x and y in a system.
+        crs: the system, as of `Changes`.
+
+    Returns:
+        Longitude and latitude; None where rasterio is not installed, or the system is no map projection that GDAL knows
+        and that holds there.
+    """
+    try:
+        from rasterio.crs import CRS
+        from rasterio.warp import transform
+    except ImportError:
         return None
+    system = _gdal_system(crs)
+    if system is None or not system.is_projected:
+        return None
+    try:
+        degrees = np.stack(transform(system, CRS.from_epsg(4326), *places.T), axis=1)
+    # GDAL's errors have no public class.
+    except Exception:
+        return None
+    return degrees if np.isfinite(degrees).all() else None
+
+
+def _gdal_system(crs: str) -> Any | None:
+    """A system as rasterio has it; None where GDAL does not know it."""
+    import rasterio
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 
-    from gmmjax.errors import warn
-
-    try:
-        return CRS.from_user_input(crs)
-    except CRSError:
-        warn(f"{Path(path).name}: {crs} is not known to GDAL; the map is written without a reference system")
+    # GDAL would look for other names among all that it knows, and take the next best.
+    if epsg_code(crs) is None and not is_wkt(crs):
         return None
+    try:
+        # Without an environment GDAL prints what it does not know.
+        with rasterio.Env():
+            return CRS.from_user_input(crs)
+    except CRSError:
+        return None
+
+
+def _reference_system(path: str | os.PathLike[str], crs: str | None) -> Any | None:
+    """As rasterio has it; None, with a warning, where GDAL does not know it."""
+    if crs is None:
+        return None
+    system = _gdal_system(crs)
+    if system is None:
+        warn(
+            f"{Path(path).name}: {system_name(crs)} is not known to GDAL; the map is written without a reference system"
+        )
+    return system

@@ -6,7 +6,7 @@ from html import escape
 from pathlib import PurePath
 
 from gmmjax.changes import Changes
-from gmmjax.clouds import PointCloud
+from gmmjax.clouds import PointCloud, system_name
 from gmmjax.pair import Pair
 from gmmjax.reporting.close_ups import CloseUps, CloseUpSettings
 from gmmjax.reporting.html_changes import changes_panel
@@ -115,6 +115,7 @@ def _facts(clouds: Pair[PointCloud], names: Pair[str], changes: Changes) -> dict
         "Not observed": escape(_sentence(unobserved_text(changes), "Not observed ")),
         "Resolution": escape(_resolution(changes)),
         "Left out": escape(dropped),
+        "Reference system": escape(system_name(changes.crs or "")),
     }
 
 

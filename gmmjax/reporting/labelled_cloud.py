@@ -65,7 +65,7 @@ class LabelledCloud:
         cloud: as it was given, or the file that it is in.
         found: what was found, such as the names of `DESCRIPTIONS`: about each point of a cloud, or about each row of a
             file, also those without a position. Arrays or memory maps.
-        transform: takes it into the frame of the before cloud; None: it is in it.
+        transform: takes it to where it is written; None: it is written where it is.
     """
 
     cloud: PointCloud | CloudFile
@@ -89,7 +89,7 @@ class LabelledCloud:
         return len(cloud) + cloud.rows_dropped if isinstance(cloud, PointCloud) else cloud.count
 
     def placed(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
-        """Points of the scan in the frame of the before cloud."""
+        """Points of the scan where they are written."""
         return points if self.transform is None else transformed(points, self.transform)
 
     def found_in(self, rows: Int64[np.ndarray, " n"]) -> dict[str, np.ndarray]:
@@ -99,7 +99,7 @@ class LabelledCloud:
         return values if last - first == len(rows) else {name: own[rows - first] for name, own in values.items()}
 
     def parts(self, reserved: tuple[str, ...] = ()) -> Iterator[PointCloud]:
-        """The scan as it is written, some points at a time, in the frame of the before cloud.
+        """The scan as it is written, some points at a time.
 
         The fields are what was found, the scan's own colours as `scan_red` and so on, and its own fields, normals
         turned with it. A field of the scan with the name of another one of these becomes `input_NAME`. The colours are
@@ -167,12 +167,15 @@ class LabelledCloud:
         return _write_ply(self, folder, stem)
 
 
-def labelled_clouds(clouds: Pair[PointCloud], changes: Changes) -> Pair[LabelledCloud]:
+def labelled_clouds(
+    clouds: Pair[PointCloud], changes: Changes, transform_after: Float64[np.ndarray, "4 4"] | None = None
+) -> Pair[LabelledCloud]:
     """Both scans with what was found about their points.
 
     Args:
         clouds: as they were given.
         changes: what was found between them.
+        transform_after: of the after cloud, as of `LabelledCloud`.
     """
 
     def labelled(cloud: PointCloud, side: str, transform: np.ndarray | None) -> LabelledCloud:
@@ -180,9 +183,7 @@ def labelled_clouds(clouds: Pair[PointCloud], changes: Changes) -> Pair[Labelled
         # Files of points have no truth values.
         return LabelledCloud(cloud, {**values, "unobserved": values["unobserved"].astype(np.uint8)}, transform)
 
-    registration = changes.registration
-    transform = registration.transform if registration.applied else None
-    return Pair(labelled(clouds.before, "before", None), labelled(clouds.after, "after", transform))
+    return Pair(labelled(clouds.before, "before", None), labelled(clouds.after, "after", transform_after))
 
 
 def labelled_files(
@@ -299,12 +300,11 @@ def _write_pcd(labelled: LabelledCloud, folder: Path, stem: str) -> str:
     assert labelled.file is not None
     labelled.file.require_unchanged()
     layout = read_layout(labelled.file.path)
-    pose = np.eye(4) if layout.pose is None else layout.pose
-    moved = pose if labelled.transform is None else labelled.transform @ pose
+    transform = labelled.transform
     with_rows = labelled.points < labelled.rows and layout.grid is None
     form = PcdForm(
         shape=(labelled.points,) if layout.grid is None else layout.grid,
-        viewpoint=viewpoint_of(moved),
+        viewpoint=layout.viewpoint if transform is None else viewpoint_of(transform @ layout.pose),
         dtype=layout.dtype if layout.dtype.kind == "f" else np.dtype(np.float64),
         empty={"label": -1},
     )
@@ -345,7 +345,7 @@ def _described(labelled: LabelledCloud) -> dict[str, str]:
 
 
 def _declared_bounds(labelled: LabelledCloud, file: CloudFile) -> Bounds | None:
-    """A box around the box that the file declares, in the frame of the before cloud; None: nothing moves."""
+    """A box around the box that the file declares, where it is written; None: nothing moves."""
     if labelled.transform is None or file.bounds is None:
         return None
     choices = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1]), axis=-1).reshape(-1, 3)
@@ -354,7 +354,7 @@ def _declared_bounds(labelled: LabelledCloud, file: CloudFile) -> Bounds | None:
 
 
 def _measured_bounds(labelled: LabelledCloud, file: CloudFile) -> Bounds:
-    """The box around the points in the frame of the before cloud."""
+    """The box around the points where they are written."""
     placed = (labelled.placed(chunk.points) for chunk in file.chunks())
     boxes = np.stack([np.stack([points.min(axis=0), points.max(axis=0)]) for points in placed])
     return Bounds(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))

@@ -51,7 +51,7 @@ class ChangeMap(NamedTuple):
         level_of_detection: that of a point's distance, the mean of the same points: the mean distance of a cell of
             several is detected from less on. NaN where nothing was compared.
         unit: of lengths; None where it is not known.
-        crs: coordinate reference system, as "EPSG:25832"; None where it is not known.
+        crs: as of `Changes`.
     """
 
     left: float
@@ -118,8 +118,7 @@ def change_map(
         np.flipud(band.reshape(shape)) for band in (distance, probability, label, detection)
     )
     top = float(corner[1] + shape[0] * cell)
-    crs = clouds.before.crs
-    return ChangeMap(float(corner[0]), top, cell, distance, probability, label, detection, changes.unit, crs)
+    return ChangeMap(float(corner[0]), top, cell, distance, probability, label, detection, changes.unit, changes.crs)
 
 
 class _Side(NamedTuple):

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import tomli_w
 
 from gmmjax.changes import CHANGES_FILE, LABELS_FILE, NAMES, Changes, DetectionConfig, presented
@@ -60,11 +61,17 @@ def check_result_folder(folder: str | os.PathLike[str], *, overwrite: bool = Fal
 
 
 def write_result(
-    folder: str | os.PathLike[str], before: PointCloud, after: PointCloud, changes: Changes, *, overwrite: bool = False
+    folder: str | os.PathLike[str],
+    before: PointCloud,
+    after: PointCloud,
+    changes: Changes,
+    *,
+    transform_after: bool = False,
+    overwrite: bool = False,
 ) -> Path:
     """Writes all outputs of a detection, or none.
 
-    All are in the frame of the before cloud: the after scan is registered, where a registration was applied.
+    Results are in the frame of the before cloud. Both scans keep the coordinates that they came with.
 
     `changes.json` and `labels.npz` (read back by `Changes.load`), `changes.csv`, `changes.geojson`, `report.html` and
     `config.toml`; and both scans with what was found about their points, as `before.las`, `.laz` or `.pcd` where that
@@ -76,6 +83,7 @@ def write_result(
         before: the before cloud that the changes were found in.
         after: the after cloud, as given.
         changes: what was found.
+        transform_after: write the after scan transformed into the frame of the before cloud, by `changes.registration`.
         overwrite: replace a previous result.
 
     Returns:
@@ -89,12 +97,17 @@ def write_result(
     """
     check_lengths(before, after, changes)
     with output_folder(folder, RESULT, overwrite=overwrite) as staging:
-        write_result_files(staging, before, after, changes)
+        write_result_files(staging, before, after, changes, transform_after=transform_after)
     return Path(folder)
 
 
 def write_tiled_result(
-    folder: str | os.PathLike[str], surveys: Pair[SurveyFiles], found: "TiledChanges", *, overwrite: bool = False
+    folder: str | os.PathLike[str],
+    surveys: Pair[SurveyFiles],
+    found: "TiledChanges",
+    *,
+    transform_after: bool = False,
+    overwrite: bool = False,
 ) -> Path:
     """Writes all outputs of a detection in tiles, or none: the files of `write_result`.
 
@@ -105,6 +118,7 @@ def write_tiled_result(
         folder: is made where needed; may be empty.
         surveys: the files that the changes were found in.
         found: what was found.
+        transform_after: as of `write_result`.
         overwrite: replace a previous result.
 
     Returns:
@@ -117,15 +131,16 @@ def write_tiled_result(
     Warns:
         InputWarning: a scan cannot be written in its own format; it is written as PLY.
     """
-    registration = found.changes.registration
-    transforms = Pair(None, registration.transform if registration.applied else None)
+    transforms = Pair(None, _transform(found.changes) if transform_after else None)
     scans = each(labelled_files, surveys, found.rows.found(), transforms)
     with output_folder(folder, RESULT, overwrite=overwrite) as staging:
-        _write_files(staging, found.changes, found.shown, found.clouds, scans, surveys.before.crs)
+        _write_files(staging, found.changes, found.shown, found.clouds, scans)
     return Path(folder)
 
 
-def write_result_files(folder: Path, before: PointCloud, after: PointCloud, changes: Changes) -> None:
+def write_result_files(
+    folder: Path, before: PointCloud, after: PointCloud, changes: Changes, *, transform_after: bool = False
+) -> None:
     """Writes the files of `write_result` into a folder that is there.
 
     Args:
@@ -133,13 +148,19 @@ def write_result_files(folder: Path, before: PointCloud, after: PointCloud, chan
         before: the before cloud that the changes were found in.
         after: the after cloud, as given.
         changes: what was found.
+        transform_after: as of `write_result`.
 
     Raises:
         InputError, OSError: a file cannot be written.
     """
-    scans = labelled_clouds(Pair(before, after), changes).map(lambda own: own.by_file())
+    labelled = labelled_clouds(Pair(before, after), changes, _transform(changes) if transform_after else None)
     clouds, shown = presented(changes, before, after)
-    _write_files(folder, changes, shown, clouds, scans, before.crs)
+    _write_files(folder, changes, shown, clouds, labelled.map(lambda own: own.by_file()))
+
+
+def _transform(changes: Changes) -> np.ndarray | None:
+    """Takes the after scan into the frame of the before scan; None: it is in it."""
+    return changes.registration.transform if changes.registration.applied else None
 
 
 def _write_files(
@@ -148,12 +169,11 @@ def _write_files(
     shown: Changes,
     clouds: Pair[PointCloud],
     scans: Pair[list[LabelledCloud]],
-    crs: str | None,
 ) -> None:
     """Writes the record, the scans with what was found of them, and a report of the clouds that are shown."""
     changes.save(folder)
     write_table(folder / TABLE_FILE, changes)
-    write_map(folder / MAP_FILE, changes, crs)
+    write_map(folder / MAP_FILE, changes)
     each_on_cores(lambda side, own: write_scans(folder, side, own), NAMES, scans)
     with atomic_write(folder / REPORT_FILE) as file:
         file.write(report_html(clouds.before, clouds.after, shown, recorded=changes).encode())

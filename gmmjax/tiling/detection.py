@@ -22,6 +22,7 @@ from gmmjax.changes import (
     Scan,
     common_unit,
     silent,
+    stated_system,
 )
 from gmmjax.clouds import ChunkedCloud, PlacedClouds, PointCloud, SensorViews, require_overlap, tree_of
 from gmmjax.errors import InputError, recorded_warnings
@@ -92,8 +93,8 @@ def tiled_changes(
 
     Raises:
         InputError: surveys, views or settings that cannot be used: without points, that do not overlap, that state two
-            units or reference systems, that fill volumes; a tile size below ten point spacings; a file that cannot be
-            read, a folder that cannot be written, or a full disk.
+            units or reference systems, or angles, that fill volumes; a tile size below ten point spacings; a file that
+            cannot be read, a folder that cannot be written, or a full disk.
         ComputationError: no restart gave a mixture; a worker died twice with the same tile, or there are no workers any
             more.
 
@@ -119,7 +120,8 @@ def tiled_changes(
         diagnostics = dict(found.changes.diagnostics)
         for side, count in zip(NAMES, coarse.stray, strict=True):
             diagnostics[side] = {**diagnostics[side], "stray": count}
-        shown = dataclasses.replace(found.changes, unit=unit, warnings=tuple(warnings), diagnostics=diagnostics)
+        about: dict[str, Any] = {"unit": unit, "crs": stated_system(clouds.before), "warnings": tuple(warnings)}
+        shown = dataclasses.replace(found.changes, **about, diagnostics=diagnostics)
         arrays: dict[str, Any] = found.rows.arrays()
         changes = dataclasses.replace(shown, **arrays)
         clock.finish()

@@ -6,6 +6,7 @@ from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.evidence.view_checks import check_views
 from gmmjax.clouds import read_cloud
 from gmmjax.clouds.e57 import CARTESIAN
+from gmmjax.clouds.reference_system import ReferenceSystem
 from gmmjax.errors import InputError
 
 pye57 = pytest.importorskip("pye57")
@@ -153,3 +154,10 @@ def test_damaged_files(two_stations, write_file, share):
             read_cloud(path)
         assert str(path) in str(caught.value)
         assert path.read_bytes() == damaged
+
+
+def test_a_geographic_system_makes_no_metres(two_stations, monkeypatch):
+    """By the standard coordinates are metres; programs write degrees all the same."""
+    monkeypatch.setattr("gmmjax.clouds.e57.of_wkt", lambda text: ReferenceSystem("degree", "EPSG:4326"))
+    cloud = read_cloud(two_stations[0])
+    assert (cloud.unit, cloud.crs) == ("degree", "EPSG:4326")

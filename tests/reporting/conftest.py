@@ -7,6 +7,14 @@ from gmmjax.changes import Box, Change, Changes, DetectionConfig
 from gmmjax.clouds import PointCloud
 from tests.changes.explained import explanation, rejected
 
+# UTM zone 32N without a code, as programs write systems of their own.
+OWN_SYSTEM = (
+    'PROJCS["site grid",GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],'
+    'PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]],PROJECTION["Transverse_Mercator"],'
+    'PARAMETER["latitude_of_origin",0],PARAMETER["central_meridian",9],PARAMETER["scale_factor",0.9996],'
+    'PARAMETER["false_easting",500000],PARAMETER["false_northing",0],UNIT["metre",1]]'
+)
+
 
 def change(kind, points, partner=None, probability=0.97):
     return Change(

@@ -1,6 +1,7 @@
 import csv
 import dataclasses
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -9,7 +10,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gmmjax.changes import Box
+from gmmjax.errors import InputWarning
 from gmmjax.reporting.change_files import write_map, write_table
+from tests.reporting.conftest import OWN_SYSTEM
 
 OFFSET = np.array([691_000.0, 5_336_000.0, 500.0])
 LENGTHS = st.floats(1e-3, 100.0)
@@ -20,8 +23,8 @@ def with_boxes(changes, boxes):
     return dataclasses.replace(changes, items=tuple(items))
 
 
-def written_map(changes, folder, crs=None):
-    write_map(folder / "a.geojson", changes, crs)
+def written_map(changes, folder):
+    write_map(folder / "a.geojson", changes)
     return json.loads((folder / "a.geojson").read_text())
 
 
@@ -45,11 +48,72 @@ def test_a_table_without_changes_has_its_heading(pair, tmp_path):
     assert (tmp_path / "a.csv").read_text().startswith("change,kind,probability")
 
 
-def test_the_map_has_the_system_of_the_scans_where_it_is_known(pair, tmp_path):
-    content = written_map(pair[2], tmp_path, "EPSG:25832")
-    assert content["crs"]["properties"]["name"] == "urn:ogc:def:crs:EPSG::25832"
-    assert "crs" not in written_map(pair[2], tmp_path)
+def surveyed(changes, crs, place=(500_000.0, 5_000_000.0, 500.0)):
+    """The changes at a place of a reference system, 30 by 20 m."""
+    boxes = [Box(np.array(place), np.array([30.0, 20.0, 1.0]), np.eye(3))] * len(changes)
+    return dataclasses.replace(with_boxes(changes, boxes), crs=crs)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:32632", OWN_SYSTEM])
+def test_the_map_is_in_longitude_and_latitude(pair, tmp_path, crs):
+    pytest.importorskip("rasterio")
+    content = written_map(surveyed(pair[2], crs), tmp_path)
+    assert "crs" not in content and content["crs_of_scans"] == crs
+    ring = np.array(content["features"][0]["geometry"]["coordinates"][0])
+    # The central meridian, whose scale is 0.9996; a degree of latitude is 111.1 km there.
+    np.testing.assert_allclose(ring.mean(axis=0)[0], 9, atol=1e-4)
+    np.testing.assert_allclose(
+        np.ptp(ring, axis=0) * [111_320 * np.cos(np.radians(45.15)), 111_130], [30, 20], rtol=2e-3
+    )
+    assert area(ring) > 0
+    assert content["features"][0]["properties"]["centre_x"] == 500_000
+
+
+def test_axes_that_point_south_and_west(pair, tmp_path):
+    """Krovak, of the Czech Republic: outlines stay counterclockwise."""
+    pytest.importorskip("rasterio")
+    content = written_map(surveyed(pair[2], "EPSG:5513", (1_040_000.0, 740_000.0, 200.0)), tmp_path)
+    ring = np.array(content["features"][0]["geometry"]["coordinates"][0])
+    assert area(ring) > 0
+    np.testing.assert_allclose(ring.mean(axis=0), [14.4, 50.1], atol=0.2)
+
+
+@pytest.mark.parametrize(
+    ("crs", "name"),
+    [
+        ("EPSG:25832", "urn:ogc:def:crs:EPSG::25832"),
+        (OWN_SYSTEM, OWN_SYSTEM),
+        ("a system of GeoTIFF parameters", "LOCAL_CS"),
+    ],
+)
+def test_without_rasterio_the_map_says_what_it_is_in(pair, tmp_path, monkeypatch, crs, name):
+    monkeypatch.setitem(sys.modules, "rasterio.warp", None)
+    changes = surveyed(pair[2], crs)
+    with pytest.warns(InputWarning, match=r"a\.geojson: .* no degrees.*gmmjax\[map\]"):
+        content = written_map(changes, tmp_path)
+    assert content["crs"]["properties"]["name"].startswith(name)
+    np.testing.assert_array_equal(
+        np.min(content["features"][0]["geometry"]["coordinates"][0], axis=0), [499_985, 4_999_990]
+    )
+
+
+@pytest.mark.parametrize("crs", ["EPSG:4978", "EPSG:999999", "a name"])
+def test_what_is_no_map_projection_is_not_converted(pair, tmp_path, crs):
+    pytest.importorskip("rasterio")
+    with pytest.warns(InputWarning, match=f"in {crs}, and no degrees"):
+        assert "crs" in written_map(surveyed(pair[2], crs), tmp_path)
+
+
+def test_coordinates_of_no_system_are_not_taken_for_degrees(pair, tmp_path):
+    content = written_map(pair[2], tmp_path)
+    assert content["crs_of_scans"] is None
+    assert content["crs"]["properties"]["name"].startswith("LOCAL_CS")
     assert [feature["properties"]["kind"] for feature in content["features"]] == ["disappeared", "moved", "appeared"]
+
+
+def test_a_map_without_changes(pair, tmp_path):
+    content = written_map(dataclasses.replace(pair[2], items=(), crs="EPSG:25832"), tmp_path)
+    assert content["features"] == []
 
 
 @pytest.fixture(scope="module")

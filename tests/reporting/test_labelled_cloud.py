@@ -8,6 +8,7 @@ import struct
 import laspy
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.registration import Registration
 from gmmjax.clouds import (
@@ -51,12 +52,11 @@ def turned(pair):
     )
 
 
-def written(clouds, changes, folder):
+def written(clouds, changes, folder, transform=MOTION):
     """Both scans as they are written, by name."""
     folder.mkdir()
-    return [
-        own.write(folder, side) for side, own in zip(("before", "after"), labelled_clouds(clouds, changes), strict=True)
-    ]
+    labelled = labelled_clouds(clouds, changes, transform)
+    return [own.write(folder, side) for side, own in zip(("before", "after"), labelled, strict=True)]
 
 
 @pytest.fixture
@@ -134,6 +134,32 @@ def test_pcd_keeps_fields_order_and_viewpoint(pair, turned, tmp_path):
     np.testing.assert_array_equal(cloud.fields["label"], turned.labels_after)
 
 
+@pytest.mark.parametrize("kind", ["f4", "f8"])
+def test_pcd_keeps_its_coordinates_and_viewpoint(pair, turned, tmp_path, kind):
+    """In every bit: the viewpoint, too, which a matrix in between would round."""
+    quaternion = Rotation.random(rng=4).as_quat() * (1 + 3e-8)
+    viewpoint = (1 / 3, 2.0, 5_849_137.125, *(float(number) for number in quaternion))
+    points = (pair[1].points + 1 / 3).astype(kind)
+    write_pcd(tmp_path / "scan.pcd", points, viewpoint=viewpoint, fields={"normal_x": np.ones(500)})
+    folder = write_result(tmp_path / "result", pair[0], read_cloud(tmp_path / "scan.pcd"), turned)
+    cloud, layout = read_cloud(folder / "after.pcd"), read_layout(folder / "after.pcd")
+    np.testing.assert_array_equal(cloud.points, points)
+    assert (layout.viewpoint, layout.dtype) == (viewpoint, np.dtype(kind))
+
+
+def test_pcd_with_axes_of_several_types(pair, turned, tmp_path):
+    """The widest holds them all."""
+    rows = np.zeros(500, [("x", "<f4"), ("y", "<f8"), ("z", "<i4")])
+    rows["x"], rows["y"], rows["z"] = 0.1, np.linspace(5e6, 5e6 + 1, 500), np.arange(500)
+    head = (
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 8 4\nTYPE F F I\nCOUNT 1 1 1\nWIDTH 500\nHEIGHT 1\nPOINTS 500\nDATA binary\n"
+    )
+    (tmp_path / "scan.pcd").write_bytes(head.encode() + rows.tobytes())
+    after = read_cloud(tmp_path / "scan.pcd")
+    folder = write_result(tmp_path / "result", pair[0], after, turned)
+    np.testing.assert_array_equal(read_cloud(folder / "after.pcd").points, after.points)
+
+
 def test_pcd_is_read_by_another_library(pair, turned, tmp_path):
     pypcd4 = pytest.importorskip("pypcd4")
     write_pcd(
@@ -157,7 +183,7 @@ def las(tmp_path):
 
 
 def test_las_keeps_all_and_gets_dimensions(pair, turned, las, tmp_path):
-    folder = write_result(tmp_path / "result", pair[0], read_cloud(las), turned)
+    folder = write_result(tmp_path / "result", pair[0], read_cloud(las), turned, transform_after=True)
     assert [name for name in result_files(folder) if name.startswith(("before", "after"))] == [
         "before.ply",
         "after.las",
@@ -178,6 +204,25 @@ def test_las_keeps_all_and_gets_dimensions(pair, turned, las, tmp_path):
         np.testing.assert_allclose(read[name], getattr(turned, f"{name}_after"), rtol=1e-6)
     described = {dimension.name: dimension.description for dimension in read.point_format.extra_dimensions}
     assert described["level_of_detection"] == "distance significant at 95 %"
+
+
+@pytest.mark.parametrize("ending", ["las", "laz"])
+def test_las_keeps_its_coordinates(pair, turned, las, tmp_path, ending):
+    """Integers, scale, offset and bounds are those of the file, also such bounds as are not those of the points."""
+    data = bytearray(las.read_bytes())
+    struct.pack_into("<6d", data, 179, 100.0, -100.0, 200.0, -200.0, 300.0, -300.0)
+    las.write_bytes(data)
+    source = las
+    if ending == "laz":
+        source = tmp_path / "scan.laz"
+        laspy.read(las).write(source)
+    folder = write_result(tmp_path / "result", pair[0], read_cloud(source), turned)
+    old, new = laspy.read(source), laspy.read(folder / f"after.{ending}")
+    for axis in "XYZ":
+        np.testing.assert_array_equal(new[axis], old[axis])
+    with source.open("rb") as before, (folder / f"after.{ending}").open("rb") as after:
+        # Scales, offsets and bounds.
+        assert before.read(227)[131:] == after.read(227)[131:]
 
 
 def test_a_result_is_an_input_again(pair, turned, las, tmp_path):

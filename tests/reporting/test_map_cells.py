@@ -1,6 +1,7 @@
 """The map of a floor on which a box came and another one went."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from gmmjax.changes import Changes, DetectionConfig
 from gmmjax.clouds import PointCloud
 from gmmjax.pair import Pair
 from gmmjax.reporting import ChangeMapSettings, change_map, write_geotiff
-from tests.reporting.conftest import change
+from tests.reporting.conftest import OWN_SYSTEM, change
 
 # UTM: float32 has steps of half a metre there.
 OFFSET = np.array([691_000.125, 5_336_000.25, 500.0])
@@ -28,7 +29,7 @@ def surveyed(crs=None):
         return np.insert(random.uniform([x, y], [x + 1, y + 1], (600, 2)), 2, 0.3, axis=1)
 
     before, after = np.concatenate([floor, slab(1, 1)]) + OFFSET, np.concatenate([floor, slab(6, 4)]) + OFFSET
-    clouds = Pair(before, after).map(lambda own: dataclasses.replace(PointCloud.from_rows(own), crs=crs))
+    clouds = Pair(before, after).map(PointCloud.from_rows)
     labels = Pair(*(np.repeat([-1, label], [20_000, 600]) for label in (0, 1)))
     distance = Pair(*(np.where(own < 0, 0.0, sign * 0.3) for own, sign in zip(labels, (-1, 1), strict=True)))
     changes = Changes(
@@ -42,6 +43,7 @@ def surveyed(crs=None):
         emd=0.5,
         config=DetectionConfig(),
         diagnostics={},
+        crs=crs,
         distance_before=distance.before,
         distance_after=distance.after,
         level_of_detection_before=0.1 * np.abs(distance.before) + 0.01,
@@ -107,10 +109,20 @@ def test_a_geotiff_lies_in_its_place_without_loss(tmp_path):
     assert tie_point[3:5] == (found.left, found.top)
 
 
-def test_a_system_that_is_not_known_is_left_out_with_a_warning(tmp_path):
+def test_a_geotiff_has_a_system_that_has_no_code(tmp_path):
     rasterio = pytest.importorskip("rasterio")
-    found = change_map(*surveyed("EPSG:999999"), SETTINGS)
-    with pytest.warns(UserWarning, match="EPSG:999999 is not known"):
+    own = OWN_SYSTEM.replace('"central_meridian",9', '"central_meridian",9.5')
+    write_geotiff(tmp_path / "a.tif", change_map(*surveyed(own), SETTINGS))
+    with rasterio.open(tmp_path / "a.tif") as raster:
+        assert raster.crs == rasterio.crs.CRS.from_wkt(own)
+        assert (raster.crs.to_epsg(), raster.crs.to_dict()["lon_0"]) == (None, 9.5)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:999999", "WGS 84 / UTM zone 32N (north)"])
+def test_a_system_that_is_not_known_is_left_out_with_a_warning(tmp_path, crs):
+    rasterio = pytest.importorskip("rasterio")
+    found = change_map(*surveyed(crs), SETTINGS)
+    with pytest.warns(UserWarning, match=f"{re.escape(crs)} is not known"):
         write_geotiff(tmp_path / "a.tif", found)
     with rasterio.open(tmp_path / "a.tif") as raster:
         assert raster.crs is None and raster.transform.c == found.left

@@ -4,16 +4,22 @@ import json
 import os
 import re
 import tomllib
+from types import SimpleNamespace
 
+import laspy
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gmmjax.changes import Changes, DetectionConfig
 from gmmjax.changes.registration import Registration
-from gmmjax.clouds import PointCloud, read_cloud
-from gmmjax.errors import InputError
+from gmmjax.clouds import PointCloud, open_survey, read_cloud, read_survey, write_pcd
+from gmmjax.errors import InputError, InputWarning
 from gmmjax.geometry.rigid import rigid_transform
-from gmmjax.reporting import write_result
+from gmmjax.pair import Pair
+from gmmjax.reporting import save_report, save_transformed_report, write_result
+from gmmjax.reporting.result_folder import write_tiled_result
+from gmmjax.tiling import TiledChanges
 
 FILES = {
     *("changes.json", "changes.csv", "changes.geojson", "labels.npz"),
@@ -103,13 +109,55 @@ def test_a_disk_that_fills_leaves_no_result_and_the_old_one_whole(pair, tmp_path
     assert [path.name for path in tmp_path.iterdir()] == ["old"]
 
 
-def test_the_after_cloud_is_written_and_shown_in_the_frame_of_the_before_cloud(pair, tmp_path):
+@pytest.mark.parametrize("transform_after", [False, True])
+def test_the_after_cloud_is_written_where_it_is_and_shown_in_the_frame_of_the_before_cloud(
+    pair, tmp_path, transform_after
+):
     transform = rigid_transform(translation=np.array([0.0, 0.0, -2.0]))
     registration = Registration(transform, True, 2.0, 0.01, 0.5, 0.9)
-    changes = dataclasses.replace(pair[2], registration=registration)
-    folder = write_result(tmp_path / "result", pair[0], pair[1], changes)
-    np.testing.assert_allclose(read_cloud(folder / "after.ply").points, pair[1].points + np.array([0, 0, -2]))
+    changes = dataclasses.replace(pair[2], registration=registration, crs="EPSG:4978")
+    with pytest.warns(InputWarning, match="in EPSG:4978, and no degrees"):
+        folder = write_result(tmp_path / "result", pair[0], pair[1], changes, transform_after=transform_after)
+    after = read_cloud(folder / "after.ply").points
+    np.testing.assert_array_equal(after, pair[1].points + (np.array([0, 0, -2]) if transform_after else 0))
     np.testing.assert_array_equal(read_cloud(folder / "before.ply").points, pair[0].points)
     page = (folder / "report.html").read_text(encoding="utf-8")
-    assert "The after scan was moved by 2 and 0°" in page
-    np.testing.assert_array_equal(Changes.load(folder).registration.transform, transform)
+    assert "The after scan was moved by 2 and 0°" in page and "<dd>EPSG:4978</dd>" in page
+    read = Changes.load(folder)
+    np.testing.assert_array_equal(read.registration.transform, transform)
+    assert read.crs == "EPSG:4978"
+
+
+@pytest.mark.parametrize("transform_after", [False, True])
+def test_a_result_in_tiles_has_the_same_scans(pair, tmp_path, transform_after):
+    """Two files a side: each keeps its name and, unless asked for, its coordinates."""
+    files = {}
+    for side, cloud in zip(("before", "after"), pair[:2], strict=True):
+        files[side] = [tmp_path / f"{side}-1.las", tmp_path / f"{side}-2.pcd"]
+        scan = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
+        scan.xyz = cloud.points[:200]
+        scan.write(files[side][0])
+        write_pcd(files[side][1], cloud.points[200:], viewpoint=(1.0, 2.0, 3.0, 0.6, 0.0, 0.8, 0.0))
+    surveys, clouds = (Pair(*map(read, files.values())) for read in (open_survey, read_survey))
+    transform = rigid_transform(Rotation.from_euler("z", 0.3).as_matrix(), np.array([1.0, 2.0, 0.5]))
+    changes = dataclasses.replace(pair[2], registration=Registration(transform, True, 2.0, 0.01, 0.5, 0.9))
+    found = Pair("before", "after").map(changes.point_values)
+    found = found.map(lambda own: own | {"unobserved": own["unobserved"].astype(np.uint8)})
+    tiled = TiledChanges(changes, changes, clouds, SimpleNamespace(found=lambda: found))
+    whole = write_result(tmp_path / "whole", *clouds, changes, transform_after=transform_after)
+    in_tiles = write_tiled_result(tmp_path / "tiles", surveys, tiled, transform_after=transform_after)
+    for side in ("before", "after"):
+        for file in files[side]:
+            assert (in_tiles / side / file.name).read_bytes() == (whole / side / file.name).read_bytes()
+            kept = np.array_equal(read_cloud(whole / side / file.name).points, read_cloud(file).points)
+            assert kept == (side == "before" or not transform_after)
+
+
+@pytest.mark.parametrize(("save", "moved"), [(save_report, False), (save_transformed_report, True)])
+def test_a_batch_writes_the_after_scan_likewise(pair, tmp_path, save, moved):
+    transform = rigid_transform(translation=np.array([0.0, 0.0, -2.0]))
+    changes = dataclasses.replace(pair[2], registration=Registration(transform, True, 2.0, 0.01, 0.5, 0.9))
+    loaded = SimpleNamespace(clouds=Pair(*pair[:2]))
+    save(tmp_path, SimpleNamespace(consensus=SimpleNamespace(changes=changes), loaded=loaded))
+    after = pair[1].points + (np.array([0, 0, -2]) if moved else 0)
+    np.testing.assert_array_equal(read_cloud(tmp_path / "after.ply").points, after)

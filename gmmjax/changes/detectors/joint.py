@@ -416,7 +416,7 @@ def _warn_about_registration(registration: Registration) -> None:
     warn(
         f"the registration is in doubt (confidence {registration.confidence:.0%}), so the probabilities of all changes "
         f"are lowered: {overlap:.0%} of the points of one cloud have a counterpart in the other{residual}. Are both of "
-        "the same place, in the same unit, and rotated by less than 30 degrees? crop leaves out what only one cloud "
-        "has, registration='never' takes clouds that are registered already as they are (of DetectionConfig, --crop, "
-        "--registration)"
+        "the same place, in one unit of length (not longitude and latitude), and rotated by less than 30 degrees? crop "
+        "leaves out what only one cloud has, registration='never' takes clouds that are registered already as they are "
+        "(of DetectionConfig, --crop, --registration)"
     )

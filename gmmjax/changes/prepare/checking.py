@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
-from gmmjax.changes.prepare.units import stated_systems
+from gmmjax.changes.prepare.units import check_lengths, stated_systems
 from gmmjax.changes.registration import Registration
 from gmmjax.clouds import (
     PointCloud,
@@ -17,6 +17,7 @@ from gmmjax.clouds import (
     crop_box,
     first_of_equals,
     scan_bounds,
+    system_name,
     within,
 )
 from gmmjax.errors import InputError, warn
@@ -102,12 +103,13 @@ def check_pair(
 
     Raises:
         InputError: a cloud that is not of real numbers [n, 3], has too few points or only equal ones, or an extent that
-            is too large or too small for float64; clouds of two places of one reference system.
+            is too large or too small for float64; angles; clouds of two places of one reference system.
 
     Warns:
         InputWarning: rows of an array without a position; stray points; extents that differ so much that the units
             must differ.
     """
+    each(check_lengths, NAMES, clouds)
     checked = each(lambda name, cloud: _checked(name, cloud, crop, settings), NAMES, clouds)
     for name, own, given in zip(NAMES, checked, clouds, strict=True):
         about = own.diagnostics(given)
@@ -145,7 +147,8 @@ def check_same_place(
     gap = max(float((boxes.after[0] - boxes.before[1]).max()), float((boxes.before[0] - boxes.after[1]).max()))
     if gap > settings.apart * max(float(np.ptp(box, axis=0).max()) for box in boxes):
         raise InputError(
-            f"before, after: the scans do not overlap ({_in_words(boxes)}), and both files state {systems.before}; "
+            f"before, after: the scans do not overlap ({_in_words(boxes)}), and both files state "
+            f"{system_name(systems.before)}; "
             "compare scans of one place, or correct the reference system or the coordinates of one of them"
         )
 
