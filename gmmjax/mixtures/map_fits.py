@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array as JaxArray
 from jaxtyping import ArrayLike, Float, PRNGKeyArray
 
-from gmmjax._host import to_numpy
+from gmmjax._host import check_static, is_traced, to_numpy
 from gmmjax._programs import kept_jit
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures.annihilation import Fit, FitSettings
@@ -92,6 +92,8 @@ def map_fits(
     Raises:
         InputError: as `fit_mixture`, and says which cloud; a number of starts that does not fit the clouds.
     """
+    if is_traced(clouds, key, prior, starts):
+        raise InputError("map_fits is a host function: call it outside of jit and vmap, where fit_mixture can be used")
     check_restarts(restarts, precision)
     if not len(clouds):
         raise InputError("clouds is empty; give at least one")
@@ -156,6 +158,7 @@ def fit_in_frame(
     settings: FitSettings,
 ) -> Fit:
     """One traced fit, from and to the unit of the points; see `fit_mixture`."""
+    prior, start = jax.tree.map(lambda leaf: _in_dtype(leaf, points.points.dtype), (prior, start))
     frame = Standardisation.of(points)
     in_frame = _prior_in_frame(prior, frame, settings, str(points.points.dtype))
     start = None if start is None else frame.enter_mixture(start)
@@ -163,12 +166,17 @@ def fit_in_frame(
     return frame.leave_fit(fit, jnp.sum(points.mass))
 
 
+def _in_dtype(leaf: Any, dtype: Any) -> JaxArray:
+    return jnp.asarray(leaf, None if jnp.issubdtype(jnp.result_type(leaf), jnp.bool_) else dtype)
+
+
 def check_restarts(restarts: int, precision: str) -> None:
     """Checks what all of a call's fits have in common.
 
     Raises:
-        InputError: no restart, or an unknown precision.
+        InputError: no restart, a traced number of them, or an unknown precision.
     """
+    check_static(restarts=restarts)
     check_choice("precision", precision, get_args(Precision))
     if restarts < 1:
         raise InputError(f"restarts={restarts} must be at least 1")
@@ -178,8 +186,9 @@ def check_components(max_components: int, points: int) -> None:
     """Checks K_max against the number of points.
 
     Raises:
-        InputError: it is not between 1 and that number.
+        InputError: it is traced, or not between 1 and that number.
     """
+    check_static(max_components=max_components)
     if not 1 <= max_components <= points:
         raise InputError(
             f"max_components={max_components} must be at least 1 and at most the number of points, {points}"
