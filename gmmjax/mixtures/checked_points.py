@@ -56,8 +56,8 @@ def traced_points(points: ArrayLike, mass: ArrayLike | None, scatter: ArrayLike 
         InputError: shapes that do not fit.
     """
     coordinates = jnp.asarray(points)
-    floating = jnp.issubdtype(coordinates.dtype, jnp.floating)
-    dtype = jnp.promote_types(coordinates.dtype, jnp.float32) if floating else jnp.result_type(float)
+    known = coordinates.dtype in (np.float32, np.float64)
+    dtype = coordinates.dtype if known else jnp.result_type(float)
     coordinates = coordinates.astype(dtype)
     _check_shapes(coordinates, mass, scatter)
     return WeightedPoints(
