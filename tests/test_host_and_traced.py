@@ -1,5 +1,7 @@
 """Functions that are both of the host and traced: concrete arrays inside `jit`, `shard_map`, constants, NumPy."""
 
+import inspect
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -43,7 +45,7 @@ FUNCTIONS = {
     "sinkhorn": lambda: sinkhorn(MASSES, MASSES[::-1], COST),
     "partial_transport": lambda: partial_transport(MASSES, MASSES[::-1], COST, 0.5),
     "remove_changed": lambda: remove_changed(MIXTURE, OTHER),
-    "unmatched_shares": lambda: unmatched_shares(MIXTURE, OTHER, 60, 60.0),
+    "unmatched_shares": lambda: unmatched_shares(MIXTURE, OTHER, 60.0, 60.0),
     "joint_posterior": lambda: joint_posterior(
         POINTS, POINTS + 0.1, prior=joint_prior(0.1, 0.1), key=KEY, max_components=3
     ),
@@ -81,7 +83,7 @@ def test_a_host_function_inside_jit_says_so():
         jax.jit(lambda one: map_fits([POINTS], key=KEY)[0].message_length + one)(1.0)
 
 
-@pytest.mark.parametrize("function", [remove_changed, lambda *pair: unmatched_shares(*pair, 60, 60)])
+@pytest.mark.parametrize("function", [remove_changed, lambda *pair: unmatched_shares(*pair, 60.0, 60.0)])
 def test_mixtures_of_numpy_give_numpy_in_float64(function):
     for leaf in jax.tree.leaves(function(MIXTURE, OTHER)):
         assert isinstance(leaf, np.ndarray) and leaf.dtype in (np.float64, np.bool_)
@@ -89,31 +91,25 @@ def test_mixtures_of_numpy_give_numpy_in_float64(function):
     assert all(isinstance(leaf, jax.Array) and leaf.dtype != np.float64 for leaf in jax.tree.leaves(function(*single)))
 
 
+def unchecked(function):
+    """As users have it, without the tests' type checks."""
+    return inspect.unwrap(function)
+
+
 @pytest.mark.parametrize(
     ("name", "call"),
     [
-        ("max_components", lambda number: fit_mixture(POINTS, key=KEY, max_components=number)),
-        ("max_components", lambda number: fit_mixture(POINTS, key=KEY, max_components=number, method="grid")),
-        ("max_components", lambda number: fit_restarts(POINTS, key=KEY, max_components=number)),
-        ("restarts", lambda number: fit_restarts(POINTS, key=KEY, restarts=number)),
-        ("restarts", lambda number: grid_search(POINTS, key=KEY, restarts=number)),
-        ("components", lambda number: grid_search(POINTS, key=KEY, components=[number])),
-        ("settings.max_steps", lambda number: fit_mixture(POINTS, key=KEY, settings=FitSettings(max_steps=number))),
-        ("settings.tolerance", lambda number: FitSettings(tolerance=number)),
-        ("max_iterations", lambda number: sinkhorn(MASSES, MASSES, COST, max_iterations=number)),
-        (
-            "max_components",
-            lambda number: joint_posterior(POINTS, POINTS, prior=joint_prior(0.1, 0.1), key=KEY, max_components=number),
-        ),
+        ("max_components", lambda number: unchecked(fit_mixture)(POINTS, key=KEY, max_components=number)),
+        ("max_components", lambda number: unchecked(fit_restarts)(POINTS, key=KEY, max_components=number)),
+        ("restarts", lambda number: unchecked(fit_restarts)(POINTS, key=KEY, restarts=number)),
+        ("restarts", lambda number: unchecked(grid_search)(POINTS, key=KEY, restarts=number)),
+        ("components", lambda number: unchecked(grid_search)(POINTS, key=KEY, components=[number])),
+        ("max_iterations", lambda number: unchecked(sinkhorn)(MASSES, MASSES, COST, max_iterations=number)),
     ],
 )
 def test_what_sizes_the_program_is_a_constant(name, call):
-    import inspect
-
-    # As users have it, without the tests' type checks.
-    with pytest.raises((InputError, TypeError)) as raised:
+    with pytest.raises(InputError, match=f"{name} is traced"):
         jax.jit(lambda number: (call(number), 0)[1])(3)
-    assert f"{name} is traced" in str(raised.value) or "type-check" in str(raised.value).lower(), inspect.cleandoc(name)
 
 
 def one_shard(function, *arguments):
@@ -125,10 +121,9 @@ def one_shard(function, *arguments):
 
 def pipeline(points, key):
     fits = [fit_mixture(own, key=key, max_components=3) for own in (points, 1.1 * points)]
-    distances = [
-        earth_movers_distance(fits[0].mixture, fits[1].mixture, solver=solver) for solver in ("exact", "sinkhorn")
-    ]
-    return fits, distances, remove_changed(fits[0].mixture, fits[1].mixture)
+    mixtures = [fit.mixture for fit in fits]
+    distances = [earth_movers_distance(*mixtures, solver=solver) for solver in ("exact", "sinkhorn")]
+    return fits, distances, remove_changed(*mixtures)
 
 
 def polished_gradient(points, key):
