@@ -202,8 +202,10 @@ def _judged(
     parameters = parameters_per_component(model.chunks.dimension, model.covariance_type)
     valid = is_usable((model, start), model.chunks.mass, model.prior, parameters)
     result = FitStatus.where(valid, end.result, FitStatus.invalid_input)
-    scores = (jnp.where(failed(result), jnp.nan, score) for score in (end.message_length, end.log_likelihood))
-    return Annihilated(end.mixture, *scores, end.steps, result)
+    length, log_likelihood = (
+        jnp.where(failed(result), jnp.nan, score) for score in (end.message_length, end.log_likelihood)
+    )
+    return Annihilated(end.mixture, length, log_likelihood, end.steps, result)
 
 
 def is_usable(given: Any, mass: Float[Array, "..."], prior: Prior, parameters: int) -> Bool[Array, ""]:

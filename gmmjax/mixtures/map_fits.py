@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array as JaxArray
 from jaxtyping import ArrayLike, Float, PRNGKeyArray
 
-from gmmjax._host import check_static, is_traced, to_numpy
+from gmmjax._host import is_traced, to_numpy
 from gmmjax._programs import kept_jit
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures.annihilation import Fit, FitSettings
@@ -174,9 +174,8 @@ def check_restarts(restarts: int, precision: str) -> None:
     """Checks what all of a call's fits have in common.
 
     Raises:
-        InputError: no restart, a traced number of them, or an unknown precision.
+        InputError: no restart, or an unknown precision.
     """
-    check_static(restarts=restarts)
     check_choice("precision", precision, get_args(Precision))
     if restarts < 1:
         raise InputError(f"restarts={restarts} must be at least 1")
@@ -186,9 +185,8 @@ def check_components(max_components: int, points: int) -> None:
     """Checks K_max against the number of points.
 
     Raises:
-        InputError: it is traced, or not between 1 and that number.
+        InputError: it is not between 1 and that number.
     """
-    check_static(max_components=max_components)
     if not 1 <= max_components <= points:
         raise InputError(
             f"max_components={max_components} must be at least 1 and at most the number of points, {points}"

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, PRNGKeyArray
 
-from gmmjax._host import is_traced
+from gmmjax._host import check_static, is_traced
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures.annihilation import NOT_FINITE, Fit, FitSettings, failed
 from gmmjax.mixtures.checked_points import checked_points, traced_points
@@ -56,13 +56,15 @@ def fit_restarts(
     Raises:
         InputError: as `fit_mixture`. Failed computations are in `Fit.result`, one per restart.
     """
+    check_static(max_components=max_components, restarts=restarts)
     check_restarts(restarts, precision)
     if is_traced(points, mass, scatter, key, prior, start):
         traced = traced_points(points, mass, scatter)
         check_components(max_components if start is None else len(start.weights), len(traced.points))
         # As arrays: a number would be a constant of the program.
-        given = jax.tree.map(jnp.asarray, (prior, start))
-        return _traced_fits(traced, key, *given, max_components, restarts, settings)
+        prior, start = jax.tree.map(jnp.asarray, (prior, start))
+        traced_fits: Fit = _traced_fits(traced, key, prior, start, max_components, restarts, settings)
+        return traced_fits
     checked = checked_points(points, mass, settings.covariance_type, scatter)
     starts = None if start is None else [start]
     of_restarts = [list(jax.random.split(key, restarts))]

@@ -44,7 +44,7 @@ def exact_transport(
         suffice: then the plan is the last one tried and must not be used.
     """
     limit = pivot_limit(*cost.shape) if max_pivots is None else max_pivots
-    given = tuple(jnp.asarray(array) for array in (mass_before, mass_after, cost))
+    given = jnp.asarray(mass_before), jnp.asarray(mass_after), jnp.asarray(cost)
     return _solve(given, None if start is None else jnp.asarray(start), jnp.asarray(limit, dtype=jnp.int32))
 
 

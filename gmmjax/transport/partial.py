@@ -42,7 +42,7 @@ def partial_transport(
         to the costs, the potentials with respect to the masses, all unmatched mass with respect to the penalty.
     """
     limit = pivot_limit(*cost.shape) if max_pivots is None else max_pivots
-    given = tuple(jnp.asarray(array) for array in (mass_before, mass_after, cost, penalty))
+    given = jnp.asarray(mass_before), jnp.asarray(mass_after), jnp.asarray(cost), jnp.asarray(penalty)
     return _solve(given, jnp.asarray(limit, dtype=jnp.int32))
 
 

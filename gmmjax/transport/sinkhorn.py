@@ -73,8 +73,8 @@ def sinkhorn(
     """
     check_static(max_iterations=max_iterations)
     strength = None if epsilon is None else jnp.asarray(epsilon)
-    arrays = (jnp.asarray(array) for array in (mass_before, mass_after, cost))
-    return _solve(_Arguments(*arrays, strength), max_iterations)
+    given = _Arguments(jnp.asarray(mass_before), jnp.asarray(mass_after), jnp.asarray(cost), strength)
+    return _solve(given, max_iterations)
 
 
 @eqx.filter_jit

@@ -54,11 +54,11 @@ def unmatched_shares(
         The shares; of mixtures of NumPy arrays NumPy's, computed in float64.
     """
     # As arrays: a number would be a constant of the program.
-    numbers = (
-        None if number is None else jnp.asarray(number, before.weights.dtype)
-        for number in (points_before, points_after, penalty)
-    )
-    return _unmatched(before, after, *numbers, ground_cost)
+    dtype = before.weights.dtype
+    price = None if penalty is None else jnp.asarray(penalty, dtype)
+    own, other = jnp.asarray(points_before, dtype), jnp.asarray(points_after, dtype)
+    unmatched: Unmatched = _unmatched(before, after, own, other, price, ground_cost)
+    return unmatched
 
 
 @eqx.filter_jit
