@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from gmmjax import FitSettings, FitStatus, InputError, Prior, earth_movers_distance, fit_mixture
-from gmmjax.changes.detectors import greedy_removal
 from gmmjax.changes.detectors.greedy_removal import remove_changed
 from gmmjax.changes.detectors.unmatched_mass import unmatched_shares
 from gmmjax.mixtures import (
@@ -165,7 +164,6 @@ def test_functions_that_are_not_compiled_by_the_user_are_traced_once(monkeypatch
         return distance_of_means(before, after)
 
     monkeypatch.setattr(restarts, "fit_in_frame", counted)
-    monkeypatch.setattr(greedy_removal, "SMALLEST_GAIN", 1e-9)
     points, settings = jnp.asarray(POINTS), FitSettings(polish=True, max_polish_steps=4999)
 
     def length(points):
