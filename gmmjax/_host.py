@@ -4,11 +4,13 @@ import functools
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from gmmjax._typing import Array
+from gmmjax.errors import InputError
 
 _Tree = TypeVar("_Tree")
 _Parameters = ParamSpec("_Parameters")
@@ -16,8 +18,23 @@ _Result = TypeVar("_Result")
 
 
 def is_traced(*trees: object) -> bool:
-    """Whether any leaf is being traced by a JAX transformation."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+    """Whether any leaf is being traced by a JAX transformation, or whatever is computed is, as inside `jit`."""
+    # Inside `jit` every operation is traced, also on NumPy arrays.
+    return _has_tracer(trees) or _has_tracer(jnp.zeros(()))
+
+
+def _has_tracer(tree: object) -> bool:
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def check_static(**named: object) -> None:
+    """Raises an `InputError` that names the argument, if one is traced that sizes arrays or chooses the program."""
+    for name, value in named.items():
+        if _has_tracer(value):
+            raise InputError(
+                f"{name} is traced, but the compiled program depends on its value: give it as a constant, in "
+                f"jax.jit(..., static_argnames={name!r}) or from outside of the function; it cannot be mapped by vmap"
+            )
 
 
 def is_numpy(*trees: object) -> bool:
@@ -36,19 +53,19 @@ def to_numpy(tree: _Tree) -> _Tree:
 
 
 def float64_on_host(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
-    """The function, which for a record of the host computes in float64, whatever JAX's setting, and returns NumPy.
+    """The function, which for records of the host computes in float64, whatever JAX's setting, and returns NumPy.
 
-    Where the record, its first argument, has leaves that are JAX's, where another argument is traced, and inside `jit`,
+    Where a record among its positional arguments has leaves that are JAX's, where anything is traced, and inside `jit`,
     it is the function as it stands: in the dtype of its arguments.
 
     Args:
-        function: of a record, such as a method, and further positional arguments.
+        function: of one or more records, such as a method, and further arguments.
     """
 
     @functools.wraps(function)
     def call(*arguments: _Parameters.args, **settings: _Parameters.kwargs) -> _Result:
-        # Inside `jit` every operation is traced, also on NumPy arrays.
-        if not is_numpy(arguments[0]) or is_traced(arguments, settings, jnp.zeros(())):
+        records = [own for own in (*arguments, *settings.values()) if isinstance(own, eqx.Module)]
+        if not is_numpy(records) or is_traced(arguments, settings):
             return function(*arguments, **settings)
         with jax.enable_x64(True):
             return to_numpy(function(*_in_float64(arguments), **_in_float64(settings)))

@@ -98,9 +98,7 @@ def test_fits_multiply_with_all_digits(function):
 
 @pytest.mark.parametrize("solver", ["exact", "sinkhorn"])
 def test_transport_multiplies_with_all_digits(solver):
-    # What the tests forbid the package is ott-jax's own business.
-    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
-        found = products(lambda points: distance(solver, points), POINTS)
+    found = products(lambda points: distance(solver, points), POINTS)
     assert found and set(found) == {(jax.lax.Precision.HIGHEST,) * 2}
 
 

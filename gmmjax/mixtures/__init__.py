@@ -4,6 +4,7 @@ from gmmjax.mixtures.annihilation import Annihilated as Annihilated
 from gmmjax.mixtures.annihilation import Fit as Fit
 from gmmjax.mixtures.annihilation import FitSettings as FitSettings
 from gmmjax.mixtures.annihilation import FitStatus as FitStatus
+from gmmjax.mixtures.annihilation import failed as failed
 from gmmjax.mixtures.annihilation import fit_model as fit_model
 from gmmjax.mixtures.component_wise import component_wise_sweep as component_wise_sweep
 from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES as COVARIANCE_TYPES

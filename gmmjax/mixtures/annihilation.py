@@ -7,14 +7,18 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array as JaxArray
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
+from gmmjax._derivatives import nan_derivatives_unless, without_derivatives
+from gmmjax._host import check_static
 from gmmjax._typing import Array
+from gmmjax._varying import varying_as
 from gmmjax.errors import InputError, check_choice
-from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES, CovarianceType
+from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES, CovarianceType, parameters_per_component
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.mixture_model import AbstractMixtureModel, Mixture
 from gmmjax.mixtures.polish import polished
+from gmmjax.mixtures.prior import Prior
 
 _Tree = TypeVar("_Tree")
 Step = Literal["joint", "component-wise"]
@@ -27,6 +31,14 @@ STEP_LIMIT = (
 NOT_AT_REST = (
     "the parameters had not come to rest after max_polish_steps steps, so they have no derivatives: raise "
     "max_polish_steps, or fit in float64"
+)
+INVALID_INPUT = (
+    "a point, mass, scatter, start or number of the prior is NaN, infinite or negative where it must not be, or the "
+    "mass is too little for a Gaussian: correct the input"
+)
+NO_POLISH = (
+    "a fit has derivatives only with FitSettings(polish=True); where none are wanted, hide its points and prior "
+    "from the differentiation by jax.lax.stop_gradient"
 )
 NOT_FINITE = (
     "the likelihood became NaN or infinite, because a covariance was singular: raise the prior's noise_floor, "
@@ -41,6 +53,12 @@ class FitStatus(eqx.Enumeration):
     step_limit: "FitStatus" = STEP_LIMIT  # type: ignore[assignment]
     not_finite: "FitStatus" = NOT_FINITE  # type: ignore[assignment]
     not_at_rest: "FitStatus" = NOT_AT_REST  # type: ignore[assignment]
+    invalid_input: "FitStatus" = INVALID_INPUT  # type: ignore[assignment]
+
+
+def failed(result: FitStatus) -> Bool[Array, "..."]:
+    """Whether a fit has no mixture that could be used; for each of a batch."""
+    return (result == FitStatus.not_finite) | (result == FitStatus.invalid_input)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,8 +94,9 @@ class FitSettings:
         """Checks every setting.
 
         Raises:
-            InputError: a setting out of its range, by name.
+            InputError: a setting out of its range, by name, or one that is traced.
         """
+        check_static(**{f"settings.{field.name}": getattr(self, field.name) for field in dataclasses.fields(self)})
         check_choice("covariance_type", self.covariance_type, COVARIANCE_TYPES)
         check_choice("step", self.step, get_args(Step))
         if self.step == "component-wise" and self.covariance_type == "tied":
@@ -154,20 +173,53 @@ def fit_model(model: AbstractMixtureModel[Mixture, Any], start: Mixture, setting
 
     Args:
         model: points and prior.
-        start: the mixture to start from, a pytree of JAX arrays; the result has no derivatives with respect to it.
+        start: the mixture to start from, a pytree of JAX arrays; derivatives with respect to it are 0.
         settings: when EM has converged, when the search ends, and whether to polish.
+
+    Returns:
+        The end of the search. Where it failed, its scores are NaN; where it has not converged, so are its derivatives.
     """
     # Which components win is discrete; what differs smoothly with the arguments is where they come to rest.
-    held, start = jax.lax.stop_gradient((model, start))
-    end = annihilate(held, start, settings)
+    held, held_start = jax.lax.stop_gradient((model, start))
+    end = annihilate(held, held_start, settings)
     if not settings.polish:
-        return without_derivatives(end, model)
+        return without_derivatives(_judged(end, held, held_start), (model, start), NO_POLISH)
     rest = polished(model, end.mixture, max_steps=settings.max_polish_steps)
     _, log_likelihood = model.expectation(rest.mixture)
     length = model.message_length(rest.mixture, log_likelihood, model.observations)
     result = FitStatus.where(rest.converged, FitStatus.converged, FitStatus.not_at_rest)
-    result = FitStatus.where(end.result == FitStatus.not_finite, FitStatus.not_finite, result)
-    return Annihilated(rest.mixture, length, log_likelihood, end.steps + rest.steps, result)
+    lost = (end.result == FitStatus.not_finite) | ~jnp.isfinite(log_likelihood)
+    result = FitStatus.where(lost, FitStatus.not_finite, result)
+    end = Annihilated(rest.mixture, length, log_likelihood, end.steps + rest.steps, result)
+    end = _judged(end, held, held_start)
+    return nan_derivatives_unless(end.result == FitStatus.converged, end, (model, start))
+
+
+def _judged(
+    end: Annihilated[Mixture], model: AbstractMixtureModel[Mixture, Any], start: Mixture
+) -> Annihilated[Mixture]:
+    """The end of a search whose status says so where the input was none to fit to, and whose scores where it failed."""
+    parameters = parameters_per_component(model.chunks.dimension, model.covariance_type)
+    valid = is_usable((model, start), model.chunks.mass, model.prior, parameters)
+    result = FitStatus.where(valid, end.result, FitStatus.invalid_input)
+    length, log_likelihood = (
+        jnp.where(failed(result), jnp.nan, score) for score in (end.message_length, end.log_likelihood)
+    )
+    return Annihilated(end.mixture, length, log_likelihood, end.steps, result)
+
+
+def is_usable(given: Any, mass: Float[Array, "..."], prior: Prior, parameters: int) -> Bool[Array, ""]:
+    """Whether there is something to fit to: for traced arrays what `checked_points` and `check_prior` are for others.
+
+    Args:
+        given: all that the fit is made of.
+        mass: of the points.
+        prior: of the fit.
+        parameters: of a single Gaussian, without its weight.
+    """
+    numbers = [jnp.asarray(leaf) for leaf in jax.tree.leaves(given)]
+    finite = [jnp.all(jnp.isfinite(own)) for own in numbers if jnp.issubdtype(own.dtype, jnp.floating)]
+    return jnp.all(jnp.stack(finite)) & jnp.all(mass >= 0) & (jnp.sum(mass) > parameters) & prior.in_domain
 
 
 def annihilate(
@@ -183,7 +235,7 @@ def annihilate(
     state = jax.lax.while_loop(
         lambda state: ~state.finished,
         lambda state: _step(state, model, observations, settings),
-        _initial_state(start, observations),
+        varying_as(_initial_state(start, observations), model),
     )
     best = state.best
     result = FitStatus.where(best.converged, FitStatus.converged, FitStatus.step_limit)
@@ -211,7 +263,7 @@ def _step(
         _Candidate(mixture, length, log_likelihood, converged),
         state.best,
     )
-    updated = model.updated(mixture, sums, at_rest)
+    updated = model.updated(mixture, sums)
     updated = _select(at_rest, model.without_weakest(mixture), updated)
     count = model.gaussians(mixture).count
     died = model.gaussians(updated).count < count
@@ -226,21 +278,6 @@ def _step(
         best=best,
         finished=exhausted | hopeless | ~finite,
         finite=finite,
-    )
-
-
-@eqx.filter_custom_jvp
-def without_derivatives(result: _Tree, arguments: Any) -> _Tree:
-    """The result, which was computed from arguments in a way that has no derivatives; to ask for them is an error."""
-    del arguments
-    return result
-
-
-@without_derivatives.def_jvp
-def _no_derivatives(primals: tuple[Any, Any], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
-    raise InputError(
-        "a fit has derivatives only with FitSettings(polish=True); where none are wanted, hide its points and prior "
-        "from the differentiation by jax.lax.stop_gradient"
     )
 
 

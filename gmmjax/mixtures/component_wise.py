@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array as JaxArray
 
 from gmmjax._matrix_products import in_full_precision
+from gmmjax._varying import varying_as
 from gmmjax.mixtures.covariance_type import CovarianceType, constrained
 from gmmjax.mixtures.expectation_maximisation import WAITING_WEIGHT, FeatureChunks
 from gmmjax.mixtures.mixture import GaussianMixture
@@ -43,8 +44,13 @@ def component_wise_sweep(
     def relative_density(log_density: JaxArray) -> JaxArray:
         return jnp.exp(jnp.minimum(log_density - highest[None], HIGHEST_LOG_RATIO))
 
-    def update(index: JaxArray, state: tuple[GaussianMixture, JaxArray]) -> tuple[GaussianMixture, JaxArray]:
-        mixture, densities = state
+    slots = jnp.arange(len(mixture.weights))
+
+    def next_live(live: JaxArray, after: int | JaxArray) -> JaxArray:
+        return jnp.min(jnp.where(live & (slots > after), slots, len(slots)))
+
+    def update(state: tuple[JaxArray, GaussianMixture, JaxArray]) -> tuple[JaxArray, GaussianMixture, JaxArray]:
+        index, mixture, densities = state
         density = jnp.maximum(mixture.weights @ densities, jnp.finfo(mass.dtype).tiny)
         responsibilities = mass * mixture.weights[index] * densities[index] / density
         moments = split_feature_sums((features @ responsibilities)[None], chunks.dimension)
@@ -56,13 +62,12 @@ def component_wise_sweep(
         means = prior.means(component_mass, means)
         mixture = _replaced(mixture, index, weight, means[0], covariances[0])
         updated = relative_density(density_coefficients(means, covariances) @ features)[0]
-        return mixture, densities.at[index].set(jnp.where(weight > 0, updated, 0))
-
-    def update_if_live(index: JaxArray, state: tuple[GaussianMixture, JaxArray]) -> tuple[GaussianMixture, JaxArray]:
-        return jax.lax.cond(state[0].live[index], lambda: update(index, state), lambda: state)
+        densities = densities.at[index].set(jnp.where(weight > 0, updated, 0))
+        return next_live(mixture.live, index), mixture, densities
 
     densities = jnp.where(mixture.live[:, None], relative_density(log_densities), 0)
-    swept, _ = jax.lax.fori_loop(0, len(mixture.weights), update_if_live, (mixture, densities))
+    state = varying_as((next_live(mixture.live, -1), mixture, densities), chunks, prior)
+    _, swept, _ = jax.lax.while_loop(lambda state: state[0] < len(slots), update, state)
     return swept
 
 

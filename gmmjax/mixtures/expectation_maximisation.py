@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from gmmjax._matrix_products import in_full_precision
 from gmmjax._typing import Array
+from gmmjax._varying import varying_as
 from gmmjax.mixtures.covariance_type import CovarianceType, constrained
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.noise import noise_coefficients
@@ -153,16 +154,18 @@ def _feature_sums_tangents(primals: tuple[Any, ...], tangents: tuple[Any, ...]) 
             log_likelihood += mass_tangent @ jax.nn.logsumexp(log_joint, axis=0)
         return (sums, log_likelihood), None
 
-    zeros = (jnp.zeros_like(parameters), jnp.zeros((), parameters.dtype))
+    # The sum is linear in the tangents, as all must be that is transposed.
+    zero = sum(0 * tangent[(0,) * tangent.ndim] for tangent in tangents if tangent is not None)
+    zero = varying_as(jnp.zeros((), parameters.dtype), primals) + zero
+    zeros = (jnp.broadcast_to(zero, parameters.shape), zero)
     totals, _ = jax.lax.scan(add_chunk, zeros, (all_features, all_mass, moved_features, moved_mass))
     return totals
 
 
 def _native_feature_sums(parameters: JaxArray, features: JaxArray, mass: JaxArray) -> tuple[JaxArray, JaxArray]:
     shapes = (jax.ShapeDtypeStruct(parameters.shape, parameters.dtype), jax.ShapeDtypeStruct((), parameters.dtype))
-    sums, log_likelihood = jax.ffi.ffi_call("gmmjax_feature_sums", shapes, vmap_method="expand_dims")(
-        parameters, features, mass
-    )
+    call = jax.ffi.ffi_call("gmmjax_feature_sums", shapes, vmap_method="expand_dims")
+    sums, log_likelihood = varying_as(tuple(call(parameters, features, mass)), parameters, features, mass)
     return sums, log_likelihood
 
 
@@ -182,7 +185,7 @@ def _plain_feature_sums(parameters: JaxArray, features: JaxArray, mass: JaxArray
         log_likelihood = mass @ (highest + jnp.log(density))
         return (totals[0] + sums, totals[1] + log_likelihood), None
 
-    zeros = (jnp.zeros_like(parameters), jnp.zeros((), parameters.dtype))
+    zeros = varying_as((jnp.zeros_like(parameters), jnp.zeros((), parameters.dtype)), parameters, features, mass)
     (sums, log_likelihood), _ = jax.lax.scan(add_chunk, zeros, (features, mass))
     return sums, log_likelihood
 
@@ -318,7 +321,7 @@ def expectation_maximisation(
 
     infinity = jnp.asarray(-jnp.inf, chunks.mass.dtype)
     initial = (jax.tree.map(jnp.asarray, start), infinity, jnp.asarray(0, jnp.int32), jnp.asarray(False))
-    mixture, log_likelihood, steps, converged = jax.lax.while_loop(unfinished, step, initial)
+    initial = varying_as(initial, chunks, prior)
+    mixture, _, steps, converged = jax.lax.while_loop(unfinished, step, initial)
     # Stopped at the limit, the last M-step came after the last E-step: score the mixture that is returned.
-    log_likelihood = jax.lax.cond(converged, lambda: log_likelihood, lambda: expectation(mixture, chunks)[1])
-    return Convergence(mixture, log_likelihood, steps, converged)
+    return Convergence(mixture, expectation(mixture, chunks)[1], steps, converged)

@@ -4,6 +4,7 @@ from typing import Literal, get_args
 
 from jaxtyping import ArrayLike, PRNGKeyArray
 
+from gmmjax._host import check_static
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures.annihilation import Fit, FitSettings
 from gmmjax.mixtures.grid_search import grid_search
@@ -66,6 +67,7 @@ def fit_mixture(
             than points; a prior outside of its domain; an unknown method or precision.
         ComputationError: no restart gave a finite result, and `throw`.
     """
+    check_static(max_components=max_components, restarts=restarts)
     check_choice("method", method, get_args(FitMethod))
     check_choice("precision", precision, get_args(Precision))
     if method == "grid":

@@ -1,4 +1,4 @@
-r"""Fixed points of maps of parameters, and derivatives through them (optimistix).
+r"""Fixed points of maps of parameters, and derivatives through them.
 
 Where $\theta^* = F(\theta^*, p)$, the implicit function theorem gives
 $\mathrm{d}\theta^* / \mathrm{d}p = (I - \partial F / \partial \theta)^{-1} \, \partial F / \partial p$: one linear
@@ -11,12 +11,12 @@ from typing import Any, NamedTuple, TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float, Int
 
 from gmmjax._matrix_products import in_full_precision
+from gmmjax._varying import varying_as
 
 _Parameters = TypeVar("_Parameters")
 
@@ -29,8 +29,10 @@ LARGEST_GROWTH = 2.0
 
 # Of the linear systems of derivatives: the residual, relative to the right-hand side.
 LINEAR_TOLERANCE = 1e-9
-# Products kept of the linear systems' Krylov spaces, and how often a new space is begun.
-KRYLOV, RESTARTS = 60, 20
+# Products kept of the linear systems' Krylov spaces, and at the most.
+KRYLOV, MOST_PRODUCTS = 60, 1200
+# A residual that shrinks by less says that the space is better extended by the last image than by the residual.
+STALLING = 0.9
 # What rounding may add to the residual of a system that was solved.
 LARGEST_SLACK = 10.0
 
@@ -68,16 +70,12 @@ def fixed_point(
         max_steps: evaluations of the map at the most.
     """
     start, held = jax.lax.stop_gradient((start, arguments))
-    solver = AndersonAcceleration(rtol=0.0, atol=tolerance)
-    solution: Any = optx.fixed_point(function, solver, start, held, max_steps=max_steps, throw=False)
-    converged = solution.result == optx.RESULTS.successful
+    end = _iterated(function, start, held, tolerance, max_steps)
     linear_tolerance = max(tolerance, LINEAR_TOLERANCE)
-    parameters = _with_implicit_derivatives(function, solution.value, arguments, converged, linear_tolerance)
-    return FixedPoint(parameters, solution.stats["num_steps"], converged)
+    parameters = _with_implicit_derivatives(function, end.parameters, arguments, end.converged, linear_tolerance)
+    return FixedPoint(parameters, end.steps, end.converged)
 
 
-# Optimistix's own adjoint raises at run time where a system cannot be solved, for a whole batch if for one of it; here
-# that is a derivative of NaN.
 @eqx.filter_custom_jvp
 def _with_implicit_derivatives(
     function: Callable[[_Parameters, Any], _Parameters],
@@ -102,16 +100,14 @@ def _implicit_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[
     _, pushed = jax.jvp(lambda own: function(parameters, eqx.combine(own, fixed)), (differentiated,), (moved,))
 
     _, derivative = jax.linearize(lambda own: function(own, arguments), parameters)
-    solution = _solved(lambda own: jax.tree.map(jnp.subtract, own, derivative(own)), pushed, tolerance)
-    # A factor, not a choice between two branches, so that the rule is linear in the tangent and can be transposed.
-    factor = jnp.where(trusted, 1.0, jnp.nan)
-    return parameters, jax.tree.map(lambda leaf: leaf * factor.astype(leaf.dtype), solution)
+    solution = _solved(lambda own: jax.tree.map(jnp.subtract, own, derivative(own)), pushed, trusted, tolerance)
+    return parameters, solution
 
 
 class _Past(eqx.Module):
-    """The last steps of `AndersonAcceleration`, one a row, filled up with zeros.
+    """The last steps of `_iterated`, one a row, filled up with zeros.
 
-    `image` is where the map led from the last parameters that were accepted.
+    `image` is where the map led from the last parameters that were accepted, by the largest `change`.
     """
 
     images: Float[JaxArray, "m p"]
@@ -119,66 +115,56 @@ class _Past(eqx.Module):
     known: Bool[JaxArray, " m"]
     image: Float[JaxArray, " p"]
     least_residual: Float[JaxArray, ""]
-    error: Float[JaxArray, ""]
+    change: Float[JaxArray, ""]
 
 
-class AndersonAcceleration(optx.AbstractFixedPointSolver[Any, Any, _Past]):
+def _iterated(
+    function: Callable[[_Parameters, Any], _Parameters],
+    start: _Parameters,
+    arguments: Any,
+    tolerance: float,
+    max_steps: int,
+) -> FixedPoint:
     """Anderson's acceleration of a fixed-point iteration (Walker and Ni 2011), with the plain step to fall back on.
 
     EM creeps where components overlap: its error shrinks by the same factor near 1 every step. The combination of the
     last images whose residuals cancel best makes tens of steps of hundreds. Where it leads astray, to a residual that
     is not finite or grows, the iteration goes on from the last image, which EM guarantees, with an empty memory.
     """
+    flat, unravel = ravel_pytree(start)
 
-    rtol: float
-    atol: float
-    norm: Callable[[Any], JaxArray] = optx.max_norm
+    def further(state: tuple[JaxArray, _Past, JaxArray]) -> tuple[JaxArray, _Past, JaxArray]:
+        own, past, steps = state
+        image = ravel_pytree(function(unravel(own), arguments))[0]
+        return *_accelerated(own, image, past, tolerance), steps + 1
 
-    def init(self, fn: Any, y: Any, args: Any, options: Any, f_struct: Any, aux_struct: Any, tags: Any) -> _Past:
-        """No past."""
-        flat, _ = ravel_pytree(y)
-        none = jnp.zeros((MEMORY, flat.size), flat.dtype)
-        infinity = jnp.asarray(jnp.inf, flat.dtype)
-        return _Past(none, none, jnp.zeros(MEMORY, bool), flat, infinity, infinity)
+    def unfinished(state: tuple[JaxArray, _Past, JaxArray]) -> JaxArray:
+        return (state[1].change >= tolerance) & (state[2] < max_steps)
 
-    def step(self, fn: Any, y: Any, args: Any, options: Any, state: _Past, tags: Any) -> tuple[Any, _Past, Any]:
-        """One evaluation of the map and one combination of the last ones."""
-        mapped, aux = fn(y, args)
-        flat, unravel = ravel_pytree(y)
-        image = ravel_pytree(mapped)[0]
-        residual = image - flat
-        size = self.norm(residual)
-        astray = ~(size <= LARGEST_GROWTH * state.least_residual)
-        error = jnp.where(astray, jnp.inf, size / (self.atol + self.rtol * self.norm(flat)))
-        past = _Past(
-            images=jnp.roll(state.images, 1, axis=0).at[0].set(image),
-            residuals=jnp.roll(state.residuals, 1, axis=0).at[0].set(residual),
-            known=jnp.roll(state.known, 1).at[0].set(True),
-            image=image,
-            least_residual=jnp.minimum(size, state.least_residual),
-            error=error,
-        )
-        forgotten = eqx.tree_at(
-            lambda old: (old.known, old.least_residual, old.error),
-            state,
-            (jnp.zeros_like(state.known), jnp.asarray(jnp.inf, flat.dtype), error),
-        )
-        following = jnp.where(astray, state.image, jnp.where(error < 1, image, _combined(past)))
-        chosen = jax.tree.map(lambda old, new: jnp.where(astray, old, new), forgotten, past)
-        return unravel(following), chosen, aux
+    none, infinity = jnp.zeros((MEMORY, flat.size), flat.dtype), jnp.asarray(jnp.inf, flat.dtype)
+    past = _Past(none, none, jnp.zeros(MEMORY, bool), flat, infinity, infinity)
+    state = varying_as((flat, past, jnp.asarray(0, jnp.int32)), arguments)
+    end, past, steps = jax.lax.while_loop(unfinished, further, state)
+    return FixedPoint(unravel(end), steps, past.change < tolerance)
 
-    def terminate(
-        self, fn: Any, y: Any, args: Any, options: Any, state: _Past, tags: Any
-    ) -> tuple[JaxArray, optx.RESULTS]:
-        """At rest."""
-        successful: Any = optx.RESULTS.successful
-        return state.error < 1, successful
 
-    def postprocess(
-        self, fn: Any, y: Any, aux: Any, args: Any, options: Any, state: _Past, tags: Any, result: Any
-    ) -> tuple[Any, Any, dict[str, Any]]:
-        """Nothing more."""
-        return y, aux, {}
+def _accelerated(own: JaxArray, image: JaxArray, past: _Past, tolerance: float) -> tuple[JaxArray, _Past]:
+    """Where to go on from, and the past with one more evaluation of the map."""
+    residual = image - own
+    change = jnp.max(jnp.abs(residual))
+    astray = ~(change <= LARGEST_GROWTH * past.least_residual)
+    known = _Past(
+        images=jnp.roll(past.images, 1, axis=0).at[0].set(image),
+        residuals=jnp.roll(past.residuals, 1, axis=0).at[0].set(residual),
+        known=jnp.roll(past.known, 1).at[0].set(True),
+        image=image,
+        least_residual=jnp.minimum(change, past.least_residual),
+        change=change,
+    )
+    infinity = jnp.asarray(jnp.inf, own.dtype)
+    forgotten = _Past(past.images, past.residuals, jnp.zeros_like(past.known), past.image, infinity, infinity)
+    following = jnp.where(astray, past.image, jnp.where(change < tolerance, image, _combined(known)))
+    return following, jax.tree.map(lambda old, new: jnp.where(astray, old, new), forgotten, known)
 
 
 @in_full_precision
@@ -193,28 +179,78 @@ def _combined(past: _Past) -> Float[JaxArray, " p"]:
     return past.image + shares @ images
 
 
-def _solved(product: Callable[[_Parameters], _Parameters], right: _Parameters, tolerance: float) -> _Parameters:
-    """The solution of a linear system by GMRES, or NaN: a derivative is right or is not a number.
+class _Krylov(NamedTuple):
+    """A solution, its residual, and directions (one a row, the last `KRYLOV` of them) with orthonormal images."""
+
+    solution: JaxArray
+    residual: JaxArray
+    directions: JaxArray
+    images: JaxArray
+    following: JaxArray
+    products: JaxArray
+
+
+@in_full_precision
+def _krylov_solution(
+    product: Callable[[JaxArray], JaxArray], right: JaxArray, tolerance: float
+) -> Float[JaxArray, " p"]:
+    """The solution with the least residual, as of GMRES, in the adaptive form of Jiranek and Rozloznik (2010)."""
+    kept = min(KRYLOV, len(right))
+    size = jnp.linalg.norm(right)
+
+    def further(state: _Krylov) -> _Krylov:
+        direction, image = state.following, product(state.following)
+        # Twice: once leaves what rounding makes of a nearly dependent image.
+        for _ in range(2):
+            shares = state.images @ image
+            direction, image = direction - shares @ state.directions, image - shares @ state.images
+        length = jnp.linalg.norm(image)
+        direction, image = direction / length, image / length
+        step = image @ state.residual
+        residual = state.residual - step * image
+        rest = jnp.linalg.norm(residual)
+        stalls = rest > STALLING * jnp.linalg.norm(state.residual)
+        slot = state.products % kept
+        return _Krylov(
+            solution=state.solution + step * direction,
+            residual=residual,
+            directions=state.directions.at[slot].set(direction),
+            images=state.images.at[slot].set(image),
+            following=jnp.where(stalls, image, residual / rest),
+            products=state.products + 1,
+        )
+
+    def unfinished(state: _Krylov) -> JaxArray:
+        return (jnp.linalg.norm(state.residual) > tolerance * size) & (state.products < MOST_PRODUCTS)
+
+    none = jnp.zeros((kept, len(right)), right.dtype)
+    start = _Krylov(jnp.zeros_like(right), right, none, none, right / size, jnp.asarray(0, jnp.int32))
+    # Of the type that they have after a product, whatever that is made of.
+    start = varying_as(start, product(right))
+    return jax.lax.while_loop(unfinished, further, start).solution
+
+
+def _solved(
+    product: Callable[[_Parameters], _Parameters], right: _Parameters, trusted: Bool[JaxArray, ""], tolerance: float
+) -> _Parameters:
+    """The solution of a linear system, or NaN: a derivative is right or is not a number.
 
     Args:
         product: of the system's matrix with parameters.
         right: the right-hand side.
+        trusted: where false, the solution is NaN unless the right-hand side is 0.
         tolerance: of the residual, relative to the right-hand side.
     """
     flat, unravel = ravel_pytree(right)
 
     def solve(product: Callable[[JaxArray], JaxArray], right: JaxArray) -> JaxArray:
-        # JAX's GMRES takes vectors shorter than the rounding of 1 for nothing.
         size = jnp.max(jnp.abs(right))
         scale = jnp.where(size > 0, size, 1)
-        with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-            solution, _ = jax.scipy.sparse.linalg.gmres(
-                product, right / scale, tol=tolerance, restart=KRYLOV, maxiter=RESTARTS, solve_method="incremental"
-            )
+        solution = _krylov_solution(product, right / scale, tolerance)
         solution = jnp.where(size == 0, jnp.zeros_like(right), solution * scale)
         error = jnp.linalg.norm((product(solution) - right) / scale)
         solved = error <= LARGEST_SLACK * tolerance * jnp.linalg.norm(right / scale)
-        return jnp.where(solved, solution, jnp.nan)
+        return jnp.where((size == 0) | (trusted & solved), solution, jnp.nan)
 
     # With the same solver for the transposed system, in reverse mode.
     solution: _Parameters = unravel(

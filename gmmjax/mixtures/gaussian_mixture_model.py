@@ -86,18 +86,11 @@ class GaussianMixtureModel(AbstractMixtureModel[GaussianMixture, StandardisedMix
         """See `StandardisedMixture.mixture`."""
         return parameters.mixture(reference)
 
-    def updated(
-        self, mixture: GaussianMixture, sums: Float[Array, "rows f"], at_rest: Bool[Array, ""]
-    ) -> GaussianMixture:
+    def updated(self, mixture: GaussianMixture, sums: Float[Array, "rows f"]) -> GaussianMixture:
         """The joint M-step, or the component-wise sweep, which computes its own E-steps."""
         if self.step == "joint":
             return self.annihilating_maximisation(mixture, sums)
-
-        def sweep() -> GaussianMixture:
-            return component_wise_sweep(mixture, self.chunks, self.prior, self.covariance_type, self.min_components)
-
-        # Not in vain at rest: `cond` skips it outside of `vmap`.
-        return jax.lax.cond(at_rest, lambda: mixture, sweep)
+        return component_wise_sweep(mixture, self.chunks, self.prior, self.covariance_type, self.min_components)
 
 
 def fit_by_annihilation(

@@ -11,12 +11,13 @@ import numpy as np
 from jaxtyping import Array as JaxArray
 from jaxtyping import ArrayLike, Float, Int, PRNGKeyArray
 
-from gmmjax._host import is_traced, to_numpy
+from gmmjax._derivatives import without_derivatives
+from gmmjax._host import check_static, is_traced, to_numpy
 from gmmjax._typing import Array, Scalar
 from gmmjax.errors import ComputationError, InputError, check_choice
-from gmmjax.mixtures.annihilation import NOT_FINITE, Fit, FitSettings, FitStatus, bits_of
+from gmmjax.mixtures.annihilation import NOT_FINITE, Fit, FitSettings, FitStatus, bits_of, failed, is_usable
 from gmmjax.mixtures.checked_points import checked_points, traced_points
-from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES, CovarianceType
+from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES, CovarianceType, parameters_per_component
 from gmmjax.mixtures.criteria import CRITERIA, Criterion, criterion_score, message_length
 from gmmjax.mixtures.expectation_maximisation import expectation_maximisation
 from gmmjax.mixtures.map_fits import RELATIVE_NOISE_FLOOR
@@ -26,6 +27,11 @@ from gmmjax.mixtures.prior import Prior
 from gmmjax.mixtures.seeding import initial_mixture
 from gmmjax.mixtures.standardisation import Standardisation
 from gmmjax.mixtures.weighted_points import WeightedPoints
+
+NO_DERIVATIVES = (
+    "a grid search has no derivatives; take fit_mixture with FitSettings(polish=True), or hide the points from the "
+    "differentiation by jax.lax.stop_gradient"
+)
 
 
 class GridSearch(eqx.Module):
@@ -85,6 +91,7 @@ def grid_search(
         InputError: points that cannot be fitted (see `fit_mixture`), an empty grid, an unknown criterion or type.
         ComputationError: no cell of the grid gave a finite score, and `throw`.
     """
+    check_static(restarts=restarts, components=components)
     check_choice("precision", precision, get_args(Precision))
     _check_grid(components, covariance_types, criterion, restarts)
     traced = is_traced(points, mass, key)
@@ -195,7 +202,7 @@ def _scores(
     def score(fit: Fit) -> JaxArray:
         return criterion_score(criterion, fit.mixture, fit.log_likelihood, observations, covariance_type)
 
-    return jnp.where(fits.result != FitStatus.not_finite, jax.vmap(score)(fits), jnp.inf)
+    return jnp.where(failed(fits.result), jnp.inf, jax.vmap(score)(fits))
 
 
 @functools.partial(jax.jit, static_argnames=("slots", "covariance_type", "settings"))
@@ -223,5 +230,9 @@ def _fit_fixed(
     )
     result = FitStatus.where(end.converged, FitStatus.converged, FitStatus.step_limit)
     result = FitStatus.where(jnp.isfinite(end.log_likelihood), result, FitStatus.not_finite)
+    parameters = parameters_per_component(points.points.shape[1], covariance_type)
+    valid = is_usable(points, points.mass, prior, parameters)
+    result = FitStatus.where(valid, result, FitStatus.invalid_input)
     length = message_length(end.mixture, end.log_likelihood, jnp.sum(points.mass), covariance_type)
-    return Fit(end.mixture, length, end.log_likelihood, end.steps, result, bits_of(length), jnp.zeros_like(length))
+    fit = Fit(end.mixture, length, end.log_likelihood, end.steps, result, bits_of(length), jnp.zeros_like(length))
+    return without_derivatives(fit, points, NO_DERIVATIVES)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array as JaxArray
 from jaxtyping import ArrayLike, Float, PRNGKeyArray
 
-from gmmjax._host import to_numpy
+from gmmjax._host import is_traced, to_numpy
 from gmmjax._programs import kept_jit
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures.annihilation import Fit, FitSettings
@@ -92,6 +92,8 @@ def map_fits(
     Raises:
         InputError: as `fit_mixture`, and says which cloud; a number of starts that does not fit the clouds.
     """
+    if is_traced(clouds, key, prior, starts):
+        raise InputError("map_fits is a host function: call it outside of jit and vmap, where fit_mixture can be used")
     check_restarts(restarts, precision)
     if not len(clouds):
         raise InputError("clouds is empty; give at least one")
@@ -156,11 +158,16 @@ def fit_in_frame(
     settings: FitSettings,
 ) -> Fit:
     """One traced fit, from and to the unit of the points; see `fit_mixture`."""
+    prior, start = jax.tree.map(lambda leaf: _in_dtype(leaf, points.points.dtype), (prior, start))
     frame = Standardisation.of(points)
     in_frame = _prior_in_frame(prior, frame, settings, str(points.points.dtype))
     start = None if start is None else frame.enter_mixture(start)
     fit = _fit(_Task(frame.enter(points), in_frame, start), key, max_components, settings)
     return frame.leave_fit(fit, jnp.sum(points.mass))
+
+
+def _in_dtype(leaf: Any, dtype: Any) -> JaxArray:
+    return jnp.asarray(leaf, None if jnp.issubdtype(jnp.result_type(leaf), jnp.bool_) else dtype)
 
 
 def check_restarts(restarts: int, precision: str) -> None:

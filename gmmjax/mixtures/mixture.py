@@ -126,7 +126,7 @@ class GaussianMixture(eqx.Module):
     def compacted(self, slots: int) -> "GaussianMixture":
         """The mixture in fewer slots, live components first; `slots` must be at least their number."""
         order = jnp.argsort(~jnp.asarray(self.live), stable=True)[:slots]
-        return jax.tree.map(lambda leaf: leaf[order], self)
+        return jax.tree.map(lambda leaf: jnp.asarray(leaf)[order], self)
 
     def live_part(self) -> "GaussianMixture":
         """The mixture without its dead slots. On the host only: the shape depends on the values."""

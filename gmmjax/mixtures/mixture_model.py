@@ -88,13 +88,12 @@ class AbstractMixtureModel(eqx.Module, Generic[Mixture, Standardised]):
         """The mixture that has these parameters in the units of the reference."""
 
     @abc.abstractmethod
-    def updated(self, mixture: Mixture, sums: Float[Array, "rows f"], at_rest: Bool[Array, ""]) -> Mixture:
+    def updated(self, mixture: Mixture, sums: Float[Array, "rows f"]) -> Mixture:
         """The next mixture of annihilation, in which at the most the weakest component dies.
 
         Args:
             mixture: the current mixture.
             sums: of the features, by the E-step of this mixture.
-            at_rest: true where the result will not be used.
         """
 
     def expectation(self, mixture: Mixture) -> tuple[Float[Array, "rows f"], Float[Array, ""]]:

@@ -14,6 +14,8 @@ from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float, Int
 
 from gmmjax._typing import Array
+from gmmjax._varying import varying_as
+from gmmjax.mixtures.fixed_point import fixed_point
 from gmmjax.mixtures.mixture_model import AbstractMixtureModel, Mixture
 
 # The largest change of a parameter at rest, in units of its component: little more than rounding leaves.
@@ -44,9 +46,6 @@ def polished(model: AbstractMixtureModel[Mixture, Any], mixture: Mixture, *, max
         mixture: near the fixed point, such as where annihilation ended.
         max_steps: plain steps at the most.
     """
-    # Optimistix takes a while to import, and most fits do without.
-    from gmmjax.mixtures.fixed_point import fixed_point
-
     held = jax.lax.stop_gradient(model)
     precision = str(jax.tree.leaves(mixture)[0].dtype)
     reference, steps = _settled(held, jax.lax.stop_gradient(mixture), NEAR[precision], max_steps)
@@ -77,7 +76,8 @@ def _settled(
         return (state[1] > near) & (state[2] < max_steps)
 
     infinity = jnp.asarray(jnp.inf, jax.tree.leaves(mixture)[0].dtype)
-    settled, _, steps = jax.lax.while_loop(unsettled, further, (mixture, infinity, jnp.asarray(0, jnp.int32)))
+    start = varying_as((mixture, infinity, jnp.asarray(0, jnp.int32)), model)
+    settled, _, steps = jax.lax.while_loop(unsettled, further, start)
     return settled, steps
 
 

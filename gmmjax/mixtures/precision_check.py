@@ -8,7 +8,7 @@ from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float
 
 from gmmjax._programs import kept_jit
-from gmmjax.mixtures.annihilation import Fit, FitSettings, FitStatus
+from gmmjax.mixtures.annihilation import Fit, FitSettings, failed
 from gmmjax.mixtures.criteria import message_length
 from gmmjax.mixtures.expectation_maximisation import FeatureChunks, expectation
 from gmmjax.mixtures.noise import log_uniform_density
@@ -36,7 +36,7 @@ def scored_in_double(fits: Fit, points: WeightedPoints, settings: FitSettings) -
         likelihoods, lengths = (np.asarray(part) for part in _scores(fits, points, settings=settings))
     error = max(LARGEST_ERROR, LARGEST_RELATIVE_ERROR * points.mass.sum())
     right = (np.abs(lengths - fits.message_length) <= error) & (_thinnest(fits) >= THINNEST)
-    right &= np.asarray(fits.result != FitStatus.not_finite)
+    right &= np.asarray(~failed(fits.result))
     scored = eqx.tree_at(lambda fit: (fit.log_likelihood, fit.message_length), fits, (likelihoods, lengths))
     return scored, right
 

@@ -3,11 +3,13 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from gmmjax._typing import Array, Scalar
 from gmmjax.errors import InputError
 from gmmjax.mixtures.covariance_type import CovarianceType, parameters_per_component
+
+NOT_NEGATIVE = ("noise_floor", "scale", "degrees_of_freedom", "mean_strength", "tolerance", "noise_strength")
 
 
 class Prior(eqx.Module):
@@ -104,6 +106,13 @@ class Prior(eqx.Module):
             noise_strength=self.noise_strength,
         )
 
+    @property
+    def in_domain(self) -> Bool[Array, ""]:
+        """Whether no number is negative that must not be; for traced priors what `check_prior` is for others."""
+        shares = () if self.noise_share is None else (self.noise_share, 1 - self.noise_share)
+        numbers = (*(getattr(self, name) for name in NOT_NEGATIVE), *shares)
+        return jnp.all(jnp.stack([jnp.asarray(number) >= 0 for number in numbers]))
+
     def _mean(self, means: Float[Array, "k d"]) -> Float[Array, "1 d"]:
         return jnp.broadcast_to(jnp.asarray(self.mean, means.dtype), means.shape[1:])[None]
 
@@ -118,7 +127,7 @@ def check_prior(prior: Prior, dimension: int) -> None:
     Raises:
         InputError: a leaf outside of its domain, by name.
     """
-    for name in ("noise_floor", "scale", "degrees_of_freedom", "mean_strength", "tolerance", "noise_strength"):
+    for name in NOT_NEGATIVE:
         value = float(getattr(prior, name))
         if not 0 <= value < float("inf"):
             raise InputError(f"prior.{name}={value:g} must be finite and not negative")

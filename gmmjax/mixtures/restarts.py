@@ -3,19 +3,21 @@
 import logging
 from collections.abc import Callable
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, PRNGKeyArray
 
-from gmmjax._host import is_traced
+from gmmjax._host import check_static, is_traced
 from gmmjax.errors import ComputationError
-from gmmjax.mixtures.annihilation import NOT_FINITE, Fit, FitSettings, FitStatus
+from gmmjax.mixtures.annihilation import NOT_FINITE, Fit, FitSettings, failed
 from gmmjax.mixtures.checked_points import checked_points, traced_points
 from gmmjax.mixtures.map_fits import check_components, check_restarts, fit_in_frame, fits_of
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.parallel import Precision
 from gmmjax.mixtures.prior import Prior
+from gmmjax.mixtures.weighted_points import WeightedPoints
 
 logger = logging.getLogger(__name__)
 
@@ -54,12 +56,15 @@ def fit_restarts(
     Raises:
         InputError: as `fit_mixture`. Failed computations are in `Fit.result`, one per restart.
     """
+    check_static(max_components=max_components, restarts=restarts)
     check_restarts(restarts, precision)
     if is_traced(points, mass, scatter, key, prior, start):
         traced = traced_points(points, mass, scatter)
         check_components(max_components if start is None else len(start.weights), len(traced.points))
-        keys = jax.random.split(key, restarts)
-        return jax.vmap(lambda key: fit_in_frame(traced, key, prior, start, max_components, settings))(keys)
+        # As arrays: a number would be a constant of the program.
+        prior, start = jax.tree.map(jnp.asarray, (prior, start))
+        traced_fits: Fit = _traced_fits(traced, key, prior, start, max_components, restarts, settings)
+        return traced_fits
     checked = checked_points(points, mass, settings.covariance_type, scatter)
     starts = None if start is None else [start]
     of_restarts = [list(jax.random.split(key, restarts))]
@@ -68,6 +73,23 @@ def fit_restarts(
     fits = fits_of([checked], of_restarts, max_components, prior, starts, settings, precision, None, progress)[0]
     counts = np.asarray(fits.mixture.live).sum(axis=1).tolist()
     logger.info("components %s, message lengths %s", counts, np.round(np.asarray(fits.message_length), 1).tolist())
+    return fits
+
+
+@eqx.filter_jit
+def _traced_fits(
+    points: WeightedPoints,
+    key: PRNGKeyArray,
+    prior: Prior | None,
+    start: GaussianMixture | None,
+    max_components: int,
+    restarts: int,
+    settings: FitSettings,
+) -> Fit:
+    """Fits under any transformation; outside of `jit` too they are traced and compiled once."""
+    fits: Fit = jax.vmap(lambda key: fit_in_frame(points, key, prior, start, max_components, settings))(
+        jax.random.split(key, restarts)
+    )
     return fits
 
 
@@ -81,7 +103,7 @@ def best_fit(fits: Fit, *, throw: bool = True) -> Fit:
     Raises:
         ComputationError: no restart gave a finite result.
     """
-    lengths = jnp.where(fits.result != FitStatus.not_finite, jnp.asarray(fits.message_length), jnp.inf)
+    lengths = jnp.where(failed(fits.result), jnp.inf, jnp.asarray(fits.message_length))
     if throw and not is_traced(fits) and not bool(jnp.any(jnp.isfinite(lengths))):
         raise ComputationError(f"none of {len(lengths)} restarts gave a mixture; {NOT_FINITE}")
     best = jnp.argmin(lengths)

@@ -7,6 +7,7 @@ from jaxtyping import Float, PRNGKeyArray
 
 from gmmjax._matrix_products import in_full_precision
 from gmmjax._typing import Array
+from gmmjax._varying import varying_as
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.prior import Prior
 from gmmjax.mixtures.weighted_points import WeightedPoints
@@ -62,5 +63,6 @@ def distinct_seeds(points: WeightedPoints, count: int, key: PRNGKeyArray) -> tup
         return seeds.at[index].set(seed), distinct.at[index].set(jnp.any(odds > 0)), nearest
 
     state = (jnp.zeros((count, coordinates.shape[1]), coordinates.dtype), jnp.zeros(count, bool), jnp.ones_like(mass))
+    state = varying_as(state, coordinates, mass, uniform)
     seeds, distinct, _ = jax.lax.fori_loop(0, count, add_seed, state)
     return seeds, distinct

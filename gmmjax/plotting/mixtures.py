@@ -8,7 +8,7 @@ from jaxtyping import ArrayLike, Float
 
 from gmmjax.clouds import PointCloud, require_array
 from gmmjax.errors import InputError, check_choice
-from gmmjax.mixtures import CRITERIA, Criterion, Fit, FitStatus, GaussianMixture, GridSearch
+from gmmjax.mixtures import CRITERIA, Criterion, Fit, GaussianMixture, GridSearch, failed
 from gmmjax.plotting.cloud_image import CloudImageSettings, Page, cloud_picture, flat_colors
 from gmmjax.plotting.figures import Style, axes_or_new, legend_below, light_frame, verbatim
 from gmmjax.plotting.projection import Direction, Projection
@@ -293,8 +293,8 @@ def _counts_and_lengths(fits: Sequence[Fit]) -> tuple[np.ndarray, np.ndarray]:
     live = [np.asarray(fit.mixture.live) for fit in fits]
     counts = np.concatenate([np.atleast_1d(own.sum(axis=-1)) for own in live] or [np.zeros(0, int)])
     lengths = np.concatenate([np.atleast_1d(np.asarray(fit.message_length, float)) for fit in fits] or [np.zeros(0)])
-    failed = [np.atleast_1d(np.asarray(fit.result == FitStatus.not_finite)) for fit in fits]
-    usable = np.isfinite(lengths) & ~np.concatenate(failed or [np.zeros(0, bool)])
+    lost = [np.atleast_1d(np.asarray(failed(fit.result))) for fit in fits]
+    usable = np.isfinite(lengths) & ~np.concatenate(lost or [np.zeros(0, bool)])
     return counts[usable], lengths[usable]
 
 

@@ -99,7 +99,7 @@ def read_mixture(path: str | os.PathLike[str]) -> GaussianMixture:
 
 
 def _status_name(fit: Fit) -> str:
-    names = ("converged", "step_limit", "not_finite")
+    names = ("converged", "step_limit", "not_finite", "not_at_rest", "invalid_input")
     return next(name for name in names if bool(fit.result == getattr(FitStatus, name)))
 
 

@@ -8,6 +8,7 @@ from jax.custom_batching import custom_vmap
 from jaxtyping import Bool, Float, Int
 
 from gmmjax._typing import Array
+from gmmjax._varying import varying_as
 from gmmjax.native import native_or
 from gmmjax.transport.dual_simplex import dual_simplex
 
@@ -75,7 +76,8 @@ def _native_transport(supply: Array, demand: Array, cost: Array, start: Array, m
         jax.ShapeDtypeStruct((), jnp.int32),
     )
     call = jax.ffi.ffi_call("gmmjax_transport", shapes, vmap_method="expand_dims")
-    return BalancedSolution(*call(supply, demand, cost, start, max_pivots))
+    solved = call(supply, demand, cost, start, max_pivots)
+    return BalancedSolution(*varying_as(tuple(solved), supply, demand, cost, start))
 
 
 def _plain_transport(supply: Array, demand: Array, cost: Array, start: Array, max_pivots: Array) -> BalancedSolution:

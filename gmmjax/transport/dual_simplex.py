@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt32
 
 from gmmjax._typing import Array
+from gmmjax._varying import varying_as
 
 _WORD = 32
 
@@ -239,7 +240,8 @@ def dual_simplex(
         return _stopped(after, after.pivots >= max_pivots)
 
     first = star(supply, demand, pivoting_cost)
-    last = jax.lax.while_loop(unfinished, step, _stopped(first, max_pivots <= 0))
+    first = varying_as(_stopped(first, max_pivots <= 0), supply, demand, cost, start)
+    last = jax.lax.while_loop(unfinished, step, first)
     flows, row_potentials, column_potentials = _basic_solution(last.tree, supply, demand, true_cost)
     plan = jnp.zeros((rows * with_root, lanes), cost.dtype)
     plan = plan.at[last.tree.cells, jnp.arange(lanes)[None]].add(jnp.maximum(flows, 0), unique_indices=True)

@@ -1,9 +1,8 @@
 """The earth mover's distance between two mixtures (thesis 2.2.3)."""
 
-import jax
 import jax.numpy as jnp
 
-from gmmjax._host import is_numpy, to_numpy
+from gmmjax._host import float64_on_host
 from gmmjax._typing import Scalar
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures import GaussianMixture
@@ -53,12 +52,10 @@ def earth_movers_distance(
         ground_cost = GROUND_COSTS[ground_cost]
     if epsilon is not None and solver != "sinkhorn":
         raise InputError('epsilon is of use to solver="sinkhorn" only: leave it out, or choose that solver.')
-    if is_numpy(before, after, epsilon):
-        with jax.enable_x64(True):
-            return to_numpy(_earth_movers_distance(before, after, solver, ground_cost, epsilon))
     return _earth_movers_distance(before, after, solver, ground_cost, epsilon)
 
 
+@float64_on_host
 def _earth_movers_distance(
     before: GaussianMixture, after: GaussianMixture, solver: str, ground_cost: GroundCost, epsilon: Scalar | None
 ) -> TransportResult:

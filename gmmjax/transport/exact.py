@@ -6,8 +6,8 @@ from jaxtyping import Float, Int
 
 from gmmjax._typing import Array
 from gmmjax.transport.balanced import balanced_transport, pivot_limit
-from gmmjax.transport.embedding import Problem, checked
-from gmmjax.transport.result import TransportResult, TransportStatus
+from gmmjax.transport.embedding import checked
+from gmmjax.transport.result import TransportResult, TransportStatus, trusted_cost
 
 
 def exact_transport(
@@ -41,29 +41,33 @@ def exact_transport(
     Returns:
         The result, in double precision if any input is. It is `invalid_input` for masses that are negative and for
         anything that is not finite, `no_mass` when either side is empty, and `pivot_limit` when the pivots did not
-        suffice: then plan and cost are the last ones tried and must not be used.
+        suffice: then the plan is the last one tried and must not be used.
     """
     limit = pivot_limit(*cost.shape) if max_pivots is None else max_pivots
-    problem = checked(mass_before, mass_after, cost)
-    prices = jnp.full_like(problem.mass_after, jnp.inf) if start is None else jnp.asarray(start, problem.cost.dtype)
-    return _solve(problem, prices, jnp.asarray(limit, dtype=jnp.int32))
+    given = jnp.asarray(mass_before), jnp.asarray(mass_after), jnp.asarray(cost)
+    return _solve(given, None if start is None else jnp.asarray(start), jnp.asarray(limit, dtype=jnp.int32))
 
 
 @eqx.filter_jit
-def _solve(problem: Problem, start: Float[Array, " k1"], max_pivots: Int[Array, ""]) -> TransportResult:
+def _solve(
+    given: tuple[Array, Array, Array], start: Float[Array, " k1"] | None, max_pivots: Int[Array, ""]
+) -> TransportResult:
+    problem = checked(*given)
+    start = jnp.full_like(problem.mass_after, jnp.inf) if start is None else start.astype(problem.cost.dtype)
     balanced = problem.with_dummies()
     # The dummy of a surplus has the potential 0, see `Balanced.centred`. Potentials that are not finite are no start.
     prices = jnp.where(jnp.isfinite(start).all(), jnp.append(start, jnp.zeros((), start.dtype)), jnp.inf)
     solved = balanced_transport(balanced.supply, balanced.demand, balanced.cost, prices, max_pivots)
     potentials = balanced.centred(solved.row_potentials, solved.column_potentials)
     plan = solved.plan[:-1, :-1]
+    status = problem.status(solved.optimal, TransportStatus.pivot_limit)
     return TransportResult(
-        cost=problem.per_flow(problem.work(plan, potentials)),
+        cost=trusted_cost(problem.per_flow(problem.work(plan, potentials)), status, given),
         plan=plan,
         potentials=potentials,
         unmatched=(
             problem.mass_before - balanced.supply[:-1] + solved.plan[:-1, -1],
             problem.mass_after - balanced.demand[:-1] + solved.plan[-1, :-1],
         ),
-        result=problem.status(solved.optimal, TransportStatus.pivot_limit),
+        result=status,
     )

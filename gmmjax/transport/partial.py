@@ -6,8 +6,8 @@ from jaxtyping import Float, Int
 
 from gmmjax._typing import Array
 from gmmjax.transport.balanced import balanced_transport, pivot_limit
-from gmmjax.transport.embedding import Problem, checked
-from gmmjax.transport.result import TransportResult, TransportStatus
+from gmmjax.transport.embedding import checked
+from gmmjax.transport.result import TransportResult, TransportStatus, trusted_cost
 
 
 def partial_transport(
@@ -42,13 +42,14 @@ def partial_transport(
         to the costs, the potentials with respect to the masses, all unmatched mass with respect to the penalty.
     """
     limit = pivot_limit(*cost.shape) if max_pivots is None else max_pivots
-    problem = checked(mass_before, mass_after, cost, penalty)
-    price = jnp.where(problem.valid, jnp.asarray(penalty).astype(problem.cost.dtype), 0)
-    return _solve(problem, price, jnp.asarray(limit, dtype=jnp.int32))
+    given = jnp.asarray(mass_before), jnp.asarray(mass_after), jnp.asarray(cost), jnp.asarray(penalty)
+    return _solve(given, jnp.asarray(limit, dtype=jnp.int32))
 
 
 @eqx.filter_jit
-def _solve(problem: Problem, penalty: Float[Array, ""], max_pivots: Int[Array, ""]) -> TransportResult:
+def _solve(given: tuple[Array, Array, Array, Array], max_pivots: Int[Array, ""]) -> TransportResult:
+    problem = checked(*given)
+    penalty = jnp.where(problem.valid, given[3].astype(problem.cost.dtype), 0)
     before, after = problem.mass_before, problem.mass_after
     extended = jnp.pad(problem.cost, ((0, 1), (0, 1)), constant_values=penalty).at[-1, -1].set(0)
     supply, demand = jnp.append(before, after.sum()), jnp.append(after, before.sum())
@@ -60,10 +61,12 @@ def _solve(problem: Problem, penalty: Float[Array, ""], max_pivots: Int[Array, "
         jnp.minimum(solved.column_potentials[:-1] + solved.row_potentials[-1], penalty),
     )
     stays = penalty * (unmatched[0].sum() + unmatched[1].sum())
+    status = problem.status(solved.optimal, TransportStatus.pivot_limit, needs_mass=False)
+    objective = jnp.where(problem.valid, problem.work(plan, potentials) + stays, jnp.inf)
     return TransportResult(
-        cost=jnp.where(problem.valid, problem.work(plan, potentials) + stays, jnp.inf),
+        cost=trusted_cost(objective, status, given),
         plan=plan,
         potentials=potentials,
         unmatched=unmatched,
-        result=problem.status(solved.optimal, TransportStatus.pivot_limit, needs_mass=False),
+        result=status,
     )

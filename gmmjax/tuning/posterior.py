@@ -2,9 +2,12 @@
 
 from typing import NamedTuple
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Float, PRNGKeyArray
 
+from gmmjax._host import check_static
 from gmmjax._typing import Array
 from gmmjax.changes import (
     JointFitSettings,
@@ -62,7 +65,24 @@ def joint_posterior(
         max_components: that annihilation starts from.
         settings: of the fit; without `polish` there are no derivatives.
     """
-    points = jnp.concatenate([jnp.asarray(before), jnp.asarray(after)])
+    check_static(max_components=max_components, volumetric=volumetric)
+    clouds = jnp.asarray(before), jnp.asarray(after)
+    # As arrays: a number would be a constant of the program.
+    prior = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(*clouds)), prior)
+    return _joint_posterior(*clouds, prior, key, volumetric, max_components, settings)
+
+
+@eqx.filter_jit
+def _joint_posterior(
+    before: Float[Array, "n0 d"],
+    after: Float[Array, "n1 d"],
+    prior: Prior,
+    key: PRNGKeyArray,
+    volumetric: bool,
+    max_components: int,
+    settings: FitSettings,
+) -> JointPosterior:
+    points = jnp.concatenate([before, after])
     both = WeightedPoints(points, jnp.ones(len(points), points.dtype))
     frame = Standardisation.of(both)
     source = jnp.concatenate([jnp.zeros(len(before), points.dtype), jnp.ones(len(after), points.dtype)])

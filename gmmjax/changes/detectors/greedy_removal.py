@@ -11,7 +11,9 @@ from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float
 
 from gmmjax import native
+from gmmjax._host import float64_on_host
 from gmmjax._typing import Array
+from gmmjax._varying import varying_as
 from gmmjax.changes.config import Kinds
 from gmmjax.mixtures import GaussianMixture
 from gmmjax.transport import GroundCost, TransportStatus, distance_of_means, exact_transport
@@ -47,6 +49,7 @@ class _State(NamedTuple):
     valid: JaxArray
 
 
+@float64_on_host
 def remove_changed(
     before: GaussianMixture,
     after: GaussianMixture,
@@ -70,14 +73,20 @@ def remove_changed(
         kinds: "appeared", "disappeared" or "both".
         ground_cost: between the components; the thesis's is the distance of the means.
 
+    Returns:
+        The removals; of mixtures of NumPy arrays NumPy's, computed in float64.
+
     Under `vmap` pair follows pair where a compiled kernel solves the transport: none waits for the one with the most
     removals.
     """
-    remove = functools.partial(_removal, kinds=kinds, ground_cost=ground_cost)
-    if native.used():
-        remove = sequential_vmap(remove)
-    removals: Removals = remove(before, after)
+    removals: Removals = _removals(before, after, kinds, ground_cost)
     return removals
+
+
+@eqx.filter_jit
+def _removals(before: GaussianMixture, after: GaussianMixture, kinds: Kinds, ground_cost: GroundCost) -> Removals:
+    remove = functools.partial(_removal, kinds=kinds, ground_cost=ground_cost)
+    return (sequential_vmap(remove) if native.used() else remove)(before, after)
 
 
 def _removal(before: GaussianMixture, after: GaussianMixture, kinds: Kinds, ground_cost: GroundCost) -> Removals:
@@ -114,7 +123,7 @@ def _removal(before: GaussianMixture, after: GaussianMixture, kinds: Kinds, grou
 
     live_before, live_after = jnp.asarray(before.live), jnp.asarray(after.live)
     emd, potentials, valid = distance(live_before, live_after, None)
-    start = _State(live_before, live_after, emd, potentials, jnp.asarray(True), valid)
+    start = varying_as(_State(live_before, live_after, emd, potentials, jnp.asarray(True), valid), before, after)
     end = jax.lax.while_loop(lambda state: state.improved & state.valid, remove_best, start)
     return Removals(live_before & ~end.kept_before, live_after & ~end.kept_after, end.emd, emd, end.valid)
 

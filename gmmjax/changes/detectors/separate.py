@@ -34,7 +34,7 @@ from gmmjax.changes.progress import Clock
 from gmmjax.changes.record import Changes
 from gmmjax.changes.standard_errors import means_of_pairs, standard_error_of_pairs
 from gmmjax.errors import ComputationError
-from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, default_noise_floor, fits_of
+from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, default_noise_floor, failed, fits_of
 from gmmjax.pair import Pair, each
 
 Compared = tuple[Bool[Array, "r0 r1 k0"], Bool[Array, "r0 r1 k1"], Float[Array, "r0 r1"], Bool[Array, "r0 r1"]]
@@ -264,7 +264,7 @@ def _prior(pair: PreparedPair, config: DetectionConfig) -> Prior | None:
 
 
 def _finite(name: str, fits: Fit) -> Fit:
-    finite = np.asarray(fits.result != FitStatus.not_finite)
+    finite = ~np.asarray(failed(fits.result))
     if not finite.any():
         raise ComputationError(f"{name}: no restart gave a mixture; raise noise_floor")
     kept: Fit = jax.tree.map(lambda leaf: leaf[finite], fits)

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float
 
+from gmmjax._host import float64_on_host
 from gmmjax._typing import Array, Scalar
 from gmmjax.mixtures import GaussianMixture
 from gmmjax.transport import GroundCost, TransportStatus, bures_wasserstein_distance, partial_transport
@@ -26,6 +27,7 @@ class Unmatched(eqx.Module):
     valid: Bool[Array, ""]
 
 
+@float64_on_host
 def unmatched_shares(
     before: GaussianMixture,
     after: GaussianMixture,
@@ -47,7 +49,27 @@ def unmatched_shares(
         penalty: in the unit of the means; mass is matched over at most twice this distance. None: 0.4 of the median
             standard deviation of the Gaussians.
         ground_cost: between the components; by default the Bures-Wasserstein distance.
+
+    Returns:
+        The shares; of mixtures of NumPy arrays NumPy's, computed in float64.
     """
+    # As arrays: a number would be a constant of the program.
+    dtype = before.weights.dtype
+    price = None if penalty is None else jnp.asarray(penalty, dtype)
+    own, other = jnp.asarray(points_before, dtype), jnp.asarray(points_after, dtype)
+    unmatched: Unmatched = _unmatched(before, after, own, other, price, ground_cost)
+    return unmatched
+
+
+@eqx.filter_jit
+def _unmatched(
+    before: GaussianMixture,
+    after: GaussianMixture,
+    points_before: Float[Array, ""],
+    points_after: Float[Array, ""],
+    penalty: Float[Array, ""] | None,
+    ground_cost: GroundCost,
+) -> Unmatched:
     cost = ground_cost(before, after)
     masses_before = jnp.asarray(before.weights) * points_before
     masses_after = jnp.asarray(after.weights) * points_after

@@ -25,6 +25,7 @@ from gmmjax.mixtures import (
     GaussianMixture,
     Prior,
     Standardisation,
+    failed,
     map_on_cores,
 )
 from gmmjax.transport import earth_movers_distance
@@ -89,7 +90,7 @@ class JointFits(NamedTuple):
         Raises:
             ComputationError: no restart gave a mixture.
         """
-        finite = np.asarray(status_of(arrays["result"]) != FitStatus.not_finite)
+        finite = ~np.asarray(failed(status_of(arrays["result"])))
         if not finite.any():
             raise ComputationError(f"none of {len(finite)} restarts gave a joint mixture; raise noise_floor")
         kept = {name: values[finite] for name, values in arrays.items()}

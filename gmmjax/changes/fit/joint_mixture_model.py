@@ -130,7 +130,7 @@ class JointMixtureModel(AbstractMixtureModel[JointMixture, StandardisedJointMixt
         shares = jnp.where(mixture.live, parameters.share_after, 0.5)
         return JointMixture(mixture, shares, parameters.noise_weight, self.log_noise)
 
-    def updated(self, mixture: JointMixture, sums: Float[Array, "rows f"], at_rest: Bool[Array, ""]) -> JointMixture:
+    def updated(self, mixture: JointMixture, sums: Float[Array, "rows f"]) -> JointMixture:
         """By the joint M-step."""
         return self.annihilating_maximisation(mixture, sums)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from gmmjax.clouds import atomic_write, load_archive, require_file
 from gmmjax.errors import InputError, one_line, shown
-from gmmjax.mixtures import FitStatus, GaussianMixture, stacked
+from gmmjax.mixtures import FitStatus, GaussianMixture, failed, stacked
 
 Tree = TypeVar("Tree")
 
@@ -174,7 +174,7 @@ def _check_finite(arrays: Mapping[str, np.ndarray], time: str) -> None:
     result = arrays[f"result{time}"]
     if result.min() < 0 or result.max() >= len(FitStatus):  # type: ignore[arg-type]
         raise ValueError(f"result{time} is no status of a fit")
-    fitted = result != status_array(FitStatus.not_finite)
+    fitted = ~np.asarray(failed(status_of(result)))
     for name, values in arrays.items():
         if values.dtype.kind == "f" and not np.isfinite(values[fitted]).all():
             raise ValueError(f"{name} has numbers that are not finite")

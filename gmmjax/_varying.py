@@ -1,0 +1,23 @@
+"""Loops inside `jax.shard_map`: what they start from varies over the mesh as the data do."""
+
+import functools
+import operator
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+_Tree = TypeVar("_Tree")
+
+
+def varying_as(start: _Tree, *data: Any) -> _Tree:
+    """What a loop starts from, of the type that it has after a step on the data.
+
+    A constant is the same on all devices of a mesh, what was computed from data in shards is not, and `jax.shard_map`
+    wants one type of a loop's carry. The values stay: a choice that depends on the data is between two that are equal.
+    """
+    leaves = [leaf for leaf in jax.tree.leaves((start, data)) if eqx.is_inexact_array(leaf) and leaf.size]
+    first = [jnp.isnan(leaf[(0,) * leaf.ndim]) for leaf in leaves]
+    either = functools.reduce(operator.or_, first, jnp.asarray(False))
+    return jax.tree.map(lambda leaf: jnp.where(either, leaf, leaf), start)
