@@ -124,6 +124,7 @@ if TYPE_CHECKING:
     from gmmjax.changes.prepare.separate_clouds import default_components as default_components
     from gmmjax.changes.prepare.separate_clouds import reduced as reduced
     from gmmjax.changes.prepare.units import common_unit as common_unit
+    from gmmjax.changes.prepare.units import in_one_system as in_one_system
     from gmmjax.changes.prepare.units import stated_systems as stated_systems
     from gmmjax.changes.presentation import GivenCloud as GivenCloud
     from gmmjax.changes.presentation import Presented as Presented
