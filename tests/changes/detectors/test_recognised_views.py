@@ -129,6 +129,8 @@ def test_the_camera_of_one_frame_serves_for_the_other_scan_too(frames):
     assert distance_of_box(Pair(known, shaken)) == pytest.approx(NEARER, abs=0.02)
 
 
+# A box before a wall: the frames fit about as well slid along it.
+@pytest.mark.filterwarnings("ignore:the registration is in doubt")
 def test_the_camera_of_the_after_frame_is_placed_by_the_registration(frames):
     motion = rigid_transform(Rotation.from_euler("y", 2, degrees=True).as_matrix(), np.array([0.05, 0.02, 0.03]))
     moved = Pair(frames.before, transformed(frames.after, np.linalg.inv(motion)))
