@@ -125,6 +125,7 @@ if TYPE_CHECKING:
     from gmmjax.changes.prepare.separate_clouds import reduced as reduced
     from gmmjax.changes.prepare.units import check_lengths as check_lengths
     from gmmjax.changes.prepare.units import common_unit as common_unit
+    from gmmjax.changes.prepare.units import in_one_system as in_one_system
     from gmmjax.changes.prepare.units import stated_system as stated_system
     from gmmjax.changes.prepare.units import stated_systems as stated_systems
     from gmmjax.changes.presentation import GivenCloud as GivenCloud

@@ -66,9 +66,9 @@ class DetectionConfig:
             less where there are few points.
         crop: box that the comparison is restricted to: x, y and z of its lower and then of its upper corner. Points
             outside never count as changed. None: everything.
-        registration: "auto" aligns the after cloud to the before cloud where the residual shows that it is needed,
-            "always" whenever a motion can be found, "never" not at all. Of "joint"; the others take the clouds as they
-            are.
+        registration: "auto" aligns the after cloud to the before cloud where the fit shows that it is needed, and by no
+            more than the points' spacing where both files state one coordinate reference system; "always" whenever a
+            motion can be found; "never" not at all. Of "joint"; the others take the clouds as they are.
         tolerance: registration error that the mixture tolerates, standard deviation per axis. None: from the points'
             spacing and the residual of the registration. Of "joint".
         evidence: whether a change of a surface scan must lie where the other scan looked: where its views saw that

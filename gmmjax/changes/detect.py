@@ -9,12 +9,12 @@ from gmmjax.changes.config import DetectionConfig, Method
 from gmmjax.changes.consensus import Consensus
 from gmmjax.changes.detectors import DETECTORS, AbstractRestartDetector, Scan
 from gmmjax.changes.fit.restart_fits import RestartFits
-from gmmjax.changes.prepare.units import common_unit, stated_system, stated_systems
+from gmmjax.changes.prepare.units import common_unit, stated_system
 from gmmjax.changes.progress import Progress, silent
 from gmmjax.changes.record import Changes
 from gmmjax.clouds import PointCloud, SensorViews
 from gmmjax.errors import InputError, recorded_warnings, shown
-from gmmjax.pair import Pair, each
+from gmmjax.pair import Pair
 
 
 def detect_changes(
@@ -133,11 +133,7 @@ def _scans(
     views_before: SensorViews | None,
     views_after: SensorViews | None,
 ) -> Pair[Scan]:
-    clouds, given = Pair(before, after), Pair(views_before, views_after)
-    systems = stated_systems(clouds)
-    return each(
-        lambda cloud, views, crs: Scan(cloud, _views(cloud, views), heights=crs is not None), clouds, given, systems
-    )
+    return Pair(Scan(before, _views(before, views_before)), Scan(after, _views(after, views_after)))
 
 
 def _overridden(config: DetectionConfig, **settings: Any) -> DetectionConfig:

@@ -26,7 +26,8 @@ class Registration:
             surfaces; of volumetric clouds the standard error of the displacement.
         residual_before: the same without the transform; of volumetric clouds the displacement.
         overlap: fraction of the points that have a counterpart in the other cloud, in the cloud where it is less; of
-            volumetric clouds the fraction of the mass whose components agree on the displacement.
+            volumetric clouds the fraction of the mass whose components agree on the displacement, or, where the given
+            frame was judged by that, of the points that are mixed as in two samples of one density.
         confidence: probability that the clouds are registered, by which the probabilities of all changes are
             multiplied.
     """

@@ -24,6 +24,7 @@ from gmmjax.clouds import (
     CroppedCloud,
     Lattice,
     PlacedClouds,
+    PointCloud,
     SensorViews,
     ThinnedCloud,
     read_both,
@@ -99,7 +100,7 @@ def coarse_pass(
     check_same_place(thinned.map(lambda own: own.points), systems)
     # In means of voxels alone there is no density to recognise stations by.
     detector = JointDetector(config, stations=None, resolution=None)
-    scans = each(lambda own, known, crs: Scan(own.points, known, heights=crs is not None), thinned, views, systems)
+    scans = each(lambda own, known, crs: Scan(_stating(own.points, crs), known), thinned, views, systems)
     if config.recognise_stations:
         scans = each(
             lambda scan, own: with_recognised_views(scan, own.points, settings.stations, own.counts), scans, thinned
@@ -111,6 +112,11 @@ def coarse_pass(
             "fewer of their points, without tiles"
         )
     return CoarsePass(detector, inside, stray, thinned, prepared)
+
+
+def _stating(points: Float64[np.ndarray, "n 3"], crs: str | None) -> PointCloud:
+    """The cloud in the reference system that its file states: there it is hardly moved."""
+    return dataclasses.replace(PointCloud.from_rows(points), crs=crs)
 
 
 def _cropped(clouds: Pair[ChunkedCloud], config: DetectionConfig) -> Pair[ChunkedCloud]:

@@ -23,6 +23,7 @@ from gmmjax.changes import (
     common_unit,
     silent,
     stated_system,
+    stated_systems,
 )
 from gmmjax.clouds import ChunkedCloud, PlacedClouds, PointCloud, SensorViews, require_overlap, tree_of
 from gmmjax.errors import InputError, recorded_warnings
@@ -113,7 +114,7 @@ def tiled_changes(
         tiles_of(tree, tile_size, settings.tiles)
         clock.start("tiles", "Sorting the points into blocks", 0.3)
         if max(place.clouds.row_counts) <= coarse.detector.align.resolution.voxels:
-            found = _compared_whole(place.clouds, views, config, disk, clock)
+            found = _compared_whole(place.clouds, stated_systems(clouds), views, config, disk, clock)
         else:
             tiles = Tiles(write_block_store(place.clouds, tree, disk), tile_size, workers, settings.tiles)
             found = fine_pass(coarse, place, tiles, clock, settings)
@@ -136,10 +137,15 @@ def _check(config: DetectionConfig) -> None:
 
 
 def _compared_whole(
-    clouds: PlacedClouds, views: Pair[SensorViews | None], config: DetectionConfig, disk: Path, clock: Clock
+    clouds: PlacedClouds,
+    systems: Pair[str | None],
+    views: Pair[SensorViews | None],
+    config: DetectionConfig,
+    disk: Path,
+    clock: Clock,
 ) -> Comparison:
     """The changes of scans that have no more points than it takes to register them: those that are found in memory."""
-    points = clouds.clouds.map(all_points)
+    points = each(lambda own, crs: dataclasses.replace(all_points(own), crs=crs), clouds.clouds, systems)
     scans = each(Scan, points, views)
     detector = JointDetector(config)
     changes = detector.changes_of(detector.prepared(scans, clock), clock)

@@ -17,6 +17,7 @@ from gmmjax.changes import (
     aligned,
     check_overlap,
     check_pair,
+    in_one_system,
     joint_problem,
     working_pair,
 )
@@ -149,7 +150,13 @@ def ready_pair(pair: ScanPair, config: DetectionConfig, max_points: int, seed: i
         InputError: clouds that cannot be compared, or truth that does not fit them; it names the pair.
     """
     checked, known = _checked(pair, config)
-    placed = aligned(checked.map(lambda cloud: cloud.points), config.registration, config.voxel_size, seed=config.seed)
+    placed = aligned(
+        checked.map(lambda cloud: cloud.points),
+        config.registration,
+        config.voxel_size,
+        one_system=in_one_system(Pair(pair.before, pair.after)),
+        seed=config.seed,
+    )
     check_overlap(checked, placed.registration)
     problem = joint_problem(placed.working, placed.registration, config)
     frame = Standardisation.of(problem.points.points)

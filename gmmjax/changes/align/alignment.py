@@ -1,6 +1,7 @@
 """The stage that brings both clouds into one frame, at one resolution."""
 
 import dataclasses
+import functools
 import logging
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ from gmmjax.changes.align.volumes import VolumeRegistrationSettings, registered_
 from gmmjax.changes.config import RegistrationMode
 from gmmjax.changes.prepare.resolution import ResolutionSettings, WorkingPair, working_pair
 from gmmjax.changes.registration import Registration
+from gmmjax.errors import warn
 from gmmjax.geometry import LocalSurface, transformed
 from gmmjax.pair import Pair, each_on_cores
 
@@ -59,6 +61,7 @@ def aligned(
     mode: RegistrationMode = "auto",
     voxel_size: float | None = None,
     *,
+    one_system: bool = False,
     seed: int = 0,
     settings: AlignSettings = AlignSettings(),
 ) -> AlignedPair:
@@ -72,24 +75,59 @@ def aligned(
         mode: "auto" transforms the after cloud where the fit says that it is needed, "always" whenever a transform
             is found, "never" takes the clouds as they are.
         voxel_size: edge of the voxels that are compared, in the unit of the clouds; None: from the clouds.
+        one_system: whether both files state the same coordinate reference system; "auto" makes no more than a fine
+            correction then.
         seed: of the mixtures that clouds that fill volumes are registered by.
         settings: how to register.
 
     Raises:
         InputError: nothing can be compared, because one cloud is far smaller than the other's resolution.
+
+    Warns:
+        InputWarning: another alignment fits better, but not so much better that the given frame is given up.
     """
     rough = RoughRegistration.none() if mode == "never" else rough_registration(points, settings.surfaces)
+    registered = functools.partial(
+        _aligned_from, points, mode=mode, voxel_size=voxel_size, one_system=one_system, seed=seed, settings=settings
+    )
+    found, declined = registered(rough, only_fine=one_system)
+    # Clouds that fill volumes, but not in the voxels of the rough registration, have none.
+    if rough.moves and (found.working.volumetric or not found.registration.applied):
+        confidence = 1.0 if found.working.volumetric else found.registration.confidence
+        found, _ = registered(RoughRegistration.none(), only_fine=True)
+        confidence = min(confidence, found.registration.confidence)
+        found = found._replace(registration=dataclasses.replace(found.registration, confidence=confidence))
+    if declined is not None:
+        warn(declined)
+    _log(found.working, found.registration)
+    return found
+
+
+def _aligned_from(
+    points: Pair[Float64[np.ndarray, "_ 3"]],
+    rough: RoughRegistration,
+    *,
+    mode: RegistrationMode,
+    voxel_size: float | None,
+    one_system: bool,
+    only_fine: bool,
+    seed: int,
+    settings: AlignSettings,
+) -> tuple[AlignedPair, str | None]:
+    """The clouds aligned from a rough registration, and what was declined."""
+    declined = None
     roughly = Pair(points.before, transformed(points.after, rough.transform)) if rough.moves else points
     pair = working_pair(roughly, voxel_size, settings.resolution)
     surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), pair.clouds)
     if pair.volumetric:
-        registration = registered_volumes(pair, surfaces, mode, seed, settings.volumes)
+        registration = registered_volumes(points, pair, surfaces, mode, seed, settings.volumes)
     else:
-        registration = registered_surfaces(pair.spacing, surfaces, rough, mode, settings.surfaces)
-    _log(pair, registration)
+        registration, declined = registered_surfaces(
+            pair.spacing, surfaces, rough, mode, settings.surfaces, one_system=one_system, only_fine=only_fine
+        )
     if not registration.applied:
-        return AlignedPair(points, pair, surfaces, registration)
-    return _with_transform(points, pair, surfaces, rough, registration)
+        return AlignedPair(points, pair, surfaces, registration), declined
+    return _with_transform(points, pair, surfaces, rough, registration), declined
 
 
 def _log(pair: WorkingPair, registration: Registration) -> None:

@@ -9,6 +9,13 @@ from jaxtyping import Float, Float64, Int
 from gmmjax.geometry import MEAN_NEIGHBOURS, MEDIAN_TO_DEVIATION, PLANE_NEIGHBOURS, LocalSurface, rotated, transformed
 from gmmjax.pair import Pair
 
+# Standard deviations within which 95 % of the offsets are that are noise.
+DETECTION = 1.96
+# Levels of detection beyond which an offset is surely none: three standard deviations.
+CERTAIN = 1.5
+# Spacings that the noise is no smaller than: point-to-plane ICP on points without noise ends some way off.
+FINEST = 0.003
+
 
 @dataclasses.dataclass(frozen=True)
 class FitScoreSettings:
@@ -38,6 +45,8 @@ class SurfaceFit(NamedTuple):
         noise: median of what the scatter about the local planes makes of it.
         contradicted: fraction of the points that the other cloud covers without a counterpart; of the cloud where it is
             more.
+        significance: offset of each point of either cloud's sample, in levels of detection at 95 %; infinite without a
+            counterpart.
     """
 
     score: float
@@ -45,21 +54,39 @@ class SurfaceFit(NamedTuple):
     residual: float
     noise: float
     contradicted: float = 0.0
+    significance: Float[np.ndarray, " n"] = np.zeros(0)
 
     @property
     def consistency(self) -> float:
         """The score among the points in places that both surveys cover."""
         return self.score / max(self.overlap + self.contradicted, np.finfo(np.float64).tiny)
 
+    @property
+    def agreement(self) -> float:
+        """Fraction of the points with a counterpart whose offset is noise: three standard deviations, at most."""
+        paired = np.isfinite(self.significance)
+        return float((self.significance <= CERTAIN).sum() / max(paired.sum(), 1))
+
+    def contradiction(self, other: "SurfaceFit") -> float:
+        """Points that agree by the other transform and not by this one, by those that agree by this one only.
+
+        0: all that fits by the other one fits by this one as well; 1: either explains as much as the other. What agrees
+        by one is no farther than the level of detection, and what does not is surely beyond it.
+        """
+        lost = (other.significance <= 1) & (self.significance > CERTAIN)
+        gained = (other.significance > CERTAIN) & (self.significance <= 1)
+        return float((lost.sum() + 0.5) / (gained.sum() + 0.5))
+
 
 class _OneSidedFit(NamedTuple):
-    """`SurfaceFit` by the points of one cloud; offset and noise of those that overlap."""
+    """`SurfaceFit` by the points of one cloud; offset and noise of those that overlap, significance of all."""
 
     score: float
     overlap: float
     contradicted: float
     offsets: Float[np.ndarray, " m"]
     noise: Float[np.ndarray, " m"]
+    significance: Float[np.ndarray, " n"]
 
 
 def surface_fit(
@@ -83,10 +110,12 @@ def surface_fit(
     score, overlap = min(side.score for side in sides), min(side.overlap for side in sides)
     offsets = np.concatenate([side.offsets for side in sides])
     contradicted = max(side.contradicted for side in sides)
+    significance = np.concatenate([side.significance for side in sides])
     if not len(offsets):
-        return SurfaceFit(score, overlap, float("inf"), float("inf"), contradicted)
+        return SurfaceFit(score, overlap, float("inf"), float("inf"), contradicted, significance)
+    residual = MEDIAN_TO_DEVIATION * float(np.median(offsets))
     noise = float(np.median(np.concatenate([side.noise for side in sides])))
-    return SurfaceFit(score, overlap, MEDIAN_TO_DEVIATION * float(np.median(offsets)), noise, contradicted)
+    return SurfaceFit(score, overlap, residual, noise, contradicted, significance)
 
 
 def _one_sided_fit(
@@ -105,8 +134,9 @@ def _one_sided_fit(
     # Geman and McClure's weight, at half a spacing a quarter; cosines' fourth power falls to a half at 33 degrees.
     scores = overlapping * cosines**4 / (1 + (2 * offsets / spacing) ** 2) ** 2
     noise = np.sqrt(own.variances[chosen, 0] / MEAN_NEIGHBOURS + other.variances[there, 0] / PLANE_NEIGHBOURS)
+    significance = np.where(overlapping, offsets / (DETECTION * np.maximum(noise, FINEST * spacing)), np.inf)
     score, overlap, contradicted = (float(own.mean()) for own in (scores, overlapping, contradicts))
-    return _OneSidedFit(score, overlap, contradicted, offsets[overlapping], noise[overlapping])
+    return _OneSidedFit(score, overlap, contradicted, offsets[overlapping], noise[overlapping], significance)
 
 
 def random_sample(count: int, size: int) -> Int[np.ndarray, " m"]:

@@ -9,6 +9,7 @@ from jaxtyping import Float, Float64
 
 from gmmjax.changes.align.coarse import coarse_transforms, normal_space_sample
 from gmmjax.changes.align.confidence import ConfidenceModel
+from gmmjax.changes.align.mixing import Mixing
 from gmmjax.changes.align.surface_fit import FitScoreSettings, SurfaceFit, random_sample, surface_fit
 from gmmjax.changes.config import RegistrationMode
 from gmmjax.changes.prepare.resolution import ResolutionSettings, working_pair
@@ -61,6 +62,8 @@ class SurfaceRegistrationSettings:
             enough.
         needed: the transform is applied, too, when it lowers the residual to this fraction or raises the overlap by the
             rest, though the score hardly rises. 0: only where the score does.
+        fine_doubt: `ConfidenceModel.doubt` up to which a transform that moves the points by no more than their spacing
+            is applied; one that moves them farther is up to 1.
     """
 
     voxels: int = 8_000
@@ -82,6 +85,7 @@ class SurfaceRegistrationSettings:
     more_consistent: float = 0.02
     least_overlap: float = 0.2
     needed: float = 0.9
+    fine_doubt: float = 2.0
 
 
 class RoughRegistration(NamedTuple):
@@ -106,6 +110,18 @@ class RoughRegistration(NamedTuple):
     def none(cls) -> "RoughRegistration":
         """The frame that the clouds were given in."""
         return cls(np.eye(4), from_given_frame=True, rival=0.0)
+
+
+class SurfaceRegistration(NamedTuple):
+    """The registration of two scans.
+
+    Attributes:
+        registration: the record.
+        declined: what another alignment, which would move the after scan farther, would gain; None: there is none.
+    """
+
+    registration: Registration
+    declined: str | None
 
 
 class _Candidate(NamedTuple):
@@ -145,8 +161,14 @@ def registered_surfaces(
     rough: RoughRegistration,
     mode: RegistrationMode,
     settings: SurfaceRegistrationSettings = SurfaceRegistrationSettings(),
-) -> Registration:
+    *,
+    one_system: bool = False,
+    only_fine: bool = False,
+) -> SurfaceRegistration:
     """ICP at the clouds' own resolution, with "auto" only where it is needed, with "never" not at all.
+
+    With "auto" a transform that moves the points by more than their spacing is a last resort: nearly all that agrees in
+    the given frame must agree by it as well. Where both files state one reference system it is declined.
 
     Args:
         spacing: of the points, in the sparser cloud.
@@ -154,27 +176,62 @@ def registered_surfaces(
         rough: by which it is.
         mode: whether to register.
         settings: how to register.
+        one_system: whether both files state the same coordinate reference system.
+        only_fine: whether no other transform is applied.
     """
     to_given = np.linalg.inv(rough.transform)
-    given = surface_fit(surfaces, to_given, spacing, settings.score)
-    transform, fit, applied = np.eye(4), given, False
-    confidence = ConfidenceModel().of_surfaces(given, 0.0, True)
-    if mode != "never":
-        start = surface_fit(surfaces, np.eye(4), spacing, settings.score) if rough.moves else given
-        refined = _refined(spacing, surfaces, start, rough, settings)
-        confidence = ConfidenceModel().of_surfaces(refined.fit, rough.rival, rough.from_given_frame)
-        applied = mode == "always" or rough.moves or _better(refined.fit, given, settings)
-        if applied:
-            transform, fit = refined.transform, refined.fit
+    points = transformed(surfaces.after.points, to_given)
+    given = _Candidate(np.eye(4), surface_fit(surfaces, to_given, spacing, settings.score), True)
+    model = ConfidenceModel()
+    prior = model.stated if one_system else 1.0
+    if mode == "never":
+        confidence = model.of_surfaces(given.fit, 0.0, True)
+        return SurfaceRegistration(_record(given, given, points, confidence), None)
+    start = surface_fit(surfaces, np.eye(4), spacing, settings.score) if rough.moves else given.fit
+    refined = _refined(spacing, surfaces, start, rough, settings)
+    doubt = model.doubt(refined.fit, given.fit)
+    better = rough.moves or _better(refined.fit, given.fit, settings)
+    moved = _distance(points, refined.transform, given.transform) / spacing
+    far, near = moved > 1, moved <= settings.same_transform
+    possible = doubt < 1 and not only_fine if far else doubt < settings.fine_doubt
+    if mode == "always" or (better and possible):
+        confidence = model.of_surfaces(
+            refined.fit, rough.rival, near, 0.0 if near else min(doubt, 1.0), 1.0 if far else prior
+        )
+        return SurfaceRegistration(_record(refined, given, points, confidence), None)
+    against = 1 / max(doubt, np.finfo(np.float64).tiny) if far else 0.0
+    # The rough registration's rival is one of a transform that is not applied.
+    rival = 0.0 if rough.moves else rough.rival
+    confidence = model.of_surfaces(given.fit if far else refined.fit, rival, True, against, prior)
+    if confidence < 1 and not (far and better):
+        # Of a ball any rotation fits as well: the given frame is none the worse.
+        confidence = max(confidence, Mixing.of(Pair(surfaces.before.points, points)).confidence())
+    declined = _declined(refined, given, points, one_system) if far and better and doubt < settings.fine_doubt else None
+    return SurfaceRegistration(_record(given, given, points, confidence), declined)
+
+
+def _record(used: _Candidate, given: _Candidate, points: Float[np.ndarray, "n 3"], confidence: float) -> Registration:
+    """The record of a candidate; `points` are those of the after cloud as it was given."""
     return Registration.measured(
-        transform,
-        # The centre of the after cloud as it was given.
-        transformed(surfaces.after.points.mean(axis=0, keepdims=True), to_given),
-        applied=applied,
-        residual=fit.residual,
-        residual_before=given.residual,
-        overlap=fit.overlap,
+        used.transform,
+        points.mean(axis=0, keepdims=True),
+        applied=used is not given,
+        residual=used.fit.residual,
+        residual_before=given.fit.residual,
+        overlap=used.fit.overlap,
         confidence=confidence,
+    )
+
+
+def _declined(declined: _Candidate, given: _Candidate, points: Float[np.ndarray, "n 3"], one_system: bool) -> str:
+    """What another alignment would have gained, and how to get it."""
+    by = _record(declined, given, points, 1.0)
+    why = "both files state one reference system" if one_system else "no other alignment fits nearly all that it fits"
+    return (
+        f"the after scan was kept in the frame that it was given in, because {why}. Moved by {by.displacement:.3g} and "
+        f"{by.rotation_degrees:.2g} degrees {declined.fit.agreement:.0%} of the points that overlap would agree within "
+        f"the noise, in place of {given.fit.agreement:.0%}, at a residual of {declined.fit.residual:.3g} in place of "
+        f"{given.fit.residual:.3g}: registration='always' (--registration always) moves it"
     )
 
 

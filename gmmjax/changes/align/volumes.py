@@ -4,9 +4,11 @@ import dataclasses
 
 import jax
 import numpy as np
+from jaxtyping import Float64
 
 from gmmjax.changes.align.component_displacement import DisplacementSettings, consensus_displacement
 from gmmjax.changes.align.confidence import ConfidenceModel
+from gmmjax.changes.align.mixing import Mixing
 from gmmjax.changes.align.surface_fit import random_sample, surface_fit
 from gmmjax.changes.config import RegistrationMode
 from gmmjax.changes.prepare.resolution import WorkingCloud, WorkingPair
@@ -40,6 +42,7 @@ class VolumeRegistrationSettings:
 
 
 def registered_volumes(
+    points: Pair[Float64[np.ndarray, "_ 3"]],
     pair: WorkingPair,
     surfaces: Pair[LocalSurface],
     mode: RegistrationMode,
@@ -48,7 +51,11 @@ def registered_volumes(
 ) -> Registration:
     """The displacement on which most components agree, where it exceeds its standard error; none with "never".
 
+    With "auto" the given frame is kept where it mixes the clouds as well. It is certain where it mixes them as two
+    samples of one density and nothing near it is better, whatever the components say: those of trees agree on nothing.
+
     Args:
+        points: all points of both clouds.
         pair: both clouds at the working resolution.
         surfaces: the same.
         mode: whether to register.
@@ -62,23 +69,30 @@ def registered_volumes(
             np.eye(4), centre, applied=False, residual=0.0, residual_before=fit.residual, overlap=fit.overlap
         )
     mixtures = _mixtures(pair.clouds, seed, settings)
-    points = pair.clouds.map(lambda cloud: float(len(cloud.points)))
+    counts = pair.clouds.map(lambda cloud: float(len(cloud.points)))
     consensus = consensus_displacement(
-        mixtures.before, mixtures.after, points.before, points.after, settings.displacement
+        mixtures.before, mixtures.after, counts.before, counts.after, settings.displacement
     )
+    errors = float(np.linalg.norm(consensus.displacement / consensus.standard_error))
+    transform, mixing = rigid_transform(translation=consensus.displacement), Mixing.of(points)
+    agreed = consensus.share >= settings.least_agreement
+    significant = errors > settings.significant and mixing.better(transform, np.eye(4)) > 0
+    applied = agreed and (mode == "always" or significant)
     judged = min(mixture.live.sum() for mixture in mixtures) >= settings.least_components
     judged &= min(len(cloud.points) for cloud in pair.clouds) >= settings.least_points
-    errors = float(np.linalg.norm(consensus.displacement / consensus.standard_error))
-    agreed = consensus.share >= settings.least_agreement
-    applied = agreed and (mode == "always" or errors > settings.significant)
+    overlap, confidence = consensus.share, ConfidenceModel().of_agreement(consensus.share) if judged else 1.0
+    if not applied:
+        certain = mixing.confidence()
+        if certain >= confidence or (judged and not agreed):
+            overlap, confidence = mixing.share(np.eye(4)), certain
     return Registration.measured(
-        rigid_transform(translation=consensus.displacement if applied else None),
+        transform if applied else np.eye(4),
         centre,
         applied=applied,
         residual=float(np.sqrt((consensus.standard_error**2).mean())) if applied else 0.0,
-        residual_before=float(np.linalg.norm(consensus.displacement)),
-        overlap=consensus.share,
-        confidence=ConfidenceModel().of_agreement(consensus.share) if judged else 1.0,
+        residual_before=float(np.linalg.norm(consensus.displacement)) if agreed else 0.0,
+        overlap=overlap,
+        confidence=confidence,
     )
 
 

@@ -21,6 +21,7 @@ from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.changes.prepare.checking import NAMES, CheckedCloud
 from gmmjax.changes.prepare.local_resolution import LocalResolutionSettings, locally_reduced
 from gmmjax.changes.prepare.resolution import WorkingCloud
+from gmmjax.changes.prepare.units import stated_systems
 from gmmjax.changes.record import Changes
 from gmmjax.changes.signed_distance import OuterSide, PointFigures, SignedDistanceSettings, signed_distances
 from gmmjax.clouds import SensorViews
@@ -126,8 +127,10 @@ class AlignedScans:
         """What tells from which side the surfaces of both scans were seen."""
         if any(views is not None for views in self.sensors):
             return "sensor"
-        heights = any(scan.heights for scan in self.scans) or all(z_is_height(own.points) for own in self.pair.surfaces)
-        return "up" if heights else "unknown"
+        stated = stated_systems(self.scans.map(lambda scan: scan.cloud))
+        if any(stated) or all(z_is_height(surface.points) for surface in self.pair.surfaces):
+            return "up"
+        return "unknown"
 
     @functools.cached_property
     def members(self) -> Pair[Int[np.ndarray, " _"]]:

@@ -21,13 +21,11 @@ class Scan(NamedTuple):
         cloud: coordinates [n, 3], or a `PointCloud`, in any unit.
         views: where the sensor stood, in the frame of the cloud; None: not known.
         recognised: whether nobody has told where it stood, but the cloud itself shows it.
-        heights: whether its file states that z is a height, by a coordinate reference system.
     """
 
     cloud: ArrayLike | PointCloud
     views: SensorViews | None = None
     recognised: bool = False
-    heights: bool = False
 
 
 class Detection(NamedTuple):

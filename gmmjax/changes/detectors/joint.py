@@ -49,6 +49,7 @@ from gmmjax.changes.objects.moved import with_moved
 from gmmjax.changes.prepare.checking import CheckedCloud, CheckSettings, check_not_flat, check_overlap, check_pair
 from gmmjax.changes.prepare.local_resolution import LocalResolutionSettings
 from gmmjax.changes.prepare.resolution import WorkingCloud
+from gmmjax.changes.prepare.units import in_one_system
 from gmmjax.changes.progress import Clock, silent
 from gmmjax.changes.record import Changes
 from gmmjax.changes.registration import Registration
@@ -115,7 +116,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         clock.start("preparation", "Reading the scales of the clouds", 0.0)
         checked = check_pair(scans.map(lambda scan: scan.cloud), self.config.crop, self.prepare)
         clock.start("registration", "Registering the clouds", 0.1)
-        pair = self._aligned(checked)
+        pair = self._aligned(checked, in_one_system(scans.map(lambda scan: scan.cloud)))
         check_not_flat(pair.points, scans.map(lambda scan: scan.cloud), registered=pair.registration.applied)
         problem = joint_problem(pair.working, pair.registration, self.config, self.fit)
         scans = self._with_recognised(scans, pair, checked)
@@ -264,10 +265,17 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
 
         return evident
 
-    def _aligned(self, prepared: Pair[CheckedCloud]) -> AlignedPair:
+    def _aligned(self, prepared: Pair[CheckedCloud], one_system: bool) -> AlignedPair:
         """Both clouds in one frame, with a warning where that is in doubt."""
         config, points = self.config, prepared.map(lambda cloud: cloud.points)
-        pair = aligned(points, config.registration, config.voxel_size, seed=config.seed, settings=self.align)
+        pair = aligned(
+            points,
+            config.registration,
+            config.voxel_size,
+            one_system=one_system,
+            seed=config.seed,
+            settings=self.align,
+        )
         check_overlap(prepared, pair.registration)
         _warn_about_registration(pair.registration)
         return pair

@@ -99,6 +99,16 @@ def stated_systems(clouds: Pair[Any]) -> Pair[str | None]:
     return systems.map(lambda crs: crs if crs is not None and (epsg_code(crs) or is_wkt(crs)) else None)
 
 
+def in_one_system(clouds: Pair[Any]) -> bool:
+    """Whether the files of both clouds state the same coordinate reference system.
+
+    Args:
+        clouds: coordinates, or a cloud, a file or a survey.
+    """
+    systems = stated_systems(clouds)
+    return systems.before is not None and systems.before == systems.after
+
+
 def _stated(cloud: Any, name: str) -> str | None:
     return getattr(cloud, name) if isinstance(cloud, PointCloud | CloudFile | SurveyFiles) else None
 

@@ -4,6 +4,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.align.alignment import aligned
+from gmmjax.errors import InputWarning
 from gmmjax.pair import Pair
 from gmmjax.scenes import random_scene
 from tests.clouds.scanned_room import STATIONS, scan
@@ -166,3 +167,94 @@ def test_volumetric_clouds_that_were_rotated_are_in_doubt():
     result = registered(scene.before, rotated)
     assert not result.applied and result.confidence < 0.1
     assert registered(scene.before, scene.after).confidence > 0.9
+
+
+def ground(seed, mounds, points=837, noise=0.05):
+    """Sparse airborne ground of 35 by 42 m, in a national grid."""
+    random = np.random.default_rng(seed)
+    x, y = random.uniform(0, 35, points), random.uniform(0, 42, points)
+    heights = sum(h * np.exp(-((x - a) ** 2 + (y - b) ** 2) / (2 * w * w)) for a, b, h, w in mounds)
+    return np.column_stack([x, y, heights + random.normal(0, noise, points)]) + np.array([194470, 259220, 425])
+
+
+def reshaped_ground(seed, count=9, **options):
+    """Mounds, and the same after each was pushed by some metres and reshaped."""
+    random = np.random.default_rng(seed)
+    before = [(*random.uniform(3, (32, 39)), random.uniform(1.5, 4), random.uniform(2, 3.5)) for _ in range(count)]
+    after = [(*np.add((a, b), random.normal(0, 1.5, 2)), h * random.uniform(0.7, 1.3), w) for a, b, h, w in before]
+    return ground(2 * seed, before, **options), ground(2 * seed + 1, after, **options)
+
+
+@pytest.mark.filterwarnings("ignore:the after scan was kept")
+@pytest.mark.parametrize("one_system", [False, True])
+@pytest.mark.parametrize("seed", [301, 304, 308, 315])
+def test_reshaped_ground_stays_where_it_is(seed, one_system):
+    """Another alignment that fits some of the mounds better does not fit the others."""
+    result = aligned(Pair(*reshaped_ground(seed)), one_system=one_system).registration
+    assert not result.applied
+    assert result.confidence > 0.7 or not one_system
+
+
+@pytest.mark.filterwarnings("ignore:the after scan was kept")
+@pytest.mark.parametrize(("points", "noise", "count"), [(400, 0.02, 4), (3000, 0.02, 4), (3000, 0.1, 9)])
+def test_ground_of_any_density_stays_where_it_is(points, noise, count):
+    result = registered(*reshaped_ground(1000 + points, count, points=points, noise=noise))
+    assert not result.applied and result.residual == result.residual_before
+
+
+def test_in_one_reference_system_a_far_displacement_is_told_but_not_taken_back():
+    before, after = room(0), room(1) + np.array([0.3, 0.1, 0])
+    with pytest.warns(InputWarning, match=r"both files state one reference system.*--registration always"):
+        kept = aligned(Pair(before, after), one_system=True).registration
+    assert not kept.applied and kept.confidence < 0.1
+    moved = aligned(Pair(before, after), "always", one_system=True).registration
+    assert moved.applied and moved.displacement == pytest.approx(np.hypot(0.3, 0.1), abs=0.01)
+
+
+def test_in_one_reference_system_a_fine_correction_is_made():
+    result = aligned(Pair(room(0), room(1) + np.array([0.01, 0.0, 0.01])), one_system=True).registration
+    assert result.applied and result.displacement == pytest.approx(np.sqrt(2) * 0.01, abs=0.003)
+    assert result.confidence == 1
+
+
+def trees(seed, shift=0.0):
+    """Crowns of 3 m, which fill volumes, over ground of 30 m; other points of the same trees for each seed."""
+    random, places = np.random.default_rng(seed), np.random.default_rng(9)
+    crowns = []
+    for x, y in places.uniform(0, 30, (20, 2)):
+        inside = random.normal(size=(120, 3))
+        inside *= random.random((120, 1)) ** 0.25 / np.linalg.norm(inside, axis=1, keepdims=True)
+        crowns.append(inside * [2, 2, 4] + [x, y, 9])
+    floor = np.column_stack([random.uniform(0, 30, (1000, 2)), random.normal(0, 0.05, 1000)])
+    return np.concatenate([*crowns, floor]) + np.array([shift, 0, 0])
+
+
+def of_itself():
+    random = np.random.default_rng(0)
+    sphere = random.normal(size=(2000, 3))
+    flat = np.column_stack([random.uniform(0, 2, (1000, 2)), np.zeros(1000)])
+    return {
+        "room": room(0, points=2000),
+        "plane": flat + 0.003 * random.normal(size=(1000, 1)) * [0, 0, 1],
+        "flat": flat,
+        "lattice": np.stack(np.meshgrid(np.arange(30.0), np.arange(30.0), [0.0]), axis=-1).reshape(-1, 3),
+        "sphere": sphere / np.linalg.norm(sphere, axis=1, keepdims=True),
+        "twice each": np.repeat(room(0, points=500), 2, axis=0),
+        "tiny": random.normal(size=(15, 3)),
+        "volume": random.normal(size=(1200, 3)),
+        "trees": trees(0),
+    }
+
+
+@pytest.mark.parametrize("kind", of_itself())
+def test_a_cloud_with_itself_is_certain(kind):
+    cloud = of_itself()[kind]
+    result = registered(cloud, cloud.copy())
+    assert not result.applied and result.confidence == 1
+
+
+def test_another_survey_of_trees_is_certain_and_a_displaced_one_is_in_doubt():
+    """Hardly any of their components agree, but points of both surveys are mixed everywhere."""
+    same, displaced = registered(trees(0), trees(1)), registered(trees(0), trees(1, shift=1.5))
+    assert not same.applied and same.confidence == 1 and same.overlap > 0.9
+    assert displaced.confidence < 0.5

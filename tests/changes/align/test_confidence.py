@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from gmmjax.changes.align.confidence import ConfidenceModel
@@ -14,3 +15,16 @@ def test_confidence_falls_with_everything_that_speaks_against_a_transform():
     # Along a plane any transform fits as well as the frame that the clouds were given in.
     assert model.of_surfaces(good, 1.0, True) > 0.95
     assert model.of_surfaces(SurfaceFit(0.0, 0.0, float("inf"), float("inf")), 0.0, True) == 0
+
+
+def test_a_transform_that_loses_what_agreed_is_contradicted():
+    model = ConfidenceModel()
+    given = SurfaceFit(0.6, 1.0, 0.1, 0.1, significance=np.repeat([0.5, 3.0], [60, 40]))
+    other = given._replace(significance=np.repeat([3.0, 0.5, 3.0], [20, 60, 20]))
+    nearly_all = given._replace(significance=np.repeat([3.0, 0.5], [1, 99]))
+    assert other.agreement == pytest.approx(0.6)
+    assert other.contradiction(given) == pytest.approx(20.5 / 20.5)
+    assert model.doubt(other, given) > 1 > model.doubt(nearly_all, given)
+    assert model.of_surfaces(other, 0.0, False, model.doubt(other, given)) < 0.1
+    stated = model.of_surfaces(given, 0.0, True, 1.0, model.stated)
+    assert stated > 0.95 > 0.6 > model.of_surfaces(given, 0.0, True, 1.0)
