@@ -48,6 +48,8 @@ def _doubted(trusted: Bool[Array, ""], tangent: Array) -> Array:
         del product
         return jnp.where(trusted | (tangent == 0), jnp.zeros_like(tangent), jnp.nan)
 
+    # Inside `jax.shard_map` what solves takes tangents that vary over the mesh as the choice does.
+    tangent = jnp.where(trusted, tangent, tangent)
     # Of JAX's linear operations the one whose value and transpose can be any.
     return jax.lax.custom_linear_solve(lambda own: own, tangent, nan_or_zero, transpose_solve=nan_or_zero)
 

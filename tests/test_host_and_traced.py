@@ -149,6 +149,21 @@ def test_shard_map_with_its_checks_equals_vmap(float64, function):
         np.testing.assert_allclose(np.asarray(own, float), np.asarray(wanted, float), rtol=1e-6, atol=1e-8)
 
 
+@pytest.mark.parametrize("solve", [exact_transport, sinkhorn])
+def test_shard_map_differentiates_by_what_all_shards_share(float64, solve):
+    """As of many pairs with one prior."""
+    lanes, shared = jax.sharding.PartitionSpec("lanes"), jax.sharding.PartitionSpec()
+    mesh = jax.sharding.Mesh(np.array(jax.devices()[:1]), ("lanes",))
+    masses = jnp.stack([MASSES, MASSES[::-1]])
+
+    def costs(masses, cost):
+        return jax.vmap(lambda own: solve(own, own[::-1], cost).cost)(masses)
+
+    sharded = jax.shard_map(costs, mesh=mesh, in_specs=(lanes, shared), out_specs=lanes)
+    found, expected = (jax.jit(jax.grad(lambda cost, of=of: of(masses, cost).sum()))(COST) for of in (sharded, costs))
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
+
+
 def test_functions_that_are_not_compiled_by_the_user_are_traced_once(monkeypatch):
     """The second call of each runs the program of the first."""
     from gmmjax.mixtures import restarts

@@ -20,13 +20,18 @@ def require_array(values: object, name: str) -> None:
         InputError: a text, a path, several of them, or an object that has points.
     """
     first = values[0] if isinstance(values, list | tuple) and values else values
+    if isinstance(values, np.ndarray) and values.dtype.kind in "US" and values.size:
+        first = values.flat[0].item()
     if isinstance(first, str | bytes | os.PathLike):
         raise InputError(
             f"{name}: is {shown(os.fspath(first))}, which is no array of points; read a file with "
             "gmmjax.read_cloud(path), the files of one survey with gmmjax.read_survey(paths)"
         )
-    if hasattr(values, "points"):
-        raise InputError(f"{name}: is a {type(values).__name__}, which is no array; give its attribute points")
+    if isinstance(values, list | tuple) and hasattr(first, "points"):
+        raise InputError(f"{name}: is a list of clouds; give one, such as of gmmjax.read_survey(paths)")
+    for attribute in ("points", "vertices"):
+        if hasattr(values, attribute):
+            raise InputError(f"{name}: is a {type(values).__name__}, which is no array; give its attribute {attribute}")
 
 
 def as_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray, "n 3"]:
@@ -43,6 +48,9 @@ def as_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray
         InputError: not real numbers, or not [N, 3].
     """
     require_array(points, name)
+    if isinstance(points, np.ma.MaskedArray):
+        # What is masked has no position.
+        points = points.astype(np.float64).filled(np.nan)
     try:
         array = np.asarray(points)
     except (ValueError, TypeError) as error:
@@ -50,6 +58,8 @@ def as_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray
             f"{name}: cannot be made an array [N, 3] ({error}); give three numbers for each point"
         ) from error
     if array.dtype.kind not in "fiu" and array.size:
+        if array.ndim < 2:
+            raise InputError(f"{name}: is {shown(points)}, not an array [N, 3]; give three numbers for each point")
         raise InputError(f"{name}: must be real numbers, not {array.dtype}; convert them with astype(float)")
     if array.ndim != 2 or array.shape[1] != 3:
         hint = "; transpose it" if array.ndim == 2 and array.shape[0] == 3 else ""

@@ -24,7 +24,7 @@ from gmmjax.clouds.las_header import (
 from gmmjax.clouds.records import stored_records
 from gmmjax.clouds.reference_system import GEOTIFF_TEXTS, ReferenceSystem, of_geotiff_keys, of_wkt
 from gmmjax.clouds.source_file import SourceFile
-from gmmjax.errors import InputError, one_line
+from gmmjax.errors import InputError, one_line, warn
 
 # Points a second that the slowest machine decompresses; it is killed where it takes longer.
 SLOWEST = 50_000
@@ -77,6 +77,9 @@ def open_las(path: str | os.PathLike[str]) -> LasFile:
 
     Raises:
         InputError: the file cannot be read, is damaged or cut off.
+
+    Warns:
+        InputWarning: heights in another unit than x and y.
     """
     file = require_file(path)
     source = SourceFile.of(file)
@@ -86,6 +89,11 @@ def open_las(path: str | os.PathLike[str]) -> LasFile:
             system = _reference_system(stream, header, source.size, file)
     except (OSError, MemoryError) as error:
         raise InputError(f"{file}: cannot be read ({error!r}); copy it to a local disk and try again") from error
+    if system.heights is not None:
+        warn(
+            f"{file}: states heights in {system.heights}, and x and y in another unit: distances and volumes would mix "
+            "both; convert the heights to the unit of x and y"
+        )
     return LasFile(
         path=file,
         source=source,

@@ -15,7 +15,7 @@ from gmmjax.clouds.ply import open_ply
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.clouds.source_file import SourceFile
 from gmmjax.clouds.text import read_text
-from gmmjax.errors import InputError
+from gmmjax.errors import InputError, shown
 
 logger = logging.getLogger(__name__)
 
@@ -45,6 +45,8 @@ def open_cloud(path: str | os.PathLike[str]) -> CloudFile:
         InputError: the file is missing, damaged, cut off, of an unknown format or without points; the message has the
             file's name, the cause and the remedy. What is damaged behind the header is found when it is read.
     """
+    if isinstance(path, list | tuple):
+        raise InputError(f"{shown(path)}: are several files; read those of one survey with gmmjax.read_survey(paths)")
     file = require_file(path)
     reader = READERS.get(file.suffix.lower())
     if reader is None:

@@ -31,7 +31,7 @@ GEOGRAPHIC = ("GEOGCS", "GEOGCRS", "GEOGRAPHICCRS")
 GEODETIC = ("GEOCCS", "GEODCRS", "GEODETICCRS")
 VERTICAL = ("VERT_CS", "VERTCRS", "VERTICALCRS")
 LOCAL = ("LOCAL_CS", "ENGCRS", "ENGINEERINGCRS")
-SYSTEMS = PROJECTED + GEOGRAPHIC + GEODETIC
+SYSTEMS = (*PROJECTED, *GEOGRAPHIC, *GEODETIC, "BOUNDCRS")
 UNITS = ("UNIT", "LENGTHUNIT", "ANGLEUNIT")
 TOKEN = re.compile(r'"(?:[^"]|"")*"|[\[\](),]|[^\s\[\](),"]+')
 DEEPEST = 50
@@ -47,10 +47,12 @@ class ReferenceSystem:
             heights are in.
         crs: of the horizontal coordinates, as "EPSG:25832", else as WKT, or what GeoTIFF keys call it that describe it
             by parameters; None where it is not stated.
+        heights: the unit of the heights, where that is another one than of x and y.
     """
 
     unit: str | None = None
     crs: str | None = None
+    heights: str | None = None
 
 
 def epsg_code(crs: str | None) -> str | None:
@@ -92,8 +94,9 @@ def of_geotiff_keys(directory: bytes, texts: bytes = b"") -> ReferenceSystem:
     if model == GEOGRAPHIC_MODEL:
         return ReferenceSystem(DEGREE if keys.get(ANGULAR_UNIT, DEGREE_CODE) == DEGREE_CODE else ANGLE, crs)
     units = [UNIT_CODES.get(keys[key]) for key in (PROJECTED_UNIT, VERTICAL_UNIT) if key in keys]
-    stated = PROJECTED_UNIT in keys and len(set(units)) == 1
-    return ReferenceSystem(units[0] if stated else None, crs)
+    if PROJECTED_UNIT not in keys:
+        return ReferenceSystem(None, crs)
+    return ReferenceSystem(units[0], crs) if len(set(units)) == 1 else ReferenceSystem(None, crs, units[1])
 
 
 def of_wkt(text: str) -> ReferenceSystem:
@@ -107,13 +110,18 @@ def of_wkt(text: str) -> ReferenceSystem:
     height = next((node for node in nodes if node.name in VERTICAL), None)
     if flat is None:
         return ReferenceSystem()
-    crs = flat.epsg() or (None if flat.name in LOCAL else flat.text)
+    # With the shift of its datum, which is around it.
+    bound = [node for node in nodes if node.name == "BOUNDCRS"]
+    whole = next((node for node in bound if any(own is flat for own in node.walk())), flat)
+    crs = flat.epsg() or (None if flat.name in LOCAL else whole.text)
     unit = flat.unit()
     if unit in ANGLES:
         return ReferenceSystem(unit, crs)
     if flat.name in GEOGRAPHIC or (unit is None and flat.name in GEODETIC):
         return ReferenceSystem(ANGLE, crs)
-    return ReferenceSystem(unit if height is None or height.unit() == unit else None, crs)
+    if height is None or height.unit() == unit:
+        return ReferenceSystem(unit, crs)
+    return ReferenceSystem(None, crs, height.unit() if unit is not None else None)
 
 
 @dataclass

@@ -195,26 +195,27 @@ class SurveyFiles:
         return None
 
 
-def open_survey(paths: Sequence[str | os.PathLike[str]]) -> SurveyFiles:
+def open_survey(paths: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> SurveyFiles:
     """The scans of one survey, opened as `open_cloud` does.
 
     Args:
-        paths: of the files; they are in one frame and one unit.
+        paths: of the files, or of the only one; they are in one frame and one unit.
 
     Raises:
         InputError: as `open_cloud`; no file, one that is given twice, or files that state two units or reference
             systems.
     """
-    return SurveyFiles(tuple(open_cloud(path) for path in paths))
+    several = [paths] if isinstance(paths, str | os.PathLike) else paths
+    return SurveyFiles(tuple(open_cloud(path) for path in several))
 
 
-def read_survey(paths: Sequence[str | os.PathLike[str]]) -> PointCloud:
+def read_survey(paths: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> PointCloud:
     """The scans of one survey as one cloud, read as `read_cloud` does; its rows are those of the files in their order.
 
     Each scan of a result of it is written by itself. `PointCloud.by_file` gives the points of each file.
 
     Args:
-        paths: of the files; they are in one frame and one unit.
+        paths: of the files, or of the only one; they are in one frame and one unit.
 
     Returns:
         The cloud; where there is one file, as `read_cloud`. It has views where all files say where the scanner stood.

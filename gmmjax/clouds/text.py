@@ -35,8 +35,8 @@ COUNT_LINE = re.compile(rb"\n[ \t]*(\d{1,18})[ \t]*(?=\n|\Z)")
 GRID = re.compile(rb"\s*ncols\s+\d+\s+nrows\s", re.IGNORECASE)
 # A number such as 1,234 is one with a decimal comma, or one of thousands.
 MAY_BE_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
-# NaN as C libraries write it; an empty cell is NaN, too.
-MISSING = ["", "-nan", "-nan(ind)", "nan(ind)", "-NaN"]
+# NaN as C libraries and data frames write it; an empty cell is NaN, too.
+MISSING = ["", "-nan", "-nan(ind)", "nan(ind)", "-NaN", "NA", "N/A", "NULL", "null", "None"]
 # Numbers of returns, and most classes, do not exceed it in any row; each channel of a scan's colours does, or is 0.
 DARK = 7
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from gmmjax.clouds.columns import AXES, canonical_names
 from gmmjax.clouds.number_table import is_number
-from gmmjax.errors import InputError, shown
+from gmmjax.errors import InputError, shown, warn
 
 # A semicolon starts a remark only above the rows: it may separate cells, the first of which is empty.
 REMARK = re.compile(r"(?:#|//|%|;(?=[^;]*$))[#/%\s]*")
@@ -71,8 +71,14 @@ def parse_head(text: bytes, source: str) -> TextHead:
             counts.append(line._replace(content=words[0]))
         elif _has_axes(words) or not (any(map(is_number, words)) or (header and _has_axes(_words(header.content)))):
             header = line
-        else:
+        elif row is None and words == [str(place) for place in range(max(len(words), 3))]:
+            # Numbers of columns, as data frames write them, or a point: the next line tells.
             row = line
+        else:
+            if row is not None and not all(word.isdigit() for word in words):
+                warn(f"{source}: line {row.number} has the numbers of the columns, as of a data frame, and is no point")
+                row = None
+            row = row or line
             break
     if len(counts) > 1 and int(counts[0].content):
         raise InputError(

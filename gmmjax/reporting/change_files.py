@@ -81,9 +81,8 @@ def _in_degrees(path: Path, outlines: list[np.ndarray], crs: str) -> list[np.nda
     degrees = longitude_latitude(np.concatenate([np.empty((0, 2)), *outlines]), crs)
     if degrees is None:
         warn(
-            f"{path.name}: the coordinates are those of the scans, in {system_name(crs)}, and no degrees, for which "
-            "programs take them that do not know its member crs; with pip install 'gmmjax[map]' they are converted to "
-            "longitude and latitude, where the system is a map projection that PROJ knows"
+            f"{path.name} is in {system_name(crs)}, not in degrees: programs that ignore its member crs will misplace "
+            "it. pip install 'gmmjax[map]' converts map projections that PROJ knows to longitude and latitude"
         )
         return None
     ends = np.cumsum([len(outline) for outline in outlines])

@@ -195,10 +195,14 @@ def volumes_text(changes: Changes) -> str | None:
 def _why_unsigned(changes: Changes) -> str:
     """Why volumes have no sign, and the remedy, in sentences."""
     if changes.diagnostics.get("outer_side") == "up":
-        why = "Of walls and ceilings height does not tell which side is free"
-    else:
-        why = "Nothing tells from which side the surfaces were seen, so gain and loss are not told apart"
-    return f"{why}: give the sensor's position (--sensor-before X Y Z; for scans from the air a point high above)."
+        return (
+            "Of walls and ceilings height does not tell on which side the free space is: give the sensor's position "
+            "(--sensor-before X Y Z)."
+        )
+    return (
+        "Of these, nothing tells from which side the surfaces were seen: give the sensor's position (--sensor-before X "
+        "Y Z; for scans from the air a point high above, for a depth frame --sensor-at-origin)."
+    )
 
 
 def registration_text(changes: Changes) -> str | None:
@@ -210,6 +214,8 @@ def registration_text(changes: Changes) -> str | None:
     if registration.applied:
         moved = metric_text((registration.displacement,), unit)
         parts = [f"The after {what} was moved by {moved} and {degrees_text(registration.rotation_degrees)}"]
+    elif registration.in_doubt and changes.config.registration != "never":
+        parts = [f"The after {what} was kept in the frame that it was given in"]
     elif changes.config.registration == "never":
         parts = [f"The {what}s were compared as they are, without registration"]
     else:
@@ -247,7 +253,9 @@ def _how_to_give_poses(changes: Changes, missing: list[str]) -> str:
     """The options that give the poses of these sides, in a sentence."""
     options = " or ".join(option for side in missing for option in (f"--sensor-{side} X Y Z", f"--views-{side} FILE"))
     if len(missing) == 2:
-        options = "--sensor-at-origin, --sensor-before X Y Z or --views-before FILE (likewise for after)"
+        # What lies below the origin is no depth frame.
+        at_origin = "" if changes.diagnostics.get("outer_side") == "up" else "--sensor-at-origin, "
+        options = f"{at_origin}--sensor-before X Y Z or --views-before FILE (likewise for after)"
     return f"Give the sensor's position with {options}."
 
 

@@ -94,6 +94,26 @@ def test_geotiff_keys(directory, unit, crs):
     assert (found.unit, found.crs) == (unit, crs)
 
 
+@pytest.mark.parametrize(
+    ("found", "heights"),
+    [
+        (of_wkt(f'COMPD_CS["both",{ALBERS},{HEIGHT}]'), "ftUS"),
+        (of_wkt(f'COMPD_CS["both",{ALBERS},{HEIGHT.replace("0.304800609601219", "1")}]'), None),
+        (of_geotiff_keys(keys(PROJECTED, (3072, 0, 1, 25832), METRES, (4099, 0, 1, 9002))), "ft"),
+        (of_geotiff_keys(keys(PROJECTED, (3072, 0, 1, 25832), METRES, (4099, 0, 1, 9001))), None),
+    ],
+)
+def test_heights_in_another_unit_are_told(found, heights):
+    assert found.heights == heights
+    assert (found.unit is None) == (heights is not None)
+
+
+def test_the_shift_of_a_datum_is_kept_with_the_system():
+    shifted = f'BOUNDCRS[SOURCECRS[{UTM_2}],TARGETCRS[GEOGCRS["WGS 84",{BASE_2}]],ABRIDGEDTRANSFORMATION["shift"]]'
+    assert of_wkt(shifted).crs == shifted and of_wkt(shifted).unit == "m" and is_wkt(shifted)
+    assert of_wkt(f'COMPOUNDCRS["both",{shifted},{HEIGHT}]').crs == shifted
+
+
 def test_wkt_in_a_name_of_geotiff_keys():
     """As ArcGIS writes systems without a code."""
     text = f"ESRI PE String = {ALBERS}|".encode()

@@ -266,3 +266,19 @@ def test_colours_of_16_bits(write_file, values):
     for head in ('"X","Y","Z","Red","Green","Blue"\n', ""):
         cloud = read_cloud(write_file("a.csv", f"{head}1.0,2.0,3.0,{values}\n".encode()))
         assert cloud.colors.tolist() == [[162, 159, 2]]
+
+
+@pytest.mark.parametrize("separator", [",", " "])
+def test_numbers_of_columns_are_no_point(write_file, separator):
+    """As `DataFrame(points).to_csv(index=False)` writes them; whole coordinates may be those of a point."""
+    text = "0,1,2\n1.5,2,3\n4,5,6\n".replace(",", separator).encode()
+    with pytest.warns(InputWarning, match="line 1 has the numbers of the columns, as of a data frame, and is no point"):
+        assert read_cloud(write_file("a.csv", text)).points.tolist() == [[1.5, 2, 3], [4, 5, 6]]
+    whole = read_cloud(write_file("a.csv", text.replace(b"1.5", b"1")))
+    assert whole.points.tolist() == [[0, 1, 2], [1, 2, 3], [4, 5, 6]]
+
+
+@pytest.mark.parametrize("missing", ["NA", "NULL", "N/A"])
+def test_what_data_frames_write_for_nothing_is_nan(write_file, missing):
+    cloud = read_cloud(write_file("a.csv", f"x,y,z,intensity\n1,2,3,{missing}\n4,5,6,7\n".encode()))
+    np.testing.assert_array_equal(cloud.fields["intensity"], [np.nan, 7])

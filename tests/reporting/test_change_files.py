@@ -89,7 +89,7 @@ def test_axes_that_point_south_and_west(pair, tmp_path):
 def test_without_rasterio_the_map_says_what_it_is_in(pair, tmp_path, monkeypatch, crs, name):
     monkeypatch.setitem(sys.modules, "rasterio.warp", None)
     changes = surveyed(pair[2], crs)
-    with pytest.warns(InputWarning, match=r"a\.geojson: .* no degrees.*gmmjax\[map\]"):
+    with pytest.warns(InputWarning, match=r"a\.geojson is in .*, not in degrees.*gmmjax\[map\]"):
         content = written_map(changes, tmp_path)
     assert content["crs"]["properties"]["name"].startswith(name)
     np.testing.assert_array_equal(
@@ -100,7 +100,7 @@ def test_without_rasterio_the_map_says_what_it_is_in(pair, tmp_path, monkeypatch
 @pytest.mark.parametrize("crs", ["EPSG:4978", "EPSG:999999", "a name"])
 def test_what_is_no_map_projection_is_not_converted(pair, tmp_path, crs):
     pytest.importorskip("rasterio")
-    with pytest.warns(InputWarning, match=f"in {crs}, and no degrees"):
+    with pytest.warns(InputWarning, match=f"in {crs}, not in degrees"):
         assert "crs" in written_map(surveyed(pair[2], crs), tmp_path)
 
 

@@ -102,14 +102,16 @@ def test_a_volume_without_a_known_side_has_no_sign_and_the_sentence_says_why(pai
     record = dataclasses.replace(pair[2], items=(either,), unit="m", diagnostics={"outer_side": "unknown"})
     assert [row.volume for row in object_rows(record)] == ["17.3 ± 0.4 m³"]
     text = volumes_text(record)
-    assert text.startswith("Volume: 17.3 ± 0.4 m³ gained or lost (95 % interval). Nothing tells from which side")
+    assert text.startswith(
+        "Volume: 17.3 ± 0.4 m³ gained or lost (95 % interval). Of these, nothing tells from which side"
+    )
     assert "--sensor-before X Y Z" in text and "point high above" in text
     on_wall = dataclasses.replace(
         record, items=(either, measured(items[1], 2.0, 0.4, "gain")), diagnostics={"outer_side": "up"}
     )
     text = volumes_text(on_wall)
     assert "2.0 ± 0.4 m³ gained, 17.3 ± 0.4 m³ gained or lost (95 % intervals; z taken for the height)" in text
-    assert "walls and ceilings" in text and "net" not in text
+    assert "Of walls and ceilings" in text and "net" not in text
 
 
 def test_all_volumes_have_one_unit(pair):
@@ -181,7 +183,7 @@ def test_the_registration_is_told_in_words(pair):
     )
     doubtful = dataclasses.replace(record, applied=False, transform=np.eye(4), confidence=0.4)
     assert registration_text(dataclasses.replace(pair[2], registration=doubtful, unit="mm")) == (
-        "The scans needed no registration; residual 0.0013 mm; overlap 96 %; confidence 40 %."
+        "The after scan was kept in the frame that it was given in; residual 0.0013 mm; overlap 96 %; confidence 40 %."
     )
     config = dataclasses.replace(pair[2].config, registration="never")
     assert registration_text(dataclasses.replace(pair[2], registration=doubtful, config=config)) == (

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from gmmjax.errors import InputError
+from gmmjax.mixtures import FitSettings, Prior, fit_mixture
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.transport import bures_wasserstein, earth_movers_distance, exact_transport
+from tests.differences import along, assert_derivatives
 from tests.transport.problems import peer_distance
 
 
@@ -93,3 +95,40 @@ def test_unusable_settings_name_the_choices(settings, message):
 def test_different_dimensions_are_refused():
     with pytest.raises(InputError, match="dimension 3 and after has dimension 2"):
         earth_movers_distance(random_mixture(7), random_mixture(8, dimension=2))
+
+
+@pytest.mark.usefixtures("float64")
+@pytest.mark.parametrize("solver", ["exact", "sinkhorn"])
+def test_gradient_through_two_fits_equals_central_differences(solver):
+    """By the prior's noise floor and concentration, and by the points; dead slots and unequal numbers among them."""
+    rng = np.random.default_rng(5)
+    places = np.array([[0, 0], [3, 0], [0, 3], [3.4, 2.6]])
+    # Of no equal sizes: where weights agree the plan may be another one.
+    before, after = (
+        jnp.asarray(np.repeat(places[chosen], counts, axis=0) + rng.normal(0, 0.3, (90, 2)))
+        for chosen, counts in (([0, 1, 2], [40, 31, 19]), ([1, 2, 3], [23, 39, 28]))
+    )
+    settings = FitSettings(polish=True)
+
+    def distance(arguments):
+        before, floor, concentration = arguments
+        prior = Prior(concentration=concentration, noise_floor=floor, scale=0.3, degrees_of_freedom=4.0)
+        keys = jax.random.split(jax.random.key(0))
+        fits = [
+            fit_mixture(points, key=key, max_components=5, prior=prior, settings=settings)
+            for points, key in zip((before, after), keys, strict=True)
+        ]
+        return earth_movers_distance(fits[0].mixture, fits[1].mixture, solver=solver).cost
+
+    compiled = jax.jit(jax.value_and_grad(distance))
+    at = (before, jnp.asarray(0.05), jnp.asarray(-1.5))
+    cost, found = compiled(at)
+    assert cost > 0.1
+    ways = [
+        (jnp.asarray(rng.normal(size=before.shape)), jnp.asarray(0.0), jnp.asarray(0.0)),
+        (jnp.zeros_like(before), jnp.asarray(1.0), jnp.asarray(0.0)),
+        (jnp.zeros_like(before), jnp.asarray(0.0), jnp.asarray(1.0)),
+    ]
+    for way in ways:
+        slope = sum(jax.tree.leaves(jax.tree.map(lambda own, part: (own * part).sum(), found, way)))
+        assert_derivatives(slope, along(lambda own: compiled(own)[0], at, way, 1e-4), precision=1e-6)

@@ -48,12 +48,14 @@ class AlignedPair(NamedTuple):
         working: both at the resolution that they are compared at.
         surfaces: of the working points.
         registration: by which the after cloud was transformed.
+        remarked: whether the user was warned of it already.
     """
 
     points: Pair[Float64[np.ndarray, "_ 3"]]
     working: WorkingPair
     surfaces: Pair[LocalSurface]
     registration: Registration
+    remarked: bool = False
 
 
 def aligned(
@@ -84,23 +86,25 @@ def aligned(
         InputError: nothing can be compared, because one cloud is far smaller than the other's resolution.
 
     Warns:
-        InputWarning: another alignment fits better, but not so much better that the given frame is given up.
+        InputWarning: another alignment fits better, but not so much better that the given frame is given up; clouds of
+            one reference system that were moved, or that lie apart nearly everywhere.
     """
     rough = RoughRegistration.none() if mode == "never" else rough_registration(points, settings.surfaces)
     registered = functools.partial(
         _aligned_from, points, mode=mode, voxel_size=voxel_size, one_system=one_system, seed=seed, settings=settings
     )
-    found, declined = registered(rough, only_fine=one_system)
+    found, remark = registered(rough, only_fine=one_system)
     # Clouds that fill volumes, but not in the voxels of the rough registration, have none.
     if rough.moves and (found.working.volumetric or not found.registration.applied):
         confidence = 1.0 if found.working.volumetric else found.registration.confidence
-        found, _ = registered(RoughRegistration.none(), only_fine=True)
+        found, other = registered(RoughRegistration.none(), only_fine=True)
+        remark = remark or other
         confidence = min(confidence, found.registration.confidence)
         found = found._replace(registration=dataclasses.replace(found.registration, confidence=confidence))
-    if declined is not None:
-        warn(declined)
+    if remark is not None:
+        warn(remark)
     _log(found.working, found.registration)
-    return found
+    return found._replace(remarked=remark is not None)
 
 
 def _aligned_from(
@@ -114,20 +118,20 @@ def _aligned_from(
     seed: int,
     settings: AlignSettings,
 ) -> tuple[AlignedPair, str | None]:
-    """The clouds aligned from a rough registration, and what was declined."""
-    declined = None
+    """The clouds aligned from a rough registration, and what a user has to know of it."""
+    remark = None
     roughly = Pair(points.before, transformed(points.after, rough.transform)) if rough.moves else points
     pair = working_pair(roughly, voxel_size, settings.resolution)
     surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), pair.clouds)
     if pair.volumetric:
         registration = registered_volumes(points, pair, surfaces, mode, seed, settings.volumes)
     else:
-        registration, declined = registered_surfaces(
+        registration, remark = registered_surfaces(
             pair.spacing, surfaces, rough, mode, settings.surfaces, one_system=one_system, only_fine=only_fine
         )
     if not registration.applied:
-        return AlignedPair(points, pair, surfaces, registration), declined
-    return _with_transform(points, pair, surfaces, rough, registration), declined
+        return AlignedPair(points, pair, surfaces, registration), remark
+    return _with_transform(points, pair, surfaces, rough, registration), remark
 
 
 def _log(pair: WorkingPair, registration: Registration) -> None:

@@ -117,11 +117,11 @@ class SurfaceRegistration(NamedTuple):
 
     Attributes:
         registration: the record.
-        declined: what another alignment, which would move the after scan farther, would gain; None: there is none.
+        remark: what a user has to know of it, such as what an alignment would gain that was declined; None: nothing.
     """
 
     registration: Registration
-    declined: str | None
+    remark: str | None
 
 
 class _Candidate(NamedTuple):
@@ -183,31 +183,34 @@ def registered_surfaces(
     points = transformed(surfaces.after.points, to_given)
     given = _Candidate(np.eye(4), surface_fit(surfaces, to_given, spacing, settings.score), True)
     model = ConfidenceModel()
-    prior = model.stated if one_system else 1.0
     if mode == "never":
         confidence = model.of_surfaces(given.fit, 0.0, True)
-        return SurfaceRegistration(_record(given, given, points, confidence), None)
+        return SurfaceRegistration(_record(given, given, points, confidence), _apart(given.fit))
     start = surface_fit(surfaces, np.eye(4), spacing, settings.score) if rough.moves else given.fit
     refined = _refined(spacing, surfaces, start, rough, settings)
     doubt = model.doubt(refined.fit, given.fit)
     better = rough.moves or _better(refined.fit, given.fit, settings)
+    # A last resort is what moves the points by more than their spacing.
     moved = _distance(points, refined.transform, given.transform) / spacing
     far, near = moved > 1, moved <= settings.same_transform
     possible = doubt < 1 and not only_fine if far else doubt < settings.fine_doubt
+    prior = model.stated if one_system else 1.0
     if mode == "always" or (better and possible):
-        confidence = model.of_surfaces(
-            refined.fit, rough.rival, near, 0.0 if near else min(doubt, 1.0), 1.0 if far else prior
-        )
-        return SurfaceRegistration(_record(refined, given, points, confidence), None)
-    against = 1 / max(doubt, np.finfo(np.float64).tiny) if far else 0.0
-    # The rough registration's rival is one of a transform that is not applied.
+        left = 0.0 if near else min(doubt, 1.0)
+        confidence = model.of_surfaces(refined.fit, rough.rival, near, left, 1.0 if far else prior)
+        record = _record(refined, given, points, confidence)
+        moved_in_system = one_system and mode == "auto"
+        return SurfaceRegistration(record, _moved(refined.transform, points) if moved_in_system else None)
+    # A transform that is not applied has its own rival.
     rival = 0.0 if rough.moves else rough.rival
+    against = 1 / max(doubt, np.finfo(np.float64).tiny) if far else 0.0
     confidence = model.of_surfaces(given.fit if far else refined.fit, rival, True, against, prior)
-    if confidence < 1 and not (far and better):
+    contested = far and better
+    if confidence < 1 and not contested:
         # Of a ball any rotation fits as well: the given frame is none the worse.
         confidence = max(confidence, Mixing.of(Pair(surfaces.before.points, points)).confidence())
-    declined = _declined(refined, given, points, one_system) if far and better and doubt < settings.fine_doubt else None
-    return SurfaceRegistration(_record(given, given, points, confidence), declined)
+    declined = _declined(refined, given, points, one_system) if contested and doubt < settings.fine_doubt else None
+    return SurfaceRegistration(_record(given, given, points, confidence), declined or _apart(given.fit))
 
 
 def _record(used: _Candidate, given: _Candidate, points: Float[np.ndarray, "n 3"], confidence: float) -> Registration:
@@ -232,6 +235,28 @@ def _declined(declined: _Candidate, given: _Candidate, points: Float[np.ndarray,
         f"{by.rotation_degrees:.2g} degrees {declined.fit.agreement:.0%} of the points that overlap would agree within "
         f"the noise, in place of {given.fit.agreement:.0%}, at a residual of {declined.fit.residual:.3g} in place of "
         f"{given.fit.residual:.3g}: registration='always' (--registration always) moves it"
+    )
+
+
+def _moved(transform: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]) -> str:
+    """How far a scan of the reference system that both files state was moved, and what that hides."""
+    shift = (transformed(points, transform) - points).mean(axis=0)
+    return (
+        f"the after scan was moved by {shift[0]:.3g}, {shift[1]:.3g}, {shift[2]:.3g} in x, y and z, although both "
+        "files state one reference system: what displaced everything, such as settlement, is in it and is no change. "
+        "registration='never' (--registration never) keeps the frame that it was given in"
+    )
+
+
+def _apart(given: SurfaceFit) -> str | None:
+    """That scans in the frames that they were given in disagree nearly everywhere; None where they do not."""
+    if given.agreement >= 0.5 or not np.isfinite(given.residual):
+        return None
+    return (
+        f"the scans lie apart nearly everywhere in the frame that they were given in: {given.agreement:.0%} of the "
+        f"points that overlap agree within the noise, at a residual of {given.residual:.3g}. What changed "
+        "nearly everywhere, such as by settlement or an error of a frame, raises the level of detection, and is reported "
+        "as no change: look at the signed distances"
     )
 
 

@@ -277,7 +277,8 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             settings=self.align,
         )
         check_overlap(prepared, pair.registration)
-        _warn_about_registration(pair.registration)
+        if not pair.remarked:
+            _warn_about_registration(pair.registration)
         return pair
 
     def _joint_fits(self, prepared: AlignedScans) -> JointFits:

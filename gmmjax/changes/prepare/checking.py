@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
+from scipy.spatial import cKDTree
 
 from gmmjax.changes.prepare.units import check_lengths, stated_systems
 from gmmjax.changes.registration import Registration
@@ -21,7 +22,7 @@ from gmmjax.clouds import (
     within,
 )
 from gmmjax.errors import InputError, warn
-from gmmjax.geometry import evenly_chosen
+from gmmjax.geometry import evenly_chosen, nearest_neighbours
 from gmmjax.mixtures import parameters_per_component
 from gmmjax.pair import Pair, each
 
@@ -186,9 +187,17 @@ def check_not_flat(
 
     Raises:
         InputError: both are flat.
+
+    Warns:
+        InputWarning: both are nearly flat, and their points lie in lines.
     """
     planes = points.map(_plane)
     if planes.before is None or planes.after is None or np.array_equal(*points):
+        if all(map(_lies_in_lines, points)):
+            warn(
+                "both scans are flat, and their points lie in lines, as those of a 2-D laser do: the method 'joint' "
+                "finds no change within the plane; compare them by method='transport' (--method transport)"
+            )
         return
     centre, normal, rounding = planes.before
     # A registration takes one plane to the other but for a slight tilt.
@@ -212,6 +221,17 @@ def _plane(points: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, fl
         if np.abs((own - centre) @ normal).max() > rounding:
             return None
     return centre, normal, rounding
+
+
+def _lies_in_lines(points: Float[np.ndarray, "_ 3"]) -> bool:
+    """Whether most points lie within a hundredth of a cloud's width of one plane, and there in lines."""
+    some = points[evenly_chosen(len(points), 5000)]
+    variances, axes = np.linalg.eigh(np.cov(some, rowvar=False))
+    heights = np.abs((some - np.median(some, axis=0)) @ axes[:, 0])
+    width, near = float(np.sqrt(variances[2])), nearest_neighbours(cKDTree(points), some[:1000], 16)[1]
+    own = points[near] - points[near].mean(axis=1, keepdims=True)
+    spread = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", own, own))
+    return bool(np.quantile(heights, 0.99) <= 0.01 * width and np.median(spread[:, 1] / spread[:, 2]) < 0.1)
 
 
 def _rounding(points: Float[np.ndarray, "n 3"]) -> float:
@@ -342,3 +362,15 @@ def _warn_about_extents(before: np.ndarray, after: np.ndarray, settings: CheckSe
             f"the clouds differ {ratio:.4g}-fold in extent ({extent_before:.4g} before, {extent_after:.4g} after): "
             "is one in millimetres and the other in metres? Both must have the same unit"
         )
+    if all(map(_may_be_degrees, (before, after))):
+        warn(
+            "x and y of both clouds may be longitude and latitude in degrees: their extents are less than a thousandth "
+            "of that of z. Distances need lengths: project both first, such as to the UTM zone of the place"
+        )
+
+
+def _may_be_degrees(points: np.ndarray) -> bool:
+    """Whether a cloud is a thousand times as high as it is wide, in the range of longitude and latitude."""
+    width, depth, height = np.ptp(points, axis=0)
+    x, y = np.abs(points[:, :2]).max(axis=0)
+    return bool(1000 * max(width, depth) < height and x <= 180 and y <= 90)

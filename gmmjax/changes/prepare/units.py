@@ -65,12 +65,13 @@ def check_lengths(name: str, cloud: Any, *, strict: bool = False) -> None:
         raise InputError(
             f"{stated}: x and y are angles{' in degrees' if angle == 'degree' else ''}, and distances need lengths; "
             f"project both scans first, such as to {zone[0]}: pdal translate IN.las OUT.las reprojection "
-            f"--filters.reprojection.out_srs={zone[1]} --writers.las.scale_x=0.001 --writers.las.scale_y=0.001"
+            f"--filters.reprojection.out_srs={zone[1]} "
+            + " ".join(f"--writers.las.scale_{axis}=0.001 --writers.las.offset_{axis}=auto" for axis in "xyz")
         )
     if strict:
         raise InputError(
             f"{stated}, but coordinates such as x {x:.6g}, y {y:.6g} are hardly angles; correct the reference system "
-            "of the file, or say what its coordinates are in (unit=..., --unit)"
+            "of the file, or say what its coordinates are in (DetectionConfig(unit=...), --unit)"
         )
 
 

@@ -62,7 +62,8 @@ def test_leaves_aligned_clouds_alone():
 
 
 def test_never_leaves_misaligned_clouds_alone():
-    result = registered(room(2), room(3) + 0.02, "never")
+    with pytest.warns(InputWarning, match="lie apart nearly everywhere"):
+        result = registered(room(2), room(3) + 0.02, "never")
     assert not result.applied and result.residual == result.residual_before > 0.008
 
 
@@ -185,7 +186,7 @@ def reshaped_ground(seed, count=9, **options):
     return ground(2 * seed, before, **options), ground(2 * seed + 1, after, **options)
 
 
-@pytest.mark.filterwarnings("ignore:the after scan was kept")
+@pytest.mark.filterwarnings("ignore:the after scan was kept", "ignore:the scans lie apart")
 @pytest.mark.parametrize("one_system", [False, True])
 @pytest.mark.parametrize("seed", [301, 304, 308, 315])
 def test_reshaped_ground_stays_where_it_is(seed, one_system):
@@ -195,7 +196,7 @@ def test_reshaped_ground_stays_where_it_is(seed, one_system):
     assert result.confidence > 0.7 or not one_system
 
 
-@pytest.mark.filterwarnings("ignore:the after scan was kept")
+@pytest.mark.filterwarnings("ignore:the after scan was kept", "ignore:the scans lie apart")
 @pytest.mark.parametrize(("points", "noise", "count"), [(400, 0.02, 4), (3000, 0.02, 4), (3000, 0.1, 9)])
 def test_ground_of_any_density_stays_where_it_is(points, noise, count):
     result = registered(*reshaped_ground(1000 + points, count, points=points, noise=noise))
@@ -212,7 +213,8 @@ def test_in_one_reference_system_a_far_displacement_is_told_but_not_taken_back()
 
 
 def test_in_one_reference_system_a_fine_correction_is_made():
-    result = aligned(Pair(room(0), room(1) + np.array([0.01, 0.0, 0.01])), one_system=True).registration
+    with pytest.warns(InputWarning, match=r"was moved by -0.0.*although both files state one reference system"):
+        result = aligned(Pair(room(0), room(1) + np.array([0.01, 0.0, 0.01])), one_system=True).registration
     assert result.applied and result.displacement == pytest.approx(np.sqrt(2) * 0.01, abs=0.003)
     assert result.confidence == 1
 
@@ -258,3 +260,17 @@ def test_another_survey_of_trees_is_certain_and_a_displaced_one_is_in_doubt():
     same, displaced = registered(trees(0), trees(1)), registered(trees(0), trees(1, shift=1.5))
     assert not same.applied and same.confidence == 1 and same.overlap > 0.9
     assert displaced.confidence < 0.5
+
+
+@pytest.mark.parametrize(("mode", "one_system"), [("never", False), ("never", True)])
+def test_settlement_of_everything_is_not_silent(mode, one_system):
+    """By 0.3 m, of ground with points a metre apart: within the level of detection, which it raises itself."""
+    scans = [np.random.default_rng(seed).uniform([0, 0, 0], [60, 60, 0], (3600, 3)) for seed in (0, 1)]
+    for own in scans:
+        own[:, 2] = 3 * np.sin(own[:, 0] / 14) + 2.5 * np.cos(own[:, 1] / 17)
+    pair = Pair(scans[0], scans[1] - np.array([0, 0, 0.3]))
+    with pytest.warns(InputWarning, match="lie apart nearly everywhere.*reported as no change"):
+        found = aligned(pair, mode, one_system=one_system)
+    assert found.remarked and not found.registration.applied
+    with pytest.warns(InputWarning, match="settlement, is in it and is no change.*--registration never"):
+        assert aligned(pair, one_system=True).registration.applied
