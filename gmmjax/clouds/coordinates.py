@@ -50,7 +50,7 @@ def as_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray
     require_array(points, name)
     if isinstance(points, np.ma.MaskedArray):
         # What is masked has no position.
-        points = points.astype(np.float64).filled(np.nan)
+        points = np.ma.filled(points.astype(np.float64), np.nan)
     try:
         array = np.asarray(points)
     except (ValueError, TypeError) as error:

@@ -111,14 +111,14 @@ def _solve(arguments: _Arguments, max_iterations: int) -> TransportResult:
 def _embedded(arguments: _Arguments) -> tuple[Problem, Balanced, Float[Array, ""], _Scaled]:
     """The problem as it was given, balanced, and in the units of epsilon."""
     mass_before, mass_after, cost, epsilon = arguments
-    problem = checked(mass_before, mass_after, cost, 0.0 if epsilon is None else epsilon)
+    # An epsilon that is not positive is as wrong as a negative penalty.
+    problem = checked(mass_before, mass_after, cost, 0.0 if epsilon is None else jnp.where(epsilon > 0, epsilon, -1))
     balanced = problem.with_dummies()
     supply, demand = balanced.supply, balanced.demand
     if epsilon is None:
         live = (supply > 0)[:-1, None] & (demand > 0)[None, :-1]
         strength = _default_epsilon(problem, live)
     else:
-        problem = eqx.tree_at(lambda own: own.valid, problem, problem.valid & (epsilon > 0))
         strength = jnp.where(problem.valid, epsilon.astype(problem.cost.dtype), 1)
     total = supply.sum()
     total = jnp.where(total > 0, total, 1)

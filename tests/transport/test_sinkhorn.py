@@ -150,4 +150,5 @@ def test_bad_numbers_and_missing_mass_are_statuses():
     assert solved.result == TransportStatus.invalid_input
     assert not np.any(np.isnan(solved.plan))
     for epsilon in (0.0, -1.0, np.nan):
-        assert sinkhorn(something, something, cost, epsilon=epsilon).result == TransportStatus.invalid_input
+        solved = sinkhorn(something, something, cost, epsilon=epsilon)
+        assert solved.result == TransportStatus.invalid_input and np.isinf(solved.cost)

@@ -255,8 +255,8 @@ def _apart(given: SurfaceFit) -> str | None:
     return (
         f"the scans lie apart nearly everywhere in the frame that they were given in: {given.agreement:.0%} of the "
         f"points that overlap agree within the noise, at a residual of {given.residual:.3g}. What changed "
-        "nearly everywhere, such as by settlement or an error of a frame, raises the level of detection, and is reported "
-        "as no change: look at the signed distances"
+        "nearly everywhere, such as by settlement or an error of a frame, raises the level of detection, and is "
+        "reported as no change: look at the signed distances"
     )
 
 
