@@ -125,8 +125,9 @@ class _Rows:
         self._text, self._head, self._names, self._source = text[head.row.start :], head, names, source
         self._first = head.row.number
         cells = cells_of(head.row.content, head.separator)
-        # A separator after the last value.
-        self._width = len(cells) if cells[-1] == "" and len(cells) == len(names) + 1 else len(names)
+        # Separators after the last value.
+        self._width = max(len(names), len(cells)) if not any(cells[len(names) :]) else len(names)
+        self._decimal_commas = False
 
     def columns(self) -> dict[str, Float64[np.ndarray, " n"]]:
         """The columns of numbers.
@@ -192,7 +193,7 @@ class _Rows:
             self._check(set())
             raise InputError(f"{self._source}: cannot be read ({shown(str(error))}); export it again") from error
         lines = body.count(b"\n") + 1
-        if len(table) != lines or (self._width > len(self._names) and str(table.columns[-1].type) != "null"):
+        if len(table) != lines or any(str(own.type) != "null" for own in table.columns[len(self._names) :]):
             self._check(set())
             raise InputError(f"{self._source}: has {len(table)} rows in {lines} lines; a quote is not closed")
         return table.select(range(len(self._names)))
@@ -211,6 +212,7 @@ class _Rows:
                 f"{self._source}: has numbers such as {shown(cells[0])}, whose comma may be a decimal one or one of "
                 "thousands; write decimal points"
             )
+        self._decimal_commas = True
         return with_commas
 
     def _left_out(self, name: str, needed: set[str]) -> None:
@@ -245,7 +247,8 @@ class _Rows:
                     raise InputError(
                         f"{where} has an empty cell ({name}) between two separators; fill it, with nan if need be"
                     )
-                if name in needed and not is_number(cell) and cell not in MISSING:
+                plain = cell.replace(",", ".") if self._decimal_commas else cell
+                if name in needed and not is_number(plain) and cell not in MISSING:
                     comma = ", nor are decimal commas beside decimal points read" if "," in cell else ""
                     names = (
                         "" if self._head.names else ", or name the columns in a first line: those of text are left out"

@@ -69,7 +69,7 @@ def parse_head(text: bytes, source: str) -> TextHead:
             remarks.append(line._replace(content=line.content[remark.end() :]))
         elif len(words) == 1 and words[0].isascii() and words[0].isdigit() and len(words[0]) < 19:
             counts.append(line._replace(content=words[0]))
-        elif _has_axes(words) or not (any(map(is_number, words)) or (header and _has_axes(_words(header.content)))):
+        elif _has_axes(words) or not (_has_numbers(words) or (header and _has_axes(_words(header.content)))):
             header = line
         elif row is None and words == [str(place) for place in range(max(len(words), 3))]:
             # Numbers of columns, as data frames write them, or a point: the next line tells.
@@ -130,6 +130,12 @@ def _words(line: str) -> list[str]:
     return [_unquoted(word) for word in WORD.findall(line)]
 
 
+def _has_numbers(words: Sequence[str]) -> bool:
+    """Whether a line can be a point; a title may have a year in it."""
+    numbers = sum(map(is_number, words))
+    return numbers >= len(AXES) or 2 * numbers > len(words)
+
+
 def _unquoted(cell: str) -> str:
     return cell.strip().strip("\"'").strip()
 
@@ -146,6 +152,10 @@ def plain_names(names: Sequence[str]) -> list[str]:
 
 def _separator(row: Line, named: Sequence[Line], source: str) -> str:
     """What separates the cells of a row; `named` are the lines that may name its columns."""
+    for separator in ";,\t":
+        # A text in the row may have any of them.
+        if any(separator in line.content and _fitting(line, row, separator) for line in named):
+            return separator
     if ";" in row.content:
         return ";"
     if "," in row.content:
@@ -178,13 +188,13 @@ def _fitting(line: Line, row: Line, separator: str) -> tuple[str, ...] | None:
     cells = cells_of(row.content, separator)
     for content in (line.content, LABEL.sub("", line.content, count=1)):
         for names in (cells_of(content, separator), _words(content)):
-            # A separator after the last cell of a row or after the last name.
-            if len(names) == len(cells) - 1 and not cells[-1]:
-                names = [*names, ""]
-            elif len(names) == len(cells) + 1 and not names[-1]:
-                names = names[:-1]
-            if len(names) == len(cells) and _has_axes(names):
-                return tuple(names)
+            count = len(names)
+            # Separators after the last cell of a row or after the last name, as of empty columns of a spreadsheet.
+            while names and not names[-1]:
+                names.pop()
+            fits = len(names) <= len(cells) and (count >= len(cells) or not any(cells[len(names) :]))
+            if fits and _has_axes(names):
+                return (*names, *[""] * (len(cells) - len(names)))
     return None
 
 

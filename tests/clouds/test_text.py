@@ -282,3 +282,27 @@ def test_numbers_of_columns_are_no_point(write_file, separator):
 def test_what_data_frames_write_for_nothing_is_nan(write_file, missing):
     cloud = read_cloud(write_file("a.csv", f"x,y,z,intensity\n1,2,3,{missing}\n4,5,6,7\n".encode()))
     np.testing.assert_array_equal(cloud.fields["intensity"], [np.nan, 7])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "X;Y;Z;;\r\n1,5;2,5;3,5;;\r\n4,5;5,5;6,5;;\r\n",
+        "Vermessung 2024;;\r\n;;\r\nX;Y;Z\r\n1,5;2,5;3,5\r\n4,5;5,5;6,5\r\n",
+        "Projekt: A 12\nx y z\n1.5 2.5 3.5\n4.5 5.5 6.5\n",
+        "x,y,z\n1.5,2.5,3.5,,\n4.5,5.5,6.5,,\n",
+    ],
+)
+def test_titles_and_empty_columns_of_spreadsheets(write_file, text):
+    assert read_cloud(write_file("a.csv", text.encode())).points.tolist() == [[1.5, 2.5, 3.5], [4.5, 5.5, 6.5]]
+
+
+@pytest.mark.parametrize("text", ['x,y,z,note\n1.5,2,3,"a;b"\n', "x\ty\tz\tnote\n1.5\t2\t3\tred, big\n"])
+def test_a_text_does_not_decide_what_separates_the_cells(write_file, text):
+    with pytest.warns(InputWarning, match="the column 'note' has text"):
+        assert read_cloud(write_file("a.csv", text.encode())).points.tolist() == [[1.5, 2, 3]]
+
+
+def test_an_empty_coordinate_beside_decimal_commas_is_named(write_file):
+    with pytest.raises(InputError, match=r"line 3 has an empty cell \(x\)"):
+        read_cloud(write_file("a.csv", b"x;y;z\r\n1,5;2,5;3,5\r\n;;\r\n"))
