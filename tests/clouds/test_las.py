@@ -9,7 +9,8 @@ import pytest
 
 from gmmjax.clouds import open_cloud, read_cloud
 from gmmjax.clouds.decoder_process import PROGRAM, DecoderProcess
-from gmmjax.errors import InputError
+from gmmjax.errors import InputError, InputWarning
+from tests.clouds.las_files import las_bytes, vlr
 
 OFFSET = np.array([500_000.0, 4_000_000.0, 100.0])
 
@@ -284,3 +285,10 @@ def test_version_1_5(tmp_path, ending):
         struct.pack_into("<q", data, start, table + 18)
     path.write_bytes(data[:header_size] + bytes(18) + data[header_size:])
     np.testing.assert_array_equal(read_cloud(path).points[:, 0], np.arange(100))
+
+
+def test_heights_in_another_unit_are_warned_of(write_file):
+    keys = struct.pack("<20H", 1, 1, 0, 4, 1024, 0, 1, 1, 3072, 0, 1, 26910, 3076, 0, 1, 9001, 4099, 0, 1, 9003)
+    path = write_file("a.las", las_bytes(2, 0, vlrs=(vlr(b"LASF_Projection", 34735, keys),)))
+    with pytest.warns(InputWarning, match=r"a\.las: states heights in ftUS, and x and y in another unit"):
+        assert read_cloud(path).unit is None
