@@ -28,7 +28,7 @@ RIDGE = 1e-14
 LARGEST_GROWTH = 2.0
 
 # Of the linear systems of derivatives: the residual, relative to the right-hand side.
-LINEAR_TOLERANCE = 1e-9
+LINEAR_TOLERANCE = 1e-10
 # Products kept of the linear systems' Krylov spaces, and at the most.
 KRYLOV, MOST_PRODUCTS = 60, 1200
 # A residual that shrinks by less says that the space is better extended by the last image than by the residual.

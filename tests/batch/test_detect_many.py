@@ -244,4 +244,4 @@ def test_a_script_without_a_guard_is_told(tmp_path, scans):
 def test_warnings_are_in_the_row(tmp_path):
     stray = np.concatenate([cloud(1), [[2000.0, 0.0, 0.0]]])
     (result,) = detect_many([BatchPair("x", cloud(0), stray)], config=CONFIG, executor=worker())
-    assert "-fold in extent" in result.pair.warnings
+    assert "after: 1 stray point lies very far from all others" in result.pair.warnings

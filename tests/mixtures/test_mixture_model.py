@@ -60,7 +60,7 @@ class ColouredModel(AbstractMixtureModel[ColouredMixture, ColouredMixture]):
     def from_standardised(self, parameters, reference):
         return ColouredMixture(parameters.mixture.mixture(reference.mixture), parameters.colour)
 
-    def updated(self, mixture, sums, at_rest):
+    def updated(self, mixture, sums):
         return self.annihilating_maximisation(mixture, sums)
 
 

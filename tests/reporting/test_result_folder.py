@@ -116,7 +116,7 @@ def test_the_after_cloud_is_written_where_it_is_and_shown_in_the_frame_of_the_be
     transform = rigid_transform(translation=np.array([0.0, 0.0, -2.0]))
     registration = Registration(transform, True, 2.0, 0.01, 0.5, 0.9)
     changes = dataclasses.replace(pair[2], registration=registration, crs="EPSG:4978")
-    with pytest.warns(InputWarning, match="in EPSG:4978, and no degrees"):
+    with pytest.warns(InputWarning, match="in EPSG:4978, not in degrees"):
         folder = write_result(tmp_path / "result", pair[0], pair[1], changes, transform_after=transform_after)
     after = read_cloud(folder / "after.ply").points
     np.testing.assert_array_equal(after, pair[1].points + (np.array([0, 0, -2]) if transform_after else 0))

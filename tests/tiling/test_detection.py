@@ -264,6 +264,7 @@ def test_volumes_are_refused(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:1 of 22,742 rows of the after cloud had no finite position")
 def test_few_points_are_compared_as_in_memory(tmp_path):
     few = Pair(room(0, box=False)[::4], np.insert(room(1, box=True)[::4], 3, np.nan, axis=0))
     for side, own in zip(("before", "after"), few, strict=True):

@@ -191,8 +191,10 @@ def check_not_flat(
     Warns:
         InputWarning: both are nearly flat, and their points lie in lines.
     """
+    if np.array_equal(*points):
+        return
     planes = points.map(_plane)
-    if planes.before is None or planes.after is None or np.array_equal(*points):
+    if planes.before is None or planes.after is None:
         if all(map(_lies_in_lines, points)):
             warn(
                 "both scans are flat, and their points lie in lines, as those of a 2-D laser do: the method 'joint' "

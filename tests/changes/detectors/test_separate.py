@@ -250,7 +250,7 @@ def test_planes_work(scene):
         (np.ones((50, 3)), "before: all 50 points are equal"),
         (np.full((50, 3), np.nan), "before: has 0 points"),
         (np.zeros((50, 2)), r"before: must have shape \[N, 3\]"),
-        (np.full((50, 3), "x"), "before: must be real numbers, not <U1"),
+        (np.full((50, 3), "x"), "before: is 'x', which is no array of points"),
         (PointCloud.from_rows(np.ones((50, 3)), source="flat.ply"), r"before \(flat.ply\): all 50 points"),
     ],
 )
