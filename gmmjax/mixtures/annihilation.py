@@ -217,9 +217,11 @@ def is_usable(given: Any, mass: Float[Array, "..."], prior: Prior, parameters: i
         prior: of the fit.
         parameters: of a single Gaussian, without its weight.
     """
-    numbers = [jnp.asarray(leaf) for leaf in jax.tree.leaves(given)]
-    finite = [jnp.all(jnp.isfinite(own)) for own in numbers if jnp.issubdtype(own.dtype, jnp.floating)]
-    return jnp.all(jnp.stack(finite)) & jnp.all(mass >= 0) & (jnp.sum(mass) > parameters) & prior.in_domain
+    usable = prior.in_domain & (jnp.min(mass) >= 0) & (jnp.sum(mass) > parameters)
+    for leaf in map(jnp.asarray, jax.tree.leaves(given)):
+        if jnp.issubdtype(leaf.dtype, jnp.floating):
+            usable &= jnp.all(jnp.isfinite(leaf))
+    return usable
 
 
 def annihilate(

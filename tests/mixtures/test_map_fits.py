@@ -88,7 +88,7 @@ def test_a_start_has_no_restarts(clouds, fits):
 
 
 SCRIPT = """
-import equinox as eqx, jax, numpy as np
+import jax, numpy as np
 from gmmjax.mixtures import map_fits
 random = np.random.default_rng(0)
 clouds = [random.normal(size=(size, 3)) + 6 * random.integers(0, 2, (size, 1)) for size in (200, 250, 300)]
@@ -97,9 +97,6 @@ settings = dict(key=jax.random.key(0), max_components=4, restarts=2, precision="
 ours = map_fits(clouds, devices=jax.devices(), progress=lambda: told.append(1), **settings)
 cores = map_fits(clouds, **settings)
 for one, other in zip(ours, cores):
-    # In single precision another program may take a step more.
-    assert (np.abs(one.steps - other.steps) <= 2).all()
-    other = eqx.tree_at(lambda fit: fit.steps, other, one.steps)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-3), one, other)
 print(len(jax.devices()), len(told), [fit.bits.tolist() for fit in ours])
 """
