@@ -196,8 +196,6 @@ def registered_surfaces(
     possible = doubt < 1 and not only_fine if far else doubt < settings.fine_doubt
     prior = model.stated if one_system else 1.0
     if mode == "always" or (better and possible):
-        # So does what ICP found from the given frame, where nothing speaks for that frame any more.
-        near |= rough.from_given_frame and doubt**model.contradiction_power < model.negligible
         left = 0.0 if near else min(doubt, 1.0)
         confidence = model.of_surfaces(refined.fit, rough.rival, near, left, 1.0 if far else prior)
         record = _record(refined, given, points, confidence)

@@ -230,10 +230,12 @@ def _lies_in_lines(points: Float[np.ndarray, "_ 3"]) -> bool:
     some = points[evenly_chosen(len(points), 5000)]
     variances, axes = np.linalg.eigh(np.cov(some, rowvar=False))
     heights = np.abs((some - np.median(some, axis=0)) @ axes[:, 0])
-    width, near = float(np.sqrt(variances[2])), nearest_neighbours(cKDTree(points), some[:1000], 16)[1]
+    if np.quantile(heights, 0.99) > 0.01 * np.sqrt(variances[2]):
+        return False
+    near = nearest_neighbours(cKDTree(points), some[:1000], 16)[1]
     own = points[near] - points[near].mean(axis=1, keepdims=True)
     spread = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", own, own))
-    return bool(np.quantile(heights, 0.99) <= 0.01 * width and np.median(spread[:, 1] / spread[:, 2]) < 0.1)
+    return bool(np.median(spread[:, 1] / spread[:, 2]) < 0.1)
 
 
 def _rounding(points: Float[np.ndarray, "n 3"]) -> float:

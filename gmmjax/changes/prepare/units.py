@@ -54,7 +54,8 @@ def check_lengths(name: str, cloud: Any, *, strict: bool = False) -> None:
     angle = _stated(cloud, "unit")
     if angle not in ANGLES:
         return
-    points = cloud.points if isinstance(cloud, PointCloud) else next(cloud.chunks()).points
+    parts = [cloud] if isinstance(cloud, PointCloud) else cloud.chunks()
+    points = next((part.points for part in parts if len(part.points)), np.zeros((1, 3)))
     low, (x, y), high = np.percentile(points[:, :2], [5, 50, 95], axis=0)
     stated = f"{name}{_file(cloud)}: states a geographic coordinate reference system"
     if (crs := _stated(cloud, "crs")) is not None:

@@ -74,8 +74,6 @@ def test_recognised_views_that_contradict_their_scan_are_left_out_without_a_warn
     assert not recwarn.list
 
 
-# Only the ends of the room show by how much it was moved.
-@pytest.mark.filterwarnings("ignore:the registration is in doubt")
 @pytest.mark.slow
 def test_the_record_says_where_the_stations_are_in_the_frame_of_each_scan(points):
     detector = JointDetector(DetectionConfig(restarts=1, max_components=12, registration="always"))
