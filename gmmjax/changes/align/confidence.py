@@ -16,8 +16,8 @@ class ConfidenceModel(NamedTuple):
         rival_power: and with this power of the ratio of the rival's score to its own.
         ambiguity_power: transforms away from the given frame: odds are this power of the ratio of the scores.
         contradiction: what contradicts a transform, as `SurfaceFit.contradiction` counts it, at which the odds are even
-            between it and the given frame. Displaced rooms of which only the ends show it have up to 0.16, reshaped
-            ground 0.43 and more.
+            between it and the given frame: midway between displaced rooms of which only the ends show it and reshaped
+            ground (the scenes of tests/changes/align).
         contradiction_power: they grow with this power of it.
         unexplained: fraction of the points that do not agree by the transform below which less contradicts it.
         stated: prior odds against the given frame where both files state one reference system; else they are even.

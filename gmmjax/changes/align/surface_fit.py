@@ -9,13 +9,6 @@ from jaxtyping import Float, Float64, Int
 from gmmjax.geometry import MEAN_NEIGHBOURS, MEDIAN_TO_DEVIATION, PLANE_NEIGHBOURS, LocalSurface, rotated, transformed
 from gmmjax.pair import Pair
 
-# Standard deviations within which 95 % of the offsets are that are noise.
-DETECTION = 1.96
-# Levels of detection beyond which an offset is surely none: three standard deviations.
-CERTAIN = 1.5
-# Spacings that the noise is no smaller than: point-to-plane ICP on points without noise ends some way off.
-FINEST = 0.003
-
 
 @dataclasses.dataclass(frozen=True)
 class FitScoreSettings:
@@ -45,7 +38,7 @@ class SurfaceFit(NamedTuple):
         noise: median of what the scatter about the local planes makes of it.
         contradicted: fraction of the points that the other cloud covers without a counterpart; of the cloud where it is
             more.
-        significance: offset of each point of either cloud's sample, in levels of detection at 95 %; infinite without a
+        significance: offset of each point of either cloud's sample, in standard deviations; infinite without a
             counterpart.
     """
 
@@ -65,16 +58,16 @@ class SurfaceFit(NamedTuple):
     def agreement(self) -> float:
         """Fraction of the points with a counterpart whose offset is noise: three standard deviations, at most."""
         paired = np.isfinite(self.significance)
-        return float((self.significance <= CERTAIN).sum() / max(paired.sum(), 1))
+        return float((self.significance <= 3).sum() / max(paired.sum(), 1))
 
     def contradiction(self, other: "SurfaceFit") -> float:
         """Points that agree by the other transform and not by this one, by those that agree by this one only.
 
         0: all that fits by the other one fits by this one as well; 1: either explains as much as the other. What agrees
-        by one is no farther than the level of detection, and what does not is surely beyond it.
+        by one is within the level of detection at 95 %, and what does not is beyond three standard deviations.
         """
-        lost = (other.significance <= 1) & (self.significance > CERTAIN)
-        gained = (other.significance > CERTAIN) & (self.significance <= 1)
+        lost = (other.significance <= 1.96) & (self.significance > 3)
+        gained = (other.significance > 3) & (self.significance <= 1.96)
         return float((lost.sum() + 0.5) / (gained.sum() + 0.5))
 
 
@@ -134,7 +127,8 @@ def _one_sided_fit(
     # Geman and McClure's weight, at half a spacing a quarter; cosines' fourth power falls to a half at 33 degrees.
     scores = overlapping * cosines**4 / (1 + (2 * offsets / spacing) ** 2) ** 2
     noise = np.sqrt(own.variances[chosen, 0] / MEAN_NEIGHBOURS + other.variances[there, 0] / PLANE_NEIGHBOURS)
-    significance = np.where(overlapping, offsets / (DETECTION * np.maximum(noise, FINEST * spacing)), np.inf)
+    # Point-to-plane ICP on points without noise ends some thousandths of a spacing off.
+    significance = np.where(overlapping, offsets / np.maximum(noise, 0.003 * spacing), np.inf)
     score, overlap, contradicted = (float(own.mean()) for own in (scores, overlapping, contradicts))
     return _OneSidedFit(score, overlap, contradicted, offsets[overlapping], noise[overlapping], significance)
 

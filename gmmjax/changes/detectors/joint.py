@@ -46,7 +46,14 @@ from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.changes.objects.found import Found, ObjectSettings, surfaces_found, volume_weights, volumes_found
 from gmmjax.changes.objects.measures import with_measures
 from gmmjax.changes.objects.moved import with_moved
-from gmmjax.changes.prepare.checking import CheckedCloud, CheckSettings, check_not_flat, check_overlap, check_pair
+from gmmjax.changes.prepare.checking import (
+    CheckedCloud,
+    CheckSettings,
+    check_not_flat,
+    check_overlap,
+    check_pair,
+    warn_of_outlines,
+)
 from gmmjax.changes.prepare.local_resolution import LocalResolutionSettings
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.changes.prepare.units import in_one_system
@@ -118,6 +125,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         clock.start("registration", "Registering the clouds", 0.1)
         pair = self._aligned(checked, in_one_system(scans.map(lambda scan: scan.cloud)))
         check_not_flat(pair.points, scans.map(lambda scan: scan.cloud), registered=pair.registration.applied)
+        warn_of_outlines(pair.surfaces)
         problem = joint_problem(pair.working, pair.registration, self.config, self.fit)
         scans = self._with_recognised(scans, pair, checked)
         surveys, coarse = surveys_of(pair, scans, self.evidence.free_space, self.evidence.view_checks), None

@@ -74,7 +74,7 @@ def with_volumes(
         else:
             whole = item.kind == "moved"
             quantity = _quantity(index, places, counted_in, pair, registration_error, settings, whole=whole)
-            # That an object came or left is known without: one that is closed, or is found in another place.
+            # Whether a closed object came or left, and where one moved, is known without the free side.
             closed = quantity.volume_method == "hull" or item.kind == "moved"
             if not closed and not _side_is_known(places[index], pair, outer_side):
                 quantity = quantity._replace(gain_or_loss=None)

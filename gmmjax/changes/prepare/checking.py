@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
-from scipy.spatial import cKDTree
 
 from gmmjax.changes.prepare.units import check_lengths, stated_systems
 from gmmjax.changes.registration import Registration
@@ -22,7 +21,7 @@ from gmmjax.clouds import (
     within,
 )
 from gmmjax.errors import InputError, warn
-from gmmjax.geometry import evenly_chosen, nearest_neighbours
+from gmmjax.geometry import LocalSurface, evenly_chosen
 from gmmjax.mixtures import parameters_per_component
 from gmmjax.pair import Pair, each
 
@@ -187,19 +186,9 @@ def check_not_flat(
 
     Raises:
         InputError: both are flat.
-
-    Warns:
-        InputWarning: both are nearly flat, and their points lie in lines.
     """
-    if np.array_equal(*points):
-        return
     planes = points.map(_plane)
-    if planes.before is None or planes.after is None:
-        if all(map(_lies_in_lines, points)):
-            warn(
-                "both scans are flat, and their points lie in lines, as those of a 2-D laser do: the method 'joint' "
-                "finds no change within the plane; compare them by method='transport' (--method transport)"
-            )
+    if planes.before is None or planes.after is None or np.array_equal(*points):
         return
     centre, normal, rounding = planes.before
     # A registration takes one plane to the other but for a slight tilt.
@@ -225,17 +214,27 @@ def _plane(points: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, fl
     return centre, normal, rounding
 
 
-def _lies_in_lines(points: Float[np.ndarray, "_ 3"]) -> bool:
-    """Whether most points lie within a hundredth of a cloud's width of one plane, and there in lines."""
-    some = points[evenly_chosen(len(points), 5000)]
-    variances, axes = np.linalg.eigh(np.cov(some, rowvar=False))
-    heights = np.abs((some - np.median(some, axis=0)) @ axes[:, 0])
-    if np.quantile(heights, 0.99) > 0.01 * np.sqrt(variances[2]):
-        return False
-    near = nearest_neighbours(cKDTree(points), some[:1000], 16)[1]
-    own = points[near] - points[near].mean(axis=1, keepdims=True)
-    spread = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", own, own))
-    return bool(np.median(spread[:, 1] / spread[:, 2]) < 0.1)
+def warn_of_outlines(surfaces: Pair[LocalSurface]) -> None:
+    """Warns of scans as of a 2-D laser that sways: both nearly flat, with points in lines and not on a floor.
+
+    Args:
+        surfaces: of both clouds.
+    """
+    if all(map(_is_outline, surfaces)) and not np.array_equal(*(own.points for own in surfaces)):
+        warn(
+            "both scans are flat, and their points lie in lines, as those of a 2-D laser do: the method 'joint' finds "
+            "no change within the plane; compare them by method='transport' (--method transport)"
+        )
+
+
+def _is_outline(surface: LocalSurface) -> bool:
+    """Whether most points lie within a hundredth of a cloud's width of one plane, in rows a fifth as wide as long."""
+    chosen = evenly_chosen(len(surface), 5000)
+    points = surface.points[chosen]
+    variances, axes = np.linalg.eigh(np.cov(points, rowvar=False))
+    heights = np.abs((points - np.median(points, axis=0)) @ axes[:, 0])
+    flat = np.quantile(heights, 0.99) <= 0.01 * np.sqrt(variances[2])
+    return bool(flat and np.mean(surface.in_rows(chosen, 0.2)) > 0.5)
 
 
 def _rounding(points: Float[np.ndarray, "n 3"]) -> float:

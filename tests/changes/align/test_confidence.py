@@ -19,9 +19,9 @@ def test_confidence_falls_with_everything_that_speaks_against_a_transform():
 
 def test_a_transform_that_loses_what_agreed_is_contradicted():
     model = ConfidenceModel()
-    given = SurfaceFit(0.6, 1.0, 0.1, 0.1, significance=np.repeat([0.5, 3.0], [60, 40]))
-    other = given._replace(significance=np.repeat([3.0, 0.5, 3.0], [20, 60, 20]))
-    nearly_all = given._replace(significance=np.repeat([3.0, 0.5], [1, 99]))
+    given = SurfaceFit(0.6, 1.0, 0.1, 0.1, significance=np.repeat([1.0, 6.0], [60, 40]))
+    other = given._replace(significance=np.repeat([6.0, 1.0, 6.0], [20, 60, 20]))
+    nearly_all = given._replace(significance=np.repeat([6.0, 1.0], [1, 99]))
     assert other.agreement == pytest.approx(0.6)
     assert other.contradiction(given) == pytest.approx(20.5 / 20.5)
     assert model.doubt(other, given) > 1 > model.doubt(nearly_all, given)

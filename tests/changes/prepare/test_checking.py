@@ -12,8 +12,10 @@ from gmmjax.changes.prepare.checking import (
     check_overlap,
     check_pair,
     check_same_place,
+    warn_of_outlines,
 )
 from gmmjax.changes.registration import Registration
+from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair
 
 BOX = (-9.0, -9.0, -9.0, 9.0, 9.0, 9.0)
@@ -181,7 +183,15 @@ def outline(seed, noise):
 def test_scans_of_a_2d_laser_that_sways_are_warned_of(noise):
     points = Pair(outline(0, noise), outline(1, noise))
     with pytest.warns(InputWarning, match=r"their points lie in lines, as those of a 2-D laser do.*--method transport"):
-        check_not_flat(points, points, registered=False)
+        warn_of_outlines(points.map(LocalSurface.of))
+    check_not_flat(points, points, registered=False)
+    warn_of_outlines(Pair(points.before, points.before).map(LocalSurface.of))
+
+
+def test_a_floor_is_no_outline():
+    random = np.random.default_rng(5)
+    floors = Pair(PLANE, OTHER).map(lambda own: LocalSurface.of(own + random.normal(0, 0.002, own.shape)))
+    warn_of_outlines(floors)
 
 
 def test_longitude_and_latitude_without_a_system_are_warned_of():
