@@ -33,8 +33,8 @@ LINEAR_TOLERANCE = 1e-10
 KRYLOV, MOST_PRODUCTS = 60, 1200
 # A residual that shrinks by less says that the space is better extended by the last image than by the residual.
 STALLING = 0.9
-# What rounding may add to the residual of a system that was solved.
-LARGEST_SLACK = 10.0
+# What rounding may add to the residual of a system that was solved, as a multiple of the tolerance, or at least this.
+LARGEST_SLACK, LEAST_SLACK = 10.0, 1e-8
 
 
 class FixedPoint(NamedTuple):
@@ -249,7 +249,7 @@ def _solved(
         solution = _krylov_solution(product, right / scale, tolerance)
         solution = jnp.where(size == 0, jnp.zeros_like(right), solution * scale)
         error = jnp.linalg.norm((product(solution) - right) / scale)
-        solved = error <= LARGEST_SLACK * tolerance * jnp.linalg.norm(right / scale)
+        solved = error <= max(LARGEST_SLACK * tolerance, LEAST_SLACK) * jnp.linalg.norm(right / scale)
         return jnp.where((size == 0) | (trusted & solved), solution, jnp.nan)
 
     # With the same solver for the transposed system, in reverse mode.

@@ -220,7 +220,7 @@ def warn_of_outlines(surfaces: Pair[LocalSurface]) -> None:
     Args:
         surfaces: of both clouds.
     """
-    if all(map(_is_outline, surfaces)) and not np.array_equal(*(own.points for own in surfaces)):
+    if all(map(_is_outline, surfaces)) and not np.array_equal(surfaces.before.points, surfaces.after.points):
         warn(
             "both scans are flat, and their points lie in lines, as those of a 2-D laser do: the method 'joint' finds "
             "no change within the plane; compare them by method='transport' (--method transport)"
