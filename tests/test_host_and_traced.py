@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gmmjax import FitSettings, FitStatus, InputError, Prior, earth_movers_distance, fit_mixture
-from gmmjax.changes.detectors.greedy_removal import remove_changed
-from gmmjax.changes.detectors.unmatched_mass import unmatched_shares
+from gmmjax.comparison.greedy_removal import remove_changed
+from gmmjax.comparison.unmatched_mass import unmatched_shares
 from gmmjax.mixtures import (
     GaussianMixture,
     akaike_information_criterion,

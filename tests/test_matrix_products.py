@@ -10,8 +10,8 @@ from jax.extend.core import jaxprs_in_params
 
 from gmmjax import FitSettings, Prior, earth_movers_distance, fit_mixture, native
 from gmmjax._matrix_products import in_full_precision
-from gmmjax.changes.fit.joint_mixture import intensities, responsibilities
-from gmmjax.changes.fit.joint_mixture_model import (
+from gmmjax.comparison.joint_mixture import intensities, responsibilities
+from gmmjax.comparison.joint_mixture_model import (
     SourcedPoints,
     fit_joint_mixture,
     initial_joint_mixture,

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from gmmjax.changes.config import METHODS as METHODS
     from gmmjax.changes.config import PRIOR_LEAVES as PRIOR_LEAVES
     from gmmjax.changes.config import DetectionConfig as DetectionConfig
-    from gmmjax.changes.config import Method as Method
     from gmmjax.changes.config import with_settings as with_settings
     from gmmjax.changes.consensus import Consensus as Consensus
     from gmmjax.changes.consensus import Doubling as Doubling
@@ -44,12 +43,8 @@ if TYPE_CHECKING:
     from gmmjax.changes.detectors import Scan as Scan
     from gmmjax.changes.detectors import TransportDetector as TransportDetector
     from gmmjax.changes.detectors import with_recognised_views as with_recognised_views
-    from gmmjax.changes.detectors.greedy_removal import Removals as Removals
-    from gmmjax.changes.detectors.greedy_removal import remove_changed as remove_changed
     from gmmjax.changes.detectors.joint import CutCandidates as CutCandidates
     from gmmjax.changes.detectors.joint import UnpairedChanges as UnpairedChanges
-    from gmmjax.changes.detectors.unmatched_mass import Unmatched as Unmatched
-    from gmmjax.changes.detectors.unmatched_mass import unmatched_shares as unmatched_shares
     from gmmjax.changes.differences import DetectionLimits as DetectionLimits
     from gmmjax.changes.differences import Differences as Differences
     from gmmjax.changes.differences import DifferenceSettings as DifferenceSettings
@@ -78,15 +73,6 @@ if TYPE_CHECKING:
     from gmmjax.changes.evidence.verdict_file import write_verdicts as write_verdicts
     from gmmjax.changes.explanation import Contribution as Contribution
     from gmmjax.changes.explanation import Explanation as Explanation
-    from gmmjax.changes.fit.joint_mixture import JointMixture as JointMixture
-    from gmmjax.changes.fit.joint_mixture import component_posterior as component_posterior
-    from gmmjax.changes.fit.joint_mixture import density_ratio as density_ratio
-    from gmmjax.changes.fit.joint_mixture import log_joint as log_joint
-    from gmmjax.changes.fit.joint_mixture import point_posterior as point_posterior
-    from gmmjax.changes.fit.joint_mixture_model import NOISE_SHARE as NOISE_SHARE
-    from gmmjax.changes.fit.joint_mixture_model import SourcedPoints as SourcedPoints
-    from gmmjax.changes.fit.joint_mixture_model import fit_joint_mixture_from_seeds as fit_joint_mixture_from_seeds
-    from gmmjax.changes.fit.joint_mixture_model import joint_prior as joint_prior
     from gmmjax.changes.fit.joint_problem import JointFitSettings as JointFitSettings
     from gmmjax.changes.fit.joint_problem import joint_problem as joint_problem
     from gmmjax.changes.fit.restart_fits import RestartFits as RestartFits

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
+from gmmjax.comparison import Kinds, Method
 from gmmjax.errors import LARGEST_INTEGER, InputError, check_choice, shown
 
 if TYPE_CHECKING:
     from gmmjax.mixtures import Prior
 
-Method = Literal["joint", "greedy", "transport"]
 METHODS: tuple[Method, ...] = get_args(Method)
 # The registry of detectors: the class of each method, by its place, because detectors import the config.
 DETECTOR_CLASSES: Mapping[Method, str] = {
@@ -20,7 +20,6 @@ DETECTOR_CLASSES: Mapping[Method, str] = {
     "greedy": "gmmjax.changes.detectors.greedy:GreedyDetector",
     "transport": "gmmjax.changes.detectors.transport:TransportDetector",
 }
-Kinds = Literal["both", "appeared", "disappeared"]
 RegistrationMode = Literal["auto", "always", "never"]
 
 # What more restarts gain ends here (docs/results.md): on surfaces distances see what one mixture misses.

@@ -4,8 +4,16 @@ import dataclasses
 from collections.abc import Callable
 from typing import cast
 
-from gmmjax.changes import DETECTORS, AbstractDetector, DetectionConfig, Method, Progress, Scan, silent
+from gmmjax.changes import (
+    DETECTORS,
+    AbstractDetector,
+    DetectionConfig,
+    Progress,
+    Scan,
+    silent,
+)
 from gmmjax.changes import Detection as Detection
+from gmmjax.comparison import Method
 from gmmjax.errors import check_choice
 from gmmjax.evaluation.detector_names import NAMES, WITH_EVIDENCE, WITHOUT_EVIDENCE, Name
 from gmmjax.evaluation.evidence import without_unobserved

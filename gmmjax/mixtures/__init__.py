@@ -6,6 +6,8 @@ from gmmjax.mixtures.annihilation import FitSettings as FitSettings
 from gmmjax.mixtures.annihilation import FitStatus as FitStatus
 from gmmjax.mixtures.annihilation import failed as failed
 from gmmjax.mixtures.annihilation import fit_model as fit_model
+from gmmjax.mixtures.checked_points import checked_points as checked_points
+from gmmjax.mixtures.checked_points import traced_points as traced_points
 from gmmjax.mixtures.component_wise import component_wise_sweep as component_wise_sweep
 from gmmjax.mixtures.covariance_type import COVARIANCE_TYPES as COVARIANCE_TYPES
 from gmmjax.mixtures.covariance_type import CovarianceType as CovarianceType
@@ -24,10 +26,15 @@ from gmmjax.mixtures.expectation_maximisation import expectation as expectation
 from gmmjax.mixtures.expectation_maximisation import expectation_maximisation as expectation_maximisation
 from gmmjax.mixtures.expectation_maximisation import maximisation as maximisation
 from gmmjax.mixtures.fitting import fit_mixture as fit_mixture
+from gmmjax.mixtures.fixed_point import fixed_point as fixed_point
 from gmmjax.mixtures.gaussian_mixture_model import fit_by_annihilation as fit_by_annihilation
 from gmmjax.mixtures.grid_search import GridSearch as GridSearch
 from gmmjax.mixtures.grid_search import grid_search as grid_search
+from gmmjax.mixtures.map_fits import RELATIVE_NOISE_FLOOR as RELATIVE_NOISE_FLOOR
+from gmmjax.mixtures.map_fits import FramedCloud as FramedCloud
+from gmmjax.mixtures.map_fits import check_components as check_components
 from gmmjax.mixtures.map_fits import default_noise_floor as default_noise_floor
+from gmmjax.mixtures.map_fits import fit_in_frame as fit_in_frame
 from gmmjax.mixtures.map_fits import fits_of as fits_of
 from gmmjax.mixtures.map_fits import map_fits as map_fits
 from gmmjax.mixtures.mixture import GaussianMixture as GaussianMixture
@@ -37,6 +44,7 @@ from gmmjax.mixtures.noise import noise_coefficients as noise_coefficients
 from gmmjax.mixtures.parallel import map_on_cores as map_on_cores
 from gmmjax.mixtures.parallel import stacked as stacked
 from gmmjax.mixtures.prior import Prior as Prior
+from gmmjax.mixtures.prior import check_prior as check_prior
 from gmmjax.mixtures.quadratic import coefficients as coefficients
 from gmmjax.mixtures.quadratic import quadratic_features as quadratic_features
 from gmmjax.mixtures.quadratic import split_feature_sums as split_feature_sums

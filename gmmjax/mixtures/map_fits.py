@@ -42,12 +42,44 @@ class _Task(NamedTuple):
     start: GaussianMixture | None
 
 
-class _FramedCloud(NamedTuple):
-    """A task, and what its fits need to get back into the unit of the points."""
+class FramedCloud(NamedTuple):
+    """A cloud that is ready for fits from any number of starts, on the host.
+
+    Attributes:
+        task: what is fitted, in its frame.
+        frame: of the fits.
+        observations: the mass of all points.
+    """
 
     task: _Task
     frame: Standardisation
     observations: float
+
+    @classmethod
+    def of(
+        cls,
+        cloud: WeightedPoints,
+        prior: Prior | None,
+        settings: FitSettings,
+        start: GaussianMixture | None = None,
+        precision: Precision = "float64",
+    ) -> "FramedCloud":
+        """A checked cloud in its frame; arguments as of `map_fits`."""
+        frame = Standardisation.of(cloud)
+        if prior is not None:
+            check_prior(prior, cloud.points.shape[1])
+        task = _Task(
+            points=frame.enter(cloud).padded(),
+            prior=_prior_in_frame(prior, frame, settings, precision),
+            start=None if start is None else frame.enter_mixture(jax.tree.map(np.asarray, start)),
+        )
+        return cls(task, frame, float(cloud.mass.sum()))
+
+    def fit(self, key: PRNGKeyArray, max_components: int, settings: FitSettings) -> Fit:
+        """One fit in float64, on the core that calls; NumPy arrays in the unit of the points."""
+        with jax.enable_x64(True):
+            fit = to_numpy(_fit_in_two(self.task, key, max_components=max_components, settings=settings))
+        return self.frame.leave_fit(fit, self.observations)
 
 
 _Job = tuple[_Task, PRNGKeyArray]
@@ -130,7 +162,7 @@ def fits_of(
         slots = max_components if starts is None else len(starts[index].weights)
         check_components(slots, int(np.count_nonzero(cloud.mass)))
     framed = [
-        _framed(cloud, prior, None if starts is None else starts[index], settings, precision)
+        FramedCloud.of(cloud, prior, settings, None if starts is None else starts[index], precision)
         for index, cloud in enumerate(clouds)
     ]
     if devices is None and jax.default_backend() != "cpu":
@@ -210,24 +242,6 @@ def _checked(cloud: ArrayLike | WeightedPoints, settings: FitSettings) -> Weight
     return checked_points(cloud, None, settings.covariance_type)
 
 
-def _framed(
-    cloud: WeightedPoints,
-    prior: Prior | None,
-    start: GaussianMixture | None,
-    settings: FitSettings,
-    precision: Precision,
-) -> _FramedCloud:
-    frame = Standardisation.of(cloud)
-    if prior is not None:
-        check_prior(prior, cloud.points.shape[1])
-    task = _Task(
-        points=frame.enter(cloud).padded(),
-        prior=_prior_in_frame(prior, frame, settings, precision),
-        start=None if start is None else frame.enter_mixture(jax.tree.map(np.asarray, start)),
-    )
-    return _FramedCloud(task, frame, float(cloud.mass.sum()))
-
-
 def _prior_in_frame(prior: Prior | None, frame: Standardisation, settings: FitSettings, precision: str) -> Prior:
     if prior is not None:
         return frame.enter_prior(prior)
@@ -243,12 +257,7 @@ def _on_cores(
     progress: Callable[[], None] | None,
 ) -> list[Fit]:
     """A common queue: a core that is done takes the next."""
-
-    def fit_one(task: _Task, key: PRNGKeyArray) -> Fit:
-        # Two programs: in one, XLA's threads wait beside the loop, for half as much CPU time again (measured).
-        started = _compiled_start(task, key, max_components=max_components)
-        return _compiled_fit(started, key, max_components=max_components, settings=settings)
-
+    fit_one = functools.partial(_fit_in_two, max_components=max_components, settings=settings)
     results = map_on_cores(fit_one, jobs, precision, progress)
     return [_nth(results, nth) for nth in range(len(jobs))]
 
@@ -310,6 +319,12 @@ def _fit(task: _Task, key: PRNGKeyArray, max_components: int, settings: FitSetti
 
 
 _compiled_start, _compiled_fit = kept_jit(_started), kept_jit(_fit)
+
+
+def _fit_in_two(task: _Task, key: PRNGKeyArray, max_components: int, settings: FitSettings) -> Fit:
+    """`_fit` as two programs: in one, XLA's threads wait beside the loop, for half as much CPU again (measured)."""
+    started = _compiled_start(task, key, max_components=max_components)
+    return _compiled_fit(started, key, max_components=max_components, settings=settings)
 
 
 def _trusted(

@@ -117,7 +117,7 @@ def _embedded(arguments: _Arguments) -> tuple[Problem, Balanced, Float[Array, ""
     supply, demand = balanced.supply, balanced.demand
     if epsilon is None:
         live = (supply > 0)[:-1, None] & (demand > 0)[None, :-1]
-        strength = _default_epsilon(problem, live)
+        strength = default_epsilon(problem.cost, live)
     else:
         strength = jnp.where(problem.valid, epsilon.astype(problem.cost.dtype), 1)
     total = supply.sum()
@@ -125,9 +125,9 @@ def _embedded(arguments: _Arguments) -> tuple[Problem, Balanced, Float[Array, ""
     return problem, balanced, strength, _Scaled(supply / total, demand / total, balanced.cost / strength)
 
 
-def _default_epsilon(problem: Problem, live: Bool[Array, "k0 k1"]) -> Float[Array, ""]:
+def default_epsilon(cost: Float[Array, "k0 k1"], live: Bool[Array, "k0 k1"]) -> Float[Array, ""]:
     """5 % of the mean cost between live components; padding has no say in it."""
-    mean = jnp.where(live, problem.cost, 0).sum() / jnp.maximum(live.sum(), 1).astype(problem.cost.dtype)
+    mean = jnp.where(live, cost, 0).sum() / jnp.maximum(live.sum(), 1).astype(cost.dtype)
     return 0.05 * jnp.where(mean > 0, mean, 1)
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from gmmjax._lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from gmmjax.changes import joint_prior as joint_prior
+    from gmmjax.comparison import joint_prior as joint_prior
     from gmmjax.tuning.folders import find_tuning_pairs as find_tuning_pairs
     from gmmjax.tuning.folders import scan_pair as scan_pair
     from gmmjax.tuning.gradient_check import GradientCheck as GradientCheck

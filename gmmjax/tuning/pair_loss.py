@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
 from gmmjax._typing import Array
-from gmmjax.changes import JointFitSettings, JointMixture, fit_joint_mixture_from_seeds, log_joint
+from gmmjax.changes import JointFitSettings
+from gmmjax.comparison import JointMixture, fit_joint_mixture_from_seeds, log_joint
 from gmmjax.mixtures import Prior
 from gmmjax.tuning.parameters import with_free_values
 from gmmjax.tuning.posterior import posteriors

@@ -9,7 +9,12 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax._typing import Array
-from gmmjax.changes import NOISE_SHARE, PRIOR_LEAVES, DetectionConfig, with_settings
+from gmmjax.changes import (
+    PRIOR_LEAVES,
+    DetectionConfig,
+    with_settings,
+)
+from gmmjax.comparison import NOISE_SHARE
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures import Prior
 from gmmjax.tuning.parameter_names import TUNABLE, VERDICT

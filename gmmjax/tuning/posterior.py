@@ -9,8 +9,8 @@ from jaxtyping import Float, PRNGKeyArray
 
 from gmmjax._host import check_static
 from gmmjax._typing import Array
-from gmmjax.changes import (
-    JointFitSettings,
+from gmmjax.changes import JointFitSettings
+from gmmjax.comparison import (
     JointMixture,
     SourcedPoints,
     component_posterior,

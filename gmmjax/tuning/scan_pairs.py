@@ -12,7 +12,6 @@ from gmmjax._typing import Array
 from gmmjax.changes import (
     CheckedCloud,
     DetectionConfig,
-    SourcedPoints,
     WorkingCloud,
     aligned,
     check_overlap,
@@ -22,6 +21,7 @@ from gmmjax.changes import (
     working_pair,
 )
 from gmmjax.clouds import PointCloud, SensorViews
+from gmmjax.comparison import SourcedPoints
 from gmmjax.errors import InputError
 from gmmjax.mixtures import Prior, Standardisation, WeightedPoints
 from gmmjax.pair import Pair, each

@@ -20,10 +20,10 @@ from gmmjax import detect_changes
 from gmmjax.changes.align.alignment import aligned
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.fit.joint_fit import JointFits, _reweighted, point_excess
-from gmmjax.changes.fit.joint_mixture import JointMixture, density_ratio, point_posterior
-from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, fit_joint_mixture_from_seeds
 from gmmjax.changes.fit.joint_problem import JointFitSettings, joint_problem
 from gmmjax.clouds import canonical_order
+from gmmjax.comparison.joint_mixture import JointMixture, density_ratio, point_posterior
+from gmmjax.comparison.joint_mixture_model import SourcedPoints, fit_joint_mixture_from_seeds
 from gmmjax.mixtures import GaussianMixture, Prior, Standardisation, WeightedPoints, map_on_cores
 from gmmjax.mixtures.parallel import stacked
 from gmmjax.mixtures.weighted_points import bucket

@@ -4,8 +4,8 @@ import jax
 import numpy as np
 
 from gmmjax import FitSettings, Prior, detect_changes, earth_movers_distance, fit_mixture
-from gmmjax.changes import remove_changed
 from gmmjax.clouds import voxel_grid, voxel_size_for
+from gmmjax.comparison import remove_changed
 from gmmjax.mixtures import fit_restarts
 from tests.benchmarks.scenes import gaussian_cloud, hall_pair, noise_floor
 from tests.benchmarks.workers import forget_peak_memory, memory

@@ -1,16 +1,17 @@
 """Changes by a mixture for each cloud, compared by optimal transport: what the thesis's detectors have in common."""
 
-import abc
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float
 
 from gmmjax._host import to_numpy
-from gmmjax._typing import Array
+from gmmjax._programs import kept_jit
+from gmmjax._typing import Array, Scalar
 from gmmjax.changes.change import Kind
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.detectors.count_significance import CountSettings, count_significance
@@ -33,20 +34,17 @@ from gmmjax.changes.prepare.separate_clouds import PreparedCloud, PreparedPair, 
 from gmmjax.changes.progress import Clock
 from gmmjax.changes.record import Changes
 from gmmjax.changes.standard_errors import means_of_pairs, standard_error_of_pairs
+from gmmjax.comparison import Decision, Method, Strengths, compare_mixtures
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, default_noise_floor, failed, fits_of
 from gmmjax.pair import Pair, each
+from gmmjax.transport import GroundCost, TransportStatus, earth_movers_distance
 
 Compared = tuple[Bool[Array, "r0 r1 k0"], Bool[Array, "r0 r1 k1"], Float[Array, "r0 r1"], Bool[Array, "r0 r1"]]
 """For each pair of restarts which Gaussians changed, the earth mover's distance, and whether it could be compared."""
 
 # The numbers of a fit that are kept as they are.
 SCORES = ("message_length", "log_likelihood", "steps", "bits", "noise_share")
-
-
-def over_pairs(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function of two mixtures for every pair of restarts."""
-    return jax.vmap(jax.vmap(function, in_axes=(None, 0)), in_axes=(0, None))
 
 
 class PreparedScans(NamedTuple):
@@ -102,23 +100,24 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
         counts: which Gaussians have significantly more points than the other cloud in their place.
         slots: the mixtures are compared in as few slots as they fit in: programs compile for these numbers only, and
             for K_max. (): always K_max.
-        patience: of annihilation. Real scans want more Gaussians than they are given; a message length this much above
-            the best one (nats an observation) does not come back, and going down to one Gaussian would only cost time.
-            Infinite: it goes down.
+        fit: how either cloud is fitted.
         block: number of restarts of either cloud that are compared at a time, all of their pairs side by side: a bound
             on the memory. Results do not depend on it.
         labelling: how points are labelled with the Gaussians.
+        ground_cost: between the components of two mixtures; None: that of the method, see `Decision`.
+        method: by which two mixtures are compared.
     """
 
     counts: CountSettings = CountSettings()
     slots: tuple[int, ...] = (8, 16)
-    patience: float = 0.25
+    fit: FitSettings = FIT_SETTINGS["greedy"]
     block: int = 8
     labelling: ConsensusSettings = ConsensusSettings()
+    ground_cost: GroundCost | None = None
 
+    method: ClassVar[Method]
     layout, fits_begin, fits_end = SEPARATE, 0.15, 0.8
 
-    @abc.abstractmethod
     def compare(self, mixtures: Pair[GaussianMixture], points: Pair[float]) -> Compared:
         """Compares every pair of restarts.
 
@@ -126,6 +125,12 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
             mixtures: of both clouds, with a leading axis of restarts, in float64.
             points: observations in either cloud.
         """
+        decision = Decision(self.method, self.config.kinds, ground_cost=self.ground_cost)
+        strengths = Strengths(self.config.penalty if self.method == "transport" else None)
+        compared: Compared = _compared_pairs(
+            *mixtures, *points, strengths, decision=decision, threshold=self.config.threshold
+        )
+        return compared
 
     def prepared(self, scans: Pair[Scan], clock: Clock) -> PreparedScans:
         """Check, filter, reduce."""
@@ -154,7 +159,7 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
             max_components=pair.max_components,
             prior=_prior(pair, self.config),
             starts=None,
-            settings=FitSettings(patience=self.patience),
+            settings=self.fit,
             precision="float64",
             devices=None,
             progress=lambda: report(next(done) / (2 * len(restarts))),
@@ -243,6 +248,27 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
         reference = int(np.argmin(fits.message_length))
         threshold, settings = self.config.threshold, self.labelling
         return cloud_consensus(own.points, mixtures, votes, significance, reference, kind, threshold, settings)
+
+
+@kept_jit
+def _compared_pairs(
+    before: GaussianMixture,
+    after: GaussianMixture,
+    points_before: Scalar,
+    points_after: Scalar,
+    strengths: Strengths,
+    *,
+    decision: Decision,
+    threshold: float,
+) -> Compared:
+    def compare(before: GaussianMixture, after: GaussianMixture) -> tuple[JaxArray, JaxArray, JaxArray, JaxArray]:
+        found = compare_mixtures(before, after, points_before, points_after, decision, strengths, threshold)
+        solved = found.result == TransportStatus.optimal
+        distance = earth_movers_distance(before, after)
+        return found.changed_before > threshold, found.changed_after > threshold, distance.cost, solved
+
+    # Every pair of restarts.
+    return jax.vmap(jax.vmap(compare, in_axes=(None, 0)), in_axes=(0, None))(before, after)
 
 
 def _blocks(mixtures: GaussianMixture, size: int) -> list[GaussianMixture]:

@@ -12,17 +12,22 @@ from jaxtyping import Float, Int, PRNGKeyArray
 from gmmjax._host import padded_chunks, to_numpy
 from gmmjax._programs import kept_jit
 from gmmjax._typing import Array
-from gmmjax.changes.fit.joint_mixture import JointMixture, component_posterior, density_ratio, point_posterior
-from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, fit_joint_mixture_from_seeds
 from gmmjax.changes.fit.restart_fits import mixture_arrays, mixture_of, of_restarts, status_array, status_of
 from gmmjax.clouds import canonical_order, morton_order
+from gmmjax.comparison import (
+    JointMixture,
+    SourcedPoints,
+    component_posterior,
+    density_ratio,
+    fit_joint_mixture_from_seeds,
+    point_posterior,
+)
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import (
     POINTS_OF_PRODUCT,
     Annihilated,
     FitSettings,
     FitStatus,
-    GaussianMixture,
     Prior,
     Standardisation,
     failed,
@@ -214,13 +219,7 @@ def mixtures_distance(fits: JointFits) -> float:
 @kept_jit
 def _distance(joint: JointMixture) -> Float[Array, ""]:
     # All slots, dead ones too: one program for fits of any size.
-    before, after = (_reweighted(joint.mixture, share) for share in (1 - joint.share_after, joint.share_after))
-    return earth_movers_distance(before, after).cost
-
-
-def _reweighted(mixture: GaussianMixture, share: Float[Array, " k"]) -> GaussianMixture:
-    weights = mixture.weights * share
-    return GaussianMixture(weights / jnp.sum(weights), mixture.means, mixture.covariances, mixture.live)
+    return earth_movers_distance(of_cloud(joint, after=False), of_cloud(joint, after=True)).cost
 
 
 def _restart(joint: JointMixture, restart: int) -> JointMixture:

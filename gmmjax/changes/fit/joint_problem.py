@@ -6,9 +6,9 @@ import logging
 import numpy as np
 
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, joint_prior
 from gmmjax.changes.prepare.resolution import WorkingPair
 from gmmjax.changes.registration import Registration
+from gmmjax.comparison import FIT_SETTINGS, SourcedPoints, joint_prior
 from gmmjax.errors import InputError
 from gmmjax.mixtures import FitSettings, Prior, WeightedPoints, default_noise_floor
 
@@ -25,8 +25,7 @@ class JointFitSettings:
         volume_components: the same of clouds that fill volumes.
         surface_points: that a restart sees on surfaces, at most.
         points_per_component: of small clouds: with fewer points fewer components are started from.
-        em: of EM with annihilation. Patience in nats an observation: message lengths this much above the best one do
-            not come back.
+        em: how EM runs.
         tolerance_spacings: least registration tolerance of scans, in spacings. 0: two samples of one surface differ.
         scatter_spacings: noise floor on surfaces, in spacings: the standard deviation of voxel means along an axis,
             which is that of a uniform distribution.
@@ -36,7 +35,7 @@ class JointFitSettings:
     volume_components: int = 25
     surface_points: int = 6_000
     points_per_component: int = 20
-    em: FitSettings = FitSettings(patience=0.02, tolerance=3e-5)
+    em: FitSettings = FIT_SETTINGS["joint"]
     tolerance_spacings: float = 2.0
     scatter_spacings: float = 12**-0.5
 

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float64, Int
 
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.change import Change, Kind, Reason
-from gmmjax.changes.config import DetectionConfig, Kinds
+from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.differences import Differences, LocalDifference
 from gmmjax.changes.evidence.examination import Examined
 from gmmjax.changes.fit.joint_fit import JointFits
@@ -24,6 +24,7 @@ from gmmjax.changes.prepare.checking import CheckedCloud
 from gmmjax.changes.record import Changes
 from gmmjax.changes.registration import Registration
 from gmmjax.changes.signed_distance import PointFigures
+from gmmjax.comparison import Kinds
 from gmmjax.pair import Pair, each
 
 logger = logging.getLogger(__name__)

@@ -16,7 +16,7 @@ from gmmjax.changes.fit.joint_fit import (
     point_excess,
     subsample,
 )
-from gmmjax.changes.fit.joint_mixture_model import SourcedPoints, joint_prior
+from gmmjax.comparison.joint_mixture_model import SourcedPoints, joint_prior
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import FitSettings, WeightedPoints
 from gmmjax.transport import exact_transport
@@ -31,7 +31,7 @@ OF_THREADS = """
 import hashlib
 import numpy as np
 from gmmjax.changes.fit.joint_fit import JointFits, component_excess
-from gmmjax.changes.fit.joint_mixture import JointMixture
+from gmmjax.comparison.joint_mixture import JointMixture
 from gmmjax.mixtures import GaussianMixture, Standardisation
 random = np.random.default_rng(0)
 mixture = GaussianMixture(np.full((1, 25), 0.04), random.normal(size=(1, 25, 3)), np.tile(np.eye(3), (1, 25, 1, 1)),

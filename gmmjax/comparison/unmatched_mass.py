@@ -1,14 +1,23 @@
 """The Gaussians that partial transport leaves unmatched."""
 
+from typing import NamedTuple
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float
 
 from gmmjax._host import float64_on_host
 from gmmjax._typing import Array, Scalar
-from gmmjax.mixtures import GaussianMixture
+from gmmjax.mixtures import GaussianMixture, fixed_point
 from gmmjax.transport import GroundCost, TransportStatus, bures_wasserstein_distance, partial_transport
+
+# Of the logarithms of the smooth problem's scalings: the largest change at rest, and sweeps at the most.
+REST = {"float64": 1e-12, "float32": 1e-5}
+MOST_SWEEPS = 2000
+# Stands for the logarithm of no mass: finite, so that its derivative is a number.
+LOG_OF_NONE = -1e30
 
 
 class Unmatched(eqx.Module):
@@ -35,6 +44,7 @@ def unmatched_shares(
     points_after: Scalar,
     penalty: Scalar | None = None,
     ground_cost: GroundCost = bures_wasserstein_distance,
+    temperature: Scalar | None = None,
 ) -> Unmatched:
     """Matches the Gaussians' point counts at the least cost, where leaving a point unmatched costs `penalty`.
 
@@ -49,6 +59,8 @@ def unmatched_shares(
         penalty: in the unit of the means; mass is matched over at most twice this distance. None: 0.4 of the median
             standard deviation of the Gaussians.
         ground_cost: between the components; by default the Bures-Wasserstein distance.
+        temperature: entropy of the plan, in the unit of the means, with which the shares change smoothly and have
+            derivatives; None: the optimal plan itself, whose shares have none.
 
     Returns:
         The shares; of mixtures of NumPy arrays NumPy's, computed in float64.
@@ -57,7 +69,8 @@ def unmatched_shares(
     dtype = before.weights.dtype
     price = None if penalty is None else jnp.asarray(penalty, dtype)
     own, other = jnp.asarray(points_before, dtype), jnp.asarray(points_after, dtype)
-    unmatched: Unmatched = _unmatched(before, after, own, other, price, ground_cost)
+    entropy = None if temperature is None else jnp.asarray(temperature, dtype)
+    unmatched: Unmatched = _unmatched(before, after, own, other, price, entropy, ground_cost)
     return unmatched
 
 
@@ -68,6 +81,7 @@ def _unmatched(
     points_before: Float[Array, ""],
     points_after: Float[Array, ""],
     penalty: Float[Array, ""] | None,
+    temperature: Float[Array, ""] | None,
     ground_cost: GroundCost,
 ) -> Unmatched:
     cost = ground_cost(before, after)
@@ -76,13 +90,57 @@ def _unmatched(
     ratio = matched_density_ratio(masses_before, masses_after, cost)
     if penalty is None:
         penalty = default_penalty(before, after)
-    result = partial_transport(masses_before * ratio, masses_after, cost, penalty)
+    if temperature is not None:
+        return _smoothly_unmatched(masses_before * ratio, masses_after, cost, penalty, temperature, ratio)
+    result = jax.lax.stop_gradient(partial_transport(masses_before * ratio, masses_after, cost, penalty))
     return Unmatched(
         share_before=_share(result.unmatched[0], masses_before * ratio),
         share_after=_share(result.unmatched[1], masses_after),
         density_ratio=ratio,
         valid=result.result == TransportStatus.optimal,
     )
+
+
+class _Extended(NamedTuple):
+    """The problem in units of the temperature, with a component more on either side for what is left behind."""
+
+    log_supply: JaxArray
+    log_demand: JaxArray
+    cost: JaxArray
+
+
+def _smoothly_unmatched(
+    supply: JaxArray, demand: JaxArray, cost: JaxArray, penalty: JaxArray, temperature: JaxArray, ratio: JaxArray
+) -> Unmatched:
+    r"""The shares of the plan $a_i b_j e^{u_i + v_j - C_{ij} / T}$, the cheapest one with the entropy $T$."""
+    totals = jnp.sum(supply), jnp.sum(demand)
+    extended = jnp.pad(cost, ((0, 1), (0, 1)), constant_values=penalty).at[-1, -1].set(0)
+    problem = _Extended(
+        _log_mass(jnp.append(supply, totals[1])), _log_mass(jnp.append(demand, totals[0])), extended / temperature
+    )
+    precision = str(extended.dtype)
+    start = jnp.zeros_like(problem.log_demand)
+    end = fixed_point(_sweep, start, problem, tolerance=REST[precision], max_steps=MOST_SWEEPS)
+    of_rows, of_columns = _row_scaling(problem, end.parameters), end.parameters
+    share_before = jnp.exp(problem.log_demand[-1] + of_columns[-1] + of_rows - problem.cost[:, -1])[:-1]
+    share_after = jnp.exp(problem.log_supply[-1] + of_rows[-1] + of_columns - problem.cost[-1])[:-1]
+    valid = end.converged & (temperature > 0) & (totals[0] > 0) & (totals[1] > 0)
+    return Unmatched(jnp.where(supply > 0, share_before, 0), jnp.where(demand > 0, share_after, 0), ratio, valid)
+
+
+def _log_mass(mass: JaxArray) -> JaxArray:
+    return jnp.where(mass > 0, jnp.log(jnp.where(mass > 0, mass, 1)), LOG_OF_NONE)
+
+
+def _row_scaling(problem: _Extended, of_columns: JaxArray) -> JaxArray:
+    return -jax.nn.logsumexp((problem.log_demand + of_columns)[None] - problem.cost, axis=1)
+
+
+def _sweep(of_columns: JaxArray, problem: _Extended) -> JaxArray:
+    """One sweep of Sinkhorn's; of the constant that u and v share, v takes what makes its last number 0."""
+    of_rows = _row_scaling(problem, of_columns)
+    swept = -jax.nn.logsumexp((problem.log_supply + of_rows)[:, None] - problem.cost, axis=0)
+    return swept - swept[-1]
 
 
 def default_penalty(before: GaussianMixture, after: GaussianMixture) -> Float[Array, ""]:

@@ -6,7 +6,7 @@ import ot
 import pytest
 
 from gmmjax import GaussianMixture
-from gmmjax.changes import remove_changed
+from gmmjax.comparison import remove_changed
 from gmmjax.scenes import random_scene
 from tests.mixtures.examples import pad
 

@@ -3,14 +3,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gmmjax.changes.fit.joint_mixture import (
+from gmmjax.comparison.joint_mixture import (
     JointMixture,
     changed_share,
     density_ratio,
     intensities,
     responsibilities,
 )
-from gmmjax.changes.fit.joint_mixture_model import (
+from gmmjax.comparison.joint_mixture_model import (
     JointMixtureModel,
     SourcedPoints,
     fit_joint_mixture,

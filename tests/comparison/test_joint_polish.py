@@ -9,8 +9,8 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 from gmmjax import FitSettings, FitStatus, InputError
-from gmmjax.changes.fit.joint_mixture import density_ratio, intensities
-from gmmjax.changes.fit.joint_mixture_model import (
+from gmmjax.comparison.joint_mixture import density_ratio, intensities
+from gmmjax.comparison.joint_mixture_model import (
     JointMixtureModel,
     SourcedPoints,
     fit_joint_mixture,

@@ -1,8 +1,8 @@
 import jax
 import numpy as np
 
-from gmmjax.changes import unmatched_shares
-from gmmjax.changes.detectors.unmatched_mass import default_penalty, matched_density_ratio
+from gmmjax.comparison import unmatched_shares
+from gmmjax.comparison.unmatched_mass import default_penalty, matched_density_ratio
 from gmmjax.scenes import random_scene
 from tests.mixtures.examples import pad
 

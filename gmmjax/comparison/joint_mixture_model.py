@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int, PRNGKeyArray
 
 from gmmjax._matrix_products import in_full_precision
 from gmmjax._typing import Array, Scalar
-from gmmjax.changes.fit.joint_mixture import JointMixture
+from gmmjax.comparison.joint_mixture import JointMixture
 from gmmjax.mixtures import (
     AbstractMixtureModel,
     Annihilated,

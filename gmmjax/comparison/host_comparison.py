@@ -1,0 +1,155 @@
+"""Comparisons on the host: checked once, padded to few sizes, each stage a compiled program that pairs share."""
+
+import dataclasses
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import ArrayLike, Float, PRNGKeyArray
+
+from gmmjax._host import to_numpy
+from gmmjax._programs import kept_jit
+from gmmjax._typing import Array
+from gmmjax.comparison.cloud_comparison import (
+    Plan,
+    assembled,
+    check_dimensions,
+    of_joint_fit,
+    point_probability,
+)
+from gmmjax.comparison.mixture_comparison import MixtureComparison, Strengths, compare_mixtures
+from gmmjax.comparison.result import Comparison
+from gmmjax.errors import InputError
+from gmmjax.mixtures import (
+    FramedCloud,
+    GaussianMixture,
+    Prior,
+    WeightedPoints,
+    check_components,
+    check_prior,
+    checked_points,
+)
+from gmmjax.pair import Pair, each, each_on_cores
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class HostPair:
+    """Two clouds that are ready for any number of restarts.
+
+    Attributes:
+        sizes: how many points they have.
+        padded: both, in float64, padded to sizes that pairs share.
+        framed: what a mixture is fitted to, of each; None for the joint mixture.
+    """
+
+    sizes: Pair[int]
+    padded: Pair[WeightedPoints]
+    framed: Pair[FramedCloud] | None
+
+    @classmethod
+    def of(cls, points: Pair[ArrayLike], mass: Pair[Any], prior: Prior | None, plan: Plan) -> "HostPair":
+        """Checks both clouds.
+
+        Raises:
+            InputError: as `compare`; it names the cloud.
+        """
+        clouds = each(_checked, Pair("before", "after"), points, mass)
+        check_dimensions(clouds)
+        usable = [int(np.count_nonzero(cloud.mass)) for cloud in clouds]
+        joint = plan.decision.method == "joint"
+        check_components(plan.max_components, sum(usable) if joint else min(usable))
+        if prior is not None:
+            check_prior(prior, clouds.before.points.shape[1])
+        return cls(
+            sizes=clouds.map(lambda cloud: len(cloud.mass)),
+            padded=clouds.map(lambda cloud: cloud.padded()),
+            framed=None if joint else clouds.map(lambda cloud: FramedCloud.of(cloud, prior, plan.settings)),
+        )
+
+    def cut(self, comparison: Comparison) -> Comparison:
+        """The comparison without the padding of the points; with any leading axes."""
+        return dataclasses.replace(
+            comparison,
+            probability_before=comparison.probability_before[..., : self.sizes.before],
+            probability_after=comparison.probability_after[..., : self.sizes.after],
+        )
+
+
+def _checked(name: str, points: ArrayLike, mass: ArrayLike | None) -> WeightedPoints:
+    try:
+        return checked_points(points, mass)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from error
+
+
+def compare_on_host(
+    points: Pair[ArrayLike],
+    mass: Pair[Any],
+    key: PRNGKeyArray,
+    prior: Prior | None,
+    strengths: Strengths,
+    plan: Plan,
+) -> Comparison:
+    """`compare` of concrete arrays, the two fits on two cores."""
+    return compare_prepared(HostPair.of(points, mass, prior, plan), key, prior, strengths, plan, on_cores=True)
+
+
+def compare_prepared(
+    pair: HostPair, key: PRNGKeyArray, prior: Prior | None, strengths: Strengths, plan: Plan, *, on_cores: bool = False
+) -> Comparison:
+    """One restart of a pair; on one core, unless it may take two.
+
+    Args:
+        pair: both clouds.
+        key: of the starts.
+        prior: as of `compare`.
+        strengths: the numbers of the decision.
+        plan: what is compiled.
+        on_cores: whether both clouds are fitted at the same time.
+    """
+    strengths = jax.tree.map(np.float64, strengths)
+    with jax.enable_x64(True):
+        if pair.framed is None:
+            prior = jax.tree.map(np.float64, prior)
+            return pair.cut(to_numpy(_joint(pair.padded.before, pair.padded.after, key, prior, strengths, plan=plan)))
+        both = each_on_cores if on_cores else each
+        fits = both(lambda own: own.fit(key, plan.max_components, plan.settings), pair.framed)
+        mixtures = fits.map(lambda fit: fit.mixture)
+        observations = pair.framed.map(lambda own: np.float64(own.observations))
+        found = _changed(*mixtures, *observations, strengths, plan=plan)
+        changed = Pair(found.changed_before, found.changed_after)
+        probability = each(_probability, mixtures, changed, pair.padded)
+        log_likelihood = np.asarray(fits.before.log_likelihood + fits.after.log_likelihood)
+        statuses = fits.map(lambda fit: fit.result)
+        return pair.cut(to_numpy(assembled(probability, found, mixtures, log_likelihood, statuses)))
+
+
+@kept_jit
+def _joint(
+    before: WeightedPoints,
+    after: WeightedPoints,
+    key: PRNGKeyArray,
+    prior: Prior | None,
+    strengths: Strengths,
+    *,
+    plan: Plan,
+) -> Comparison:
+    return of_joint_fit(Pair(before, after), key, prior, strengths, plan)
+
+
+@kept_jit
+def _changed(
+    before: GaussianMixture,
+    after: GaussianMixture,
+    points_before: Float[Array, ""],
+    points_after: Float[Array, ""],
+    strengths: Strengths,
+    *,
+    plan: Plan,
+) -> MixtureComparison:
+    return compare_mixtures(before, after, points_before, points_after, plan.decision, strengths)
+
+
+@kept_jit
+def _probability(mixture: GaussianMixture, changed: Float[Array, " k"], cloud: WeightedPoints) -> Float[Array, " n"]:
+    return point_probability(mixture, changed, cloud)
