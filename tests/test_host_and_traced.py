@@ -29,11 +29,13 @@ POINTS = np.concatenate([np.random.default_rng(0).normal(at, 0.3, (30, 3)) for a
 MIXTURE = GaussianMixture(np.array([0.4, 0.6]), POINTS[[0, 30]], np.tile(0.1 * np.eye(3), (2, 1, 1)), np.ones(2, bool))
 OTHER = GaussianMixture(np.array([0.5, 0.5]), POINTS[[1, 31]], np.tile(0.2 * np.eye(3), (2, 1, 1)), np.ones(2, bool))
 MASSES, COST = np.array([0.4, 0.6]), np.array([[0.1, 2.0], [1.0, 0.2]])
+FITS = fit_restarts(POINTS, key=KEY, max_components=3, restarts=2)
 FUNCTIONS = {
     "fit_mixture": lambda: fit_mixture(POINTS, key=KEY, max_components=3),
     "fit_mixture by grid": lambda: fit_mixture(POINTS, key=KEY, max_components=2, method="grid"),
     "fit_restarts": lambda: fit_restarts(POINTS, key=KEY, max_components=3, restarts=2),
     "best_fit": lambda: best_fit(fit_restarts(POINTS, key=KEY, max_components=3, restarts=2)),
+    "best_fit of fits outside": lambda: best_fit(FITS),
     "from a start": lambda: fit_mixture(POINTS, key=KEY, start=MIXTURE, prior=Prior.figueiredo_jain(3, 0.01)),
     "grid_search": lambda: grid_search(POINTS, key=KEY, components=[1, 2], covariance_types=["full"]),
     **{

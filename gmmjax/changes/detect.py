@@ -5,6 +5,7 @@ from typing import Any
 
 from jaxtyping import ArrayLike
 
+from gmmjax._host import is_traced
 from gmmjax.changes.config import DetectionConfig, Method
 from gmmjax.changes.consensus import Consensus
 from gmmjax.changes.detectors import DETECTORS, AbstractRestartDetector, Scan
@@ -133,6 +134,14 @@ def _scans(
     views_before: SensorViews | None,
     views_after: SensorViews | None,
 ) -> Pair[Scan]:
+    if is_traced(before, after):
+        raise InputError(
+            "detect_changes is a host function: call it outside of jit, vmap and grad, in which fit_mixture and "
+            "earth_movers_distance can be used"
+        )
+    for name, views in (("views_before", views_before), ("views_after", views_after)):
+        if not isinstance(views, SensorViews | None):
+            raise InputError(f"{name} must be SensorViews, not a {type(views).__name__}; read a file by read_views")
     return Pair(Scan(before, _views(before, views_before)), Scan(after, _views(after, views_after)))
 
 

@@ -65,6 +65,12 @@ def is_wkt(crs: str) -> bool:
     return re.split(r"[\[(]", crs)[0].upper() in SYSTEMS
 
 
+def names_centre(crs: str) -> bool:
+    """Whether a system is described by WKT as one whose origin is the centre of the Earth."""
+    root = _parsed(crs) if is_wkt(crs) else None
+    return root is not None and any(node.name in GEODETIC for node in root.walk()) and root.name not in PROJECTED
+
+
 def system_name(crs: str) -> str:
     """A system in a message or on a page: its EPSG code or its name."""
     root = _parsed(crs) if is_wkt(crs) else None
@@ -117,7 +123,10 @@ def of_wkt(text: str) -> ReferenceSystem:
     unit = flat.unit()
     if unit in ANGLES:
         return ReferenceSystem(unit, crs)
-    if flat.name in GEOGRAPHIC or (unit is None and flat.name in GEODETIC):
+    if flat.name in GEODETIC:
+        # The code alone would not tell that z is no height.
+        return ReferenceSystem(unit, whole.text) if unit is not None else ReferenceSystem(ANGLE, crs)
+    if flat.name in GEOGRAPHIC:
         return ReferenceSystem(ANGLE, crs)
     if height is None or height.unit() == unit:
         return ReferenceSystem(unit, crs)

@@ -119,6 +119,8 @@ def _lines(text: bytes, source: str) -> Iterator[Line]:
         number += 1
         if end - start > LONGEST_LINE:
             raise InputError(f"{source}: line {number} has {end - start} characters; it is no text with a point a line")
+        if b"\0" in text[start:end]:
+            raise InputError(f"{source}: line {number} is binary, not text; give the file the ending of its format")
         content = text[start:end].decode("utf-8", "replace")
         if content.strip():
             # A tab may be an empty cell, or what Excel's first line says.

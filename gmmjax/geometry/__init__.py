@@ -40,5 +40,6 @@ from gmmjax.geometry.rigid import transformed as transformed
 from gmmjax.geometry.statistics import MEDIAN_TO_DEVIATION as MEDIAN_TO_DEVIATION
 from gmmjax.geometry.upward import Contact as Contact
 from gmmjax.geometry.upward import UpwardSettings as UpwardSettings
+from gmmjax.geometry.upward import is_geocentric as is_geocentric
 from gmmjax.geometry.upward import upward_direction as upward_direction
 from gmmjax.geometry.upward import z_is_height as z_is_height

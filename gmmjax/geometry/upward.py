@@ -44,7 +44,8 @@ class Contact(NamedTuple):
 def z_is_height(points: Float64[np.ndarray, "n 3"]) -> bool:
     """Whether z can only be a height: a scan is widest along x and y, and is not what a camera at the origin can see.
 
-    In the frame of a camera z points away from it: what lies across z is seen from below.
+    In the frame of a camera z points away from it: what lies across z is seen from below. Nor is z a height where the
+    origin is the centre of the Earth.
 
     Args:
         points: of a scan, in the frame that they were given in.
@@ -54,7 +55,18 @@ def z_is_height(points: Float64[np.ndarray, "n 3"]) -> bool:
     # No camera sees farther than 60 degrees to the side of its axis; one point in a hundred may be an outlier.
     within = np.hypot(x, y) <= np.tan(np.radians(60)) * np.abs(z)
     in_view = max(np.mean(within & (z > 0)), np.mean(within & (z < 0)))
-    return bool(np.argmin(upper - lower) == 2 and in_view < 0.99)
+    return bool(np.argmin(upper - lower) == 2 and in_view < 0.99) and not is_geocentric(points)
+
+
+def is_geocentric(points: Float64[np.ndarray, "n 3"]) -> bool:
+    """Whether coordinates are from the centre of the Earth, in metres: as far from it as the ground, z far from 0.
+
+    Args:
+        points: of a scan, in the frame that they were given in.
+    """
+    centre = np.median(points, axis=0)
+    # The ground is 6,353 to 6,384 km from the centre. A northing may be as large, but no height is above 10 km.
+    return bool(abs(np.linalg.norm(centre) - 6.37e6) < 0.03e6 and abs(centre[2]) > 1e4)
 
 
 def upward_direction(

@@ -198,14 +198,17 @@ def fit_model(model: AbstractMixtureModel[Mixture, Any], start: Mixture, setting
 def _judged(
     end: Annihilated[Mixture], model: AbstractMixtureModel[Mixture, Any], start: Mixture
 ) -> Annihilated[Mixture]:
-    """The end of a search whose status says so where the input was none to fit to, and whose scores where it failed."""
+    """The end of a search, invalid where the input was none to fit to; where it failed all numbers are NaN."""
     parameters = parameters_per_component(model.chunks.dimension, model.covariance_type)
     valid = is_usable((model, start), model.chunks.mass, model.prior, parameters)
     result = FitStatus.where(valid, end.result, FitStatus.invalid_input)
-    length, log_likelihood = (
-        jnp.where(failed(result), jnp.nan, score) for score in (end.message_length, end.log_likelihood)
-    )
-    return Annihilated(end.mixture, length, log_likelihood, end.steps, result)
+    scored = end.mixture, end.message_length, end.log_likelihood
+    mixture, length, log_likelihood = jax.tree.map(lambda leaf: _nan_where(failed(result), leaf), scored)
+    return Annihilated(mixture, length, log_likelihood, end.steps, result)
+
+
+def _nan_where(lost: Bool[Array, ""], leaf: JaxArray) -> JaxArray:
+    return jnp.where(lost, jnp.nan, leaf) if jnp.issubdtype(leaf.dtype, jnp.floating) else leaf
 
 
 def is_usable(given: Any, mass: Float[Array, "..."], prior: Prior, parameters: int) -> Bool[Array, ""]:

@@ -108,5 +108,5 @@ def best_fit(fits: Fit, *, throw: bool = True) -> Fit:
         raise ComputationError(f"none of {len(lengths)} restarts gave a mixture; {NOT_FINITE}")
     best = jnp.argmin(lengths)
     if is_traced(fits):
-        return jax.tree.map(lambda leaf: leaf[best], fits)
+        return jax.tree.map(lambda leaf: jnp.asarray(leaf)[best], fits)
     return jax.tree.map(lambda leaf: np.asarray(leaf[int(best)]), fits)

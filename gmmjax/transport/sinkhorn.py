@@ -50,7 +50,8 @@ def sinkhorn(
 
     Unlike the exact plan, this one changes smoothly with masses and costs, and so does its cost. The derivatives of
     `cost` are those of the reported number by masses (of dead components, too), costs and epsilon, with all that
-    follows from a changing plan, in forward and reverse mode; second derivatives are an error. As epsilon falls the
+    follows from a changing plan, in forward and reverse mode; second derivatives are an error. Where totals are equal
+    those by masses hold in directions that keep them equal. As epsilon falls the
     cost falls to the exact one, at the price of more iterations.
 
     Sinkhorn's sweeps alternate with steps of Newton's method, without which near ties take thousands of sweeps.

@@ -351,3 +351,12 @@ def test_real_scans_are_told_apart(scan_pairs):
 def test_public_names():
     for name in ("read_cloud", "detect_changes", "fit_mixture", "earth_movers_distance", "GaussianMixture", "Prior"):
         assert hasattr(gmmjax, name)
+
+
+def test_a_path_in_place_of_views_and_a_trace_are_named(gaussians, as_users):
+    with pytest.raises(InputError, match="views_after must be SensorViews, not a str; read a file by read_views"):
+        detect_changes(gaussians.before, gaussians.after, views_after="views.json")
+    with pytest.raises(InputError, match="host function: call it outside of jit"):
+        jax.jit(lambda own: detect_changes(own, gaussians.after))(gaussians.before)
+    with pytest.raises(InputError, match="host function: call it outside of jit"):
+        jax.jit(lambda own: own + len(detect_changes(gaussians.before, gaussians.after)))(1.0)

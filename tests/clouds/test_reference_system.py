@@ -50,7 +50,7 @@ HEIGHT = 'VERT_CS["NAVD88 (ftUS)",VERT_DATUM["x",2005],UNIT["US survey foot",0.3
         (f'COMPOUNDCRS["both",GEOGCRS["WGS 84",{BASE_2},{DEGREES}],{HEIGHT}]', "degree", ...),
         (f'PROJCS["plate carree",{BASE},PROJECTION["x"],UNIT["Degree",0.0174532925199433]]', "degree", ...),
         (f'GEODCRS["WGS 84",{BASE_2},CS[Cartesian,3],AXIS["X",geocentricX],LENGTHUNIT["metre",1]]', "m", ...),
-        ('GEOCCS["WGS 84",DATUM["x"],UNIT["metre",1],AUTHORITY["EPSG","4978"]]', "m", "EPSG:4978"),
+        ('GEOCCS["WGS 84",DATUM["x"],UNIT["metre",1],AUTHORITY["EPSG","4978"]]', "m", ...),
         ('LOCAL_CS["site",UNIT["foot",0.3048]]', "ft", None),
         ("", None, None),
         (ALBERS[:-1], None, None),

@@ -303,6 +303,13 @@ def test_a_text_does_not_decide_what_separates_the_cells(write_file, text):
         assert read_cloud(write_file("a.csv", text.encode())).points.tolist() == [[1.5, 2, 3]]
 
 
+@pytest.mark.parametrize("ending", ["xyz", "csv", "pts"])
+def test_a_binary_file_is_called_so(write_file, ending):
+    numbers = np.random.default_rng(0).normal(size=600).astype(np.float32).tobytes()
+    with pytest.raises(InputError, match="is binary, not text"):
+        read_cloud(write_file(f"a.{ending}", numbers + b"\n0 0 0\n"))
+
+
 def test_an_empty_coordinate_beside_decimal_commas_is_named(write_file):
     with pytest.raises(InputError, match=r"line 3 has an empty cell \(x\)"):
         read_cloud(write_file("a.csv", b"x;y;z\r\n1,5;2,5;3,5\r\n;;\r\n"))

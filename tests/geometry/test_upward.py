@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gmmjax.geometry import Contact, UpwardSettings, upward_direction, z_is_height
+from gmmjax.geometry import Contact, UpwardSettings, is_geocentric, upward_direction, z_is_height
 
 
 def standing(direction, seed=0, count=40):
@@ -52,6 +52,24 @@ def test_z_may_be_the_depth_of_what_a_camera_at_the_origin_sees(stray):
     forward = terrain(np.diag([1, -1, -1.0]), (-2.0, 2.0, 6.0), size=4.0)
     forward[:stray] = [0.1, 0.2, -1.0]
     assert not z_is_height(forward) and not z_is_height(forward * [1, -1, -1])
+
+
+def from_the_centre(latitude, at=(0.0, 0.0, 6.371e6)):
+    """The terrain at a place on the Earth, in coordinates from its centre."""
+    return terrain() @ Rotation.from_euler("y", 90 - latitude, degrees=True).as_matrix().T + Rotation.from_euler(
+        "y", 90 - latitude, degrees=True
+    ).apply(at)
+
+
+@pytest.mark.parametrize("latitude", [-80, -35, 10, 80])
+def test_z_is_no_height_where_the_origin_is_the_centre_of_the_earth(latitude):
+    points = from_the_centre(latitude)
+    assert is_geocentric(points) and not z_is_height(points)
+
+
+def test_a_northing_may_be_as_large_as_the_radius_of_the_earth():
+    points = terrain(shift=(5e5, 6.35e6, 120.0))
+    assert not is_geocentric(points) and z_is_height(points)
 
 
 def test_z_is_no_height_where_a_scan_is_flatter_along_another_axis():

@@ -24,8 +24,8 @@ from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.changes.prepare.units import stated_systems
 from gmmjax.changes.record import Changes
 from gmmjax.changes.signed_distance import OuterSide, PointFigures, SignedDistanceSettings, signed_distances
-from gmmjax.clouds import SensorViews
-from gmmjax.geometry import LocalSurface, z_is_height
+from gmmjax.clouds import SensorViews, names_centre
+from gmmjax.geometry import LocalSurface, is_geocentric, z_is_height
 from gmmjax.pair import Pair, each, each_on_cores
 
 
@@ -127,10 +127,13 @@ class AlignedScans:
         """What tells from which side the surfaces of both scans were seen."""
         if any(views is not None for views in self.sensors):
             return "sensor"
+        surfaces = self.pair.surfaces
         stated = stated_systems(self.scans.map(lambda scan: scan.cloud))
-        if any(stated) or all(z_is_height(surface.points) for surface in self.pair.surfaces):
+        projected = any(stated) and not any(names_centre(crs) for crs in stated if crs is not None)
+        if projected and not any(is_geocentric(surface.points) for surface in surfaces):
             return "up"
-        return "unknown"
+        no_system = not any(stated) and all(z_is_height(surface.points) for surface in surfaces)
+        return "up" if no_system else "unknown"
 
     @functools.cached_property
     def members(self) -> Pair[Int[np.ndarray, " _"]]:

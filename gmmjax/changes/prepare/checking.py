@@ -367,13 +367,35 @@ def _warn_about_extents(before: np.ndarray, after: np.ndarray, settings: CheckSe
         )
     if all(map(_may_be_degrees, (before, after))):
         warn(
-            "x and y of both clouds may be longitude and latitude in degrees: their extents are less than a thousandth "
-            "of that of z. Distances need lengths: project both first, such as to the UTM zone of the place"
+            "x and y of both clouds may be longitude and latitude in degrees: over them z is steeper than any ground. "
+            "Distances need lengths: project both first, such as to the UTM zone of the place"
         )
 
 
 def _may_be_degrees(points: np.ndarray) -> bool:
-    """Whether a cloud is a thousand times as high as it is wide, in the range of longitude and latitude."""
+    """Whether x and y are in the range of longitude and latitude, and z rises over them as over no ground in lengths.
+
+    Either the cloud is a thousand times as high as it is wide, or z is a function of x and y, as on the ground, and
+    a hundred times as steep as at 45 degrees.
+    """
     width, depth, height = np.ptp(points, axis=0)
     x, y = np.abs(points[:, :2]).max(axis=0)
-    return bool(1000 * max(width, depth) < height and x <= 180 and y <= 90)
+    if x > 180 or y > 90 or max(width, depth) > 10:
+        return False
+    if 1000 * max(width, depth) < height:
+        return True
+    cell, rise = _rise_in_cells(points[evenly_chosen(len(points), 100_000)])
+    return bool(100 * cell < rise < height / 2)
+
+
+def _rise_in_cells(points: np.ndarray) -> tuple[float, float]:
+    """The edge of square cells seen from above with some 16 points each, and the median range of z in them."""
+    low, extent = points[:, :2].min(axis=0), np.ptp(points[:, :2], axis=0)
+    cell = max(4 * float(np.sqrt(extent.prod() / len(points))), float(extent.max()) / 1e4)
+    columns, rows = np.floor((points[:, :2] - low) / cell).astype(np.int64).T
+    keys = columns * (rows.max() + 1) + rows
+    order = np.argsort(keys)
+    starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    heights = points[order, 2]
+    ranges = np.maximum.reduceat(heights, starts) - np.minimum.reduceat(heights, starts)
+    return cell, float(np.median(ranges))

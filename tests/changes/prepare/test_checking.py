@@ -203,6 +203,20 @@ def test_longitude_and_latitude_without_a_system_are_warned_of():
     check_pair(scans.map(lambda own: own * [1e3, 1e3, 1]))
 
 
+@pytest.mark.parametrize("width", [100, 1000, 10_000])
+def test_ground_in_degrees_is_warned_of(width):
+    random = np.random.default_rng(0)
+    metres = random.uniform(0, width, (4000, 2))
+    heights = 20 * np.sin(6 * metres[:, 0] / width) + random.normal(0, 0.05, 4000)
+    degrees = np.c_[7 + metres[:, 0] / 70_000, 51 + metres[:, 1] / 111_320, heights]
+    with pytest.warns(InputWarning, match="longitude and latitude in degrees"):
+        check_pair(Pair(degrees, degrees.copy()))
+    # The same slopes in lengths, and a facade, over which z is no function of x and y.
+    check_pair(Pair(*[np.c_[metres * 10 / width, heights * 10 / width]] * 2))
+    facade = np.c_[metres[:, 0] * 10 / width, random.normal(0, 1e-3, 4000), random.uniform(0, 6, 4000)]
+    check_pair(Pair(facade, facade))
+
+
 def test_a_registration_of_two_planes_may_leave_a_slight_tilt():
     tilted = OTHER + OTHER[:, [2, 2, 0]] * [0, 0, 1e-4]
     check_not_flat(Pair(PLANE, tilted), Pair(PLANE, tilted), registered=False)
