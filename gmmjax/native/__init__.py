@@ -8,13 +8,10 @@ import functools
 import importlib
 import os
 import threading
-from collections.abc import Callable
 from types import ModuleType
-from typing import Any, TypeVar
 
 import jax
 
-_Result = TypeVar("_Result")
 # Turns the kernels off, where it is 0.
 SWITCH = "GMMJAX_NATIVE"
 
@@ -58,14 +55,3 @@ def _registered() -> bool:
 def used() -> bool:
     """Whether the kernels do the work wherever there is one: they are available, and there is no device but the CPU."""
     return available() and jax.default_backend() == "cpu"
-
-
-def native_or(plain: Callable[..., _Result], native: Callable[..., _Result], *arguments: Any) -> _Result:
-    """What the kernel gives where there is one for the device, else what plain JAX gives; also under `jit`."""
-    if not available():
-        return plain(*arguments)
-    if used():
-        # The plain code need not be traced.
-        return native(*arguments)
-    chosen: _Result = jax.lax.platform_dependent(*arguments, cpu=native, default=plain)
-    return chosen
