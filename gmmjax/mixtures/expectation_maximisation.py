@@ -18,7 +18,7 @@ from gmmjax.mixtures.noise import noise_coefficients
 from gmmjax.mixtures.prior import Prior
 from gmmjax.mixtures.quadratic import coefficients, quadratic_features, split_feature_sums
 from gmmjax.mixtures.weighted_points import WeightedPoints
-from gmmjax.native.primitive import kernel_or
+from gmmjax.native import kernel_or
 
 # Points of a matrix product: XLA computes products so small by one thread, without waiting for others.
 POINTS_OF_PRODUCT = 512

@@ -12,6 +12,8 @@ from types import ModuleType
 
 import jax
 
+from gmmjax.native.primitive import kernel_or as kernel_or
+
 # Turns the kernels off, where it is 0.
 SWITCH = "GMMJAX_NATIVE"
 
@@ -36,7 +38,7 @@ def host_kernels() -> ModuleType | None:
     except ImportError:
         return None
     # A checkout may hold a build of an earlier version.
-    return kernels if hasattr(kernels, "projections") else None
+    return kernels if hasattr(kernels, "exact_transport") else None
 
 
 @functools.cache

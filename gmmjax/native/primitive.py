@@ -1,4 +1,4 @@
-"""A kernel as an operation of JAX, with plain code in its place wherever a program goes that the kernel cannot go to."""
+"""A kernel as an operation of JAX, in whose place is plain code where a program goes and the kernel cannot."""
 
 import functools
 from collections.abc import Callable, Sequence
@@ -13,12 +13,16 @@ from gmmjax import native
 
 
 def kernel_or(
-    target: str, plain: Callable[..., Sequence[jax.Array]], results: Sequence[jax.ShapeDtypeStruct], *arguments: jax.Array
+    target: str,
+    plain: Callable[..., Sequence[jax.Array]],
+    results: Sequence[jax.ShapeDtypeStruct],
+    *arguments: jax.Array,
 ) -> tuple[jax.Array, ...]:
-    """What the kernel gives on a CPU, else what plain JAX gives.
+    """Compute by the kernel on a CPU, else in plain JAX.
 
-    Which it is is chosen when a program is lowered, for its platform: the plain code need not be traced for a CPU. A
-    program of `jax.export` is always plain, because it may run where no kernel is registered.
+    The choice is made when a program is lowered for its platform, so that nothing that was traced before can be wrong,
+    and the plain code is traced only where it is used. What `jax.export` exports is plain: it may run in a process that
+    knows no kernel.
 
     Args:
         target: the kernel's name for XLA.
@@ -52,9 +56,7 @@ def _lowered(context: mlir.LoweringRuleContext, *arguments: Any, target: str, **
     module = context.module_context
     if tuple(context.platforms or module.platforms) == ("cpu",) and not module.lowering_parameters.for_export:
         return jax.ffi.ffi_lowering(target)(context, *arguments)
-    # A program may be lowered in another context than it was traced in.
-    with jax.enable_x64(any(own.dtype == jnp.float64 for own in context.avals_in)):
-        return mlir.lower_fun(_plain)(context, *arguments, **settings)
+    return mlir.lower_fun(_plain)(context, *arguments, **settings)
 
 
 def _plain(

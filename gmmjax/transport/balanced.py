@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from gmmjax._typing import Array
 from gmmjax._varying import varying_as
-from gmmjax.native.primitive import kernel_or
+from gmmjax.native import kernel_or
 from gmmjax.transport.dual_simplex import dual_simplex
 
 _CPU_LANES = 64
