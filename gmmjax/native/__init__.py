@@ -8,11 +8,12 @@ import functools
 import importlib
 import os
 import threading
+from collections.abc import Callable, Sequence
 from types import ModuleType
 
 import jax
 
-from gmmjax.native.primitive import kernel_or as kernel_or
+from gmmjax.native.primitive import kernel_call
 
 # Turns the kernels off, where it is 0.
 SWITCH = "GMMJAX_NATIVE"
@@ -57,3 +58,25 @@ def _registered() -> bool:
 def used() -> bool:
     """Whether the kernels do the work wherever there is one: they are available, and there is no device but the CPU."""
     return available() and jax.default_backend() == "cpu"
+
+
+def kernel_or(
+    target: str,
+    plain: Callable[..., Sequence[jax.Array]],
+    results: Sequence[jax.ShapeDtypeStruct],
+    *arguments: jax.Array,
+) -> tuple[jax.Array, ...]:
+    """Compute by the kernel on a CPU, else in plain JAX.
+
+    The choice is made when a program is lowered for its platform, so that nothing that was traced before can be wrong,
+    and the plain code is traced only where it is used. What `jax.export` exports is plain: it may run in a process that
+    knows no kernel.
+
+    Args:
+        target: the kernel's name for XLA.
+        plain: a function of a module that computes the same.
+        results: shapes and dtypes of what both return.
+        arguments: of both; an axis that `vmap` adds is a leading one for the kernel, of size 1 where all share an
+            argument.
+    """
+    return kernel_call(target, plain, results, *arguments) if available() else tuple(plain(*arguments))

@@ -9,30 +9,14 @@ import jax.numpy as jnp
 from jax.extend.core import Primitive
 from jax.interpreters import batching, mlir, xla
 
-from gmmjax import native
 
-
-def kernel_or(
+def kernel_call(
     target: str,
     plain: Callable[..., Sequence[jax.Array]],
     results: Sequence[jax.ShapeDtypeStruct],
     *arguments: jax.Array,
 ) -> tuple[jax.Array, ...]:
-    """Compute by the kernel on a CPU, else in plain JAX.
-
-    The choice is made when a program is lowered for its platform, so that nothing that was traced before can be wrong,
-    and the plain code is traced only where it is used. What `jax.export` exports is plain: it may run in a process that
-    knows no kernel.
-
-    Args:
-        target: the kernel's name for XLA.
-        plain: a function of a module that computes the same.
-        results: shapes and dtypes of what both return.
-        arguments: of both; an axis that `vmap` adds is a leading one for the kernel, of size 1 where all share an
-            argument.
-    """
-    if not native.available():
-        return tuple(plain(*arguments))
+    """See `gmmjax.native.kernel_or`, of a kernel that is available."""
     shapes = tuple((result.shape, result.dtype) for result in results)
     return tuple(_kernel.bind(*arguments, target=target, plain=plain, shapes=shapes, stack=()))
 
