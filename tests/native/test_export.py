@@ -62,8 +62,10 @@ def test_an_exported_function_is_plain_although_it_ran_with_kernels(function, mo
 def test_what_is_exported_or_lowered_for_another_device_is_plain():
     traced = batched(compared).trace(CLOUDS, KEYS)
     cpu, cuda = (traced.lower(lowering_platforms=(platform,)).as_text() for platform in ("cpu", "cuda"))
-    exported = export.export(batched(compared), platforms=("cpu", "cuda"))(CLOUDS, KEYS).mlir_module()
-    assert all(target in cpu and target not in cuda and target not in exported for target in TARGETS)
+    assert all(target in cpu and target not in cuda for target in TARGETS)
+    for platforms in (("cpu",), ("cpu", "cuda")):
+        exported = export.export(batched(compared), platforms=platforms)(CLOUDS, KEYS).mlir_module()
+        assert not any(target in exported for target in TARGETS)
 
 
 SCRIPT = """
