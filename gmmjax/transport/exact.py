@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from gmmjax import native
 from gmmjax._host import float64_on_host, is_numpy, is_traced
 from gmmjax._typing import Array
+from gmmjax.errors import InputError
 from gmmjax.transport.balanced import balanced_transport, pivot_limit
 from gmmjax.transport.embedding import check_shapes, checked
 from gmmjax.transport.result import TransportResult, TransportStatus, trusted_cost
@@ -55,6 +56,8 @@ def exact_transport(
         InputError: for shapes that do not fit together.
     """
     check_shapes(mass_before, mass_after, cost)
+    if start is not None and np.shape(start) != np.shape(mass_after):
+        raise InputError(f"start must have a potential for each of {len(mass_after)} masses after: {np.shape(start)}")
     limit = pivot_limit(*cost.shape) if max_pivots is None else max_pivots
     problem = mass_before, mass_after, cost, start, limit
     kernels = native.host_kernels()

@@ -108,6 +108,9 @@ def test_shapes_that_do_not_fit_are_refused(solve, convert):
     for problem in ((before, after, cost.T), (before[:4], after, cost), (before[None], after[None], cost[None])):
         with pytest.raises(InputError, match="cost must be of shape"):
             solve(*(convert(array) for array in problem))
+    if solve is exact_transport:
+        with pytest.raises(InputError, match="start must have a potential"):
+            solve(*(convert(array) for array in (before, after, cost)), start=convert(before))
 
 
 @pytest.mark.parametrize("kernels", [pytest.param(True, marks=needs_kernels), False])
