@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.extend.core import get_opaque_trace_state
 
 from gmmjax._typing import Array
 from gmmjax.errors import InputError
@@ -16,11 +17,16 @@ _Tree = TypeVar("_Tree")
 _Parameters = ParamSpec("_Parameters")
 _Result = TypeVar("_Result")
 
+with jax.ensure_compile_time_eval():
+    _OUTSIDE_OF_TRANSFORMATIONS = get_opaque_trace_state()
+
 
 def is_traced(*trees: object) -> bool:
     """Whether any leaf is being traced by a JAX transformation, or whatever is computed is, as inside `jit`."""
-    # Inside `jit` every operation is traced, also on NumPy arrays.
-    return _has_tracer(trees) or _has_tracer(jnp.zeros(()))
+    if _has_tracer(trees):
+        return True
+    # Inside `jit` every operation is traced, also on NumPy arrays. To try one takes longer than small problems do.
+    return get_opaque_trace_state() != _OUTSIDE_OF_TRANSFORMATIONS and _has_tracer(jnp.zeros(()))
 
 
 def _has_tracer(tree: object) -> bool:
@@ -55,16 +61,18 @@ def to_numpy(tree: _Tree) -> _Tree:
 def float64_on_host(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
     """The function, which for records of the host computes in float64, whatever JAX's setting, and returns NumPy.
 
-    Where a record among its positional arguments has leaves that are JAX's, where anything is traced, and inside `jit`,
-    it is the function as it stands: in the dtype of its arguments.
+    Where a record among its arguments has leaves that are JAX's, where anything is traced, and inside `jit`, it is the
+    function as it stands: in the dtype of its arguments.
 
     Args:
-        function: of one or more records, such as a method, and further arguments.
+        function: of one or more records, such as a method, and further arguments; or of arrays alone, which then count
+            as records.
     """
 
     @functools.wraps(function)
     def call(*arguments: _Parameters.args, **settings: _Parameters.kwargs) -> _Result:
-        records = [own for own in (*arguments, *settings.values()) if isinstance(own, eqx.Module)]
+        given = *arguments, *settings.values()
+        records = [own for own in given if isinstance(own, eqx.Module)] or given
         if not is_numpy(records) or is_traced(arguments, settings):
             return function(*arguments, **settings)
         with jax.enable_x64(True):

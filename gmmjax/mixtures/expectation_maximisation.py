@@ -18,7 +18,7 @@ from gmmjax.mixtures.noise import noise_coefficients
 from gmmjax.mixtures.prior import Prior
 from gmmjax.mixtures.quadratic import coefficients, quadratic_features, split_feature_sums
 from gmmjax.mixtures.weighted_points import WeightedPoints
-from gmmjax.native import native_or
+from gmmjax.native import kernel_or
 
 # Points of a matrix product: XLA computes products so small by one thread, without waiting for others.
 POINTS_OF_PRODUCT = 512
@@ -114,7 +114,10 @@ def feature_sums(
 
 @eqx.filter_custom_jvp
 def _feature_sums(parameters: JaxArray, features: JaxArray, mass: JaxArray) -> tuple[JaxArray, JaxArray]:
-    return native_or(_plain_feature_sums, _native_feature_sums, parameters, features, mass)
+    shapes = (jax.ShapeDtypeStruct(parameters.shape, parameters.dtype), jax.ShapeDtypeStruct((), parameters.dtype))
+    solved = kernel_or("gmmjax_feature_sums", _plain_feature_sums, shapes, parameters, features, mass)
+    sums, log_likelihood = varying_as(solved, parameters, features, mass)
+    return sums, log_likelihood
 
 
 @_feature_sums.def_jvp
@@ -160,13 +163,6 @@ def _feature_sums_tangents(primals: tuple[Any, ...], tangents: tuple[Any, ...]) 
     zeros = (jnp.broadcast_to(zero, parameters.shape), zero)
     totals, _ = jax.lax.scan(add_chunk, zeros, (all_features, all_mass, moved_features, moved_mass))
     return totals
-
-
-def _native_feature_sums(parameters: JaxArray, features: JaxArray, mass: JaxArray) -> tuple[JaxArray, JaxArray]:
-    shapes = (jax.ShapeDtypeStruct(parameters.shape, parameters.dtype), jax.ShapeDtypeStruct((), parameters.dtype))
-    call = jax.ffi.ffi_call("gmmjax_feature_sums", shapes, vmap_method="expand_dims")
-    sums, log_likelihood = varying_as(tuple(call(parameters, features, mass)), parameters, features, mass)
-    return sums, log_likelihood
 
 
 @in_full_precision

@@ -8,13 +8,13 @@ import functools
 import importlib
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import ModuleType
-from typing import Any, TypeVar
 
 import jax
 
-_Result = TypeVar("_Result")
+from gmmjax.native.primitive import kernel_call
+
 # Turns the kernels off, where it is 0.
 SWITCH = "GMMJAX_NATIVE"
 
@@ -39,7 +39,7 @@ def host_kernels() -> ModuleType | None:
     except ImportError:
         return None
     # A checkout may hold a build of an earlier version.
-    return kernels if hasattr(kernels, "projections") else None
+    return kernels if hasattr(kernels, "exact_transport") else None
 
 
 @functools.cache
@@ -60,12 +60,23 @@ def used() -> bool:
     return available() and jax.default_backend() == "cpu"
 
 
-def native_or(plain: Callable[..., _Result], native: Callable[..., _Result], *arguments: Any) -> _Result:
-    """What the kernel gives where there is one for the device, else what plain JAX gives; also under `jit`."""
-    if not available():
-        return plain(*arguments)
-    if used():
-        # The plain code need not be traced.
-        return native(*arguments)
-    chosen: _Result = jax.lax.platform_dependent(*arguments, cpu=native, default=plain)
-    return chosen
+def kernel_or(
+    target: str,
+    plain: Callable[..., Sequence[jax.Array]],
+    results: Sequence[jax.ShapeDtypeStruct],
+    *arguments: jax.Array,
+) -> tuple[jax.Array, ...]:
+    """Compute by the kernel on a CPU, else in plain JAX.
+
+    The choice is made when a program is lowered for its platform, so that nothing that was traced before can be wrong,
+    and the plain code is traced only where it is used. What `jax.export` exports is plain: it may run in a process that
+    knows no kernel.
+
+    Args:
+        target: the kernel's name for XLA.
+        plain: a function of a module that computes the same.
+        results: shapes and dtypes of what both return.
+        arguments: of both; an axis that `vmap` adds is a leading one for the kernel, of size 1 where all share an
+            argument.
+    """
+    return kernel_call(target, plain, results, *arguments) if available() else tuple(plain(*arguments))

@@ -11,6 +11,7 @@
 
 #include "handlers.h"
 #include "packed_points.h"
+#include "transport.h"
 
 namespace {
 
@@ -116,10 +117,40 @@ PyObject* projections(PyObject*, PyObject* arguments) {
   Py_RETURN_NONE;
 }
 
+PyObject* exact_transport(PyObject*, PyObject* arguments) {
+  Arrays<7> arrays;
+  gmmjax::ExactProblem problem;
+  if (!PyArg_ParseTuple(arguments, "y*y*y*z*iw*w*w*", &arrays[0], &arrays[1], &arrays[2], &arrays[3],
+                        &problem.most_augmentations, &arrays[4], &arrays[5], &arrays[6]))
+    return nullptr;
+  const Py_ssize_t rows = arrays[0].len / Py_ssize_t(sizeof(double));
+  const Py_ssize_t columns = arrays[1].len / Py_ssize_t(sizeof(double));
+  if (!arrays.holds(0, rows) || !arrays.holds(1, columns) || !arrays.holds(2, rows * columns) ||
+      !(arrays[3].buf == nullptr || arrays.holds(3, columns)) || !arrays.holds(4, rows * columns) ||
+      !arrays.holds(5, 2 * rows) || !arrays.holds(6, 2 * columns)) {
+    PyErr_SetString(PyExc_ValueError, "arrays of a transport problem must be float64 and fit together");
+    return nullptr;
+  }
+  problem.rows = int(rows), problem.columns = int(columns);
+  problem.before = arrays.of<double>(0), problem.after = arrays.of<double>(1), problem.cost = arrays.of<double>(2);
+  problem.start = arrays.of<double>(3), problem.plan = arrays.of<double>(4);
+  problem.of_before = arrays.of<double>(5), problem.of_after = arrays.of<double>(6);
+  gmmjax::ExactCost solved{0, nullptr};
+  Py_BEGIN_ALLOW_THREADS;
+  try {
+    solved = gmmjax::exact_transport(problem);
+  } catch (const std::bad_alloc&) {
+  }
+  Py_END_ALLOW_THREADS;
+  if (solved.status == nullptr) return PyErr_NoMemory();
+  return Py_BuildValue("ds", solved.cost, solved.status);
+}
+
 PyMethodDef methods[] = {
     {"targets", targets, METH_NOARGS, "The handlers of XLA's calls, by name."},
     {"packed_points", packed_points, METH_VARARGS, "A tree of points: float64 [count, 3]."},
     {"projections", projections, METH_VARARGS, "The points of a tree in cylinders, see gmmjax.changes.cylinders."},
+    {"exact_transport", exact_transport, METH_VARARGS, "Cost and status, see gmmjax.transport.exact."},
     {nullptr, nullptr, 0, nullptr}};
 PyModuleDef definition = {PyModuleDef_HEAD_INIT, "_kernels", "Compiled kernels of gmmjax.", 0, methods,
                           nullptr,               nullptr,    nullptr,                       nullptr};

@@ -45,6 +45,27 @@ struct TransportProblem {
   TransportWorkspace workspace;
 };
 
+// Masses of any totals, in arrays of the host.
+struct ExactProblem {
+  const double* before;  // [rows]
+  const double* after;   // [columns]
+  const double* cost;    // [rows, columns]
+  const double* start;   // [columns]: potentials of the after side to start from, or null
+  double* plan;          // [rows, columns]
+  double* of_before;     // [2, rows]: the potentials, and the unmatched mass
+  double* of_after;      // [2, columns]: the same
+  int rows, columns;
+  int32_t most_augmentations;
+};
+
+struct ExactCost {
+  double cost;
+  const char* status;  // the name of a `TransportStatus`
+};
+
+// What `gmmjax/transport/exact.py` and `embedding.py` do around the kernel, with the same conventions.
+ExactCost exact_transport(const ExactProblem& problem);
+
 #define GMMJAX_DECLARE(set)                                \
   namespace set {                                          \
   void transport(const TransportProblem<double>& problem); \

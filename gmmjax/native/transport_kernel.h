@@ -23,10 +23,13 @@ constexpr double kRounding = 4 * std::numeric_limits<double>::epsilon();
 constexpr double kTight = 64 * std::numeric_limits<double>::epsilon();
 
 // The entropy of the starting prices, in units of the range of the costs, and their Sinkhorn sweeps.
-constexpr double kSmoothing = 0.05;
-constexpr int kSweeps = 5;
-// Of fewer arcs the cheapest are found sooner than good prices.
-constexpr int kFewArcs = 100;
+struct Smoothing {
+  double entropy;
+  int sweeps;
+};
+// Of fewer arcs the cheapest are found sooner than good prices; of many, better prices save more than they take.
+constexpr int kFewArcs = 100, kManyArcs = 2000;
+constexpr Smoothing kSmoothing{0.05, 5}, kSmoothingOfMany{0.03, 10};
 
 using Doubles = Vector<double>;
 using Integers = Bits<double>;
@@ -123,12 +126,13 @@ class Transport {
 
   // A few sweeps of Sinkhorn's algorithm. The flow's matrix, still empty, holds the kernel.
   void smooth_row_prices() {
-    const double unit = -1 / (kSmoothing * (dearest_ - cheapest_));
+    const Smoothing& smoothing = rows_ * columns_ > kManyArcs ? kSmoothingOfMany : kSmoothing;
+    const double unit = -1 / (smoothing.entropy * (dearest_ - cheapest_));
     for (int j = 0; j < p_.width; ++j) w_.distance[j] = j < columns_ ? 1 : 0;
     for (int i = 0; i < rows_; ++i)
       for (int j = 0; j < p_.width; j += kLanes)
         store(&flow(i, j), exponential<double>((load<double>(&cost(i, j)) - cheapest_) * unit));
-    for (int sweep = 0; sweep < kSweeps; ++sweep) {
+    for (int sweep = 0; sweep < smoothing.sweeps; ++sweep) {
       for (int j = 0; j < p_.width; ++j) w_.open_price[j] = 0;
       for (int i = 0; i < rows_; ++i) {
         Doubles total{};

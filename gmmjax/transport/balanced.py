@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from gmmjax._typing import Array
 from gmmjax._varying import varying_as
-from gmmjax.native import native_or
+from gmmjax.native import kernel_or
 from gmmjax.transport.dual_simplex import dual_simplex
 
 _CPU_LANES = 64
@@ -63,21 +63,16 @@ def balanced_transport(
         The solution. A dead component's potential is the price at which its first grain of mass would travel.
     """
     arguments = jax.lax.stop_gradient((supply, demand, cost, start, max_pivots))
-    return native_or(_plain_transport, _native_transport, *arguments)
-
-
-def _native_transport(supply: Array, demand: Array, cost: Array, start: Array, max_pivots: Array) -> BalancedSolution:
-    """By successive shortest paths; see `native/transport_kernel.h`."""
     dtype = jnp.result_type(supply, demand, cost)
-    supply, demand, cost, start = (array.astype(dtype) for array in (supply, demand, cost, start))
     shapes = (
         *(jax.ShapeDtypeStruct(array.shape, dtype) for array in (cost, supply, demand)),
         jax.ShapeDtypeStruct((), jnp.bool_),
         jax.ShapeDtypeStruct((), jnp.int32),
     )
-    call = jax.ffi.ffi_call("gmmjax_transport", shapes, vmap_method="expand_dims")
-    solved = call(supply, demand, cost, start, max_pivots)
-    return BalancedSolution(*varying_as(tuple(solved), supply, demand, cost, start))
+    masses_and_prices = (array.astype(dtype) for array in arguments[:4])
+    # By successive shortest paths; see `native/transport_kernel.h`.
+    solved = kernel_or("gmmjax_transport", _plain_transport, shapes, *masses_and_prices, arguments[4])
+    return BalancedSolution(*varying_as(solved, *arguments[:4]))
 
 
 def _plain_transport(supply: Array, demand: Array, cost: Array, start: Array, max_pivots: Array) -> BalancedSolution:

@@ -1,13 +1,15 @@
 """The earth mover's distance between two mixtures (thesis 2.2.3)."""
 
 import jax.numpy as jnp
+import numpy as np
+from scipy.spatial.distance import cdist
 
-from gmmjax._host import float64_on_host
+from gmmjax._host import float64_on_host, is_numpy, is_traced
 from gmmjax._typing import Scalar
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures import GaussianMixture
 from gmmjax.transport.exact import exact_transport
-from gmmjax.transport.ground_cost import GROUND_COSTS, GroundCost
+from gmmjax.transport.ground_cost import GROUND_COSTS, GroundCost, distance_of_means
 from gmmjax.transport.result import TransportResult
 from gmmjax.transport.sinkhorn import sinkhorn
 
@@ -52,6 +54,9 @@ def earth_movers_distance(
         ground_cost = GROUND_COSTS[ground_cost]
     if epsilon is not None and solver != "sinkhorn":
         raise InputError('epsilon is of use to solver="sinkhorn" only: leave it out, or choose that solver.')
+    if solver == "exact" and ground_cost is distance_of_means and is_numpy(before, after) and not is_traced():
+        supply, demand = (np.where(mixture.live, mixture.weights, 0) for mixture in (before, after))
+        return exact_transport(supply, demand, cdist(before.means, after.means))
     return _earth_movers_distance(before, after, solver, ground_cost, epsilon)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from gmmjax._typing import Array
+from gmmjax.errors import InputError
 from gmmjax.transport.result import TransportStatus
 
 
@@ -90,6 +91,16 @@ class Balanced(eqx.Module):
         return rows[:-1] + shift, columns[:-1] - shift
 
 
+def check_shapes(mass_before: Float[Array, "..."], mass_after: Float[Array, "..."], cost: Float[Array, "..."]) -> None:
+    """Raises an `InputError` unless the costs have a row for each mass before and a column for each mass after."""
+    shapes = [np.shape(array) for array in (mass_before, mass_after, cost)]
+    if len(shapes[0]) != 1 or len(shapes[1]) != 1 or shapes[2] != shapes[0] + shapes[1]:
+        raise InputError(
+            "cost must be of shape [k0, k1] for mass_before of [k0] and mass_after of [k1], but they have "
+            f"{list(shapes[2])}, {list(shapes[0])} and {list(shapes[1])}: give one problem, and map stacks by jax.vmap."
+        )
+
+
 def checked(
     mass_before: Float[Array, " k0"],
     mass_after: Float[Array, " k1"],
@@ -102,6 +113,7 @@ def checked(
     before, after, cost = (array.astype(np.float64 if double else np.float32) for array in arrays)
     price = jnp.asarray(penalty)
     valid = jnp.isfinite(price) & (price >= 0) & jnp.all(jnp.isfinite(cost))
-    valid &= jnp.all(jnp.isfinite(before) & (before >= 0)) & jnp.all(jnp.isfinite(after) & (after >= 0))
+    for mass in (before, after):
+        valid &= jnp.isfinite(mass.sum()) & jnp.all(mass >= 0)
     before, after, cost = (jnp.where(valid, array, jnp.zeros((), array.dtype)) for array in (before, after, cost))
     return Problem(before, after, cost, valid)

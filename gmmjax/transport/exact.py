@@ -1,12 +1,18 @@
 """The earth mover's distance between two weighted sets, exactly (thesis 2.2.3)."""
 
+from types import ModuleType
+
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float, Int
 
+from gmmjax import native
+from gmmjax._host import float64_on_host, is_numpy, is_traced
 from gmmjax._typing import Array
+from gmmjax.errors import InputError
 from gmmjax.transport.balanced import balanced_transport, pivot_limit
-from gmmjax.transport.embedding import checked
+from gmmjax.transport.embedding import check_shapes, checked
 from gmmjax.transport.result import TransportResult, TransportStatus, trusted_cost
 
 
@@ -29,6 +35,9 @@ def exact_transport(
     where the optimal plan or potentials are not unique they are one of the subgradients. A component of mass 0 changes
     nothing, whatever its finite costs; its potential tells what its first mass would change.
 
+    NumPy arrays are solved in float64 whatever JAX's setting, by the compiled kernel without a JAX program around it,
+    and the result is NumPy's; JAX arrays are solved in double precision if any of them is.
+
     Args:
         mass_before: nonnegative masses, in any unit; 0 marks a dead component.
         mass_after: masses in the same unit; the totals may differ.
@@ -39,13 +48,50 @@ def exact_transport(
             far more than were ever seen to be needed.
 
     Returns:
-        The result, in double precision if any input is. It is `invalid_input` for masses that are negative and for
+        The result. It is `invalid_input` for masses that are negative and for
         anything that is not finite, `no_mass` when either side is empty, and `pivot_limit` when the pivots did not
         suffice: then the plan is the last one tried and must not be used.
+
+    Raises:
+        InputError: for shapes that do not fit together.
     """
+    check_shapes(mass_before, mass_after, cost)
+    if start is not None and np.shape(start) != np.shape(mass_after):
+        raise InputError(f"start must have a potential for each of {len(mass_after)} masses after: {np.shape(start)}")
     limit = pivot_limit(*cost.shape) if max_pivots is None else max_pivots
+    problem = mass_before, mass_after, cost, start, limit
+    kernels = native.host_kernels()
+    if kernels is not None and is_numpy(problem) and not is_traced(problem):
+        return _solve_on_host(kernels, *problem)
+    return _solve_in_jax(*problem)
+
+
+def _solve_on_host(
+    kernels: ModuleType, mass_before: Array, mass_after: Array, cost: Array, start: Array | None, max_pivots: int
+) -> TransportResult:
+    """As `_solve`, without the dispatch of a JAX program, which takes longer than a small problem does."""
+    before, after, cost = (np.ascontiguousarray(own, np.float64) for own in (mass_before, mass_after, cost))
+    given = None if start is None else np.ascontiguousarray(start, np.float64)
+    plan, of_before, of_after = np.empty(cost.shape), np.empty((2, len(before))), np.empty((2, len(after)))
+    price, status = kernels.exact_transport(before, after, cost, given, max_pivots, plan, of_before, of_after)
+    return TransportResult(
+        cost=np.array(price),
+        plan=plan,
+        potentials=(of_before[0], of_after[0]),
+        unmatched=(of_before[1], of_after[1]),
+        result=getattr(TransportStatus, status),
+    )
+
+
+@float64_on_host
+def _solve_in_jax(
+    mass_before: Array, mass_after: Array, cost: Array, start: Array | None, max_pivots: int
+) -> TransportResult:
     given = jnp.asarray(mass_before), jnp.asarray(mass_after), jnp.asarray(cost)
-    return _solve(given, None if start is None else jnp.asarray(start), jnp.asarray(limit, dtype=jnp.int32))
+    solved: TransportResult = _solve(
+        given, None if start is None else jnp.asarray(start), jnp.asarray(max_pivots, dtype=jnp.int32)
+    )
+    return solved
 
 
 @eqx.filter_jit

@@ -4,12 +4,14 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Float, Int
 
+from gmmjax._host import float64_on_host
 from gmmjax._typing import Array
 from gmmjax.transport.balanced import balanced_transport, pivot_limit
-from gmmjax.transport.embedding import checked
+from gmmjax.transport.embedding import check_shapes, checked
 from gmmjax.transport.result import TransportResult, TransportStatus, trusted_cost
 
 
+@float64_on_host
 def partial_transport(
     mass_before: Float[Array, " k0"],
     mass_after: Float[Array, " k1"],
@@ -41,6 +43,7 @@ def partial_transport(
         flow (mass times ground cost), and that a side without mass is no error. Its derivatives: the plan with respect
         to the costs, the potentials with respect to the masses, all unmatched mass with respect to the penalty.
     """
+    check_shapes(mass_before, mass_after, cost)
     limit = pivot_limit(*cost.shape) if max_pivots is None else max_pivots
     given = jnp.asarray(mass_before), jnp.asarray(mass_after), jnp.asarray(cost), jnp.asarray(penalty)
     return _solve(given, jnp.asarray(limit, dtype=jnp.int32))

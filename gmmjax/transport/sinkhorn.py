@@ -8,11 +8,11 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from gmmjax._derivatives import without_derivatives
-from gmmjax._host import check_static
+from gmmjax._host import check_static, float64_on_host
 from gmmjax._matrix_products import in_full_precision
 from gmmjax._typing import Array
 from gmmjax._varying import varying_as
-from gmmjax.transport.embedding import Balanced, Problem, checked
+from gmmjax.transport.embedding import Balanced, Problem, check_shapes, checked
 from gmmjax.transport.result import TransportResult, TransportStatus, trusted_cost
 
 # Sweeps between two steps of Newton's method, which may change the logarithm of a scaling by no more than the second
@@ -38,6 +38,7 @@ class _Scaled(NamedTuple):
     cost: Array
 
 
+@float64_on_host
 def sinkhorn(
     mass_before: Float[Array, " k0"],
     mass_after: Float[Array, " k1"],
@@ -73,6 +74,7 @@ def sinkhorn(
         still off by more than 1e-6 (float64; 1e-4 in float32) of the total.
     """
     check_static(max_iterations=max_iterations)
+    check_shapes(mass_before, mass_after, cost)
     strength = None if epsilon is None else jnp.asarray(epsilon)
     given = _Arguments(jnp.asarray(mass_before), jnp.asarray(mass_after), jnp.asarray(cost), strength)
     return _solve(given, max_iterations)

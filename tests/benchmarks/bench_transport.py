@@ -2,6 +2,7 @@
 
 import jax
 import numpy as np
+import ot
 import pytest
 
 from tests.benchmarks import peers, tasks
@@ -22,7 +23,7 @@ def test_exact_distance(bench, quick, components, asked):
     )
     numbers = {"exact": count, "pot": count, "scipy": few, "sinkhorn": few}
     each = {name: timing.cpu / numbers[name] for name, timing in timings.items()}
-    size = f"K <= {components}" if components <= 16 else f"K = {components}"
+    size = number_of(components)
     for peer in ("pot", "scipy", "sinkhorn"):
         bench.ratio(
             f"exact EMD, {size}, batch of {count:,}, against {peer}",
@@ -34,6 +35,48 @@ def test_exact_distance(bench, quick, components, asked):
     difference = np.abs(np.asarray(timings["exact"].answer) - timings["pot"].answer).max()
     bench.row(f"exact EMD, {size}: largest difference from POT", asked=1e-9, measured=float(difference), unit="",
               least=False, ours="", peer="")  # fmt: skip
+
+
+@pytest.mark.benchmark(group="transport")
+@pytest.mark.parametrize("components", [10, 25, 100])
+def test_exact_distance_one_by_one(bench, quick, components):
+    """One call after the other, from NumPy arrays to a number; POT with the costs of `ot.dist`, and of SciPy."""
+    count, size = 20 if quick else 200, number_of(components)
+    stacks = mixtures(count, components), mixtures(count, components, seed=1)
+    before, after = ([jax.tree.map(lambda leaf, i=i: leaf[i], own).live_part() for i in range(count)] for own in stacks)
+    pairs = peers.live_pairs(*stacks)
+    timings = bench.compare(
+        exact=lambda: tasks.single_distances(before, after),
+        pot=lambda: [peers.pot_distance(*pair, costs=ot.dist) for pair in pairs],
+        pot_with_scipy=lambda: [peers.pot_distance(*pair) for pair in pairs],
+    )
+    for peer in ("pot", "pot_with_scipy"):
+        own, other = (timings[name].cpu / count for name in ("exact", peer))
+        bench.ratio(f"exact EMD, {size}, one by one, against {peer}", 1, timings, own, other)
+    difference = np.abs(np.subtract(timings["exact"].answer, timings["pot_with_scipy"].answer)).max()
+    bench.row(f"exact EMD, {size}, one by one: largest difference from POT", asked=1e-9,
+              measured=float(difference), unit="", least=False, ours="", peer="")  # fmt: skip
+
+
+@pytest.mark.benchmark(group="transport")
+def test_entropic_distance(bench, quick):
+    """A batch in float64, both until 1e-6 of the mass is in the wrong place; 0.1 is some 5 % of the mean cost."""
+    count, components, epsilon = 64 if quick else 256, 25, 0.1
+    before, after = mixtures(count, components), mixtures(count, components, seed=1)
+    timings = bench.compare(
+        ours=lambda: tasks.batch_of_distances(before, after, "sinkhorn", epsilon),
+        ott=lambda: peers.ott_distances(before, after, epsilon),
+    )
+    own, other = (timings[name].cpu / count for name in ("ours", "ott"))
+    bench.ratio(f"Sinkhorn, K = {components}, batch of {count}, against ott-jax", None, timings, own, other)
+    difference = np.abs(timings["ours"].answer - timings["ott"].answer).max()
+    bench.row(f"Sinkhorn, K = {components}: largest difference from ott-jax", asked=1e-4, measured=float(difference),
+              unit="", least=False, ours="", peer="")  # fmt: skip
+
+
+def number_of(components):
+    """As `mixtures` has them."""
+    return f"K <= {components}" if components <= 16 else f"K = {components}"
 
 
 def first(count, *stacks):
@@ -52,7 +95,7 @@ def test_greedy_removal(bench, quick, components, asked):
         ours=lambda: tasks.removals(before, after),
         pot=lambda: [peers.pot_greedy(*pair) for pair in peers.live_pairs(before, after)],
     )
-    size = f"K <= {components}" if components <= 16 else f"K = {components}"
+    size = number_of(components)
     bench.ratio(f"greedy change detection, {size}, {count} pairs, against POT", asked, timings, "ours", "pot")
     ours = timings["ours"].answer
     agree = [

@@ -48,8 +48,8 @@ def e_step(dtype: str) -> Callable[[], object]:
     chunks = FeatureChunks.of(WeightedPoints(points, np.ones(len(points), dtype)))
     parameters = coefficients(GaussianMixture.masked(*arrays, jnp.ones(25, bool)))
     module = importlib.import_module("gmmjax.mixtures.expectation_maximisation")
-    sums = jax.jit(module._native_feature_sums)
-    return lambda: sums(parameters, chunks.features, chunks.mass)
+    sums = jax.jit(module.feature_sums)
+    return lambda: sums(parameters, chunks)
 
 
 def transport(components: int) -> Callable[[], object]:

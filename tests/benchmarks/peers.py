@@ -1,6 +1,7 @@
 """What a user could pick instead, called as its documentation says."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import ot
 from scipy.optimize import linprog
@@ -86,9 +87,32 @@ def random_start(points, components):
     return points[chosen], np.tile(covariance, (components, 1, 1)), np.full(components, 1 / components)
 
 
-def pot_distance(before, after):
-    """The earth mover's distance of two (weights, means) by POT's network simplex."""
-    return ot.emd2(before[0], after[0], cdist(before[1], after[1]))
+def pot_distance(before, after, costs=cdist):
+    """The earth mover's distance of two (weights, means) by POT's network simplex; `costs` is SciPy's or `ot.dist`."""
+    return ot.emd2(before[0], after[0], costs(before[1], after[1], metric="euclidean"))
+
+
+def ott_distances(before, after, epsilon):
+    """Entropic distances of two stacks of mixtures by ott-jax, in float64: from NumPy arrays to NumPy arrays."""
+    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        return np.asarray(_ott_distances(before, after, epsilon))
+
+
+@jax.jit
+def _ott_distances(before, after, epsilon):
+    return jax.vmap(_ott_distance, (0, 0, None))(before, after, epsilon)
+
+
+def _ott_distance(before, after, epsilon):
+    from ott.geometry import geometry
+    from ott.problems.linear import linear_problem
+    from ott.solvers.linear.sinkhorn import Sinkhorn
+
+    cost = jnp.linalg.norm(before.means[:, None] - after.means[None], axis=-1)
+    problem = linear_problem.LinearProblem(geometry.Geometry(cost, epsilon=epsilon), before.weights, after.weights)
+    # The share of the mass in the wrong place that our solver has to reach, too.
+    solved = Sinkhorn(threshold=1e-6, max_iterations=20_000)(problem)
+    return jnp.sum(solved.matrix * cost)
 
 
 def linear_programme(before, after):

@@ -72,16 +72,26 @@ def detection_memory(size):
     return memory("VmHWM") - before
 
 
-def batch_of_distances(before, after, solver):
+def batch_of_distances(before, after, solver, epsilon=None):
     """From NumPy arrays to NumPy arrays."""
     with jax.enable_x64(True):
-        return np.asarray(_distances[solver](before, after))
+        return np.asarray(_distances[solver](before, after, epsilon))
+
+
+def single_distances(before, after):
+    """The exact distances of the live parts, one call after the other."""
+    return [float(earth_movers_distance(*pair).cost) for pair in zip(before, after, strict=True)]
 
 
 # Compiled once for each solver; `Interleaved` clears what was compiled before it begins.
 _distances = {
     solver: jax.jit(
-        jax.vmap(lambda before, after, solver=solver: earth_movers_distance(before, after, solver=solver).cost)
+        jax.vmap(
+            lambda before, after, epsilon, solver=solver: (
+                earth_movers_distance(before, after, solver=solver, epsilon=epsilon).cost
+            ),
+            (0, 0, None),
+        )
     )
     for solver in ("exact", "sinkhorn")
 }

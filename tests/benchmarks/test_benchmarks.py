@@ -4,6 +4,7 @@ import json
 import re
 import sys
 
+import jax
 import numpy as np
 import pytest
 
@@ -72,11 +73,20 @@ def test_transport_and_its_peers_agree():
     ours = tasks.batch_of_distances(before, after, "exact")
     np.testing.assert_allclose(ours, [peers.pot_distance(*pair) for pair in pairs], atol=1e-12)
     np.testing.assert_allclose(ours, [peers.linear_programme(*pair) for pair in pairs], atol=1e-9)
+    singles = [[jax.tree.map(lambda leaf, i=i: leaf[i], own) for i in range(6)] for own in (before, after)]
+    np.testing.assert_allclose(ours, tasks.single_distances(*singles), atol=1e-12)
     removed = tasks.removals(before, after)
     for index, pair in enumerate(pairs):
         gone, new = peers.pot_greedy(*pair)
         assert set(np.flatnonzero(removed.disappeared[index])) == set(gone)
         assert set(np.flatnonzero(removed.appeared[index])) == set(new)
+
+
+@pytest.mark.slow
+def test_entropic_transport_and_ott_agree():
+    before, after = scenes.mixtures(3, 18), scenes.mixtures(3, 18, seed=1)
+    ours, theirs = tasks.batch_of_distances(before, after, "sinkhorn", 0.2), peers.ott_distances(before, after, 0.2)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-5)
 
 
 @pytest.mark.slow

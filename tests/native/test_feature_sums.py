@@ -18,7 +18,7 @@ from tests.differences import along, assert_derivatives
 expectation_maximisation = importlib.import_module("gmmjax.mixtures.expectation_maximisation")
 needs_kernels = pytest.mark.skipif(not native.available(), reason="the kernels were not built")
 plain = jax.jit(expectation_maximisation._plain_feature_sums)
-native_sums = jax.jit(expectation_maximisation._native_feature_sums)
+native_sums = jax.jit(expectation_maximisation._feature_sums)
 # Of sums that are all of one sign or of order 1.
 TOLERANCE = {"float64": 1e-13, "float32": 2e-6}
 

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from gmmjax import native
 from gmmjax.transport import exact_transport
-from gmmjax.transport.balanced import _native_transport, _plain_transport, pivot_limit
+from gmmjax.transport.balanced import _plain_transport, balanced_transport, pivot_limit
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="the kernels were not built")
-solve = jax.jit(_native_transport)
+solve = balanced_transport
 plain = jax.jit(_plain_transport)
 TOLERANCE = {"float64": 1e-12, "float32": 1e-5}
 
@@ -121,7 +121,7 @@ def test_stacks_share_what_is_not_stacked():
     with jax.enable_x64(True):
         supply, demand, cost, *rest = problem(6, 7, dead=0)
         supplies = jnp.stack([supply, supply[::-1]])
-        stacked = jax.vmap(_native_transport, (0, None, None, None, None))(supplies, demand, cost, *rest)
+        stacked = jax.vmap(solve, (0, None, None, None, None))(supplies, demand, cost, *rest)
         for index in range(2):
             own = jax.tree.map(lambda leaf, index=index: leaf[index], stacked)
             assert_optimal(own, supplies[index], demand, cost, 1e-12)
