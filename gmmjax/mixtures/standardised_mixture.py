@@ -43,4 +43,3 @@ class StandardisedMixture(eqx.Module):
             covariances=jnp.einsum("kij,kjl,kml->kim", factors, self.covariances, factors),
             live=reference.live,
         )
-
