@@ -150,7 +150,7 @@ def _feature_sums_jvp(
     if moved_mass is not None:
         log_likelihoods.append(jnp.sum(moved_mass * jax.nn.logsumexp(log_joint, axis=1)))
         sums.append(shares @ jnp.swapaxes(features * moved_mass[:, None], 1, 2))
-    return values, (jnp.sum(sum(sums), axis=0), sum(log_likelihoods))
+    return values, (jnp.sum(sum(sums), axis=0), jnp.sum(jnp.stack(log_likelihoods)))
 
 
 def _each(parameters: JaxArray, features: JaxArray) -> JaxArray:
