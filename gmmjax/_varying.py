@@ -16,7 +16,10 @@ def varying_as(start: _Tree, *data: Any) -> _Tree:
 
     A constant is the same on all devices of a mesh, what was computed from data in shards is not, and `jax.shard_map`
     wants one type of a loop's carry. The values stay: a choice that depends on the data is between two that are equal.
+    Outside of `jax.shard_map` there is nothing to do, and nothing to compile.
     """
+    if not jax.sharding.get_abstract_mesh().manual_axes:
+        return start
     leaves = [leaf for leaf in jax.tree.leaves((start, data)) if eqx.is_inexact_array(leaf) and leaf.size]
     first = [jnp.isnan(leaf[(0,) * leaf.ndim]) for leaf in leaves]
     either = functools.reduce(operator.or_, first, jnp.asarray(False))

@@ -121,48 +121,44 @@ def _feature_sums(parameters: JaxArray, features: JaxArray, mass: JaxArray) -> t
 
 
 @_feature_sums.def_jvp
-def _differentiated(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
-    """Values by the kernel, which has no derivatives of its own; tangents by `_feature_sums_tangents`."""
-    return _feature_sums(*primals), _feature_sums_tangents(primals, tangents)
-
-
 @in_full_precision
-def _feature_sums_tangents(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[JaxArray, JaxArray]:
-    r"""Derivatives of $\sum_n m_n r_n \phi_n^T$, where $r_n$ is the softmax of $\theta \phi_n$, and of the likelihood.
+def _feature_sums_jvp(
+    primals: tuple[Any, ...], tangents: tuple[Any, ...]
+) -> tuple[tuple[JaxArray, JaxArray], tuple[JaxArray, JaxArray]]:
+    r"""Values by the kernel, which has no derivatives of its own, and tangents.
 
-    $\sum_n (\dot m_n r_n + m_n \dot r_n) \phi_n^T + m_n r_n \dot\phi_n^T$ and $\sum_n \dot m_n l_n + m_n \dot l_n$.
-    Only what has a tangent is computed: the loops of an implicit derivative move the parameters alone.
+    With $r_n$ the softmax of $\theta \phi_n$, those of the sums $\sum_n m_n r_n \phi_n^T$ are $\sum_n (\dot m_n r_n +
+    m_n \dot r_n) \phi_n^T + m_n r_n \dot\phi_n^T$, and those of the likelihood $\sum_n \dot m_n l_n + m_n \dot l_n$, of
+    which the parameters' share is the product with the sums. Only what has a tangent is computed: the loops of an
+    implicit derivative move the parameters alone.
     """
-    parameters, all_features, all_mass = primals
+    values = _feature_sums(*primals)
+    parameters, features, mass = primals
     moved_parameters, moved_features, moved_mass = tangents
+    # Products of chunks, as in `_plain_feature_sums`, but side by side: derivatives keep them all in any case.
+    log_joint = _each(parameters, features) @ features
+    shares = jax.nn.softmax(log_joint, axis=1)
+    sums, log_likelihoods, moved = [], [], []
+    if moved_parameters is not None:
+        moved.append(_each(moved_parameters, features) @ features)
+        log_likelihoods.append(jnp.sum(values[0] * moved_parameters))
+    if moved_features is not None:
+        moved.append(_each(parameters, features) @ moved_features)
+        log_likelihoods.append(jnp.sum(mass[:, None] * shares * moved[-1]))
+        sums.append((shares * mass[:, None]) @ jnp.swapaxes(moved_features, 1, 2))
+    if moved:
+        total = sum(moved)
+        deviations = total - jnp.sum(shares * total, axis=1, keepdims=True)
+        sums.append((shares * deviations) @ jnp.swapaxes(features * mass[:, None], 1, 2))
+    if moved_mass is not None:
+        log_likelihoods.append(jnp.sum(moved_mass * jax.nn.logsumexp(log_joint, axis=1)))
+        sums.append(shares @ jnp.swapaxes(features * moved_mass[:, None], 1, 2))
+    return values, (jnp.sum(sum(sums), axis=0), jnp.sum(jnp.stack(log_likelihoods)))
 
-    def add_chunk(
-        totals: tuple[JaxArray, JaxArray], chunk: tuple[JaxArray, JaxArray, JaxArray | None, JaxArray | None]
-    ) -> tuple[tuple[JaxArray, JaxArray], None]:
-        features, mass, features_tangent, mass_tangent = chunk
-        log_joint = parameters @ features
-        shares = jax.nn.softmax(log_joint, axis=0)
-        sums, log_likelihood = totals
-        if moved_parameters is not None or features_tangent is not None:
-            moved = jnp.zeros_like(log_joint)
-            moved += 0 if moved_parameters is None else moved_parameters @ features
-            moved += 0 if features_tangent is None else parameters @ features_tangent
-            expected = jnp.sum(shares * moved, axis=0)
-            sums += (shares * (moved - expected[None])) @ (features * mass[None]).T
-            log_likelihood += mass @ expected
-        if features_tangent is not None:
-            sums += shares @ (features_tangent * mass[None]).T
-        if mass_tangent is not None:
-            sums += shares @ (features * mass_tangent[None]).T
-            log_likelihood += mass_tangent @ jax.nn.logsumexp(log_joint, axis=0)
-        return (sums, log_likelihood), None
 
-    # The sum is linear in the tangents, as all must be that is transposed.
-    zero = sum(0 * tangent[(0,) * tangent.ndim] for tangent in tangents if tangent is not None)
-    zero = varying_as(jnp.zeros((), parameters.dtype), primals) + zero
-    zeros = (jnp.broadcast_to(zero, parameters.shape), zero)
-    totals, _ = jax.lax.scan(add_chunk, zeros, (all_features, all_mass, moved_features, moved_mass))
-    return totals
+def _each(parameters: JaxArray, features: JaxArray) -> JaxArray:
+    """The parameters, once for each chunk of features."""
+    return jnp.broadcast_to(parameters[None], (len(features), *parameters.shape))
 
 
 @in_full_precision

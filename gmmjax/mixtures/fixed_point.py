@@ -180,7 +180,10 @@ def _combined(past: _Past) -> Float[JaxArray, " p"]:
 
 
 class _Krylov(NamedTuple):
-    """A solution, its residual, and directions (one a row, the last `KRYLOV` of them) with orthonormal images."""
+    """A solution, its residual, and directions (one a row, the last `KRYLOV` of them) with orthonormal images.
+
+    `error` is the size of the residual by a product with the solution itself; infinite until that is computed.
+    """
 
     solution: JaxArray
     residual: JaxArray
@@ -188,18 +191,27 @@ class _Krylov(NamedTuple):
     images: JaxArray
     following: JaxArray
     products: JaxArray
+    error: JaxArray
 
 
 @in_full_precision
 def _krylov_solution(
     product: Callable[[JaxArray], JaxArray], right: JaxArray, tolerance: float
-) -> Float[JaxArray, " p"]:
-    """The solution with the least residual, as of GMRES, in the adaptive form of Jiranek and Rozloznik (2010)."""
+) -> tuple[Float[JaxArray, " p"], Float[JaxArray, ""]]:
+    """The solution with the least residual, as of GMRES, in the adaptive form of Jiranek and Rozloznik (2010).
+
+    Returns:
+        The solution, and the size of its residual.
+    """
     kept = min(KRYLOV, len(right))
     size = jnp.linalg.norm(right)
 
     def further(state: _Krylov) -> _Krylov:
-        direction, image = state.following, product(state.following)
+        last = ~(jnp.linalg.norm(state.residual) > tolerance * size) | (state.products >= MOST_PRODUCTS)
+        # One product for both, so that it compiles once.
+        direction = jnp.where(last, state.solution, state.following)
+        image = product(direction)
+        error = jnp.where(last, jnp.linalg.norm(right - image), jnp.inf)
         # Twice: once leaves what rounding makes of a nearly dependent image.
         for _ in range(2):
             shares = state.images @ image
@@ -212,22 +224,20 @@ def _krylov_solution(
         stalls = rest > STALLING * jnp.linalg.norm(state.residual)
         slot = state.products % kept
         return _Krylov(
-            solution=state.solution + step * direction,
+            solution=jnp.where(last, state.solution, state.solution + step * direction),
             residual=residual,
             directions=state.directions.at[slot].set(direction),
             images=state.images.at[slot].set(image),
             following=jnp.where(stalls, image, residual / rest),
             products=state.products + 1,
+            error=error,
         )
 
-    def unfinished(state: _Krylov) -> JaxArray:
-        return (jnp.linalg.norm(state.residual) > tolerance * size) & (state.products < MOST_PRODUCTS)
-
     none = jnp.zeros((kept, len(right)), right.dtype)
-    start = _Krylov(jnp.zeros_like(right), right, none, none, right / size, jnp.asarray(0, jnp.int32))
-    # Of the type that they have after a product, whatever that is made of.
-    start = varying_as(start, product(right))
-    return jax.lax.while_loop(unfinished, further, start).solution
+    zero, infinity = jnp.asarray(0, jnp.int32), jnp.asarray(jnp.inf, right.dtype)
+    start = _Krylov(jnp.zeros_like(right), right, none, none, right / size, zero, infinity)
+    end = jax.lax.while_loop(lambda state: jnp.isposinf(state.error), further, varying_as(start, right))
+    return end.solution, end.error
 
 
 def _solved(
@@ -246,11 +256,9 @@ def _solved(
     def solve(product: Callable[[JaxArray], JaxArray], right: JaxArray) -> JaxArray:
         size = jnp.max(jnp.abs(right))
         scale = jnp.where(size > 0, size, 1)
-        solution = _krylov_solution(product, right / scale, tolerance)
-        solution = jnp.where(size == 0, jnp.zeros_like(right), solution * scale)
-        error = jnp.linalg.norm((product(solution) - right) / scale)
+        solution, error = _krylov_solution(product, right / scale, tolerance)
         solved = error <= max(LARGEST_SLACK * tolerance, LEAST_SLACK) * jnp.linalg.norm(right / scale)
-        return jnp.where((size == 0) | (trusted & solved), solution, jnp.nan)
+        return jnp.where(size == 0, 0, jnp.where(trusted & solved, solution * scale, jnp.nan))
 
     # With the same solver for the transposed system, in reverse mode.
     solution: _Parameters = unravel(

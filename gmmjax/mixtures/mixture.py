@@ -77,7 +77,7 @@ class GaussianMixture(eqx.Module):
             points: coordinates, in the unit of the mixture.
         """
         origin = self.weights @ self.means
-        whitening = jax.vmap(_inverse_of_lower)(jnp.linalg.cholesky(jnp.asarray(self.covariances)))
+        whitening = whitenings(jnp.asarray(self.covariances))
         centred_means = jnp.einsum("ked,kd->ke", whitening, jnp.asarray(self.means - origin[None]))
         standardised = jnp.einsum("ked,nd->nke", whitening, jnp.asarray(points - origin[None])) - centred_means[None]
         log_determinants = -2 * jnp.sum(jnp.log(jnp.diagonal(whitening, axis1=-2, axis2=-1)), axis=-1)
@@ -133,5 +133,7 @@ class GaussianMixture(eqx.Module):
         return jax.tree.map(lambda leaf: leaf[self.live], self)
 
 
-def _inverse_of_lower(factor: Float[Array, "d d"]) -> Float[Array, "d d"]:
-    return jax.scipy.linalg.solve_triangular(factor, jnp.eye(len(factor), dtype=factor.dtype), lower=True)
+def whitenings(covariances: Float[Array, "k d d"]) -> Float[Array, "k d d"]:
+    r"""The inverses $W_k$ of the covariances' Cholesky factors, $W_k^T W_k = \Sigma_k^{-1}$."""
+    identity = jnp.broadcast_to(jnp.eye(covariances.shape[-1], dtype=covariances.dtype), covariances.shape)
+    return jax.scipy.linalg.solve_triangular(jnp.linalg.cholesky(covariances), identity, lower=True)

@@ -87,9 +87,12 @@ def _traced_fits(
     settings: FitSettings,
 ) -> Fit:
     """Fits under any transformation; outside of `jit` too they are traced and compiled once."""
-    fits: Fit = jax.vmap(lambda key: fit_in_frame(points, key, prior, start, max_components, settings))(
-        jax.random.split(key, restarts)
-    )
+    keys = jax.random.split(key, restarts)
+    if restarts == 1:
+        # Loops compile and run faster without a batch of one.
+        only = fit_in_frame(points, keys[0], prior, start, max_components, settings)
+        return jax.tree.map(lambda leaf: leaf[None], only)
+    fits: Fit = jax.vmap(lambda key: fit_in_frame(points, key, prior, start, max_components, settings))(keys)
     return fits
 
 

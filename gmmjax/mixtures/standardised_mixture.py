@@ -1,13 +1,12 @@
 """A mixture in the units of a reference: the parameters of the fixed-point iteration, all of order 1."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
 from gmmjax._matrix_products import in_full_precision
 from gmmjax._typing import Array
-from gmmjax.mixtures.mixture import GaussianMixture
+from gmmjax.mixtures.mixture import GaussianMixture, whitenings
 
 
 class StandardisedMixture(eqx.Module):
@@ -24,14 +23,14 @@ class StandardisedMixture(eqx.Module):
     covariances: Float[Array, "k d d"]
 
     @classmethod
+    @in_full_precision
     def of(cls, mixture: GaussianMixture, reference: GaussianMixture) -> "StandardisedMixture":
         """The mixture in the units of the reference, which has the same live components."""
-        factors = jnp.linalg.cholesky(reference.covariances)
-        half = jax.vmap(_divided)(factors, mixture.covariances)
+        whitening = whitenings(reference.covariances)
         return cls(
             weights=mixture.weights / jnp.where(reference.live, reference.weights, 1),
-            means=jax.vmap(_divided)(factors, (mixture.means - reference.means)[..., None])[..., 0],
-            covariances=jax.vmap(_divided)(factors, half.swapaxes(1, 2)),
+            means=jnp.einsum("kij,kj->ki", whitening, mixture.means - reference.means),
+            covariances=jnp.einsum("kij,kjl,kml->kim", whitening, mixture.covariances, whitening),
         )
 
     @in_full_precision
@@ -44,7 +43,3 @@ class StandardisedMixture(eqx.Module):
             covariances=jnp.einsum("kij,kjl,kml->kim", factors, self.covariances, factors),
             live=reference.live,
         )
-
-
-def _divided(factor: Float[Array, "d d"], columns: Float[Array, "d n"]) -> Float[Array, "d n"]:
-    return jax.scipy.linalg.solve_triangular(factor, columns, lower=True)
