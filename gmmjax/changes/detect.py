@@ -6,7 +6,7 @@ from typing import Any
 from jaxtyping import ArrayLike
 
 from gmmjax._host import is_traced
-from gmmjax.changes.config import DetectionConfig, Method
+from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.consensus import Consensus
 from gmmjax.changes.detectors import DETECTORS, AbstractRestartDetector, Scan
 from gmmjax.changes.fit.restart_fits import RestartFits
@@ -14,6 +14,7 @@ from gmmjax.changes.prepare.units import common_unit, stated_system
 from gmmjax.changes.progress import Progress, silent
 from gmmjax.changes.record import Changes
 from gmmjax.clouds import PointCloud, SensorViews
+from gmmjax.comparison import Method
 from gmmjax.errors import InputError, recorded_warnings, shown
 from gmmjax.pair import Pair
 

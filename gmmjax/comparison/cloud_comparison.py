@@ -7,8 +7,9 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array as JaxArray
-from jaxtyping import ArrayLike, Float, PRNGKeyArray
+from jaxtyping import ArrayLike, Bool, Float, PRNGKeyArray
 
 from gmmjax._derivatives import nan_derivatives_unless
 from gmmjax._host import check_static, is_traced
@@ -17,6 +18,7 @@ from gmmjax.comparison.choices import Kinds, Method, Solver
 from gmmjax.comparison.joint_mixture import JointMixture, log_joint
 from gmmjax.comparison.joint_mixture_model import SourcedPoints, fit_joint_mixture_from_seeds, joint_prior
 from gmmjax.comparison.mixture_comparison import (
+    CHANGED,
     Decision,
     MixtureComparison,
     Strengths,
@@ -202,6 +204,7 @@ def compared(
     """`compare` as a pure function of arrays of one type."""
     by_method = of_joint_fit if plan.decision.method == "joint" else of_separate_fits
     comparison = by_method(clouds, key, prior, strengths, plan)
+    comparison = jax.tree.map(lambda leaf: nan_where(comparison.failed, leaf), comparison)
     # Whatever lies between, such as a choice that stops NaN: what failed has no derivatives.
     return nan_derivatives_unless(~comparison.failed, comparison, (*clouds, prior, strengths))
 
@@ -213,7 +216,8 @@ def of_separate_fits(
     fits = clouds.map(lambda own: fit_in_frame(own, key, prior, None, plan.max_components, plan.settings))
     mixtures = fits.map(lambda fit: fit.mixture)
     observations = clouds.map(lambda own: jnp.sum(own.mass))
-    found = compare_mixtures(*mixtures, *observations, plan.decision, strengths)
+    given = mixtures.before, mixtures.after, observations.before, observations.after
+    found = compare_mixtures(*given, plan.decision, strengths)
     changed = Pair(found.changed_before, found.changed_after)
     probability = each(point_probability, mixtures, changed, clouds)
     log_likelihood = fits.before.log_likelihood + fits.after.log_likelihood
@@ -279,26 +283,29 @@ def assembled(
     log_likelihood: Float[Array, ""],
     statuses: Pair[FitStatus],
 ) -> Comparison:
-    """The record; where it failed nothing is changed, and all numbers are NaN."""
-    comparison = Comparison(
-        *probability,
-        found.changed_before,
-        found.changed_after,
-        found.changed_before > 0.5,
-        found.changed_after > 0.5,
-        found.emd,
-        found.emd_unchanged,
-        found.plan,
-        *mixtures,
-        log_likelihood,
-        *statuses,
-        found.result,
+    """The record of a comparison, whether it failed or not."""
+    return Comparison(
+        probability_before=probability.before,
+        probability_after=probability.after,
+        changed_before=found.changed_before,
+        changed_after=found.changed_after,
+        disappeared=found.changed_before > CHANGED,
+        appeared=found.changed_after > CHANGED,
+        emd=found.emd,
+        emd_unchanged=found.emd_unchanged,
+        plan=found.plan,
+        mixture_before=mixtures.before,
+        mixture_after=mixtures.after,
+        log_likelihood=log_likelihood,
+        fit_before=statuses.before,
+        fit_after=statuses.after,
+        transport=found.result,
     )
-    bad = comparison.failed
-    return jax.tree.map(lambda leaf: _without(leaf, bad), comparison)
 
 
-def _without(leaf: JaxArray, bad: JaxArray) -> JaxArray:
-    if jnp.issubdtype(leaf.dtype, jnp.floating):
-        return jnp.where(bad, jnp.nan, leaf)
-    return leaf & ~bad if leaf.dtype == jnp.bool_ else leaf
+def nan_where(failed: Bool[Array, ""], leaf: Any) -> Any:
+    """A leaf of a comparison; where it failed, NaN in place of numbers and no component that changed."""
+    library: Any = np if isinstance(leaf, np.ndarray) else jnp
+    if np.issubdtype(leaf.dtype, np.floating):
+        return library.where(failed, np.asarray(np.nan, leaf.dtype), leaf)
+    return leaf & ~failed if leaf.dtype == np.bool_ else leaf

@@ -14,7 +14,8 @@ from gmmjax.comparison.cloud_comparison import (
     Plan,
     assembled,
     check_dimensions,
-    of_joint_fit,
+    compared,
+    nan_where,
     point_probability,
 )
 from gmmjax.comparison.mixture_comparison import MixtureComparison, Strengths, compare_mixtures
@@ -111,17 +112,21 @@ def compare_prepared(
     with jax.enable_x64(True):
         if pair.framed is None:
             prior = jax.tree.map(np.float64, prior)
-            return pair.cut(to_numpy(_joint(pair.padded.before, pair.padded.after, key, prior, strengths, plan=plan)))
+            whole = to_numpy(_joint(pair.padded.before, pair.padded.after, key, prior, strengths, plan=plan))
+            return pair.cut(whole)
         both = each_on_cores if on_cores else each
         fits = both(lambda own: own.fit(key, plan.max_components, plan.settings), pair.framed)
         mixtures = fits.map(lambda fit: fit.mixture)
         observations = pair.framed.map(lambda own: np.float64(own.observations))
-        found = _changed(*mixtures, *observations, strengths, plan=plan)
+        given = mixtures.before, mixtures.after, observations.before, observations.after
+        found = to_numpy(_changed(*given, strengths, plan=plan))
         changed = Pair(found.changed_before, found.changed_after)
-        probability = each(_probability, mixtures, changed, pair.padded)
+        probability = each(_probability, mixtures, changed, pair.padded).map(np.asarray)
         log_likelihood = np.asarray(fits.before.log_likelihood + fits.after.log_likelihood)
         statuses = fits.map(lambda fit: fit.result)
-        return pair.cut(to_numpy(assembled(probability, found, mixtures, log_likelihood, statuses)))
+        comparison = assembled(probability, found, mixtures, log_likelihood, statuses)
+        bad = np.asarray(comparison.failed)
+        return pair.cut(jax.tree.map(lambda leaf: nan_where(bad, np.asarray(leaf)), comparison))
 
 
 @kept_jit
@@ -134,7 +139,7 @@ def _joint(
     *,
     plan: Plan,
 ) -> Comparison:
-    return of_joint_fit(Pair(before, after), key, prior, strengths, plan)
+    return compared(Pair(before, after), key, prior, strengths, plan)
 
 
 @kept_jit

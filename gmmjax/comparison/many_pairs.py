@@ -32,12 +32,12 @@ class ComparedPair(NamedTuple):
     """What was found in one of many pairs.
 
     Attributes:
-        index: which pair.
+        pair: its place among the pairs.
         mean: over its restarts.
         restarts: the comparison by each restart, with a leading axis of them.
     """
 
-    index: int
+    pair: int
     mean: AveragedComparison
     restarts: Comparison
 
@@ -175,7 +175,7 @@ def _side_by_side(
             clouds = stacked([(*pairs[number].padded,) for number in chunk])
             with jax.enable_x64(True):
                 together = to_numpy(
-                    _mapped(*clouds, jnp.stack([keys[number] for number in chunk]), prior, strengths, plan)
+                    _mapped(clouds[0], clouds[1], jnp.stack([keys[number] for number in chunk]), prior, strengths, plan)
                 )
             for nth, number in enumerate(chunk):
                 own = jax.tree.map(lambda leaf, nth=nth: leaf[nth], together)

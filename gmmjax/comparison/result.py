@@ -12,6 +12,10 @@ from gmmjax.errors import InputError, warn
 from gmmjax.mixtures import FitStatus, GaussianMixture, failed
 from gmmjax.transport import TransportStatus
 
+# The statuses by their numbers, in words.
+FIT_STATUSES: tuple[str, ...] = tuple(FitStatus._index_to_message)
+TRANSPORT_STATUSES: tuple[str, ...] = tuple(TransportStatus._index_to_message)
+
 
 class Comparison(eqx.Module):
     """What changed between two clouds, by one restart.
@@ -62,15 +66,15 @@ class Comparison(eqx.Module):
 
     def why_failed(self) -> str:
         """The reason of the first comparison that failed, in words; on the host only, and empty where none did."""
-        for status, bad in (
-            (self.fit_before, failed(self.fit_before)),
-            (self.fit_after, failed(self.fit_after)),
-            (self.transport, self.transport != TransportStatus.optimal),
+        for status, names, bad in (
+            (self.fit_before, FIT_STATUSES, failed(self.fit_before)),
+            (self.fit_after, FIT_STATUSES, failed(self.fit_after)),
+            (self.transport, TRANSPORT_STATUSES, self.transport != TransportStatus.optimal),
         ):
             lanes = np.flatnonzero(np.asarray(bad))
             if len(lanes):
                 (numbers,) = jax.tree.leaves(status)
-                return str(type(status)._index_to_message[int(np.ravel(numbers)[lanes[0]])])
+                return names[int(np.ravel(numbers)[lanes[0]])]
         return ""
 
 
@@ -142,9 +146,9 @@ def _averaged(comparison: Comparison) -> AveragedComparison:
         _mean(comparison.emd, used),
         _mean(comparison.emd_unchanged, defined),
         jnp.sum(used),
-        _counts(comparison.fit_before),
-        _counts(comparison.fit_after),
-        _counts(comparison.transport),
+        _counts(comparison.fit_before, FIT_STATUSES),
+        _counts(comparison.fit_after, FIT_STATUSES),
+        _counts(comparison.transport, TRANSPORT_STATUSES),
     )
 
 
@@ -165,7 +169,7 @@ def _standard_error(values: Float[Array, "r n"], used: Bool[Array, " r"]) -> Flo
     return jnp.where(count > 1, error, jnp.nan)
 
 
-def _counts(status: FitStatus | TransportStatus) -> Int[Array, " s"]:
+def _counts(status: FitStatus | TransportStatus, names: tuple[str, ...]) -> Int[Array, " s"]:
     (numbers,) = jax.tree.leaves(status)
-    statuses = jnp.arange(len(type(status)), dtype=jnp.int32)
+    statuses = jnp.arange(len(names), dtype=jnp.int32)
     return jnp.sum(jnp.asarray(numbers)[:, None] == statuses[None], axis=0)

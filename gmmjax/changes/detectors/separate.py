@@ -34,7 +34,7 @@ from gmmjax.changes.prepare.separate_clouds import PreparedCloud, PreparedPair, 
 from gmmjax.changes.progress import Clock
 from gmmjax.changes.record import Changes
 from gmmjax.changes.standard_errors import means_of_pairs, standard_error_of_pairs
-from gmmjax.comparison import Decision, Method, Strengths, compare_mixtures
+from gmmjax.comparison import FIT_SETTINGS, Decision, Method, Strengths, compare_mixtures
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import Fit, FitSettings, FitStatus, GaussianMixture, Prior, default_noise_floor, failed, fits_of
 from gmmjax.pair import Pair, each
@@ -127,9 +127,8 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
         """
         decision = Decision(self.method, self.config.kinds, ground_cost=self.ground_cost)
         strengths = Strengths(self.config.penalty if self.method == "transport" else None)
-        compared: Compared = _compared_pairs(
-            *mixtures, *points, strengths, decision=decision, threshold=self.config.threshold
-        )
+        given = mixtures.before, mixtures.after, points.before, points.after, strengths
+        compared: Compared = _compared_pairs(*given, decision=decision, threshold=self.config.threshold)
         return compared
 
     def prepared(self, scans: Pair[Scan], clock: Clock) -> PreparedScans:

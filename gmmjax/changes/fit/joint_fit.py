@@ -20,6 +20,7 @@ from gmmjax.comparison import (
     component_posterior,
     density_ratio,
     fit_joint_mixture_from_seeds,
+    of_cloud,
     point_posterior,
 )
 from gmmjax.errors import ComputationError
