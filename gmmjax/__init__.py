@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     from gmmjax.clouds import read_cloud as read_cloud
     from gmmjax.clouds import read_survey as read_survey
     from gmmjax.clouds import read_views as read_views
+    from gmmjax.comparison import AveragedComparison as AveragedComparison
+    from gmmjax.comparison import Comparison as Comparison
+    from gmmjax.comparison import averaged as averaged
+    from gmmjax.comparison import compare as compare
+    from gmmjax.comparison import compare_many as compare_many
     from gmmjax.errors import ComputationError as ComputationError
     from gmmjax.errors import InputError as InputError
     from gmmjax.errors import InputWarning as InputWarning
@@ -42,6 +47,7 @@ _NAMES = {
         *("Change", "Changes", "Contribution", "DetectionConfig", "Explanation", "RejectedCandidate", "detect_changes"),
     ),
     "clouds": ("PointCloud", "SensorViews", "read_cloud", "read_survey", "read_views"),
+    "comparison": ("AveragedComparison", "Comparison", "averaged", "compare", "compare_many"),
     "errors": ("ComputationError", "InputError", "InputWarning"),
     "mixtures": ("Fit", "FitSettings", "FitStatus", "GaussianMixture", "Prior", "fit_mixture"),
     "transport": ("TransportResult", "TransportStatus", "earth_movers_distance"),

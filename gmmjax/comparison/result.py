@@ -64,6 +64,11 @@ class Comparison(eqx.Module):
         unsolved = self.transport != TransportStatus.optimal
         return failed(self.fit_before) | failed(self.fit_after) | unsolved
 
+    @property
+    def at_rest(self) -> Bool[Array, "*batch"]:
+        """Whether both fits converged: where not, a polished comparison has numbers, and NaN as derivatives."""
+        return (self.fit_before == FitStatus.converged) & (self.fit_after == FitStatus.converged)
+
     def why_failed(self) -> str:
         """The reason of the first comparison that failed, in words; on the host only, and empty where none did."""
         for status, names, bad in (
