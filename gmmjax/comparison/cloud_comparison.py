@@ -102,7 +102,7 @@ def compare(
     Args:
         before: points of the before cloud [n0, d], in any unit.
         after: points of the after cloud [n1, d], in the same unit and frame.
-        key: random key of the starts, of both fits: equal clouds have equal mixtures.
+        key: random key of the starts, of both fits, as in `fit_mixture`: equal clouds have equal mixtures.
         mass_before: how many observations each point stands for [n0]; default 1 each. Mass 0 is padding.
         mass_after: the same of the after cloud [n1].
         prior: belief about the mixtures; default as in `fit_mixture`, for "joint" `joint_prior` with the same noise
@@ -213,7 +213,8 @@ def of_separate_fits(
     clouds: Pair[WeightedPoints], key: PRNGKeyArray, prior: Prior | None, strengths: Strengths, plan: Plan
 ) -> Comparison:
     """The comparison by a mixture of each cloud."""
-    fits = clouds.map(lambda own: fit_in_frame(own, key, prior, None, plan.max_components, plan.settings))
+    start_key = jax.random.split(key, 1)[0]
+    fits = clouds.map(lambda own: fit_in_frame(own, start_key, prior, None, plan.max_components, plan.settings))
     mixtures = fits.map(lambda fit: fit.mixture)
     observations = clouds.map(lambda own: jnp.sum(own.mass))
     given = mixtures.before, mixtures.after, observations.before, observations.after
@@ -258,7 +259,10 @@ def of_joint_fit(
     observations = jnp.sum(both.points.mass)
     log_likelihood = end.log_likelihood - observations * dimension * jnp.log(frame.spread)
     mixtures = Pair(frame.leave(before), frame.leave(after))
-    return assembled(probability, found, mixtures, log_likelihood, Pair(end.result, end.result))
+    # A joint mixture of one cloud alone says nothing of the other.
+    both_seen = (jnp.sum(clouds.before.mass) > 0) & (jnp.sum(clouds.after.mass) > 0)
+    status = FitStatus.where(both_seen, end.result, FitStatus.invalid_input)
+    return assembled(probability, found, mixtures, log_likelihood, Pair(status, status))
 
 
 def joined(clouds: Pair[WeightedPoints]) -> SourcedPoints:

@@ -115,7 +115,9 @@ def compare_prepared(
             whole = to_numpy(_joint(pair.padded.before, pair.padded.after, key, prior, strengths, plan=plan))
             return pair.cut(whole)
         both = each_on_cores if on_cores else each
-        fits = both(lambda own: own.fit(key, plan.max_components, plan.settings), pair.framed)
+        # As of `fit_mixture`.
+        start_key = jax.random.split(key, 1)[0]
+        fits = both(lambda own: own.fit(start_key, plan.max_components, plan.settings), pair.framed)
         mixtures = fits.map(lambda fit: fit.mixture)
         observations = pair.framed.map(lambda own: np.float64(own.observations))
         given = mixtures.before, mixtures.after, observations.before, observations.after
