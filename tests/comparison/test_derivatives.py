@@ -21,7 +21,7 @@ CASES = [
     ("greedy", "sinkhorn", {"epsilon": 0.2}),
     ("transport", "exact", {"temperature": 0.3, "penalty": 0.5}),
     ("joint", "exact", {}),
-    ("transport", "sinkhorn", {"temperature": 0.2}),
+    ("transport", "sinkhorn", {"temperature": 0.3, "penalty": 0.5, "epsilon": 0.3}),
     ("joint", "sinkhorn", {}),
 ]
 
