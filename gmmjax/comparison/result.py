@@ -160,13 +160,13 @@ def _averaged(comparison: Comparison) -> AveragedComparison:
 def _mean(values: Float[Array, "r ..."], used: Bool[Array, " r"]) -> Float[Array, "..."]:
     """NaN where none is used; those that are not used have no derivatives."""
     mask = used.reshape(-1, *(1 for _ in jnp.shape(values)[1:]))
-    count = jnp.sum(used)
+    count = jnp.sum(used).astype(values.dtype)
     total = jnp.sum(jnp.where(mask, values, 0), axis=0)
     return jnp.where(count > 0, total / jnp.maximum(count, 1), jnp.nan)
 
 
 def _standard_error(values: Float[Array, "r n"], used: Bool[Array, " r"]) -> Float[Array, " n"]:
-    mean, count = _mean(values, used), jnp.sum(used)
+    mean, count = _mean(values, used), jnp.sum(used).astype(values.dtype)
     squares = jnp.sum(jnp.where(used[:, None], (values - mean[None]) ** 2, 0), axis=0)
     variance = squares / jnp.maximum(count - 1, 1) / jnp.maximum(count, 1)
     # The root of 0 has an infinite derivative.
