@@ -17,6 +17,7 @@ EXPECTED = {
     "align_by_gradient.py": ["before: 49.62 mm and 3.000 degrees off", "and 0.0"],
     "many_pairs.py": ["scene 1 1 changes", "2 restarts: 3 pairs, 0 of them", "4 restarts: 3 pairs"],
     "maps_from_bags.py": ["run5.bag: 10 frames", "refined: True"],
+    "restarts_and_priors.py": ["greedy", "joint", "4 restarts", "wrong noise floor 0.70 m", "tuned noise floor"],
     "thesis_figures.py": ["before and after: [4, 7]", "EMD 0.83 m", "grid search: 7 Gaussians, full", "joint: F1 1.00"],
     "tune_the_concentration.py": ["lenient", "tuned", "Figueiredo and Jain"],
     "tune_the_verdict.py": ["1 unseen pairs, poses unknown", "shipped", "tuned on 2 labelled"],
@@ -32,6 +33,7 @@ WARNINGS = ["-W", "error::UserWarning", "-W", "ignore:Error reading persistent c
 ARGUMENTS = {
     "align_by_gradient.py": ["--points", "1000"],
     "registration_error.py": ["--rooms", "1"],
+    "restarts_and_priors.py": ["--restarts", "16", "--steps", "4"],
     "thesis_figures.py": ["--seeds", "1", "--detectors", "joint"],
     "tune_the_concentration.py": ["--unseen", "1", "--steps", "2", "--starts", "1"],
     "tune_the_verdict.py": ["--every", "4"],

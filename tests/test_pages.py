@@ -163,7 +163,9 @@ def test_the_blocks_of_a_page_run_one_after_the_other(page, supplies, demonstrat
     variables = {"__name__": "__main__"} | (given_names(page.name, supplies, tmp_path) if run else {})
     for block in run:
         if block.language == "python":
-            exec(compile(block.text, page.name, "exec"), variables)
+            # As for users: optax promotes types.
+            with jax.numpy_dtype_promotion("standard"):
+                exec(compile(block.text, page.name, "exec"), variables)
             continue
         for words in steps(block):
             arguments = gmmjax_words(words)

@@ -100,13 +100,13 @@ def python_examples(tmp_path_factory):
 
 def test_the_python_code_does_what_it_says(python_examples):
     folder, printed = python_examples
-    assert {change.kind for change in gmmjax.Changes.load(folder / "result").items} == {"appeared", "disappeared"}
-    assert "[3 3 3 3]" in printed
+    assert {change.kind for change in gmmjax.Changes.load(folder / "scene-result").items} == {"appeared", "disappeared"}
+    assert "(8, 500) [16 16 16 16 16 16 16 16]" in printed
 
 
 def test_the_files_are_as_described(python_examples):
     """The example of changes.json has the keys of a real one, and labels.npz the arrays that are named."""
-    result = python_examples[0] / "result"
+    result = python_examples[0] / "scene-result"
     page = ROOT / "docs" / "files.md"
     (example,) = blocks(page, "json")
     assert keys(json.loads(example)) == keys(json.loads((result / "changes.json").read_text(encoding="utf-8")))

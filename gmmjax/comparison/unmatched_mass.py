@@ -114,7 +114,8 @@ def _smoothly_unmatched(
 ) -> Unmatched:
     r"""The shares of the plan $a_i b_j e^{u_i + v_j - C_{ij} / T}$, the cheapest one with the entropy $T$."""
     totals = jnp.sum(supply), jnp.sum(demand)
-    extended = jnp.pad(cost, ((0, 1), (0, 1)), constant_values=penalty).at[-1, -1].set(0)
+    # Not by `jnp.pad`, which has no derivative by the padding alone.
+    extended = jnp.full((len(cost) + 1, cost.shape[1] + 1), penalty).at[:-1, :-1].set(cost).at[-1, -1].set(0)
     problem = _Extended(
         _log_mass(jnp.append(supply, totals[1])), _log_mass(jnp.append(demand, totals[0])), extended / temperature
     )

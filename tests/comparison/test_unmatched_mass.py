@@ -1,4 +1,5 @@
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from gmmjax.comparison import unmatched_shares
@@ -59,3 +60,15 @@ def test_unit_of_length_does_not_matter(float64):
 
 def test_density_ratio_without_a_pair_is_one(float64):
     assert matched_density_ratio(np.zeros(3), np.array([1.0, 2.0, 0.0]), np.ones((3, 3))) == 1
+
+
+def test_smooth_shares_can_be_differentiated_by_the_penalty_alone(float64):
+    before, after = mixtures(appeared=1, disappeared=1)
+
+    @jax.jit
+    def appeared(penalty):
+        smooth = unmatched_shares(before, after, 5000.0, 5000.0, penalty, temperature=0.3)
+        return jnp.sum(smooth.share_after**2)
+
+    central = (appeared(0.501) - appeared(0.499)) / 0.002
+    np.testing.assert_allclose(jax.grad(appeared)(0.5), central, rtol=1e-4)
