@@ -191,7 +191,8 @@ def by_peers(method: str, pairs: Scenes, restarts: int, log: Path) -> Iterator[A
     """Two fits of scikit-learn's with the true number of Gaussians, Algorithm 1 on POT, and the changed points."""
     from threadpoolctl import threadpool_limits
 
-    from tests.benchmarks.peers import as_mixture, sklearn_fixed, thesis_detection
+    from tests.benchmarks.peers import sklearn_fixed, thesis_detection
+    from tests.benchmarks.scenes import as_mixture
 
     def fit(points: np.ndarray, components: int, seed: int) -> Any:
         found = sklearn_fixed(points, components, seed)
