@@ -10,6 +10,11 @@ from gmmjax.mixtures import stacked
 from gmmjax.pair import Pair
 
 
+@pytest.fixture(autouse=True)
+def no_programs(monkeypatch):
+    monkeypatch.setattr(_programs, "_programs", _programs.LatestUsed(_programs.MOST_PROGRAMS))
+
+
 @pytest.mark.parametrize("method", ["greedy", "transport", "joint"])
 def test_what_follows_the_fits_is_compiled_once(method):
     strengths, plan = planned(method, "both", None, "exact", 3, None, Strengths())
