@@ -128,7 +128,26 @@ def compare_prepared(
         statuses = fits.map(lambda fit: fit.result)
         comparison = assembled(probability, found, mixtures, log_likelihood, statuses)
         bad = np.asarray(comparison.failed)
-        return pair.cut(jax.tree.map(lambda leaf: nan_where(bad, np.asarray(leaf)), comparison))
+        if bad:
+            comparison = jax.tree.map(lambda leaf: nan_where(bad, np.asarray(leaf)), comparison)
+        return pair.cut(comparison)
+
+
+def compile_decision(pair: HostPair, strengths: Strengths, plan: Plan) -> None:
+    """Compiles what `compare_prepared` runs after the fits, by a comparison of mixtures that were not fitted."""
+    if pair.framed is None:
+        return
+    slots, dimension = plan.max_components, pair.padded.before.points.shape[1]
+    mixture = GaussianMixture(
+        np.full(slots, 1 / slots),
+        np.zeros((slots, dimension)),
+        np.tile(np.eye(dimension), (slots, 1, 1)),
+        np.ones(slots, bool),
+    )
+    with jax.enable_x64(True):
+        one = np.float64(1)
+        found = to_numpy(_changed(mixture, mixture, one, one, jax.tree.map(np.float64, strengths), plan=plan))
+        each(_probability, Pair(mixture, mixture), Pair(found.changed_before, found.changed_after), pair.padded)
 
 
 @kept_jit

@@ -16,7 +16,7 @@ from gmmjax._host import is_traced, to_numpy
 from gmmjax._typing import Scalar
 from gmmjax.comparison.choices import Kinds, Method, Solver
 from gmmjax.comparison.cloud_comparison import Plan, compared, planned
-from gmmjax.comparison.host_comparison import HostPair, compare_prepared
+from gmmjax.comparison.host_comparison import HostPair, compare_prepared, compile_decision
 from gmmjax.comparison.mixture_comparison import Strengths
 from gmmjax.comparison.result import AveragedComparison, Comparison, averaged
 from gmmjax.errors import InputError, warn
@@ -138,18 +138,25 @@ def _on_cores(
 ) -> Iterator[tuple[int, Comparison]]:
     """A common queue of all restarts: a core that is done takes the next."""
     done: queue.SimpleQueue[tuple[int, int, Comparison | BaseException]] = queue.SimpleQueue()
+    # At once: to index an array of keys takes .1 ms and more.
+    of_restarts = [jnp.unstack(own) for own in keys]
 
     def compute(index: int, restart: int) -> None:
         try:
-            done.put((index, restart, compare_prepared(pairs[index], keys[index][restart], prior, strengths, plan)))
+            key = of_restarts[index][restart]
+            done.put((index, restart, compare_prepared(pairs[index], key, prior, strengths, plan)))
         except BaseException as error:  # Raised again by the thread that waits for it.
             done.put((index, restart, error))
 
     parts: list[dict[int, Comparison]] = [{} for _ in pairs]
     pool = ThreadPoolExecutor(available_cores())
     try:
-        for index, own in enumerate(keys):
-            for restart in range(len(own)):
+        # While the first core compiles the fit, the second one compiles what follows it.
+        pool.submit(compute, 0, 0)
+        if available_cores() > 1:
+            pool.submit(compile_decision, pairs[0], strengths, plan)
+        for index, own in enumerate(of_restarts):
+            for restart in range(index == 0, len(own)):
                 pool.submit(compute, index, restart)
         for _ in range(sum(map(len, keys))):
             index, restart, part = done.get()

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from gmmjax._host import float64_on_host, is_traced
+from gmmjax._programs import kept_jit
 from gmmjax._typing import Array
 from gmmjax.errors import InputError, warn
 from gmmjax.mixtures import FitStatus, GaussianMixture, failed
@@ -138,7 +139,9 @@ def averaged(comparison: Comparison, *, quiet: bool = False) -> AveragedComparis
     return means
 
 
+# One program: as forty operations they would take a second to compile.
 @float64_on_host
+@kept_jit
 def _averaged(comparison: Comparison) -> AveragedComparison:
     used = ~jnp.asarray(comparison.failed)
     of_before, of_after = comparison.probability_before, comparison.probability_after
@@ -160,13 +163,13 @@ def _averaged(comparison: Comparison) -> AveragedComparison:
 def _mean(values: Float[Array, "r ..."], used: Bool[Array, " r"]) -> Float[Array, "..."]:
     """NaN where none is used; those that are not used have no derivatives."""
     mask = used.reshape(-1, *(1 for _ in jnp.shape(values)[1:]))
-    count = jnp.sum(used, dtype=values.dtype)
+    count = jnp.sum(used, dtype=jnp.asarray(values).dtype)
     total = jnp.sum(jnp.where(mask, values, 0), axis=0)
     return jnp.where(count > 0, total / jnp.maximum(count, 1), jnp.nan)
 
 
 def _standard_error(values: Float[Array, "r n"], used: Bool[Array, " r"]) -> Float[Array, " n"]:
-    mean, count = _mean(values, used), jnp.sum(used, dtype=values.dtype)
+    mean, count = _mean(values, used), jnp.sum(used, dtype=jnp.asarray(values).dtype)
     squares = jnp.sum(jnp.where(used[:, None], (values - mean[None]) ** 2, 0), axis=0)
     variance = squares / jnp.maximum(count - 1, 1) / jnp.maximum(count, 1)
     # The root of 0 has an infinite derivative.

@@ -38,9 +38,9 @@ def sklearn_grid(points, max_components):
     return as_mixture(best.weights_, best.means_, best.covariances_)
 
 
-def sklearn_fixed(points, components):
+def sklearn_fixed(points, components, seed=0):
     """One fit of scikit-learn's `GaussianMixture` with the number of components given."""
-    settings = {"tol": TOLERANCE, "reg_covar": noise_floor(points) ** 2, "random_state": 0}
+    settings = {"tol": TOLERANCE, "reg_covar": noise_floor(points) ** 2, "random_state": seed}
     return SklearnMixture(components, **settings).fit(points)
 
 
