@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array as JaxArray
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from gmmjax._derivatives import nan_derivatives_unless
 from gmmjax._host import check_static
@@ -77,6 +77,12 @@ class Strengths(eqx.Module):
     epsilon: Scalar | None = None
     temperature: Scalar | None = None
 
+    @property
+    def in_domain(self) -> Bool[JaxArray, ""]:
+        """Whether all are positive and finite; for traced numbers what `check_strengths` is for others."""
+        numbers = [jnp.asarray(number) for number in jax.tree.leaves(self)]
+        return jnp.all(jnp.asarray([(number > 0) & jnp.isfinite(number) for number in numbers], bool))
+
 
 class MixtureComparison(eqx.Module):
     """What changed between two mixtures.
@@ -130,7 +136,7 @@ def compare_mixtures(
         hard = [(share > threshold).astype(share.dtype) for share in shares]
         changed, solved = shares if strengths.temperature is not None else tuple(hard), unmatched.valid
     exact = decision.solver == "exact" and (decision.method == "greedy" or strengths.temperature is None)
-    return _comparison(distance, _of_kinds(changed, decision.kinds), before, after, solved, exact)
+    return _comparison(distance, _of_kinds(changed, decision.kinds), before, after, solved, exact, strengths)
 
 
 def compare_shares(
@@ -145,8 +151,8 @@ def compare_shares(
     ratio = density_ratio(joint)
     changed = changed_share(joint, ratio, after=False), changed_share(joint, ratio, after=True)
     distance = PrunedDistance.between(before, after, decision.cost, decision.solver, strengths.epsilon)
-    changed = _of_kinds(changed, decision.kinds)
-    return before, after, _comparison(distance, changed, before, after, jnp.asarray(True), decision.solver == "exact")
+    changed, exact = _of_kinds(changed, decision.kinds), decision.solver == "exact"
+    return before, after, _comparison(distance, changed, before, after, jnp.asarray(True), exact, strengths)
 
 
 def of_cloud(joint: JointMixture, after: bool) -> GaussianMixture:
@@ -182,6 +188,7 @@ def _comparison(
     after: GaussianMixture,
     solved: JaxArray,
     exact: bool,
+    strengths: Strengths,
 ) -> MixtureComparison:
     live = jnp.asarray(before.live), jnp.asarray(after.live)
     kept = [own & (share <= CHANGED) for own, share in zip(live, changed, strict=True)]
@@ -192,12 +199,13 @@ def _comparison(
     result = TransportStatus.where(whole.result == TransportStatus.optimal, pruned.result, whole.result)
     undecided = (result == TransportStatus.optimal) & ~solved
     gave_up = TransportStatus.pivot_limit if exact else TransportStatus.not_converged
+    result = TransportStatus.where(undecided, gave_up, result)
     return MixtureComparison(
         *changed,
         emd=whole.cost,
         emd_unchanged=jnp.where(left, pruned.cost, jnp.nan),
         plan=nan_derivatives_unless(jnp.asarray(False), whole.plan, distance),
-        result=TransportStatus.where(undecided, gave_up, result),
+        result=TransportStatus.where(strengths.in_domain, result, TransportStatus.invalid_input),
     )
 
 

@@ -11,10 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from gmmjax._derivatives import without_derivatives
 from gmmjax._matrix_products import in_full_precision
 from gmmjax._typing import Array
 from gmmjax.mixtures import GaussianMixture
 
+SECOND = "bures_wasserstein has no second derivatives; differentiate once, or take the euclidean ground cost"
 GroundCost = Callable[[GaussianMixture, GaussianMixture], Float[Array, "k0 k1"]]
 """From two mixtures to the cost [k0, k1] of a unit of mass between each two components; finite in dead slots, too."""
 
@@ -78,17 +80,29 @@ def bures_wasserstein(
         covariances_after: covariances in its square.
 
     Returns:
-        The distances, in the unit of the means, 0 for equal Gaussians, where the derivative is 0 too. First derivatives
-        only: the second ones would miss how $U$ changes. NaN for covariances that are not positive definite.
+        The distances, in the unit of the means, 0 for equal Gaussians, where the derivative is 0 too; NaN for
+        covariances that are not positive definite. Second derivatives are an error: they would miss how $U$ changes.
     """
     factors_before = jnp.linalg.cholesky(covariances_before)[:, None]
     factors_after = jnp.linalg.cholesky(covariances_after)[None]
-    products = jax.lax.stop_gradient(jnp.swapaxes(factors_after, -1, -2) @ factors_before)
-    left, _, right = jnp.linalg.svd(products)
-    shapes = jnp.sum((factors_before - factors_after @ (left @ right)) ** 2, axis=(-2, -1))
+    rotations = _best_rotations(factors_before, factors_after)
+    shapes = jnp.sum((factors_before - factors_after @ rotations) ** 2, axis=(-2, -1))
     sizes = jnp.sum(factors_before**2, axis=(-2, -1)) + jnp.sum(factors_after**2, axis=(-2, -1))
     rounding = (32 * float(np.finfo(shapes.dtype).eps)) ** 2 * sizes
     return _root(_squared_distances(means_before, means_after) + shapes, rounding)
+
+
+@jax.custom_jvp
+def _best_rotations(factors_before: Float[Array, "... d d"], factors_after: Float[Array, "... d d"]) -> Array:
+    """$U$ of `bures_wasserstein`, constant to the first derivative; to ask for second ones is an error."""
+    left, _, right = jnp.linalg.svd(jnp.swapaxes(factors_after, -1, -2) @ factors_before)
+    return left @ right
+
+
+@_best_rotations.defjvp
+def _constant(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Array, Array]:
+    rotations = without_derivatives(_best_rotations(*primals), primals, SECOND)
+    return rotations, jnp.zeros_like(rotations)
 
 
 def _squared_distances(means_before: Float[Array, "k0 d"], means_after: Float[Array, "k1 d"]) -> Float[Array, "k0 k1"]:

@@ -180,6 +180,24 @@ def test_traced_shapes_are_checked(as_users):
         jax.jit(lambda most: compare(before, after, key=KEY, max_components=most))(5)
 
 
+@pytest.mark.parametrize(
+    ("method", "solver", "name"),
+    [
+        ("greedy", "exact", "temperature"),
+        ("transport", "exact", "temperature"),
+        ("transport", "exact", "penalty"),
+        ("joint", "sinkhorn", "epsilon"),
+    ],
+)
+def test_numbers_out_of_their_range_are_a_status_under_a_trace(method, solver, name):
+    before, after, _, _ = pair()
+    one = functools.partial(compare_few, before, after, key=KEY, method=method, solver=solver)
+    found = jax.jit(jax.vmap(lambda number: one(**{name: number})))(jnp.array([0.3, -0.3, 0.0, np.nan]))
+    np.testing.assert_array_equal(found.failed, [False, True, True, True])
+    np.testing.assert_array_equal(found.transport == TransportStatus.invalid_input, [False, True, True, True])
+    assert np.isnan(found.probability_after[1:]).all() and np.isfinite(found.probability_after[0]).all()
+
+
 # A plane without a noise floor: the likelihood has no maximum.
 FLAT = Prior.figueiredo_jain(3, 0.0)
 

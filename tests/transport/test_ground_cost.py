@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from gmmjax import transport
+from gmmjax import InputError, transport
 from gmmjax.transport import euclidean
 from tests.differences import along, assert_derivatives
 
@@ -109,3 +109,18 @@ def test_distances_do_not_depend_on_the_frame_of_reference():
         rtol=1e-10,
     )
     np.testing.assert_allclose(euclidean(moved_means[:3], moved_means[3:]), euclidean(means[:3], means[3:]), rtol=1e-12)
+
+
+def test_second_derivatives_of_the_bures_wasserstein_distance_are_an_error():
+    random = np.random.default_rng(0)
+    shapes = [covariances(3, 4, seed) for seed in (0, 1)]
+    means = random.normal(size=(2, 3, 3))
+
+    def total(scale):
+        return bures_wasserstein(means[0], scale * shapes[0], means[1], shapes[1]).sum()
+
+    expected = (total(1.3 + 1e-6) - total(1.3 - 1e-6)) / 2e-6
+    np.testing.assert_allclose(jax.jit(jax.vmap(jax.grad(total)))(np.array([1.3])), [expected], rtol=1e-6)
+    for second in (jax.grad(jax.grad(total)), jax.jacfwd(jax.jacfwd(total))):
+        with pytest.raises(InputError, match="bures_wasserstein has no second derivatives"):
+            second(1.3)
