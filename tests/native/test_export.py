@@ -10,7 +10,7 @@ import pytest
 from jax import export
 
 from gmmjax import earth_movers_distance, fit_mixture, native
-from gmmjax.changes import remove_changed
+from gmmjax.comparison import remove_changed
 from gmmjax.mixtures import FitSettings
 
 pytestmark = [
