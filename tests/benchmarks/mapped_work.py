@@ -19,9 +19,10 @@ import numpy as np
 from gmmjax import detect_changes
 from gmmjax.changes.align.alignment import aligned
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.fit.joint_fit import JointFits, _reweighted, point_excess
+from gmmjax.changes.fit.joint_fit import JointFits, point_excess
 from gmmjax.changes.fit.joint_problem import JointFitSettings, joint_problem
 from gmmjax.clouds import canonical_order
+from gmmjax.comparison import of_cloud
 from gmmjax.comparison.joint_mixture import JointMixture, density_ratio, point_posterior
 from gmmjax.comparison.joint_mixture_model import SourcedPoints, fit_joint_mixture_from_seeds
 from gmmjax.mixtures import GaussianMixture, Prior, Standardisation, WeightedPoints, map_on_cores
@@ -149,8 +150,7 @@ def _posteriors(fitted: Fitted, clouds: tuple[Any, Any]) -> tuple[Any, ...]:
 
 
 def _distance(fitted: Fitted) -> Any:
-    shares = 1 - fitted.joint.share_after, fitted.joint.share_after
-    return earth_movers_distance(*(_reweighted(fitted.joint.mixture, share) for share in shares)).cost
+    return earth_movers_distance(of_cloud(fitted.joint, after=False), of_cloud(fitted.joint, after=True)).cost
 
 
 # ---------------------------------------------------------------- the restarts of one pair, side by side or in turn

@@ -133,7 +133,7 @@ def live_pairs(before, after):
 
 
 def pot_greedy(before, after):
-    """Algorithm 1 for both kinds on POT, as `gmmjax.comparison.remove_changed` does it: the numbers that were removed."""
+    """Algorithm 1 for both kinds on POT, as `remove_changed` does it: the numbers that were removed."""
     kept = [np.arange(len(before[0])), np.arange(len(after[0]))]
     cost = cdist(before[1], after[1])
 

@@ -47,6 +47,11 @@ Compared = tuple[Bool[Array, "r0 r1 k0"], Bool[Array, "r0 r1 k1"], Float[Array, 
 SCORES = ("message_length", "log_likelihood", "steps", "bits", "noise_share")
 
 
+def over_pairs(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function of two mixtures for every pair of restarts."""
+    return jax.vmap(jax.vmap(function, in_axes=(None, 0)), in_axes=(0, None))
+
+
 class PreparedScans(NamedTuple):
     """Two scans, and what is fitted to them.
 
@@ -266,8 +271,7 @@ def _compared_pairs(
         distance = earth_movers_distance(before, after)
         return found.changed_before > threshold, found.changed_after > threshold, distance.cost, solved
 
-    # Every pair of restarts.
-    return jax.vmap(jax.vmap(compare, in_axes=(None, 0)), in_axes=(0, None))(before, after)
+    return over_pairs(compare)(before, after)
 
 
 def _blocks(mixtures: GaussianMixture, size: int) -> list[GaussianMixture]:
