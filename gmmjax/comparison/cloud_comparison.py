@@ -53,7 +53,7 @@ FIT_SETTINGS: Mapping[Method, FitSettings] = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Plan:
+class Program:
     """What is compiled: everything of a comparison that is no array."""
 
     decision: Decision
@@ -130,14 +130,14 @@ def compare(
             use to the method; a choice that is unknown.
         ComputationError: there is no result, and `throw`.
     """
-    strengths, plan = planned(
+    strengths, program = planned(
         method, kinds, ground_cost, solver, max_components, settings, Strengths(penalty, epsilon, temperature)
     )
     given = before, after, mass_before, mass_after, prior, key, strengths
     if not is_traced(given):
         from gmmjax.comparison.host_comparison import compare_on_host
 
-        result = compare_on_host(Pair(before, after), Pair(mass_before, mass_after), key, prior, strengths, plan)
+        result = compare_on_host(Pair(before, after), Pair(mass_before, mass_after), key, prior, strengths, program)
         if throw and bool(result.failed):
             raise ComputationError(f"the clouds could not be compared: {result.why_failed()}")
         return result
@@ -148,7 +148,7 @@ def compare(
     # As arrays of one type: a number would be a constant of the program.
     dtype = jnp.result_type(clouds.before.points, clouds.after.points)
     prior, strengths = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), (prior, strengths))
-    comparison: Comparison = _traced(clouds.before, clouds.after, key, prior, strengths, plan)
+    comparison: Comparison = _traced(clouds.before, clouds.after, key, prior, strengths, program)
     return comparison
 
 
@@ -160,7 +160,7 @@ def planned(
     max_components: int,
     settings: FitSettings | None,
     strengths: Strengths,
-) -> tuple[Strengths, Plan]:
+) -> tuple[Strengths, Program]:
     """The arguments of a comparison as its numbers and what is compiled.
 
     Raises:
@@ -172,7 +172,7 @@ def planned(
         ground_cost = GROUND_COSTS[ground_cost]
     decision = Decision(method, kinds, solver, ground_cost)
     check_strengths(decision, strengths)
-    return strengths, Plan(decision, max_components, FIT_SETTINGS[method] if settings is None else settings)
+    return strengths, Program(decision, max_components, FIT_SETTINGS[method] if settings is None else settings)
 
 
 def check_dimensions(clouds: Pair[WeightedPoints]) -> None:
@@ -193,32 +193,32 @@ def _traced(
     key: PRNGKeyArray,
     prior: Prior | None,
     strengths: Strengths,
-    plan: Plan,
+    program: Program,
 ) -> Comparison:
-    return compared(Pair(before, after), key, prior, strengths, plan)
+    return compared(Pair(before, after), key, prior, strengths, program)
 
 
 def compared(
-    clouds: Pair[WeightedPoints], key: PRNGKeyArray, prior: Prior | None, strengths: Strengths, plan: Plan
+    clouds: Pair[WeightedPoints], key: PRNGKeyArray, prior: Prior | None, strengths: Strengths, program: Program
 ) -> Comparison:
     """`compare` as a pure function of arrays of one type."""
-    by_method = of_joint_fit if plan.decision.method == "joint" else of_separate_fits
-    comparison = by_method(clouds, key, prior, strengths, plan)
+    by_method = of_joint_fit if program.decision.method == "joint" else of_separate_fits
+    comparison = by_method(clouds, key, prior, strengths, program)
     comparison = jax.tree.map(lambda leaf: nan_where(comparison.failed, leaf), comparison)
     # Whatever lies between, such as a choice that stops NaN: what failed has no derivatives.
     return nan_derivatives_unless(~comparison.failed, comparison, (*clouds, prior, strengths))
 
 
 def of_separate_fits(
-    clouds: Pair[WeightedPoints], key: PRNGKeyArray, prior: Prior | None, strengths: Strengths, plan: Plan
+    clouds: Pair[WeightedPoints], key: PRNGKeyArray, prior: Prior | None, strengths: Strengths, program: Program
 ) -> Comparison:
     """The comparison by a mixture of each cloud."""
     start_key = jax.random.split(key, 1)[0]
-    fits = clouds.map(lambda own: fit_in_frame(own, start_key, prior, None, plan.max_components, plan.settings))
+    fits = clouds.map(lambda own: fit_in_frame(own, start_key, prior, None, program.max_components, program.settings))
     mixtures = fits.map(lambda fit: fit.mixture)
     observations = clouds.map(lambda own: jnp.sum(own.mass))
     given = mixtures.before, mixtures.after, observations.before, observations.after
-    found = compare_mixtures(*given, plan.decision, strengths)
+    found = compare_mixtures(*given, program.decision, strengths)
     changed = Pair(found.changed_before, found.changed_after)
     probability = each(point_probability, mixtures, changed, clouds)
     log_likelihood = fits.before.log_likelihood + fits.after.log_likelihood
@@ -234,7 +234,7 @@ def point_probability(
 
 
 def of_joint_fit(
-    clouds: Pair[WeightedPoints], key: PRNGKeyArray, prior: Prior | None, strengths: Strengths, plan: Plan
+    clouds: Pair[WeightedPoints], key: PRNGKeyArray, prior: Prior | None, strengths: Strengths, program: Program
 ) -> Comparison:
     """The comparison by the joint mixture, from and to the unit of the points; traced."""
     both = joined(clouds)
@@ -245,9 +245,9 @@ def of_joint_fit(
         jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), default) if prior is None else frame.enter_prior(prior)
     )
     sourced = SourcedPoints(frame.enter(both.points), both.after)
-    end = fit_joint_mixture_from_seeds(sourced, plan.max_components, in_frame, key, plan.settings)
+    end = fit_joint_mixture_from_seeds(sourced, program.max_components, in_frame, key, program.settings)
     scaled = jax.tree.map(lambda strength: strength / frame.spread, strengths)
-    before, after, found = compare_shares(end.mixture, plan.decision, scaled)
+    before, after, found = compare_shares(end.mixture, program.decision, scaled)
     found = eqx.tree_at(
         lambda own: (own.emd, own.emd_unchanged), found, (found.emd * frame.spread, found.emd_unchanged * frame.spread)
     )

@@ -11,7 +11,7 @@ from gmmjax._host import to_numpy
 from gmmjax._programs import kept_jit
 from gmmjax._typing import Array
 from gmmjax.comparison.cloud_comparison import (
-    Plan,
+    Program,
     assembled,
     check_dimensions,
     compared,
@@ -48,7 +48,7 @@ class HostPair:
     framed: Pair[FramedCloud] | None
 
     @classmethod
-    def of(cls, points: Pair[ArrayLike], mass: Pair[Any], prior: Prior | None, plan: Plan) -> "HostPair":
+    def of(cls, points: Pair[ArrayLike], mass: Pair[Any], prior: Prior | None, program: Program) -> "HostPair":
         """Checks both clouds.
 
         Raises:
@@ -57,14 +57,14 @@ class HostPair:
         clouds = each(_checked, Pair("before", "after"), points, mass)
         check_dimensions(clouds)
         usable = [int(np.count_nonzero(cloud.mass)) for cloud in clouds]
-        joint = plan.decision.method == "joint"
-        check_components(plan.max_components, sum(usable) if joint else min(usable))
+        joint = program.decision.method == "joint"
+        check_components(program.max_components, sum(usable) if joint else min(usable))
         if prior is not None:
             check_prior(prior, clouds.before.points.shape[1])
         return cls(
             sizes=clouds.map(lambda cloud: len(cloud.mass)),
             padded=clouds.map(lambda cloud: cloud.padded()),
-            framed=None if joint else clouds.map(lambda cloud: FramedCloud.of(cloud, prior, plan.settings)),
+            framed=None if joint else clouds.map(lambda cloud: FramedCloud.of(cloud, prior, program.settings)),
         )
 
     def cut(self, comparison: Comparison) -> Comparison:
@@ -89,14 +89,20 @@ def compare_on_host(
     key: PRNGKeyArray,
     prior: Prior | None,
     strengths: Strengths,
-    plan: Plan,
+    program: Program,
 ) -> Comparison:
     """`compare` of concrete arrays, the two fits on two cores."""
-    return compare_prepared(HostPair.of(points, mass, prior, plan), key, prior, strengths, plan, on_cores=True)
+    return compare_prepared(HostPair.of(points, mass, prior, program), key, prior, strengths, program, on_cores=True)
 
 
 def compare_prepared(
-    pair: HostPair, key: PRNGKeyArray, prior: Prior | None, strengths: Strengths, plan: Plan, *, on_cores: bool = False
+    pair: HostPair,
+    key: PRNGKeyArray,
+    prior: Prior | None,
+    strengths: Strengths,
+    program: Program,
+    *,
+    on_cores: bool = False,
 ) -> Comparison:
     """One restart of a pair; on one core, unless it may take two.
 
@@ -105,23 +111,23 @@ def compare_prepared(
         key: of the starts.
         prior: as of `compare`.
         strengths: the numbers of the decision.
-        plan: what is compiled.
+        program: what is compiled.
         on_cores: whether both clouds are fitted at the same time.
     """
     strengths = jax.tree.map(np.float64, strengths)
     with jax.enable_x64(True):
         if pair.framed is None:
             prior = jax.tree.map(np.float64, prior)
-            whole = to_numpy(_joint(pair.padded.before, pair.padded.after, key, prior, strengths, plan=plan))
+            whole = to_numpy(_joint(pair.padded.before, pair.padded.after, key, prior, strengths, program=program))
             return pair.cut(whole)
         both = each_on_cores if on_cores else each
         # As of `fit_mixture`.
         start_key = jax.random.split(key, 1)[0]
-        fits = both(lambda own: own.fit(start_key, plan.max_components, plan.settings), pair.framed)
+        fits = both(lambda own: own.fit(start_key, program.max_components, program.settings), pair.framed)
         mixtures = fits.map(lambda fit: fit.mixture)
         observations = pair.framed.map(lambda own: np.float64(own.observations))
         given = mixtures.before, mixtures.after, observations.before, observations.after
-        found = to_numpy(_changed(*given, strengths, plan=plan))
+        found = to_numpy(_changed(*given, strengths, program=program))
         changed = Pair(found.changed_before, found.changed_after)
         probability = each(_probability, mixtures, changed, pair.padded).map(np.asarray)
         log_likelihood = np.asarray(fits.before.log_likelihood + fits.after.log_likelihood)
@@ -133,11 +139,11 @@ def compare_prepared(
         return pair.cut(comparison)
 
 
-def compile_decision(pair: HostPair, strengths: Strengths, plan: Plan) -> None:
+def compile_decision(pair: HostPair, strengths: Strengths, program: Program) -> None:
     """Compiles what `compare_prepared` runs after the fits, by a comparison of mixtures that were not fitted."""
     if pair.framed is None:
         return
-    slots, dimension = plan.max_components, pair.padded.before.points.shape[1]
+    slots, dimension = program.max_components, pair.padded.before.points.shape[1]
     mixture = GaussianMixture(
         np.full(slots, 1 / slots),
         np.zeros((slots, dimension)),
@@ -146,7 +152,7 @@ def compile_decision(pair: HostPair, strengths: Strengths, plan: Plan) -> None:
     )
     with jax.enable_x64(True):
         one = np.float64(1)
-        found = to_numpy(_changed(mixture, mixture, one, one, jax.tree.map(np.float64, strengths), plan=plan))
+        found = to_numpy(_changed(mixture, mixture, one, one, jax.tree.map(np.float64, strengths), program=program))
         each(_probability, Pair(mixture, mixture), Pair(found.changed_before, found.changed_after), pair.padded)
 
 
@@ -158,9 +164,9 @@ def _joint(
     prior: Prior | None,
     strengths: Strengths,
     *,
-    plan: Plan,
+    program: Program,
 ) -> Comparison:
-    return compared(Pair(before, after), key, prior, strengths, plan)
+    return compared(Pair(before, after), key, prior, strengths, program)
 
 
 @kept_jit
@@ -171,9 +177,9 @@ def _changed(
     points_after: Float[Array, ""],
     strengths: Strengths,
     *,
-    plan: Plan,
+    program: Program,
 ) -> MixtureComparison:
-    return compare_mixtures(before, after, points_before, points_after, plan.decision, strengths)
+    return compare_mixtures(before, after, points_before, points_after, program.decision, strengths)
 
 
 @kept_jit

@@ -15,7 +15,7 @@ from gmmjax._cores import available_cores
 from gmmjax._host import is_traced, to_numpy
 from gmmjax._typing import Scalar
 from gmmjax.comparison.choices import Kinds, Method, Solver
-from gmmjax.comparison.cloud_comparison import Plan, compared, planned
+from gmmjax.comparison.cloud_comparison import Program, compared, planned
 from gmmjax.comparison.host_comparison import HostPair, compare_prepared, compile_decision
 from gmmjax.comparison.mixture_comparison import Strengths
 from gmmjax.comparison.result import AveragedComparison, Comparison, averaged
@@ -95,18 +95,21 @@ def compare_many(
         raise InputError("compare_many is a host function: call it outside of jit and vmap, where compare can be used")
     if not len(pairs) or restarts < 1:
         raise InputError(f"{len(pairs)} pairs and restarts={restarts}: give at least one of each")
-    strengths, plan = planned(
+    strengths, program = planned(
         method, kinds, ground_cost, solver, max_components, settings, Strengths(penalty, epsilon, temperature)
     )
-    ready = [_ready(index, pair, prior, plan) for index, pair in enumerate(pairs)]
+    ready = [_ready(index, pair, prior, program) for index, pair in enumerate(pairs)]
     keys = [jax.random.split(own, restarts) for own in jax.random.split(key, len(pairs))]
     on_cpu = jax.default_backend() == "cpu"
-    results = (_on_cores if on_cpu else _side_by_side)(ready, keys, prior, strengths, plan)
+    results = (_on_cores if on_cpu else _side_by_side)(ready, keys, prior, strengths, program)
     return _reported(results, len(ready), progress)
 
 
 def _ready(
-    index: int, pair: tuple[ArrayLike | WeightedPoints, ArrayLike | WeightedPoints], prior: Prior | None, plan: Plan
+    index: int,
+    pair: tuple[ArrayLike | WeightedPoints, ArrayLike | WeightedPoints],
+    prior: Prior | None,
+    program: Program,
 ) -> HostPair:
     try:
         before, after = pair
@@ -116,7 +119,7 @@ def _ready(
         clouds = Pair(before, after)
         points = clouds.map(lambda own: own.points if isinstance(own, WeightedPoints) else own)
         mass = clouds.map(lambda own: own.mass if isinstance(own, WeightedPoints) else None)
-        return HostPair.of(points, mass, prior, plan)
+        return HostPair.of(points, mass, prior, program)
     except InputError as error:
         raise InputError(f"pairs[{index}], {error}") from error
 
@@ -134,7 +137,7 @@ def _reported(
 
 
 def _on_cores(
-    pairs: Sequence[HostPair], keys: Sequence[PRNGKeyArray], prior: Prior | None, strengths: Strengths, plan: Plan
+    pairs: Sequence[HostPair], keys: Sequence[PRNGKeyArray], prior: Prior | None, strengths: Strengths, program: Program
 ) -> Iterator[tuple[int, Comparison]]:
     """A common queue of all restarts: a core that is done takes the next."""
     done: queue.SimpleQueue[tuple[int, int, Comparison | BaseException]] = queue.SimpleQueue()
@@ -144,7 +147,7 @@ def _on_cores(
     def compute(index: int, restart: int) -> None:
         try:
             key = of_restarts[index][restart]
-            done.put((index, restart, compare_prepared(pairs[index], key, prior, strengths, plan)))
+            done.put((index, restart, compare_prepared(pairs[index], key, prior, strengths, program)))
         except BaseException as error:  # Raised again by the thread that waits for it.
             done.put((index, restart, error))
 
@@ -154,7 +157,7 @@ def _on_cores(
         # While the first core compiles the fit, the second one compiles what follows it.
         pool.submit(compute, 0, 0)
         if available_cores() > 1:
-            pool.submit(compile_decision, pairs[0], strengths, plan)
+            pool.submit(compile_decision, pairs[0], strengths, program)
         for index, own in enumerate(of_restarts):
             for restart in range(index == 0, len(own)):
                 pool.submit(compute, index, restart)
@@ -170,7 +173,7 @@ def _on_cores(
 
 
 def _side_by_side(
-    pairs: Sequence[HostPair], keys: Sequence[PRNGKeyArray], prior: Prior | None, strengths: Strengths, plan: Plan
+    pairs: Sequence[HostPair], keys: Sequence[PRNGKeyArray], prior: Prior | None, strengths: Strengths, program: Program
 ) -> Iterator[tuple[int, Comparison]]:
     """Pairs of one padded size as one `vmap` over pairs and restarts."""
     sizes = [tuple(own.mass.shape for own in pair.padded) for pair in pairs]
@@ -182,7 +185,9 @@ def _side_by_side(
             clouds = stacked([(*pairs[number].padded,) for number in chunk])
             with jax.enable_x64(True):
                 together = to_numpy(
-                    _mapped(clouds[0], clouds[1], jnp.stack([keys[number] for number in chunk]), prior, strengths, plan)
+                    _mapped(
+                        clouds[0], clouds[1], jnp.stack([keys[number] for number in chunk]), prior, strengths, program
+                    )
                 )
             for nth, number in enumerate(chunk):
                 own = jax.tree.map(lambda leaf, nth=nth: leaf[nth], together)
@@ -196,10 +201,10 @@ def _mapped(
     keys: PRNGKeyArray,
     prior: Prior | None,
     strengths: Strengths,
-    plan: Plan,
+    program: Program,
 ) -> Comparison:
     def of_restart(before: WeightedPoints, after: WeightedPoints, key: PRNGKeyArray) -> Comparison:
-        return compared(Pair(before, after), key, prior, strengths, plan)
+        return compared(Pair(before, after), key, prior, strengths, program)
 
     over_restarts = jax.vmap(of_restart, in_axes=(None, None, 0))
     mapped: Comparison = jax.vmap(over_restarts)(before, after, keys)
