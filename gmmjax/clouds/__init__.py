@@ -74,8 +74,8 @@ from gmmjax.clouds.reading import open_cloud as open_cloud
 from gmmjax.clouds.reading import read_cloud as read_cloud
 from gmmjax.clouds.reference_system import ANGLES as ANGLES
 from gmmjax.clouds.reference_system import epsg_code as epsg_code
+from gmmjax.clouds.reference_system import is_geocentric_system as is_geocentric_system
 from gmmjax.clouds.reference_system import is_wkt as is_wkt
-from gmmjax.clouds.reference_system import names_centre as names_centre
 from gmmjax.clouds.reference_system import system_name as system_name
 from gmmjax.clouds.source_file import SourceFile as SourceFile
 from gmmjax.clouds.stations import StationSettings as StationSettings

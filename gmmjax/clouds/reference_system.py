@@ -65,10 +65,11 @@ def is_wkt(crs: str) -> bool:
     return re.split(r"[\[(]", crs)[0].upper() in SYSTEMS
 
 
-def names_centre(crs: str) -> bool:
-    """Whether a system is described by WKT as one whose origin is the centre of the Earth."""
+def is_geocentric_system(crs: str) -> bool:
+    """Whether WKT describes a system of lengths as one whose origin is the centre of the Earth."""
     root = _parsed(crs) if is_wkt(crs) else None
-    return root is not None and any(node.name in GEODETIC for node in root.walk()) and root.name not in PROJECTED
+    horizontal = None if root is None else _horizontal(root)
+    return horizontal is not None and horizontal.name in GEODETIC
 
 
 def system_name(crs: str) -> str:
@@ -111,8 +112,7 @@ def of_wkt(text: str) -> ReferenceSystem:
     if root is None:
         return ReferenceSystem()
     nodes = list(root.walk())
-    kinds = (PROJECTED + LOCAL, GEODETIC + GEOGRAPHIC)
-    flat = next((node for kind in kinds for node in nodes if node.name in kind), None)
+    flat = _horizontal(root)
     height = next((node for node in nodes if node.name in VERTICAL), None)
     if flat is None:
         return ReferenceSystem()
@@ -131,6 +131,12 @@ def of_wkt(text: str) -> ReferenceSystem:
     if height is None or height.unit() == unit:
         return ReferenceSystem(unit, crs)
     return ReferenceSystem(None, crs, height.unit() if unit is not None else None)
+
+
+def _horizontal(root: "_Node") -> "_Node | None":
+    """The system of x and y; a projected one also stands beside the geodetic one that it is based on."""
+    kinds = (PROJECTED + LOCAL, GEODETIC + GEOGRAPHIC)
+    return next((node for kind in kinds for node in root.walk() if node.name in kind), None)
 
 
 @dataclass

@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from gmmjax.clouds.reference_system import epsg_code, is_wkt, of_geotiff_keys, of_wkt, system_name
+from gmmjax.clouds.reference_system import epsg_code, is_geocentric_system, is_wkt, of_geotiff_keys, of_wkt, system_name
 
 BASE = (
     'GEOGCS["NAD83",DATUM["North_American_Datum_1983",SPHEROID["GRS 1980",6378137,298.257]],PRIMEM["Greenwich",0],'
@@ -63,6 +63,19 @@ def test_well_known_text(text, unit, crs):
         assert found.crs is not None and is_wkt(found.crs) and found.crs in text
     else:
         assert found.crs == crs
+
+
+GEOCENTRIC = 'GEOCCS["WGS 84",DATUM["x"],UNIT["metre",1],AUTHORITY["EPSG","4978"]]'
+
+
+def test_a_system_from_the_centre_of_the_earth():
+    cartesian = f'GEODCRS["WGS 84",{BASE_2},CS[Cartesian,3],AXIS["X",geocentricX],LENGTHUNIT["metre",1]]'
+    for crs in (GEOCENTRIC, cartesian, f"BOUNDCRS[SOURCECRS[{cartesian}]]"):
+        assert is_geocentric_system(crs)
+    # What a projected system is based on, or shifted to, is no system of its points.
+    shifted = f"BOUNDCRS[SOURCECRS[{UTM_2}],TARGETCRS[{cartesian}]]"
+    for crs in (UTM_2, ALBERS, shifted, "EPSG:32632", "a site"):
+        assert not is_geocentric_system(crs)
 
 
 def keys(*entries):

@@ -24,7 +24,7 @@ from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.changes.prepare.units import stated_systems
 from gmmjax.changes.record import Changes
 from gmmjax.changes.signed_distance import OuterSide, PointFigures, SignedDistanceSettings, signed_distances
-from gmmjax.clouds import SensorViews, names_centre
+from gmmjax.clouds import SensorViews, is_geocentric_system
 from gmmjax.geometry import LocalSurface, is_geocentric, z_is_height
 from gmmjax.pair import Pair, each, each_on_cores
 
@@ -129,11 +129,10 @@ class AlignedScans:
             return "sensor"
         surfaces = self.pair.surfaces
         stated = stated_systems(self.scans.map(lambda scan: scan.cloud))
-        projected = any(stated) and not any(names_centre(crs) for crs in stated if crs is not None)
-        if projected and not any(is_geocentric(surface.points) for surface in surfaces):
-            return "up"
-        no_system = not any(stated) and all(z_is_height(surface.points) for surface in surfaces)
-        return "up" if no_system else "unknown"
+        geocentric = any(is_geocentric_system(crs) for crs in stated if crs is not None)
+        if geocentric or any(is_geocentric(surface.points) for surface in surfaces):
+            return "unknown"
+        return "up" if any(stated) or all(z_is_height(surface.points) for surface in surfaces) else "unknown"
 
     @functools.cached_property
     def members(self) -> Pair[Int[np.ndarray, " _"]]:
