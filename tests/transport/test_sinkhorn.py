@@ -152,3 +152,20 @@ def test_bad_numbers_and_missing_mass_are_statuses():
     for epsilon in (0.0, -1.0, np.nan):
         solved = sinkhorn(something, something, cost, epsilon=epsilon)
         assert solved.result == TransportStatus.invalid_input and np.isinf(solved.cost)
+
+
+@pytest.mark.parametrize("epsilon", [0.1, 0.03, 0.01])
+def test_scenes_of_which_little_changed_converge(epsilon):
+    """Clusters far from each other whose masses differ by a few per cent: hardly any mass connects them."""
+    random = np.random.default_rng(0)
+    before = random.dirichlet(np.full(10, 20.0), 20)
+    after = before * random.uniform(0.97, 1.03, before.shape)
+    after /= after.sum(axis=1, keepdims=True)
+    places = random.uniform(-5, 5, (20, 10, 3))
+    later = places + random.normal(0, 0.05, places.shape)
+    later[:, 0] = random.uniform(-5, 5, (20, 3))
+    cost = np.linalg.norm(places[:, :, None] - later[:, None], axis=-1)
+    solved = jax.jit(jax.vmap(lambda *problem: sinkhorn(*problem, epsilon=epsilon)))(before, after, cost)
+    assert np.all(solved.result == TransportStatus.optimal)
+    exact = jax.vmap(exact_transport)(before, after, cost).cost
+    np.testing.assert_allclose(solved.cost, exact, atol=3 * epsilon)
