@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from gmmjax.comparison.result import AveragedComparison as AveragedComparison
     from gmmjax.comparison.result import Comparison as Comparison
     from gmmjax.comparison.result import averaged as averaged
+    from gmmjax.comparison.traced_comparison import joined as joined
     from gmmjax.comparison.unmatched_mass import Unmatched as Unmatched
     from gmmjax.comparison.unmatched_mass import unmatched_shares as unmatched_shares
 

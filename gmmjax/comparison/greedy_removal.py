@@ -89,13 +89,18 @@ def remove_changed(
 
 @eqx.filter_jit
 def _removals(before: GaussianMixture, after: GaussianMixture, kinds: Kinds, ground_cost: GroundCost) -> Removals:
-    return removals_by(PrunedDistance.between(before, after, ground_cost), before.live, after.live, kinds)
+    live = jnp.asarray(before.live), jnp.asarray(after.live)
+    distance = PrunedDistance.between(before, after, ground_cost)
+    kept_before, kept_after, valid = kept_by_removal(distance, *live, kinds)
+    whole, left = distance(*live), distance(kept_before, kept_after)
+    solved = (whole.result == TransportStatus.optimal) & (left.result == TransportStatus.optimal)
+    return Removals(live[0] & ~kept_before, live[1] & ~kept_after, left.cost, whole.cost, valid & solved)
 
 
-def removals_by(
-    distance: PrunedDistance, live_before: Bool[Array, " k0"], live_after: Bool[Array, " k1"], kinds: Kinds
-) -> Removals:
-    """`remove_changed` by any distance between the components that are kept.
+def kept_by_removal(
+    distance: PrunedDistance, live_before: Bool[JaxArray, " k0"], live_after: Bool[JaxArray, " k1"], kinds: Kinds
+) -> tuple[Bool[JaxArray, " k0"], Bool[JaxArray, " k1"], Bool[JaxArray, ""]]:
+    """The components of either mixture that Algorithm 1 keeps, and whether all transport problems were solved.
 
     Args:
         distance: the earth mover's distance.
@@ -103,22 +108,18 @@ def removals_by(
         live_after: the same of the after mixture.
         kinds: what is removed.
     """
-    live_before, live_after = jnp.asarray(live_before), jnp.asarray(live_after)
     remove = functools.partial(_kept, kinds=kinds)
     one_by_one = native.used() and distance.epsilon is None
-    kept_before, kept_after, valid = (sequential_vmap(remove) if one_by_one else remove)(
+    # A hard decision: there is nothing to differentiate.
+    kept: tuple[JaxArray, JaxArray, JaxArray] = (sequential_vmap(remove) if one_by_one else remove)(
         jax.lax.stop_gradient(distance), live_before, live_after
     )
-    whole, left = distance(live_before, live_after), distance(kept_before, kept_after)
-    solved = (whole.result == TransportStatus.optimal) & (left.result == TransportStatus.optimal)
-    disappeared, appeared = live_before & ~kept_before, live_after & ~kept_after
-    return Removals(disappeared, appeared, left.cost, whole.cost, valid & solved)
+    return kept
 
 
 def _kept(
     distance: PrunedDistance, live_before: JaxArray, live_after: JaxArray, kinds: Kinds
 ) -> tuple[JaxArray, JaxArray, JaxArray]:
-    """The components that Algorithm 1 keeps, and whether every transport problem on the way was solved."""
 
     def emd(kept_before: JaxArray, kept_after: JaxArray, start: JaxArray | None) -> tuple[JaxArray, ...]:
         result = distance(kept_before, kept_after, start)
@@ -170,9 +171,8 @@ def _removable(kept: JaxArray, wanted: bool) -> JaxArray:
 
 def removal_odds(
     distance: PrunedDistance,
-    removals: Removals,
-    live_before: Bool[Array, " k0"],
-    live_after: Bool[Array, " k1"],
+    kept: tuple[Bool[JaxArray, " k0"], Bool[JaxArray, " k1"]],
+    live: tuple[Bool[JaxArray, " k0"], Bool[JaxArray, " k1"]],
     kinds: Kinds,
     temperature: Scalar,
 ) -> tuple[Float[JaxArray, " k0"], Float[JaxArray, " k1"]]:
@@ -183,25 +183,24 @@ def removal_odds(
 
     Args:
         distance: the earth mover's distance.
-        removals: what was removed.
-        live_before: the slots of the before mixture that hold a component.
-        live_after: the same of the after mixture.
+        kept: the components of either mixture that are kept.
+        live: the slots of either mixture that hold a component.
         kinds: what is removed.
         temperature: $T$, in the unit of the distance; as it falls the odds go to 0 and 1.
     """
-    kept_before, kept_after = live_before & ~removals.disappeared, live_after & ~removals.appeared
-    trials_before, trials_after, removable = _trials(kept_before, kept_after, kinds)
-    removed = jnp.concatenate([removals.disappeared, removals.appeared])
+    trials_before, trials_after, removable = _trials(*kept, kinds)
+    removed = jnp.concatenate(live) & ~jnp.concatenate(kept)
     # Without what is kept, or with what was removed.
     own = jnp.eye(len(removed), dtype=bool) & removed[:, None]
-    slots = len(kept_before)
-    trials_before = jnp.where(removed[:, None], kept_before[None] | own[:, :slots], trials_before)
-    trials_after = jnp.where(removed[:, None], kept_after[None] | own[:, slots:], trials_after)
+    slots = len(kept[0])
+    trials_before = jnp.where(removed[:, None], kept[0][None] | own[:, :slots], trials_before)
+    trials_after = jnp.where(removed[:, None], kept[1][None] | own[:, slots:], trials_after)
     tried = removable | removed
     # An empty problem has an infinite distance, whose derivatives would be no numbers.
-    trials_before = jnp.where(tried[:, None], trials_before, kept_before[None])
-    trials_after = jnp.where(tried[:, None], trials_after, kept_after[None])
+    trials_before = jnp.where(tried[:, None], trials_before, kept[0][None])
+    trials_after = jnp.where(tried[:, None], trials_after, kept[1][None])
     others = jax.vmap(distance)(trials_before, trials_after).cost
-    gains = jnp.where(removed, others - removals.emd, removals.emd - others)
+    emd = distance(*kept).cost
+    gains = jnp.where(removed, others - emd, emd - others)
     odds = jnp.where(tried, jax.nn.sigmoid(gains / temperature), 0)
     return odds[:slots], odds[slots:]

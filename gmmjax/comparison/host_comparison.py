@@ -10,7 +10,9 @@ from jaxtyping import ArrayLike, Float, PRNGKeyArray
 from gmmjax._host import to_numpy
 from gmmjax._programs import kept_jit
 from gmmjax._typing import Array
-from gmmjax.comparison.cloud_comparison import (
+from gmmjax.comparison.mixture_comparison import MixtureComparison, Strengths, compare_mixtures
+from gmmjax.comparison.result import Comparison
+from gmmjax.comparison.traced_comparison import (
     Program,
     assembled,
     check_dimensions,
@@ -18,8 +20,6 @@ from gmmjax.comparison.cloud_comparison import (
     nan_where,
     point_probability,
 )
-from gmmjax.comparison.mixture_comparison import MixtureComparison, Strengths, compare_mixtures
-from gmmjax.comparison.result import Comparison
 from gmmjax.errors import InputError
 from gmmjax.mixtures import (
     FramedCloud,
@@ -81,18 +81,6 @@ def _checked(name: str, points: ArrayLike, mass: ArrayLike | None) -> WeightedPo
         return checked_points(points, mass)
     except InputError as error:
         raise InputError(f"{name}: {error}") from error
-
-
-def compare_on_host(
-    points: Pair[ArrayLike],
-    mass: Pair[Any],
-    key: PRNGKeyArray,
-    prior: Prior | None,
-    strengths: Strengths,
-    program: Program,
-) -> Comparison:
-    """`compare` of concrete arrays, the two fits on two cores."""
-    return compare_prepared(HostPair.of(points, mass, prior, program), key, prior, strengths, program, on_cores=True)
 
 
 def compare_prepared(

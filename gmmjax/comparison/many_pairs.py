@@ -15,10 +15,11 @@ from gmmjax._cores import available_cores
 from gmmjax._host import is_traced, to_numpy
 from gmmjax._typing import Scalar
 from gmmjax.comparison.choices import Kinds, Method, Solver
-from gmmjax.comparison.cloud_comparison import Program, compared, planned
+from gmmjax.comparison.cloud_comparison import planned
 from gmmjax.comparison.host_comparison import HostPair, compare_prepared, compile_decision
 from gmmjax.comparison.mixture_comparison import Strengths
-from gmmjax.comparison.result import AveragedComparison, Comparison, averaged
+from gmmjax.comparison.result import AveragedComparison, Comparison, mean_of_restarts
+from gmmjax.comparison.traced_comparison import Program, compared
 from gmmjax.errors import InputError, warn
 from gmmjax.mixtures import FitSettings, Prior, WeightedPoints, stacked
 from gmmjax.pair import Pair
@@ -131,7 +132,7 @@ def _reported(
         lost = int(np.sum(comparison.failed))
         if lost:
             warn(f"pairs[{index}]: {lost} of {len(comparison.emd)} restarts failed: {comparison.why_failed()}")
-        yield ComparedPair(index, averaged(comparison, quiet=True), comparison)
+        yield ComparedPair(index, mean_of_restarts(comparison), comparison)
         if progress is not None:
             progress(done, count)
 

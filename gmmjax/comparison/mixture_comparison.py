@@ -13,7 +13,7 @@ from gmmjax._derivatives import nan_derivatives_unless
 from gmmjax._host import check_static
 from gmmjax._typing import Array, Scalar
 from gmmjax.comparison.choices import Kinds, Method, Solver
-from gmmjax.comparison.greedy_removal import removal_odds, removals_by
+from gmmjax.comparison.greedy_removal import kept_by_removal, removal_odds
 from gmmjax.comparison.joint_mixture import JointMixture, changed_share, density_ratio
 from gmmjax.comparison.pruned_distance import PrunedDistance
 from gmmjax.comparison.unmatched_mass import unmatched_shares
@@ -166,11 +166,11 @@ def _by_removal(
     distance: PrunedDistance, before: GaussianMixture, after: GaussianMixture, decision: Decision, strengths: Strengths
 ) -> tuple[tuple[JaxArray, JaxArray], JaxArray]:
     live = jnp.asarray(before.live), jnp.asarray(after.live)
-    removals = removals_by(distance, *live, decision.kinds)
+    *kept, valid = kept_by_removal(distance, *live, decision.kinds)
     if strengths.temperature is not None:
-        return removal_odds(distance, removals, *live, decision.kinds, strengths.temperature), removals.valid
-    dtype = distance.cost.dtype
-    return (removals.disappeared.astype(dtype), removals.appeared.astype(dtype)), removals.valid
+        return removal_odds(distance, (kept[0], kept[1]), live, decision.kinds, strengths.temperature), valid
+    disappeared, appeared = ((own & ~left).astype(distance.cost.dtype) for own, left in zip(live, kept, strict=True))
+    return (disappeared, appeared), valid
 
 
 def _of_kinds(changed: tuple[JaxArray, JaxArray], kinds: Kinds) -> tuple[JaxArray, JaxArray]:

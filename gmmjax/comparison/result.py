@@ -114,14 +114,13 @@ class AveragedComparison(eqx.Module):
     transports: Int[Array, "*batch transport_statuses"]
 
 
-def averaged(comparison: Comparison, *, quiet: bool = False) -> AveragedComparison:
+def averaged(comparison: Comparison) -> AveragedComparison:
     """The mean over a leading axis of comparisons of one pair, such as restarts, with standard errors.
 
     A pure function: for many pairs, `jax.vmap(averaged)`. On the host it warns of comparisons that were left out.
 
     Args:
         comparison: with a leading axis of r comparisons in every leaf.
-        quiet: whether not to warn.
 
     Raises:
         InputError: no leading axis.
@@ -133,8 +132,8 @@ def averaged(comparison: Comparison, *, quiet: bool = False) -> AveragedComparis
         raise InputError(
             f"comparison has {jnp.ndim(comparison.emd)} leading axes; give one, of restarts (jax.vmap takes off others)"
         )
-    means = _averaged(comparison)
-    if not quiet and not is_traced(comparison) and (lost := int(np.sum(comparison.failed))):
+    means: AveragedComparison = mean_of_restarts(comparison)
+    if not is_traced(comparison) and (lost := int(np.sum(comparison.failed))):
         warn(f"{lost} of {len(comparison.emd)} comparisons failed and are left out: {comparison.why_failed()}")
     return means
 
@@ -142,7 +141,8 @@ def averaged(comparison: Comparison, *, quiet: bool = False) -> AveragedComparis
 # One program: as forty operations they would take a second to compile.
 @float64_on_host
 @kept_jit
-def _averaged(comparison: Comparison) -> AveragedComparison:
+def mean_of_restarts(comparison: Comparison) -> AveragedComparison:
+    """`averaged` for whoever warns in words of its own."""
     used = ~jnp.asarray(comparison.failed)
     of_before, of_after = comparison.probability_before, comparison.probability_after
     defined = used & jnp.isfinite(comparison.emd_unchanged)

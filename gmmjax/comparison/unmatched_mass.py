@@ -10,14 +10,12 @@ from jaxtyping import Bool, Float
 
 from gmmjax._host import float64_on_host
 from gmmjax._typing import Array, Scalar
-from gmmjax.mixtures import GaussianMixture, fixed_point
+from gmmjax.mixtures import LOG_OF_DEAD, GaussianMixture, fixed_point
 from gmmjax.transport import GroundCost, TransportStatus, bures_wasserstein_distance, partial_transport
 
 # Of the logarithms of the smooth problem's scalings: the largest change at rest, and sweeps at the most.
 REST = {"float64": 1e-12, "float32": 1e-5}
 MOST_SWEEPS = 2000
-# Stands for the logarithm of no mass: finite, so that its derivative is a number.
-LOG_OF_NONE = -1e30
 
 
 class Unmatched(eqx.Module):
@@ -130,7 +128,7 @@ def _smoothly_unmatched(
 
 
 def _log_mass(mass: JaxArray) -> JaxArray:
-    return jnp.where(mass > 0, jnp.log(jnp.where(mass > 0, mass, 1)), LOG_OF_NONE)
+    return jnp.where(mass > 0, jnp.log(jnp.where(mass > 0, mass, 1)), LOG_OF_DEAD)
 
 
 def _row_scaling(problem: _Extended, of_columns: JaxArray) -> JaxArray:

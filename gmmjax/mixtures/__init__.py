@@ -45,6 +45,7 @@ from gmmjax.mixtures.parallel import map_on_cores as map_on_cores
 from gmmjax.mixtures.parallel import stacked as stacked
 from gmmjax.mixtures.prior import Prior as Prior
 from gmmjax.mixtures.prior import check_prior as check_prior
+from gmmjax.mixtures.quadratic import LOG_OF_DEAD as LOG_OF_DEAD
 from gmmjax.mixtures.quadratic import coefficients as coefficients
 from gmmjax.mixtures.quadratic import quadratic_features as quadratic_features
 from gmmjax.mixtures.quadratic import split_feature_sums as split_feature_sums

@@ -16,9 +16,11 @@ from gmmjax.comparison import (
     component_posterior,
     density_ratio,
     fit_joint_mixture_from_seeds,
+    joined,
     point_posterior,
 )
 from gmmjax.mixtures import FitSettings, FitStatus, Prior, Standardisation, WeightedPoints
+from gmmjax.pair import Pair
 
 
 class JointPosterior(NamedTuple):
@@ -82,11 +84,10 @@ def _joint_posterior(
     max_components: int,
     settings: FitSettings,
 ) -> JointPosterior:
-    points = jnp.concatenate([before, after])
-    both = WeightedPoints(points, jnp.ones(len(points), points.dtype))
-    frame = Standardisation.of(both)
-    source = jnp.concatenate([jnp.zeros(len(before), points.dtype), jnp.ones(len(after), points.dtype)])
-    sourced = SourcedPoints(frame.enter(both), source)
+    clouds = Pair(before, after).map(lambda own: WeightedPoints(own, jnp.ones(len(own), own.dtype)))
+    both = joined(clouds)
+    frame = Standardisation.of(both.points)
+    sourced = SourcedPoints(frame.enter(both.points), both.after)
     end = fit_joint_mixture_from_seeds(sourced, max_components, frame.enter_prior(prior), key, settings)
     coordinates = sourced.points.points
     of_before, of_after = posteriors(

@@ -40,6 +40,6 @@ def test_averages_are_one_program():
     keys = jax.random.split(jax.random.key(0), 2)
     restarts = stacked([compare_prepared(pair, key, None, strengths, plan) for key in keys])
     averaged(restarts)
-    (program,) = _programs_of("_averaged").values()
+    (program,) = _programs_of("mean_of_restarts").values()
     averaged(restarts)
     assert program._cache_size() == 1
