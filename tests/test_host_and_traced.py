@@ -22,7 +22,6 @@ from gmmjax.mixtures import (
     minimum_description_length,
 )
 from gmmjax.transport import distance_of_means, exact_transport, partial_transport, sinkhorn
-from gmmjax.tuning import joint_posterior, joint_prior
 
 KEY = jax.random.key(0)
 POINTS = np.concatenate([np.random.default_rng(0).normal(at, 0.3, (30, 3)) for at in (0, 3)])
@@ -47,9 +46,6 @@ FUNCTIONS = {
     "partial_transport": lambda: partial_transport(MASSES, MASSES[::-1], COST, 0.5),
     "remove_changed": lambda: remove_changed(MIXTURE, OTHER),
     "unmatched_shares": lambda: unmatched_shares(MIXTURE, OTHER, 60.0, 60.0),
-    "joint_posterior": lambda: joint_posterior(
-        POINTS, POINTS + 0.1, prior=joint_prior(0.1, 0.1), key=KEY, max_components=3
-    ),
     **{
         criterion.__name__: lambda criterion=criterion: criterion(MIXTURE, -10.0, 60.0)
         for criterion in (

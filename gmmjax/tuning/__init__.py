@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from gmmjax.tuning.pair_loss import LOSSES as LOSSES
     from gmmjax.tuning.parameter_names import PARAMETERS as PARAMETERS
     from gmmjax.tuning.parameter_names import TUNABLE as TUNABLE
-    from gmmjax.tuning.posterior import JointPosterior as JointPosterior
-    from gmmjax.tuning.posterior import joint_posterior as joint_posterior
     from gmmjax.tuning.scan_pairs import ScanPair as ScanPair
     from gmmjax.tuning.scan_pairs import unchanged_pair as unchanged_pair
     from gmmjax.tuning.scores import brier_score as brier_score

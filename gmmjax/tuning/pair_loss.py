@@ -11,10 +11,16 @@ from jaxtyping import Float, PRNGKeyArray
 
 from gmmjax._typing import Array
 from gmmjax.changes import JointFitSettings
-from gmmjax.comparison import JointMixture, fit_joint_mixture_from_seeds, log_joint
+from gmmjax.comparison import (
+    JointMixture,
+    component_posterior,
+    density_ratio,
+    fit_joint_mixture_from_seeds,
+    log_joint,
+    point_posterior,
+)
 from gmmjax.mixtures import Prior
 from gmmjax.tuning.parameters import with_free_values
-from gmmjax.tuning.posterior import posteriors
 from gmmjax.tuning.scan_pairs import ReadyPair
 from gmmjax.tuning.scores import brier_score, expected_counts, log_score
 
@@ -110,10 +116,19 @@ def _sums(joint: JointMixture, pair: ReadyPair, loss: Loss) -> Float[Array, " 2"
     if loss == "likelihood":
         rows = [log_joint(joint, pair.before.points, after=False), log_joint(joint, pair.after.points, after=True)]
         return jnp.stack([-weight @ jax.nn.logsumexp(jnp.concatenate(rows, axis=1), axis=0), jnp.sum(weight)])
-    probability = jnp.concatenate(posteriors(joint, pair.before.points, pair.after.points, volumetric=pair.volumetric))
+    probability = _probabilities(joint, pair)
     changed = jnp.concatenate([pair.before.changed, pair.after.changed])
     if loss == "f1":
         found, both = expected_counts(probability, changed, weight)
         return jnp.stack([found, both])
     score = brier_score if loss == "brier" else log_score
     return jnp.stack([score(probability, changed, weight) * jnp.sum(weight), jnp.sum(weight)])
+
+
+def _probabilities(joint: JointMixture, pair: ReadyPair) -> Float[Array, " n"]:
+    """The posterior that each point changed, of both clouds; that its component did, where clouds fill volumes."""
+    ratio = density_ratio(joint)
+    clouds = ((pair.before.points, False), (pair.after.points, True))
+    if pair.volumetric:
+        return jnp.concatenate([component_posterior(joint, ratio, *cloud).sum(axis=0) for cloud in clouds])
+    return jnp.concatenate([point_posterior(joint, ratio, *cloud) for cloud in clouds])
