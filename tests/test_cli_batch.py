@@ -46,7 +46,7 @@ def test_it_writes_what_it_says(done):
         "errors",
     }
     assert {path.name for path in folder.iterdir() if not path.name.startswith(".")} == names
-    files = {"before.ply", "after.ply", "before.png", "after.png", "report.html", "config.toml"}
+    files = {"before.ply", "after.ply", "before.webp", "after.webp", "report.html", "config.toml"}
     files |= {"changes.json", "changes.csv", "changes.geojson", "labels.npz", "fits.npz", "pair.json"}
     for pair in (folder / "pairs").iterdir():
         assert {path.name for path in pair.iterdir()} == files

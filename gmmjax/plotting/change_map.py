@@ -33,8 +33,8 @@ from gmmjax.plotting.figures import (
 from gmmjax.plotting.projection import Projection
 from gmmjax.reporting.map_cells import ChangeMap, ChangeMapSettings, change_map, check_upright
 from gmmjax.reporting.palette import KIND_COLORS
+from gmmjax.reporting.splats import thinned
 from gmmjax.reporting.summary import answer, volumes_text
-from gmmjax.reporting.thumbnails import thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -25,8 +25,8 @@ from gmmjax.plotting.cloud_image import (
 from gmmjax.plotting.figures import Style, axes_or_new, check_matplotlib, elided, legend_below, verbatim, with_unit
 from gmmjax.plotting.projection import Direction, Projection
 from gmmjax.reporting.palette import KIND_COLORS, UNCHANGED_COLOR
+from gmmjax.reporting.splats import thinned
 from gmmjax.reporting.summary import answer, object_labels, point_counts, registration_text
-from gmmjax.reporting.thumbnails import thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

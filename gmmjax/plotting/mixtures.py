@@ -13,7 +13,7 @@ from gmmjax.plotting.cloud_image import CloudImageSettings, Page, cloud_picture,
 from gmmjax.plotting.figures import Style, axes_or_new, legend_below, light_frame, verbatim
 from gmmjax.plotting.projection import Direction, Projection
 from gmmjax.reporting.palette import KIND_COLORS, color_bytes
-from gmmjax.reporting.thumbnails import thinned
+from gmmjax.reporting.splats import thinned
 from gmmjax.transport import TransportResult
 
 if TYPE_CHECKING:

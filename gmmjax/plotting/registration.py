@@ -11,8 +11,8 @@ from gmmjax.errors import InputError
 from gmmjax.geometry import LocalSurface
 from gmmjax.plotting.figures import axes_or_new, light_frame, verbatim, with_unit
 from gmmjax.reporting.palette import KIND_COLORS
+from gmmjax.reporting.splats import thinned
 from gmmjax.reporting.summary import length_text
-from gmmjax.reporting.thumbnails import thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -22,12 +22,11 @@ if TYPE_CHECKING:
     from gmmjax.reporting.page_parts import asset as asset
     from gmmjax.reporting.page_parts import page_head as page_head
     from gmmjax.reporting.page_parts import script_json as script_json
+    from gmmjax.reporting.pictures import write_thumbnails as write_thumbnails
     from gmmjax.reporting.result_folder import check_result_folder as check_result_folder
     from gmmjax.reporting.result_folder import write_result as write_result
     from gmmjax.reporting.scene_files import write_scene as write_scene
     from gmmjax.reporting.scene_files import write_surveyed_scene as write_surveyed_scene
-    from gmmjax.reporting.thumbnails import ThumbnailSettings as ThumbnailSettings
-    from gmmjax.reporting.thumbnails import write_thumbnails as write_thumbnails
     from gmmjax.reporting.timeline_page import timeline_html as timeline_html
 
 __getattr__, __dir__ = lazy_names(__name__)

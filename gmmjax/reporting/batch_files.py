@@ -24,8 +24,8 @@ from gmmjax.clouds import atomic_write, read_cloud
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 from gmmjax.reporting.batch_index import batch_index_html
+from gmmjax.reporting.pictures import write_thumbnails
 from gmmjax.reporting.result_folder import write_result_files
-from gmmjax.reporting.thumbnails import write_thumbnails
 from gmmjax.reporting.timeline_page import timeline_html
 
 INDEX_FILE = "index.html"

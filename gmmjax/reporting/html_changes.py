@@ -6,9 +6,12 @@ from html import escape
 from gmmjax.changes import Change, Changes, object_motion
 from gmmjax.pair import Pair
 from gmmjax.reporting.html_explanations import facts_list
+from gmmjax.reporting.pictures import data_uri
 from gmmjax.reporting.summary import ObjectRow, length_text, percent
 
-Pictures = Callable[[tuple[int, ...]], Pair[str]]
+CloseUps = Callable[[tuple[int, ...]], Pair[bytes]]
+# The page grows by some 30 kB for the pictures of each.
+MOST_WITH_PICTURES = 48
 SORTING = {
     "order": "probability",
     "label": "label",
@@ -19,29 +22,27 @@ SORTING = {
 }
 
 
-def changes_panel(changes: Changes, rows: list[ObjectRow], close_ups: Pictures, most: int, longest: float) -> str:
+def changes_panel(changes: Changes, rows: list[ObjectRow], close_ups: CloseUps, longest: float) -> str:
     """The rows with their cards, and what sorts them and steps through them.
 
     Args:
         changes: what was found.
         rows: of its objects.
         close_ups: makes the pictures of an object.
-        most: objects that have pictures, at most.
         longest: log odds of the longest bar.
     """
     if not rows:
         threshold = percent(changes.config.threshold)
         return f"""<aside class="panel" aria-label="Changes"><h2>No change</h2>
 <p class="none">Nothing in either scan reached a probability of {threshold} of being changed.</p></aside>"""
-    pictures = [close_ups(row.labels) if number < most else None for number, row in enumerate(rows)]
+    pictures = [close_ups(row.labels) if number < MOST_WITH_PICTURES else None for number, row in enumerate(rows)]
     items = "".join(
         _item(number, row, changes, pair, longest)
         for number, (row, pair) in enumerate(zip(rows, pictures, strict=True))
     )
     options = "".join(f'<option value="{name}">{text}</option>' for name, text in SORTING.items())
-    left_out = (
-        f'<p class="none">Close-ups are made of the {most} most probable changes.</p>' if len(rows) > most else ""
-    )
+    left_out = f'<p class="none">Close-ups are made of the {MOST_WITH_PICTURES} most probable changes.</p>'
+    left_out *= len(rows) > MOST_WITH_PICTURES
     return f"""<aside class="panel" aria-label="Changes">
 <div class="panel-head"><h2>Changes</h2><label>by <select id="sort">{options}</select></label>
 <span class="steps">{_step("previous", "Previous change", "k", "↑")}{_step("next", "Next change", "j", "↓")}
@@ -54,7 +55,7 @@ def _step(name: str, text: str, key: str, sign: str) -> str:
     return f'<button type="button" id="{name}" title="{text} ({key})" aria-label="{text}">{sign}</button>'
 
 
-def _item(number: int, row: ObjectRow, changes: Changes, pictures: Pair[str] | None, longest: float) -> str:
+def _item(number: int, row: ObjectRow, changes: Changes, pictures: Pair[bytes] | None, longest: float) -> str:
     change = changes[row.labels[-1]]
     label = row.labels[0]
     keys = {
@@ -77,13 +78,13 @@ style="width:{100 * change.probability:.0f}%"></span></span></span></button>
 {_why(row, changes, longest)}</div></li>"""
 
 
-def _pictures(row: ObjectRow, pictures: Pair[str] | None) -> str:
+def _pictures(row: ObjectRow, pictures: Pair[bytes] | None) -> str:
     if pictures is None:
         return ""
     return (
         '<div class="close-ups">'
         + "".join(
-            f'<figure><img src="{picture}" loading="lazy" decoding="async" width="360" height="270" '
+            f'<figure><img src="{data_uri(picture)}" loading="lazy" decoding="async" width="360" height="270" '
             f'alt="Close-up of change {row.label} {side}"><figcaption>{side.capitalize()}</figcaption></figure>'
             for side, picture in zip(("before", "after"), pictures, strict=True)
         )

@@ -8,13 +8,13 @@ from pathlib import PurePath
 from gmmjax.changes import Changes
 from gmmjax.clouds import PointCloud, system_name
 from gmmjax.pair import Pair
-from gmmjax.reporting.close_ups import CloseUps, CloseUpSettings
 from gmmjax.reporting.html_changes import changes_panel
 from gmmjax.reporting.html_explanations import explanation_hint, rejected_section, strongest_log_odds
 from gmmjax.reporting.html_values import values_table
 from gmmjax.reporting.html_viewer import keys_dialog, viewer_section
 from gmmjax.reporting.packed_points import packed_scene
 from gmmjax.reporting.page_parts import asset, page_head, script_json
+from gmmjax.reporting.pictures import Pictures, PictureSettings
 from gmmjax.reporting.summary import (
     answer,
     dropped_rows,
@@ -37,7 +37,7 @@ def report_html(
     after: PointCloud,
     changes: Changes,
     title: str | None = None,
-    close_ups: CloseUpSettings = CloseUpSettings(),
+    close_ups: PictureSettings = PictureSettings(),
     recorded: Changes | None = None,
 ) -> str:
     """The report of a detection as one self-contained page.
@@ -47,7 +47,7 @@ def report_html(
         after: the after cloud, as given; it is shown registered.
         changes: what was found.
         title: of the page; default the names of the two files.
-        close_ups: how the pictures of the changes are drawn.
+        close_ups: size of the pictures of the changes.
         recorded: the same changes with labels of all points, where the clouds have some of them: how much was not
             observed is a fraction of all. None: the clouds have all.
 
@@ -56,11 +56,11 @@ def report_html(
     """
     clouds = Pair(before, after)
     names = Pair(_name(before, "before"), _name(after, "after"))
-    pictures, rows = CloseUps(clouds, changes, close_ups), object_rows(changes)
+    pictures, rows = Pictures(clouds, changes, close_ups), object_rows(changes)
     registered = dataclasses.replace(after, points=changes.registration.apply(after.points))
     packed = packed_scene(Pair(before, registered), changes)
     longest = strongest_log_odds(changes)
-    panel = changes_panel(changes, rows, pictures.of, close_ups.most, longest)
+    panel = changes_panel(changes, rows, pictures.close_ups, longest)
     # The views look at a change from where its close-ups do.
     for record in packed.scene["changes"]:
         if record["label"] in pictures.directions:

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from gmmjax.changes import Changes
 from gmmjax.pair import Pair
+from gmmjax.reporting.pictures import data_uri
 
 # What the keys do, for the list of keys; `assets/report.js` does it.
 KEYS = (
@@ -67,7 +68,7 @@ COLORINGS = {
 }
 
 
-def viewer_section(scene: Mapping[str, Any], names: Pair[str], overview: Pair[str], changes: Changes) -> str:
+def viewer_section(scene: Mapping[str, Any], names: Pair[str], overview: Pair[bytes], changes: Changes) -> str:
     """The large view with its toolbar, the two small ones, and pictures for those who see none of them.
 
     Args:
@@ -78,7 +79,7 @@ def viewer_section(scene: Mapping[str, Any], names: Pair[str], overview: Pair[st
     """
     figures = "".join(_small_view(side, name, scene) for side, name in zip(("before", "after"), names, strict=True))
     pictures = "".join(
-        f'<figure><img src="{picture}" alt="The {side} scan, changes in the colours of their kinds">'
+        f'<figure><img src="{data_uri(picture)}" alt="The {side} scan, changes in the colours of their kinds">'
         f"<figcaption>{side.capitalize()}</figcaption></figure>"
         for side, picture in zip(("before", "after"), overview, strict=True)
     )

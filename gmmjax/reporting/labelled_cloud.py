@@ -186,6 +186,20 @@ def labelled_clouds(
     return Pair(labelled(clouds.before, "before", None), labelled(clouds.after, "after", transform_after))
 
 
+def check_point_counts(before: PointCloud, after: PointCloud, changes: Changes) -> None:
+    """Whether these can be the clouds that the changes were found in.
+
+    Raises:
+        InputError: clouds of other lengths than the labels.
+    """
+    for name, cloud, labels in (("before", before, changes.labels_before), ("after", after, changes.labels_after)):
+        if len(cloud) != len(labels):
+            raise InputError(
+                f"{name}: has {len(cloud)} points, the changes have labels for {len(labels)}; "
+                "give the clouds that the changes were found in"
+            )
+
+
 def labelled_files(
     survey: SurveyFiles, found: Mapping[str, np.ndarray], transform: Float64[np.ndarray, "4 4"] | None
 ) -> list[LabelledCloud]:

@@ -10,11 +10,17 @@ import tomli_w
 
 from gmmjax.changes import CHANGES_FILE, LABELS_FILE, NAMES, Changes, DetectionConfig, presented
 from gmmjax.clouds import FolderKind, PointCloud, SurveyFiles, atomic_write, check_output_folder, output_folder
-from gmmjax.errors import InputError
 from gmmjax.pair import Pair, each, each_on_cores
 from gmmjax.reporting.change_files import MAP_FILE, TABLE_FILE, write_map, write_table
 from gmmjax.reporting.html_report import report_html
-from gmmjax.reporting.labelled_cloud import ENDINGS, LabelledCloud, labelled_clouds, labelled_files, write_scans
+from gmmjax.reporting.labelled_cloud import (
+    ENDINGS,
+    LabelledCloud,
+    check_point_counts,
+    labelled_clouds,
+    labelled_files,
+    write_scans,
+)
 
 if TYPE_CHECKING:
     from gmmjax.tiling import TiledChanges
@@ -95,7 +101,7 @@ def write_result(
     Warns:
         InputWarning: the file of a scan was changed since it was read; it is written as PLY.
     """
-    check_lengths(before, after, changes)
+    check_point_counts(before, after, changes)
     with output_folder(folder, RESULT, overwrite=overwrite) as staging:
         write_result_files(staging, before, after, changes, transform_after=transform_after)
     return Path(folder)
@@ -185,17 +191,3 @@ def _portable(config: DetectionConfig) -> dict[str, Any]:
     """The settings by name; the path is one that does not depend on the folder that it is used from."""
     settings = config.to_dict()
     return settings if config.verdict is None else {**settings, "verdict": str(Path(config.verdict).resolve())}
-
-
-def check_lengths(before: PointCloud, after: PointCloud, changes: Changes) -> None:
-    """Whether these can be the clouds that the changes were found in.
-
-    Raises:
-        InputError: clouds of other lengths than the labels.
-    """
-    for name, cloud, labels in (("before", before, changes.labels_before), ("after", after, changes.labels_after)):
-        if len(cloud) != len(labels):
-            raise InputError(
-                f"{name}: has {len(cloud)} points, the changes have labels for {len(labels)}; "
-                "give the clouds that the changes were found in"
-            )

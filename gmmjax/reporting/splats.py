@@ -24,6 +24,17 @@ class Projected(NamedTuple):
         return Projected(*(values[chosen] for values in self))
 
 
+def thinned(rows: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " m"]:
+    """At most this number of rows: one, at random, of each of as many equal parts; the same ones each time.
+
+    Every n-th row would make a pattern of a scan whose points are in the order of a grid.
+    """
+    if len(rows) <= most:
+        return rows
+    places = np.arange(most) + np.random.default_rng(0).random(most)
+    return rows[(places * (len(rows) / most)).astype(int)]
+
+
 def square_edge(points: int, covered: float, largest: int) -> int:
     """Pixels, edge of the squares of a number of points.
 

@@ -7,12 +7,12 @@ import pytest
 
 from gmmjax.clouds import PointCloud
 from gmmjax.reporting import report_html
-from gmmjax.reporting.close_ups import CloseUpSettings
+from gmmjax.reporting.pictures import PictureSettings
 from tests.changes.explained import displaced
 from tests.reporting.conftest import labelled
 
 HOSTILE = '</script><img src=x onerror=alert(1)>"&.ply'
-SMALL = CloseUpSettings(width=80, height=60)
+SMALL = PictureSettings(width=80, height=60)
 
 
 def without_scripts(page):
@@ -115,9 +115,10 @@ def test_sizes_and_positions_are_those_of_the_record(pair):
         np.testing.assert_allclose([float(one) for one in re.split(r" × |, ", shown)], values, atol=0.006)
 
 
-def test_each_change_has_close_ups_up_to_a_number_of_them(pair):
+def test_each_change_has_close_ups_up_to_a_number_of_them(pair, monkeypatch):
     assert text_of(*pair).count("Close-up of change") == 2 * 3
-    few = without_scripts(report_html(*pair, close_ups=dataclasses.replace(SMALL, most=1)))
+    monkeypatch.setattr("gmmjax.reporting.html_changes.MOST_WITH_PICTURES", 1)
+    few = without_scripts(report_html(*pair, close_ups=SMALL))
     assert few.count("Close-up of change") == 2
     assert "Close-ups are made of the 1 most probable changes." in few
 

@@ -138,7 +138,7 @@
     image.alt = `${pair.name}, ${side}`;
     // A run without thumbnails keeps the place and says nothing.
     image.addEventListener("error", () => image.replaceWith(make("span", { className: "empty" })));
-    image.src = `${folder(pair)}/${side}.png`;
+    image.src = `${folder(pair)}/${side}.webp`;
     return image;
   };
 
