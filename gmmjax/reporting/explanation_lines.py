@@ -5,7 +5,6 @@ from collections.abc import Iterator
 
 from gmmjax.changes import Change, Changes, RejectedCandidate
 from gmmjax.reporting.explanations import (
-    ExplanationSettings,
     Facts,
     confidence_text,
     rejected_text,
@@ -18,15 +17,12 @@ from gmmjax.reporting.summary import measures_text, percent, place_cells
 GAP = "  "
 
 
-def explanation_lines(
-    changes: Changes, width: int, settings: ExplanationSettings = ExplanationSettings(), *, only: int | None = None
-) -> Iterator[tuple[str, str]]:
+def explanation_lines(changes: Changes, width: int, *, only: int | None = None) -> Iterator[tuple[str, str]]:
     """The lines, each with its style: the changes with their facts, then the rejected candidates with fewer.
 
     Args:
         changes: what was found.
         width: of the terminal, characters.
-        settings: how many facts and candidates are listed.
         only: label of the one change that is explained, a moved object with its partner; None: all of them, and the
             rejected candidates.
     """
@@ -41,16 +37,14 @@ def explanation_lines(
         return
     yield from _wrapped("", "Contributions to the log odds of a change, the strongest first:", width, "dim")
     if explained:
-        yield from _of_changes(changes, width, settings, only)
+        yield from _of_changes(changes, width, only)
     if (text := confidence_text(changes)) is not None:
         yield from _wrapped("", text, width, "dim")
     if changes.rejected and only is None:
-        yield from _of_rejected(changes, width, settings)
+        yield from _of_rejected(changes, width)
 
 
-def _of_changes(
-    changes: Changes, width: int, settings: ExplanationSettings, only: int | None
-) -> Iterator[tuple[str, str]]:
+def _of_changes(changes: Changes, width: int, only: int | None) -> Iterator[tuple[str, str]]:
     names = [f"{label}{GAP}● {_kind(change)}" for label, change in enumerate(changes.items)]
     longest = max(map(len, names))
     for label, (name, change) in enumerate(zip(names, changes.items, strict=True)):
@@ -60,15 +54,16 @@ def _of_changes(
         yield from _wrapped(heading, verdict_text(change.explanation), width, KIND_COLORS[change.kind])
         if (text := measures_text(changes, change)) is not None:
             yield from _wrapped(4 * " ", text, width, "")
-        yield from _facts(Facts.of(change.explanation, settings.least_log_odds, settings.facts_of_change), width)
+        yield from _facts(Facts.of(change.explanation, most=5), width)
 
 
 def _kind(change: Change) -> str:
     return change.kind if change.partner is None else f"{change.kind} (with {change.partner})"
 
 
-def _of_rejected(changes: Changes, width: int, settings: ExplanationSettings) -> Iterator[tuple[str, str]]:
-    listed = changes.rejected[: settings.most_rejected]
+def _of_rejected(changes: Changes, width: int) -> Iterator[tuple[str, str]]:
+    # More would scroll the changes off the screen.
+    listed = changes.rejected[:10]
     left = len(changes.rejected) - len(listed)
     yield "", ""
     yield f"{rejected_text(changes)}{f', the likeliest {len(listed)}' * bool(left)}:", "bold"
@@ -76,8 +71,7 @@ def _of_rejected(changes: Changes, width: int, settings: ExplanationSettings) ->
         count, centre, _ = place_cells(candidate)
         place = f"{count} point{'s' * (candidate.point_count != 1)} at {centre}"
         yield from _wrapped(_heading(candidate, listed), place, width, KIND_COLORS[candidate.kind])
-        limits = settings.least_log_odds, settings.facts_of_rejected
-        yield from _facts(Facts.of(candidate.explanation, *limits, "against"), width)
+        yield from _facts(Facts.of(candidate.explanation, most=2, first="against"), width)
     if left:
         yield from _wrapped("", f"{left:,} more are in report.html and changes.json.", width, "dim")
 

@@ -1,6 +1,5 @@
 """Why candidates are changes, or none, in words: the same on the terminal and in the report."""
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
@@ -10,26 +9,8 @@ from gmmjax.reporting.summary import percent, place_cells
 Side = Literal["for", "against"]
 
 
-@dataclasses.dataclass(frozen=True)
-class ExplanationSettings:
-    """How much of an explanation is shown.
-
-    Attributes:
-        least_log_odds: magnitude, at least, of the contributions that are listed one by one; of the others only their
-            sum is given. 0.1 changes a probability of 0.5 by 0.025. 0: all facts are listed.
-        facts_of_change: number of facts, at most, that the terminal lists of a change. Larger: the changes no longer
-            fit on a screen.
-        facts_on_page: number of facts that a card of the report lists at first. Larger: it is longer than a screen.
-        facts_of_rejected: number of facts, at most, that the terminal lists of a rejected candidate.
-        most_rejected: number of rejected candidates, at most, that the terminal lists. Larger: they scroll the changes
-            off the screen.
-    """
-
-    least_log_odds: float = 0.1
-    facts_of_change: int = 5
-    facts_on_page: int = 6
-    facts_of_rejected: int = 2
-    most_rejected: int = 10
+# Contributions below it are given as a sum alone: 0.1 changes a probability of 0.5 by 0.025.
+LISTED_LOG_ODDS = 0.1
 
 
 class Facts(NamedTuple):
@@ -45,15 +26,19 @@ class Facts(NamedTuple):
 
     @classmethod
     def of(
-        cls, explanation: Explanation, least_log_odds: float, most: int | None = None, first: Side | None = None
+        cls,
+        explanation: Explanation,
+        most: int | None = None,
+        first: Side | None = None,
+        least_log_odds: float = LISTED_LOG_ODDS,
     ) -> "Facts":
         """The facts that contribute enough, and at most a number of them.
 
         Args:
             explanation: of a candidate.
-            least_log_odds: magnitude of the contributions that are listed.
             most: number of them; None: all.
             first: those that speak for a change, or against it, come before the others; None: by magnitude alone.
+            least_log_odds: magnitude of the contributions that are listed.
         """
 
         def rank(one: Contribution) -> tuple[bool, bool, float]:

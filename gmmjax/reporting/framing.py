@@ -1,48 +1,31 @@
 """Which part of the clouds the views show, and how their values are stretched to the range of a scale."""
 
-import dataclasses
-
 import numpy as np
 from jaxtyping import Float
 
 from gmmjax.changes import Changes
 
 
-@dataclasses.dataclass(frozen=True)
-class FramingSettings:
-    """What stray points do to the views.
-
-    Attributes:
-        stray_share: fraction of a cloud's points, on each side of each axis, that may lie outside of what is shown.
-            0: one stray point far out shrinks the scene to a dot.
-        stray_margin: as far as they are shown nevertheless, in longest edges of the box of the others.
-        padding: around what is shown, in its longest edge. A plane along an axis still needs some depth.
-    """
-
-    stray_share: float = 0.001
-    stray_margin: float = 0.5
-    padding: float = 0.03
-
-
 def shown_range(
-    points: Float[np.ndarray, "n 3"], changes: Changes, settings: FramingSettings = FramingSettings()
+    points: Float[np.ndarray, "n 3"], changes: Changes
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
     """The box that the views show: all points but a few that lie far out, and all changes.
 
     Args:
         points: of both clouds, in the frame of the changes.
         changes: whose boxes are shown as a whole.
-        settings: what stray points do.
 
     Returns:
         Its lower and its upper corner.
     """
-    inner = np.quantile(points, [settings.stray_share, 1 - settings.stray_share], axis=0)
-    margin = settings.stray_margin * (inner[1] - inner[0]).max()
+    # One stray point far out must not shrink the scene to a dot.
+    inner = np.quantile(points, [0.001, 0.999], axis=0)
+    margin = 0.5 * (inner[1] - inner[0]).max()
     lower, upper = np.maximum(points.min(axis=0), inner[0] - margin), np.minimum(points.max(axis=0), inner[1] + margin)
     corners = np.concatenate([[lower, upper], *(change.box.corners() for change in changes.items)])
     lower, upper = corners.min(axis=0), corners.max(axis=0)
-    pad = settings.padding * max(float((upper - lower).max()), float(np.finfo(np.float32).tiny))
+    # A plane along an axis still needs some depth.
+    pad = 0.03 * max(float((upper - lower).max()), float(np.finfo(np.float32).tiny))
     return lower - pad, upper + pad
 
 

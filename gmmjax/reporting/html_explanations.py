@@ -4,7 +4,6 @@ from html import escape
 
 from gmmjax.changes import Changes, Contribution, Explanation, RejectedCandidate
 from gmmjax.reporting.explanations import (
-    ExplanationSettings,
     Facts,
     confidence_text,
     displaced_text,
@@ -22,16 +21,16 @@ def strongest_log_odds(changes: Changes) -> float:
     return max((abs(fact.log_odds) for fact in facts), default=0.0)
 
 
-def facts_list(explanation: Explanation, longest: float, settings: ExplanationSettings = ExplanationSettings()) -> str:
+def facts_list(explanation: Explanation, longest: float) -> str:
     """The verdict, and each fact with a bar for its contribution; the weaker ones are shown on request.
 
     Args:
         explanation: of a candidate.
         longest: log odds of the longest bar.
-        settings: which facts are listed.
     """
-    facts = Facts.of(explanation, settings.least_log_odds)
-    first, more = facts.listed[: settings.facts_on_page], facts.listed[settings.facts_on_page :]
+    facts = Facts.of(explanation)
+    # With more at first, a card is longer than a screen.
+    first, more = facts.listed[:6], facts.listed[6:]
     rows = [_fact(one, longest) for one in first]
     others = "" if facts.sum_of_others is None else _others(*facts.sum_of_others)
     if not more:
@@ -78,7 +77,7 @@ def rejected_section(changes: Changes, longest: float) -> str:
 def _rejected(number: int, candidate: RejectedCandidate, changes: Changes, longest: float) -> str:
     unit = f" {changes.unit}" if changes.unit else ""
     points, centre, size = place_cells(candidate)
-    strongest = Facts.of(candidate.explanation, 0.0, 1, "against").listed
+    strongest = Facts.of(candidate.explanation, most=1, first="against", least_log_odds=0.0).listed
     reason = "".join(f": {escape(one.sentence)}" for one in strongest)
     return f"""<li class="change candidate" data-rejected="{number}">
 <button type="button" class="row" aria-expanded="false" aria-controls="rejected-{number}"><b class="label">–</b>

@@ -19,11 +19,6 @@ def morton_codes(steps: Int[np.ndarray, "n 3"]) -> UInt64[np.ndarray, " n"]:
     return codes
 
 
-def morton_steps(codes: UInt64[np.ndarray, " n"]) -> Int[np.ndarray, "n 3"]:
-    """The coordinates on the lattice that `morton_codes` put together."""
-    return np.stack([_gathered(codes >> np.uint64(axis)) for axis in range(3)], axis=1).astype(np.int64)
-
-
 def parting_levels(codes: UInt64[np.ndarray, " n"], depth: int = DEEPEST) -> Int[np.ndarray, " n"]:
     """The level of the octree from which on each point is in another cell than the point before it.
 
@@ -71,13 +66,4 @@ def _spread(values: UInt64[np.ndarray, " n"]) -> UInt64[np.ndarray, " n"]:
         (2, 0x9249249249249249),
     ):
         values = (values | values << np.uint64(shift)) & np.uint64(mask)
-    return values
-
-
-def _gathered(values: UInt64[np.ndarray, " n"]) -> UInt64[np.ndarray, " n"]:
-    """Every third bit, of 48."""
-    values = values & np.uint64(0x249249249249)
-    masks = {2: 0x30C30C30C30C30C3, 4: 0xF00F00F00F00F00F, 8: 0x00FF0000FF0000FF, 16: 0xFFFF}
-    for shift, mask in masks.items():
-        values = (values | values >> np.uint64(shift)) & np.uint64(mask)
     return values

@@ -1,7 +1,6 @@
 """Both clouds of a report, small enough for a page: positions as an octree, all else as bytes, deflated."""
 
 import base64
-import dataclasses
 import math
 import zlib
 from typing import Any, NamedTuple
@@ -23,28 +22,13 @@ NO_LABEL = 0xFFFF
 SIDES = ("before", "after")
 
 
-@dataclasses.dataclass(frozen=True)
-class PackingSettings:
-    """How much of the clouds goes into a page.
-
-    Attributes:
-        most_points: of one cloud, at most. Above, unchanged points are left out before those of changes. About 4 bytes
-            a point: unlimited, a page of large scans is too large for a browser.
-        levels_below_spacing: of the octree: the lattice has 2 to this power steps in the spacing of the points. 0:
-            points of neighbouring cells fall on a visible lattice.
-        color_bits: of the brightness; the two differences of colour have one less. 8: as read, at half as much again.
-        probability_levels: of the probability, from 0 to 1; at most 256. They are only seen as colours.
-        distance_levels: of the distance, from minus to plus its limit; at most 255.
-        distance_share: of the distances lies within the limit of their scale. 1: a single stray distance makes
-            all others the colour of none.
-    """
-
-    most_points: int = 1_000_000
-    levels_below_spacing: int = 3
-    color_bits: int = 6
-    probability_levels: int = 32
-    distance_levels: int = 63
-    distance_share: float = 0.99
+# Points of one cloud in a page, at 4 bytes each: with more, a page of large scans is too large for a browser. Unchanged
+# points are left out before those of changes.
+MOST_POINTS = 1_000_000
+# Bits of the brightness; the two differences of colour have one less. As read, 8, pages are half as large again.
+COLOR_BITS = 6
+# Of probabilities from 0 to 1, and of distances from minus to plus their limit: they are only seen as colours.
+PROBABILITY_LEVELS, DISTANCE_LEVELS = 32, 63
 
 
 class PackedScene(NamedTuple):
@@ -111,9 +95,7 @@ class _Side(NamedTuple):
     spacing: float
 
 
-def packed_scene(
-    clouds: Pair[PointCloud], changes: Changes, settings: PackingSettings = PackingSettings()
-) -> PackedScene:
+def packed_scene(clouds: Pair[PointCloud], changes: Changes, most_points: int = MOST_POINTS) -> PackedScene:
     """The clouds and what changed, for the viewer of the report.
 
     The same clouds give the same bytes. A point is drawn at most half a step of `scene["quantisation"]` from where it
@@ -122,7 +104,7 @@ def packed_scene(
     Args:
         clouds: in the frame of the before cloud.
         changes: between them.
-        settings: how much goes into the page.
+        most_points: of each cloud.
     """
     lower, upper = shown_range(np.concatenate([cloud.points for cloud in clouds]), changes)
     # Coincident points have no extent, but float64 has steps.
@@ -131,13 +113,13 @@ def packed_scene(
     finest = Lattice(origin - edge / 2, edge)
     found = _found(changes)
     sides = each(
-        lambda cloud, own: _side(cloud.points, own.labels >= 0, finest, (lower, upper), settings), clouds, found
+        lambda cloud, own: _side(cloud.points, own.labels >= 0, finest, (lower, upper), most_points), clouds, found
     )
-    lattice = finest._replace(depth=_depth(min(side.spacing for side in sides), edge, settings))
+    lattice = finest._replace(depth=_depth(min(side.spacing for side in sides), edge))
     sides = sides.map(lambda side: _coarsened(side, lattice.depth))
-    limit = _distance_limit(changes, settings)
+    limit = _distance_limit(changes)
     planes = each(
-        lambda cloud, side, found: _planes(cloud, found.chosen(side.order), side.order, limit, settings),
+        lambda cloud, side, found: _planes(cloud, found.chosen(side.order), side.order, limit),
         clouds,
         sides,
         found,
@@ -152,9 +134,9 @@ def packed_scene(
         "quantisation": {"lower": (lattice.lower - origin).tolist(), "step": lattice.step, "depth": lattice.depth},
         "before": _side_record(clouds.before, sides.before, planes.before),
         "after": _side_record(clouds.after, sides.after, planes.after),
-        "colorBits": settings.color_bits,
-        "probabilityLevels": settings.probability_levels,
-        "distanceLevels": settings.distance_levels,
+        "colorBits": COLOR_BITS,
+        "probabilityLevels": PROBABILITY_LEVELS,
+        "distanceLevels": DISTANCE_LEVELS,
         "has": {
             "scan": any(_scan_values(cloud) is not None for cloud in clouds),
             "distance": limit is not None,
@@ -182,7 +164,7 @@ def _side(
     changed: Bool[np.ndarray, " n"],
     lattice: Lattice,
     shown: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]],
-    settings: PackingSettings,
+    most_points: int,
 ) -> _Side:
     """The points in the shown box, thinned out."""
     inside = np.flatnonzero(np.all((points >= shown[0]) & (points <= shown[1]), axis=1))
@@ -192,7 +174,7 @@ def _side(
     order, codes = inside[order], codes[order]
     levels = parting_levels(codes)
     kept = np.flatnonzero(levels <= DEEPEST)
-    kept = kept[_thinned(levels[kept], changed[order[kept]], settings.most_points)]
+    kept = kept[_thinned(levels[kept], changed[order[kept]], most_points)]
     order, codes = order[kept], codes[kept]
     return _Side(order, codes, _spacing(parting_levels(codes), lattice.edge))
 
@@ -222,9 +204,9 @@ def _spacing(levels: Int[np.ndarray, " n"], edge: float) -> float:
     return edge / 2**level * math.sqrt(cells[level] / len(levels)) if level >= 0 else edge
 
 
-def _depth(spacing: float, edge: float, settings: PackingSettings) -> int:
-    """Of the octree whose steps are a fraction of the spacing."""
-    return int(np.clip(math.ceil(math.log2(edge / spacing)) + settings.levels_below_spacing, 1, DEEPEST))
+def _depth(spacing: float, edge: float) -> int:
+    """Depth of the octree whose steps are an eighth of the spacing: no lattice is seen among neighbouring points."""
+    return int(np.clip(math.ceil(math.log2(edge / spacing)) + 3, 1, DEEPEST))
 
 
 def _coarsened(side: _Side, depth: int) -> _Side:
@@ -234,14 +216,15 @@ def _coarsened(side: _Side, depth: int) -> _Side:
     return side._replace(order=side.order[first], codes=codes[first])
 
 
-def _distance_limit(changes: Changes, settings: PackingSettings) -> float | None:
+def _distance_limit(changes: Changes) -> float | None:
     """Where the scale of the distances ends: 1, 2 or 5 times a power of ten, for its legend."""
     measured = [values for values in (changes.distance_before, changes.distance_after) if values is not None]
     distances = np.abs(np.concatenate(measured)) if measured else np.empty(0)
     distances = distances[np.isfinite(distances)]
     if not len(distances):
         return None
-    share = max(float(np.quantile(distances, settings.distance_share)), float(np.finfo(np.float32).tiny))
+    # A single stray distance would make all others the colour of none.
+    share = max(float(np.quantile(distances, 0.99)), float(np.finfo(np.float32).tiny))
     power = 10.0 ** math.floor(math.log10(share))
     return next(factor * power for factor in (1, 2, 5, 10, 20) if factor * power >= share)
 
@@ -254,7 +237,7 @@ def _found(changes: Changes) -> Pair[_Found]:
 
 
 def _planes(
-    cloud: PointCloud, found: _Found, order: Int[np.ndarray, " n"], limit: float | None, settings: PackingSettings
+    cloud: PointCloud, found: _Found, order: Int[np.ndarray, " n"], limit: float | None
 ) -> dict[str, UInt8[np.ndarray, " n"]]:
     """The attributes of the chosen points, a byte each."""
     labels = np.where(found.labels < 0, NO_LABEL, np.minimum(found.labels, NO_LABEL - 1)).astype(np.uint16)
@@ -262,19 +245,19 @@ def _planes(
         "labelLow": (labels & 0xFF).astype(np.uint8),
         "labelHigh": (labels >> 8).astype(np.uint8),
         "unobserved": found.unobserved.astype(np.uint8),
-        "probability": np.rint(found.probability * (settings.probability_levels - 1)).astype(np.uint8),
+        "probability": np.rint(found.probability * (PROBABILITY_LEVELS - 1)).astype(np.uint8),
     }
     if found.distance is not None and limit is not None:
-        planes["distance"] = _distance_bytes(found.distance / limit, settings.distance_levels)
+        planes["distance"] = _distance_bytes(found.distance / limit)
     values = _scan_values(cloud)
     if values is not None:
-        planes |= _color_planes(values, order, settings.color_bits)
+        planes |= _color_planes(values, order)
     return planes
 
 
-def _distance_bytes(shares: Float[np.ndarray, " n"], levels: int) -> UInt8[np.ndarray, " n"]:
-    """From 1 for minus the limit to `levels` for the limit; 0 where nothing was measured."""
-    numbers = 1 + (levels - 1) * (np.clip(np.nan_to_num(shares), -1, 1) + 1) / 2
+def _distance_bytes(shares: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
+    """From 1 for minus the limit to `DISTANCE_LEVELS` for the limit; 0 where nothing was measured."""
+    numbers = 1 + (DISTANCE_LEVELS - 1) * (np.clip(np.nan_to_num(shares), -1, 1) + 1) / 2
     return np.where(np.isnan(shares), 0, np.rint(numbers)).astype(np.uint8)
 
 
@@ -287,17 +270,17 @@ def _scan_values(cloud: PointCloud) -> np.ndarray | None:
     return values if values is not None and (values != values[:1]).any() else None
 
 
-def _color_planes(values: np.ndarray, order: Int[np.ndarray, " n"], bits: int) -> dict[str, UInt8[np.ndarray, " n"]]:
+def _color_planes(values: np.ndarray, order: Int[np.ndarray, " n"]) -> dict[str, UInt8[np.ndarray, " n"]]:
     """Brightness and, of colours, two differences; each point's from the point before, as neighbours are alike."""
     if values.ndim == 1:
         grey = np.nan_to_num(values[order].astype(np.float64))
         brightness = np.rint(stretched(grey) * 255).astype(np.int16)
-        return {"brightness": _differences(brightness >> 8 - bits)}
+        return {"brightness": _differences(brightness >> 8 - COLOR_BITS)}
     red, green, blue = values[order].astype(np.int16).T
     return {
-        "brightness": _differences((red + 2 * green + blue) // 4 >> 8 - bits),
-        "orange": _differences((red - blue) // 2 >> 8 - bits),
-        "green": _differences((2 * green - red - blue) // 4 >> 8 - bits),
+        "brightness": _differences((red + 2 * green + blue) // 4 >> 8 - COLOR_BITS),
+        "orange": _differences((red - blue) // 2 >> 8 - COLOR_BITS),
+        "green": _differences((2 * green - red - blue) // 4 >> 8 - COLOR_BITS),
     }
 
 

@@ -9,24 +9,10 @@ from jaxtyping import Float
 from gmmjax.batch import ObjectEvent, ObjectHistory
 from gmmjax.changes import Box
 
-
-@dataclasses.dataclass(frozen=True)
-class PlanSettings:
-    """How large the plan is.
-
-    Attributes:
-        width: of the drawing, pixels; smaller ones lose small objects, larger ones do not fit beside the time line.
-        highest: its greatest height, pixels; without it, a corridor along y would be a page of its own.
-        margin: about the objects, pixels; without it, labels at the edge are cut off.
-        scale_height: of the scale below the objects, pixels; less, and it is cut off.
-        most_labelled: objects up to which all have their number; more would cover each other, and show it when chosen.
-    """
-
-    width: int = 440
-    highest: int = 560
-    margin: float = 26.0
-    scale_height: int = 20
-    most_labelled: int = 60
+# Pixels: the plan fits beside the time line, and a corridor along y is no page of its own.
+WIDTH, HIGHEST = 440, 560
+# About the objects: room for labels at the edge.
+MARGIN = 26.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,41 +21,38 @@ class _Scale:
 
     lower: Float[np.ndarray, "2"]
     pixels: float
-    margin: float
     height: float
 
     def places(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-        inside = (points - self.lower) * self.pixels + self.margin
+        inside = (points - self.lower) * self.pixels + MARGIN
         return np.stack([inside[:, 0], self.height - inside[:, 1]], axis=1)
 
 
-def plan_svg(histories: Sequence[ObjectHistory], settings: PlanSettings = PlanSettings()) -> str:
+def plan_svg(histories: Sequence[ObjectHistory]) -> str:
     """The plan of objects of one frame, along z with x to the right.
 
     Args:
         histories: at least one.
-        settings: of the drawing.
     """
     boxes = [box for history in histories for event in history.events for box in (event.box, event.origin) if box]
     corners = np.concatenate([box.corners()[:, :2] for box in boxes])
     lower, upper = corners.min(axis=0), corners.max(axis=0)
-    free = np.array([settings.width, settings.highest]) - 2 * settings.margin
+    free = np.array([WIDTH, HIGHEST]) - 2 * MARGIN
     extent = np.maximum(upper - lower, 1e-9 * max(1.0, float(np.abs(corners).max())))
     pixels = float((free / extent).min())
     # Short of the width where the height is the limit: the objects stay in the middle.
-    height = float(extent[1] * pixels + 2 * settings.margin)
+    height = float(extent[1] * pixels + 2 * MARGIN)
     lower = lower - [(free[0] / pixels - extent[0]) / 2, 0.0]
-    scale = _Scale(lower, pixels, settings.margin, height)
-    total = height + settings.scale_height
-    dense = " dense" if len(histories) > settings.most_labelled else ""
+    scale = _Scale(lower, pixels, height)
+    dense = " dense" if len(histories) > 60 else ""
     objects = "".join(_object(history, scale) for history in histories)
     # Above all boxes, also those of later objects.
     objects += _numbers(histories, scale, apart=not dense)
-    return f"""<svg class="plan{dense}" viewBox="0 0 {settings.width} {total:.0f}" role="img"
+    return f"""<svg class="plan{dense}" viewBox="0 0 {WIDTH} {height + 20:.0f}" role="img"
 aria-label="Plan of the objects">
 <defs><marker id="arrow" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto"><path
 d="M0 0 8 4 0 8z"/></marker></defs>
-{objects}{_scale_bar(scale, settings)}</svg>"""
+{objects}{_scale_bar(scale)}</svg>"""
 
 
 def _object(history: ObjectHistory, scale: _Scale) -> str:
@@ -138,12 +121,12 @@ def _turn(first: np.ndarray, second: np.ndarray, third: np.ndarray) -> float:
     return float(along[0] * on[1] - along[1] * on[0])
 
 
-def _scale_bar(scale: _Scale, settings: PlanSettings) -> str:
+def _scale_bar(scale: _Scale) -> str:
     """A bar of a round length beneath the plan, at most a fifth of the width."""
-    longest = settings.width / 5 / scale.pixels
+    longest = WIDTH / 5 / scale.pixels
     decade = 10.0 ** np.floor(np.log10(longest))
     length = decade * max(step for step in (1, 2, 5) if step * decade <= longest)
-    x, y = settings.margin, scale.height + 4
+    x, y = MARGIN, scale.height + 4
     end = x + length * scale.pixels
     return (
         f'<path class="scale" d="M{x} {y - 4:.1f}v8M{x} {y:.1f}H{end:.1f}M{end:.1f} {y - 4:.1f}v8"/>'

@@ -1,6 +1,5 @@
 """The time line of a series: when each object came, moved and went, and where, as one HTML page."""
 
-import dataclasses
 import itertools
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,29 +18,8 @@ SIGNS: Mapping[EventKind, str] = {"came": "+", "moved": "→", "went": "×"}
 HEADINGS = ("Object", "Event", "When", "Probability", "Moved by", "Points", "Centre", "Size", "Shown by")
 
 
-@dataclasses.dataclass(frozen=True)
-class TimelineSettings:
-    """How wide the time line is, in pixels.
-
-    Attributes:
-        width: that the columns share. Larger ones push the plan out of a window of 1,400.
-        narrowest: least width of a column, that of an event. Smaller: events of neighbouring epochs cover each other.
-        widest: greatest width of a column. Larger: a few epochs are far apart.
-        labelled: width of a column from which on events have their numbers beside them. Smaller: these overlap.
-        letter: mean width of a letter; names of epochs that are longer than a column stand upright.
-        most_names: epochs without a comparison that are named in the heading; the others are counted.
-    """
-
-    width: int = 800
-    narrowest: int = 22
-    widest: int = 110
-    labelled: int = 64
-    letter: int = 7
-    most_names: int = 5
-
-    def column(self, epochs: int) -> int:
-        """The width of a column, of so many epochs."""
-        return max(self.narrowest, min(self.widest, self.width // max(epochs, 1)))
+# Epochs without a comparison that are named in the heading; the others are counted.
+MOST_NAMES = 5
 
 
 class Stretch(NamedTuple):
@@ -65,7 +43,6 @@ def timeline_html(
     *,
     against: str,
     pair_names: Mapping[tuple[int, int], str],
-    settings: TimelineSettings = TimelineSettings(),
 ) -> str:
     """The time line of a series as one page, which loads nothing.
 
@@ -77,7 +54,6 @@ def timeline_html(
         histories: of the objects that came, moved or went.
         against: what each epoch was compared with: "previous" or "first".
         pair_names: by the indices of the two epochs, the name of each pair that is done.
-        settings: how wide it is.
 
     Returns:
         HTML. Names are text in it, whatever they hold.
@@ -91,13 +67,13 @@ def timeline_html(
     trees = epoch_trees(epochs, [Pair(*pair) for pair in pair_names])
     body = _no_objects(epochs, trees)
     if histories:
-        body = _objects(epochs, histories, trees, pair_names, settings)
+        body = _objects(epochs, histories, trees, pair_names)
     return f"""{page_head(title, asset("timeline.css"))}<body>
 <main>
 <header>
 <p class="title">{escape(title)}</p><h1>{escape(series_answer(epochs, histories))}</h1>
 <p class="files">{_compared(epochs, against)}</p>
-{_gaps(epochs, trees, settings.most_names)}{_legend(histories)}</header>
+{_gaps(epochs, trees)}{_legend(histories)}</header>
 {body}
 <footer>gmmjax {escape(__version__)}</footer>
 </main>
@@ -141,13 +117,13 @@ def _compared(epochs: Sequence[str], against: str) -> str:
     )
 
 
-def _gaps(epochs: Sequence[str], trees: Sequence[EpochTree], most_names: int) -> str:
+def _gaps(epochs: Sequence[str], trees: Sequence[EpochTree]) -> str:
     """What is not known, in sentences."""
     missing = [tree.root for tree in trees if len(tree.epochs) == 1]
     notes = []
     if missing and len(epochs) > 1:
-        names = ", ".join(f"<b>{escape(epochs[epoch])}</b>" for epoch in missing[:most_names])
-        more = f" and {len(missing) - most_names:,} more" if len(missing) > most_names else ""
+        names = ", ".join(f"<b>{escape(epochs[epoch])}</b>" for epoch in missing[:MOST_NAMES])
+        more = f" and {len(missing) - MOST_NAMES:,} more" if len(missing) > MOST_NAMES else ""
         notes.append(f"Compared with no other epoch: {names}{more}. What was there then is not known.")
     connected = [tree for tree in trees if len(tree.epochs) > 1]
     for before, after in itertools.pairwise(connected):
@@ -176,11 +152,10 @@ def _objects(
     histories: Sequence[ObjectHistory],
     trees: Sequence[EpochTree],
     pair_names: Mapping[tuple[int, int], str],
-    settings: TimelineSettings,
 ) -> str:
     plans = "".join(_plan(epochs, tree, histories) for tree in trees)
     return f"""<div class="series">
-{_timeline(epochs, histories, trees, pair_names, settings)}
+{_timeline(epochs, histories, trees, pair_names)}
 <div class="plans">{plans}</div>
 </div>
 {_table(epochs, histories, pair_names)}"""
@@ -191,7 +166,6 @@ def _timeline(
     histories: Sequence[ObjectHistory],
     trees: Sequence[EpochTree],
     pair_names: Mapping[tuple[int, int], str],
-    settings: TimelineSettings,
 ) -> str:
     missing = {tree.root for tree in trees if len(tree.epochs) == 1}
     begins = {tree.root for tree in trees if len(tree.epochs) > 1 and tree.root}
@@ -199,9 +173,11 @@ def _timeline(
     gaps = "".join(f'<span class="gap" style="--at:{epoch}"></span>' for epoch in sorted(missing))
     gaps += "".join(f'<span class="begin" style="--at:{epoch}"></span>' for epoch in sorted(begins))
     rows = "".join(_row(epochs, history, pair_names) for history in histories)
-    column = settings.column(len(epochs))
-    upright = " upright" if max(map(len, epochs)) * settings.letter > column else ""
-    labelled = " labelled" if column >= settings.labelled else ""
+    # Pixels: the columns leave the plan its place in a window of 1,400, and none is narrower than the mark of an event.
+    column = max(22, min(110, 800 // max(len(epochs), 1)))
+    # A letter is 7 pixels wide; beside the marks there is room for numbers from 64 on.
+    upright = " upright" if 7 * max(map(len, epochs)) > column else ""
+    labelled = " labelled" if column >= 64 else ""
     sizes = f"--widest:{column}px;--count:{len(epochs)};--rows:{len(histories)}"
     return f"""<section class="timeline{upright}{labelled}" style="{sizes}" tabindex="0" aria-label="Time line">
 <div class="epochs"><b>Object</b>{heads}</div>

@@ -28,18 +28,18 @@ def test_the_verdict_has_all_three_probabilities():
 
 
 def test_the_strongest_facts_are_listed_and_the_others_added_up():
-    facts = Facts.of(contributions(0.05, -2.0, 0.5, 3.0), 0.1, 2)
+    facts = Facts.of(contributions(0.05, -2.0, 0.5, 3.0), most=2)
     assert [one.log_odds for one in facts.listed] == [3.0, -2.0]
     assert facts.sum_of_others == ("+0.6", "2 more facts together")
-    assert Facts.of(contributions(0.05, 2.0), 0.1).sum_of_others == ("+0.1", "1 more fact together")
-    assert Facts.of(contributions(0.05, 0.05), 0.1).sum_of_others == ("+0.1", "2 facts together")
-    assert Facts.of(contributions(2.0), 0.1).sum_of_others is None
+    assert Facts.of(contributions(0.05, 2.0)).sum_of_others == ("+0.1", "1 more fact together")
+    assert Facts.of(contributions(0.05, 0.05)).sum_of_others == ("+0.1", "2 facts together")
+    assert Facts.of(contributions(2.0)).sum_of_others is None
 
 
 def test_the_facts_that_decided_come_first_where_they_are_asked_for():
-    facts = Facts.of(contributions(3.0, -0.01, -1.0, 2.0, -2.0), 0.1, 3, "against")
+    facts = Facts.of(contributions(3.0, -0.01, -1.0, 2.0, -2.0), most=3, first="against")
     assert [one.log_odds for one in facts.listed] == [-2.0, -1.0, 3.0]
-    assert Facts.of(contributions(-3.0, 1.0), 0.1, 1, "for").listed[0].log_odds == 1.0
+    assert Facts.of(contributions(-3.0, 1.0), most=1, first="for").listed[0].log_odds == 1.0
 
 
 def test_rejected_candidates_are_counted(explained):
