@@ -8,13 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
-from gmmjax.changes.align.surfaces import (
-    RoughRegistration,
-    SurfaceRegistrationSettings,
-    registered_surfaces,
-    rough_registration,
-)
-from gmmjax.changes.align.volumes import VolumeRegistrationSettings, registered_volumes
+from gmmjax.changes.align.surfaces import RoughRegistration, registered_surfaces, rough_registration
+from gmmjax.changes.align.volumes import registered_volumes
 from gmmjax.changes.config import RegistrationMode
 from gmmjax.changes.prepare.resolution import ResolutionSettings, WorkingPair, working_pair
 from gmmjax.changes.registration import Registration
@@ -30,13 +25,9 @@ class AlignSettings:
     """How clouds are brought into one frame.
 
     Attributes:
-        surfaces: of scans.
-        volumes: of clouds that fill volumes.
         resolution: that they are brought into it at.
     """
 
-    surfaces: SurfaceRegistrationSettings = SurfaceRegistrationSettings()
-    volumes: VolumeRegistrationSettings = VolumeRegistrationSettings()
     resolution: ResolutionSettings = ResolutionSettings()
 
 
@@ -89,7 +80,7 @@ def aligned(
         InputWarning: another alignment fits better, but not so much better that the given frame is given up; clouds of
             one reference system that were moved, or that lie apart nearly everywhere.
     """
-    rough = RoughRegistration.none() if mode == "never" else rough_registration(points, settings.surfaces)
+    rough = RoughRegistration.none() if mode == "never" else rough_registration(points)
     registered = functools.partial(
         _aligned_from, points, mode=mode, voxel_size=voxel_size, one_system=one_system, seed=seed, settings=settings
     )
@@ -124,10 +115,10 @@ def _aligned_from(
     pair = working_pair(roughly, voxel_size, settings.resolution)
     surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), pair.clouds)
     if pair.volumetric:
-        registration = registered_volumes(points, pair, surfaces, mode, seed, settings.volumes)
+        registration = registered_volumes(points, pair, surfaces, mode, seed)
     else:
         registration, remark = registered_surfaces(
-            pair.spacing, surfaces, rough, mode, settings.surfaces, one_system=one_system, only_fine=only_fine
+            pair.spacing, surfaces, rough, mode, one_system=one_system, only_fine=only_fine
         )
     if not registration.applied:
         return AlignedPair(points, pair, surfaces, registration), remark

@@ -17,34 +17,8 @@ from scipy.spatial.transform import Rotation
 from gmmjax.geometry import LocalSurface, rotation_about
 from gmmjax.pair import Pair
 
-
-@dataclasses.dataclass(frozen=True)
-class CoarseSettings:
-    """How far and how finely transforms are searched.
-
-    Attributes:
-        rotation: largest rotation that is searched, degrees. 0: translations only.
-        rotation_step: between the rotations that are compared, degrees; about half of what the voxels blur.
-        normal_kernel: width of the kernel by which two normals agree, degrees.
-        normals: of each cloud that are compared.
-        rotations: the best that translations are searched for, besides the identity.
-        points: of each cloud on the voxel grid.
-        cells: voxels along the longest side of the before cloud.
-        most_cells: voxels along any side of the grid, which bounds memory and time.
-        translations: the best that are kept of each rotation.
-        hypotheses: the best that are kept of all.
-    """
-
-    rotation: float = 35.0
-    rotation_step: float = 7.0
-    normal_kernel: float = 8.0
-    normals: int = 500
-    rotations: int = 9
-    points: int = 5_000
-    cells: int = 20
-    most_cells: int = 54
-    translations: int = 3
-    hypotheses: int = 6
+# Between the rotations that are compared, degrees: about half of what the voxels blur.
+ROTATION_STEP = 7.0
 
 
 class CoarseTransforms(NamedTuple):
@@ -59,25 +33,24 @@ class CoarseTransforms(NamedTuple):
     accuracy: float
 
 
-def coarse_transforms(surfaces: Pair[LocalSurface], settings: CoarseSettings = CoarseSettings()) -> CoarseTransforms:
-    """Transforms of the after cloud that may register it to the before cloud.
+def coarse_transforms(surfaces: Pair[LocalSurface]) -> CoarseTransforms:
+    """The six transforms of the after cloud by which both clouds correlate most, of rotations up to 35 degrees.
 
     Args:
         surfaces: of both clouds.
-        settings: of the search.
     """
-    own, other = (_sampled(surface, settings.points, seed) for seed, surface in enumerate(surfaces))
-    grid = _Grid.around(own[0], other[0], settings)
+    own, other = (_sampled(surface, 5_000, seed) for seed, surface in enumerate(surfaces))
+    grid = _Grid.around(own[0], other[0])
     spectrum = grid.spectrum(own[0] - grid.before, own[1])
     found: list[tuple[float, Float[np.ndarray, "4 4"]]] = []
-    for rotation in _rotations(own[1][: settings.normals], other[1][: settings.normals], settings):
+    for rotation in _rotations(own[1][:500], other[1][:500]):
         # Not by BLAS, whose threads cost more than such products.
         points, normals = (np.einsum("ij,nj->ni", rotation, rows) for rows in (other[0] - grid.after, other[1]))
         rotated = grid.spectrum(points, normals)
-        for score, translation in grid.translations(spectrum, rotated, settings.translations):
+        for score, translation in grid.translations(spectrum, rotated, 3):
             found.append((score, rotation_about(rotation, grid.after, grid.before + translation)))
     found.sort(key=lambda hypothesis: -hypothesis[0])
-    return CoarseTransforms([transform for _, transform in found[: settings.hypotheses]], grid.edge)
+    return CoarseTransforms([transform for _, transform in found[:6]], grid.edge)
 
 
 def _sampled(surface: LocalSurface, size: int, seed: int) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
@@ -109,18 +82,16 @@ def normal_space_sample(
 # --- rotations -------------------------------------------------------------------------------------------------------
 
 
-def _rotations(
-    before: Float[np.ndarray, "n 3"], after: Float[np.ndarray, "m 3"], settings: CoarseSettings
-) -> list[Float[np.ndarray, "3 3"]]:
-    """The identity, and the rotations of the after normals that bring most of them to normals of the before cloud."""
-    candidates = _rotations_within(settings.rotation, settings.rotation_step)
-    density = _DirectionDensity.of(before, np.radians(settings.normal_kernel))
+def _rotations(before: Float[np.ndarray, "n 3"], after: Float[np.ndarray, "m 3"]) -> list[Float[np.ndarray, "3 3"]]:
+    """The identity, and the nine rotations that bring most of the after normals to normals of the before cloud."""
+    candidates = _rotations_within(35.0, ROTATION_STEP)
+    density = _DirectionDensity.of(before, np.radians(8.0))
     scores = density(np.einsum("rij,nj->rni", candidates, after)).mean(axis=1)
     # The first candidate is the identity.
     kept = [0]
-    least_angle = np.radians(1.5 * settings.rotation_step)
+    least_angle = np.radians(1.5 * ROTATION_STEP)
     for index in np.argsort(-scores, kind="stable"):
-        if len(kept) > settings.rotations:
+        if len(kept) > 9:
             break
         traces = np.einsum("rij,ij->r", candidates[kept], candidates[index])
         if np.arccos(np.clip((traces - 1) / 2, -1, 1)).min() > least_angle:
@@ -187,19 +158,20 @@ class _Grid:
     shape: Int[np.ndarray, "3"]
 
     @classmethod
-    def around(
-        cls, before: Float[np.ndarray, "n 3"], after: Float[np.ndarray, "m 3"], settings: CoarseSettings
-    ) -> "_Grid":
-        """A grid that holds the before cloud, and the after cloud in any rotation and about its place."""
+    def around(cls, before: Float[np.ndarray, "n 3"], after: Float[np.ndarray, "m 3"]) -> "_Grid":
+        """A grid that holds the before cloud, 20 voxels long, and the after cloud in any rotation about its place.
+
+        At most 54 voxels a side bound memory and time.
+        """
         middles = np.median(before, axis=0), np.median(after, axis=0)
         lower, upper = np.percentile(before, (1, 99), axis=0)
         half = np.maximum(upper - middles[0], middles[0] - lower)
         reach = float(np.percentile(np.linalg.norm(after - middles[1], axis=1), 98))
-        edge = max(float((upper - lower).max()) / settings.cells, float(np.finfo(np.float64).tiny))
+        edge = max(float((upper - lower).max()) / 20, float(np.finfo(np.float64).tiny))
         # Of a flat cloud what the other one needs beside it when it is rotated, no more.
         sides = 2 * (half + np.minimum(reach, 2 * half + 0.3 * half.max())) / edge
-        shape = [scipy.fft.next_fast_len(int(np.ceil(min(side, settings.most_cells)))) for side in sides]
-        return cls(*middles, edge, np.minimum(np.maximum(shape, 4), settings.most_cells))
+        shape = [scipy.fft.next_fast_len(int(np.ceil(min(side, 54)))) for side in sides]
+        return cls(*middles, edge, np.minimum(np.maximum(shape, 4), 54))
 
     def spectrum(
         self, points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]

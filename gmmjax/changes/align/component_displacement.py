@@ -1,6 +1,5 @@
 """The displacement on which most components of two mixtures agree."""
 
-import dataclasses
 from typing import NamedTuple
 
 import jax
@@ -12,21 +11,6 @@ from gmmjax._programs import kept_jit
 from gmmjax._typing import Array
 from gmmjax.mixtures import GaussianMixture
 from gmmjax.transport import bures_wasserstein
-
-
-@dataclasses.dataclass(frozen=True)
-class DisplacementSettings:
-    """When components have the same shape, and when they agree on a displacement.
-
-    Attributes:
-        same_shape: largest distance between centred components of one shape, in their own size.
-        sampling: the same that n observations leave open, in 1 / sqrt n of that size. 0: small components never match.
-        agreement: standard errors within which a pair of components agrees on a displacement.
-    """
-
-    same_shape: float = 0.2
-    sampling: float = 2.0
-    agreement: float = 4.0
 
 
 class Consensus(NamedTuple):
@@ -44,11 +28,7 @@ class Consensus(NamedTuple):
 
 
 def consensus_displacement(
-    before: GaussianMixture,
-    after: GaussianMixture,
-    points_before: float,
-    points_after: float,
-    settings: DisplacementSettings = DisplacementSettings(),
+    before: GaussianMixture, after: GaussianMixture, points_before: float, points_after: float
 ) -> Consensus:
     """The displacement supported by most mass among components of the same shape.
 
@@ -60,19 +40,19 @@ def consensus_displacement(
         after: mixture of the after cloud.
         points_before: observations in the before cloud.
         points_after: observations in the after cloud.
-        settings: when components agree.
     """
     shape_distance = _shape_distance(before, after)
     before, after = before.live_part(), after.live_part()
     observations = np.minimum(before.weights[:, None] * points_before, after.weights[None] * points_after)
-    alike = (settings.same_shape + settings.sampling / np.sqrt(observations)) * _size(before)[:, None]
+    # Of one shape: a fifth of its size apart, and what so few observations leave open.
+    alike = (0.2 + 2 / np.sqrt(observations)) * _size(before)[:, None]
     same_shape = shape_distance < alike
     displacements = before.means[:, None] - after.means[None]
     errors = _mean_errors(before, points_before)[:, None] + _mean_errors(after, points_after)[None]
     weights = np.minimum(before.weights[:, None], after.weights[None]) * same_shape
     best, support = None, 0.0
     for i, j in np.argwhere(same_shape):
-        agreeing = _agreeing(displacements, errors + errors[i, j], displacements[i, j], weights, settings)
+        agreeing = _agreeing(displacements, errors + errors[i, j], displacements[i, j], weights)
         if weights[agreeing].sum() > support:
             best, support = agreeing, float(weights[agreeing].sum())
     if best is None:
@@ -87,11 +67,10 @@ def _agreeing(
     errors: np.ndarray,
     proposed: np.ndarray,
     weights: np.ndarray,
-    settings: DisplacementSettings,
 ) -> np.ndarray:
-    """The pairs that agree with the proposed displacement; of several with one component, the nearest."""
+    """The pairs within four standard errors of the proposed displacement; for each component the nearest."""
     deviation = ((displacements - proposed) ** 2 / errors).sum(axis=2)
-    deviation = np.where((weights > 0) & (deviation < settings.agreement**2), deviation, np.inf)
+    deviation = np.where((weights > 0) & (deviation < 4**2), deviation, np.inf)
     nearest = (deviation == deviation.min(axis=0)) & (deviation == deviation.min(axis=1)[:, None])
     return np.asarray(nearest & np.isfinite(deviation))
 

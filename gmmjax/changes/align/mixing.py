@@ -15,23 +15,6 @@ from gmmjax.geometry import evenly_chosen, nearest_neighbours, rotation_about, t
 from gmmjax.pair import Pair, each
 
 
-@dataclasses.dataclass(frozen=True)
-class MixingSettings:
-    """How the mixing of two clouds is measured, and from when on another frame mixes them better.
-
-    Attributes:
-        points: of either cloud, at most.
-        sample: of them, at most, whose nearest neighbours are looked at.
-        steps: by which the after cloud is moved to see whether it mixes better elsewhere, in spacings.
-        significant: standard deviations by which it does.
-    """
-
-    points: int = 50_000
-    sample: int = 3_000
-    steps: tuple[float, ...] = (1.0, 4.0, 16.0)
-    significant: float = 4.0
-
-
 class _Side(NamedTuple):
     tree: cKDTree
     sample: Float64[np.ndarray, "m 3"]
@@ -43,17 +26,15 @@ class Mixing:
     """Two clouds, and how far the points of a sample of each are from the next point of their own cloud."""
 
     sides: Pair[_Side]
-    settings: MixingSettings
 
     @classmethod
-    def of(cls, points: Pair[Float64[np.ndarray, "_ 3"]], settings: MixingSettings = MixingSettings()) -> "Mixing":
+    def of(cls, points: Pair[Float64[np.ndarray, "_ 3"]]) -> "Mixing":
         """The mixing of two clouds; equal points that follow each other count once.
 
         Args:
             points: of both clouds.
-            settings: of the test.
         """
-        return cls(points.map(lambda cloud: _side(cloud, settings)), settings)
+        return cls(points.map(_side))
 
     def mixed(self, transform: Float64[np.ndarray, "4 4"]) -> Pair[Float64[np.ndarray, " _"]]:
         """For each point of the samples 1 where the next point is one of the other cloud, 1/2 where both are as near.
@@ -89,7 +70,8 @@ class Mixing:
     def confidence(self) -> float:
         """The probability that the given frame is right; 0 where a small motion of the after cloud mixes better."""
         share = self.share(np.eye(4))
-        if any(self.better(motion, np.eye(4)) > self.settings.significant for motion in self._small_motions()):
+        # Four standard deviations: the best of many motions is looked at.
+        if any(self.better(motion, np.eye(4)) > 4 for motion in self._small_motions()):
             return 0.0
         return ConfidenceModel().of_mixing(share)
 
@@ -98,17 +80,17 @@ class Mixing:
         centre, spacing = points.mean(axis=0), float(np.median(self.sides.after.distances))
         size = max(float(np.sqrt(points.var(axis=0).sum())), np.finfo(np.float64).tiny)
         motions = []
-        for step in self.settings.steps:
-            for direction in step * spacing * np.concatenate([np.eye(3), -np.eye(3)]):
+        for spacings in (1, 4, 16):
+            for direction in spacings * spacing * np.concatenate([np.eye(3), -np.eye(3)]):
                 motions.append(rotation_about(np.eye(3), centre, centre + direction))
                 motions.append(rotation_about(Rotation.from_rotvec(direction / size).as_matrix(), centre, centre))
         return motions
 
 
-def _side(cloud: Float64[np.ndarray, "n 3"], settings: MixingSettings) -> _Side:
+def _side(cloud: Float64[np.ndarray, "n 3"]) -> _Side:
     cloud = cloud[first_of_equals(cloud)]
-    cloud = cloud[evenly_chosen(len(cloud), settings.points)]
-    tree, sample = cKDTree(cloud), cloud[random_sample(len(cloud), settings.sample)]
+    cloud = cloud[evenly_chosen(len(cloud), 50_000)]
+    tree, sample = cKDTree(cloud), cloud[random_sample(len(cloud), 3_000)]
     return _Side(tree, sample, nearest_neighbours(tree, sample, 2)[0][:, -1])
 
 

@@ -1,6 +1,5 @@
 """How well two scanned surfaces fit by a rigid transform."""
 
-import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -9,22 +8,8 @@ from jaxtyping import Float, Float64, Int
 from gmmjax.geometry import MEAN_NEIGHBOURS, MEDIAN_TO_DEVIATION, PLANE_NEIGHBOURS, LocalSurface, rotated, transformed
 from gmmjax.pair import Pair
 
-
-@dataclasses.dataclass(frozen=True)
-class FitScoreSettings:
-    """Which points a transform is judged by.
-
-    Attributes:
-        points: of either cloud, at most.
-        overlap_spacings: a point overlaps the other cloud when it is within this many spacings of it.
-        covered_spacings: a point that does not overlap, but is within this many spacings of the other cloud,
-            contradicts the transform: the other survey covers the place. Infinite: all that only one survey covers
-            contradicts.
-    """
-
-    points: int = 3_000
-    overlap_spacings: float = 3.0
-    covered_spacings: float = 6.0
+# A point overlaps the other cloud within this many spacings of it.
+OVERLAP_SPACINGS = 3.0
 
 
 class SurfaceFit(NamedTuple):
@@ -86,7 +71,7 @@ def surface_fit(
     surfaces: Pair[LocalSurface],
     transform: Float64[np.ndarray, "4 4"],
     spacing: float,
-    settings: FitScoreSettings = FitScoreSettings(),
+    points: int = 3_000,
 ) -> SurfaceFit:
     """How two surfaces fit by a transform of the after cloud, judged from both of them.
 
@@ -94,11 +79,11 @@ def surface_fit(
         surfaces: of both clouds.
         transform: rigid transform [4, 4].
         spacing: of the points, in the sparser cloud.
-        settings: the number of points, and which of them overlap.
+        points: of either cloud that it is judged by, at most.
     """
     sides = (
-        _one_sided_fit(surfaces.after, surfaces.before, transform, spacing, settings),
-        _one_sided_fit(surfaces.before, surfaces.after, np.linalg.inv(transform), spacing, settings),
+        _one_sided_fit(surfaces.after, surfaces.before, transform, spacing, points),
+        _one_sided_fit(surfaces.before, surfaces.after, np.linalg.inv(transform), spacing, points),
     )
     score, overlap = min(side.score for side in sides), min(side.overlap for side in sides)
     offsets = np.concatenate([side.offsets for side in sides])
@@ -112,9 +97,9 @@ def surface_fit(
 
 
 def _one_sided_fit(
-    own: LocalSurface, other: LocalSurface, transform: np.ndarray, spacing: float, settings: FitScoreSettings
+    own: LocalSurface, other: LocalSurface, transform: np.ndarray, spacing: float, points: int
 ) -> _OneSidedFit:
-    chosen = random_sample(len(own), settings.points)
+    chosen = random_sample(len(own), points)
     means = transformed(own.means(chosen), transform)
     there = other.nearest(means)
     normals = other.normals[there]
@@ -122,8 +107,9 @@ def _one_sided_fit(
     distances = np.linalg.norm(means - other.points[there], axis=1)
     cosines = np.abs((rotated(own.normals[chosen], transform) * normals).sum(axis=1))
     spacings = distances / np.maximum(spacing, other.spacing(there))
-    overlapping = spacings < settings.overlap_spacings
-    contradicts = ~overlapping & (spacings < settings.covered_spacings)
+    overlapping = spacings < OVERLAP_SPACINGS
+    # So near the other survey covers the place, and saw no counterpart.
+    contradicts = ~overlapping & (spacings < 2 * OVERLAP_SPACINGS)
     # Geman and McClure's weight, at half a spacing a quarter; cosines' fourth power falls to a half at 33 degrees.
     scores = overlapping * cosines**4 / (1 + (2 * offsets / spacing) ** 2) ** 2
     noise = np.sqrt(own.variances[chosen, 0] / MEAN_NEIGHBOURS + other.variances[there, 0] / PLANE_NEIGHBOURS)

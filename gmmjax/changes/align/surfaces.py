@@ -10,7 +10,7 @@ from jaxtyping import Float, Float64
 from gmmjax.changes.align.coarse import coarse_transforms, normal_space_sample
 from gmmjax.changes.align.confidence import ConfidenceModel
 from gmmjax.changes.align.mixing import Mixing
-from gmmjax.changes.align.surface_fit import FitScoreSettings, SurfaceFit, random_sample, surface_fit
+from gmmjax.changes.align.surface_fit import OVERLAP_SPACINGS, SurfaceFit, random_sample, surface_fit
 from gmmjax.changes.config import RegistrationMode
 from gmmjax.changes.prepare.resolution import ResolutionSettings, working_pair
 from gmmjax.changes.registration import Registration
@@ -27,65 +27,13 @@ from gmmjax.pair import Pair, each_on_cores
 
 # A finer convergence than the default one, and steps that are lengthened: transforms slide along walls.
 ICP = IcpSettings(damping=1e-4, extrapolation=8.0)
-
-
-@dataclasses.dataclass(frozen=True)
-class SurfaceRegistrationSettings:
-    """How scans are registered. Lengths in spacings are in multiples of the points' spacing.
-
-    Attributes:
-        voxels: of either cloud that starts are searched and refined on.
-        sampled_points: of either cloud, at most, that these voxels are made of. Few: a voxel of a large site has some
-            five, whose mean is so rough that the site, slid along itself, fits as well; many: time.
-        start_points: of the after cloud that each start is refined with, evenly in the directions of their normals.
-        start_icp: ICP for each start.
-        finalists: distinct transforms that are refined further.
-        finalist_points: of the after cloud that they are refined with, likewise.
-        finalist_icp: ICP for each of them.
-        points: of the after cloud that the best is refined with.
-        fine_icp: ICP for the best, on the clouds' own resolution.
-        score: which points transforms are judged by.
-        first_reach: offset that has a quarter of the weight in the first step from the given frame, in spacings of the
-            voxels; from the coarse transforms it is their accuracy.
-        fine_reach: the same in the first step on the clouds' own resolution, in its spacings.
-        last_reach: the same in the last steps, in standard deviations of the offsets.
-        undetermined: a direction is not determined where the normals say at most this many times what their own noise
-            would; such a motion is left out where the clouds fit as well without. 0: it never is.
-        same_transform: transforms that differ by fewer spacings, over the points, are one.
-        preference: for the given frame, in the score from 0 to 1: of transforms that fit equally well, such as along a
-            plane, it is the one from there, and it is kept unless another is better by this. 0: any of them may be
-            applied.
-        more_consistent: a transform that was not found from the given frame must be more consistent than one from
-            there by this. 1: it never is. -1: that with the highest score is taken, so that two surveys that share half
-            of their extent are slid over each other.
-        least_overlap: overlap of the transform from the given frame, at least, for that. 0: a corner that fits may be
-            enough.
-        needed: the transform is applied, too, when it lowers the residual to this fraction or raises the overlap by the
-            rest, though the score hardly rises. 0: only where the score does.
-        fine_doubt: `ConfidenceModel.doubt` up to which a transform that moves the points by no more than their spacing
-            is applied; one that moves them farther is up to 1.
-    """
-
-    voxels: int = 8_000
-    sampled_points: int = 200_000
-    start_points: int = 250
-    start_icp: IcpSettings = dataclasses.replace(ICP, steps=12)
-    finalists: int = 2
-    finalist_points: int = 600
-    finalist_icp: IcpSettings = dataclasses.replace(ICP, steps=50)
-    points: int = 3_000
-    fine_icp: IcpSettings = dataclasses.replace(ICP, steps=20)
-    score: FitScoreSettings = FitScoreSettings()
-    first_reach: float = 6.0
-    fine_reach: float = 3.0
-    last_reach: float = 3.0
-    undetermined: float = 2.0
-    same_transform: float = 2.0
-    preference: float = 0.01
-    more_consistent: float = 0.02
-    least_overlap: float = 0.2
-    needed: float = 0.9
-    fine_doubt: float = 2.0
+# Transforms that differ by fewer spacings, over the points, are one.
+SAME_TRANSFORM = 2.0
+# Preference for the given frame, in scores from 0 to 1: of transforms that fit equally well, such as along a plane, it
+# is the one from there, and it is kept unless another is better by this.
+PREFERENCE = 0.01
+# Doubt up to which a transform that moves the points by no more than their spacing is applied; others: up to 1.
+FINE_DOUBT = 2.0
 
 
 class RoughRegistration(NamedTuple):
@@ -130,28 +78,26 @@ class _Candidate(NamedTuple):
     from_given_frame: bool
 
 
-def rough_registration(
-    points: Pair[Float64[np.ndarray, "_ 3"]], settings: SurfaceRegistrationSettings = SurfaceRegistrationSettings()
-) -> RoughRegistration:
+def rough_registration(points: Pair[Float64[np.ndarray, "_ 3"]]) -> RoughRegistration:
     """The best of many starts: ICP on few voxels, from the given frame and coarse transforms.
 
     Args:
         points: of both clouds. Clouds that fill volumes are left as they are.
-        settings: how to register.
     """
-    thinned = points.map(lambda cloud: cloud[evenly_chosen(len(cloud), settings.sampled_points)])
-    pair = working_pair(thinned, settings=ResolutionSettings(voxels=settings.voxels))
+    # Of fewer points a voxel of a large site has so rough a mean that the site, slid along itself, fits as well.
+    thinned = points.map(lambda cloud: cloud[evenly_chosen(len(cloud), 200_000)])
+    pair = working_pair(thinned, settings=ResolutionSettings(voxels=8_000))
     if pair.volumetric:
         return RoughRegistration.none()
     surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), pair.clouds)
-    finalists = _finalists(pair.spacing, surfaces, _refined_starts(pair.spacing, surfaces, settings), settings)
-    given = surface_fit(surfaces, np.eye(4), pair.spacing, settings.score)
+    finalists = _finalists(pair.spacing, surfaces, _refined_starts(pair.spacing, surfaces))
+    given = surface_fit(surfaces, np.eye(4), pair.spacing)
     # With the given frame itself: ICP from there may slide along a floor and a wall of which half is in common.
-    best = _selected(finalists, _Candidate(np.eye(4), given, True), settings)
-    own, apart = surfaces.after.points, settings.same_transform * pair.spacing
+    best = _selected(finalists, _Candidate(np.eye(4), given, True))
+    own, apart = surfaces.after.points, SAME_TRANSFORM * pair.spacing
     others = (other for other in finalists if _distance(own, other.transform, best.transform) >= apart)
     rival = max((_ratio(other.fit, best.fit) for other in others), default=0.0)
-    transform = best.transform if _better(best.fit, given, settings) else np.eye(4)
+    transform = best.transform if _better(best.fit, given) else np.eye(4)
     return RoughRegistration(transform, best.from_given_frame, min(rival, 1.0))
 
 
@@ -160,7 +106,6 @@ def registered_surfaces(
     surfaces: Pair[LocalSurface],
     rough: RoughRegistration,
     mode: RegistrationMode,
-    settings: SurfaceRegistrationSettings = SurfaceRegistrationSettings(),
     *,
     one_system: bool = False,
     only_fine: bool = False,
@@ -175,25 +120,24 @@ def registered_surfaces(
         surfaces: of both clouds; the after cloud's is roughly registered.
         rough: by which it is.
         mode: whether to register.
-        settings: how to register.
         one_system: whether both files state the same coordinate reference system.
         only_fine: whether no other transform is applied.
     """
     to_given = np.linalg.inv(rough.transform)
     points = transformed(surfaces.after.points, to_given)
-    given = _Candidate(np.eye(4), surface_fit(surfaces, to_given, spacing, settings.score), True)
+    given = _Candidate(np.eye(4), surface_fit(surfaces, to_given, spacing), True)
     model = ConfidenceModel()
     if mode == "never":
         confidence = model.of_surfaces(given.fit, 0.0, True)
         return SurfaceRegistration(_record(given, given, points, confidence), _apart(given.fit))
-    start = surface_fit(surfaces, np.eye(4), spacing, settings.score) if rough.moves else given.fit
-    refined = _refined(spacing, surfaces, start, rough, settings)
+    start = surface_fit(surfaces, np.eye(4), spacing) if rough.moves else given.fit
+    refined = _refined(spacing, surfaces, start, rough)
     doubt = model.doubt(refined.fit, given.fit)
-    better = rough.moves or _better(refined.fit, given.fit, settings)
+    better = rough.moves or _better(refined.fit, given.fit)
     # A last resort is what moves the points by more than their spacing.
     moved = _distance(points, refined.transform, given.transform) / spacing
-    far, near = moved > 1, moved <= settings.same_transform
-    possible = doubt < 1 and not only_fine if far else doubt < settings.fine_doubt
+    far, near = moved > 1, moved <= SAME_TRANSFORM
+    possible = doubt < 1 and not only_fine if far else doubt < FINE_DOUBT
     prior = model.stated if one_system else 1.0
     if mode == "always" or (better and possible):
         left = 0.0 if near else min(doubt, 1.0)
@@ -209,7 +153,7 @@ def registered_surfaces(
     if confidence < 1 and not contested:
         # Of a ball any rotation fits as well: the given frame is none the worse.
         confidence = max(confidence, Mixing.of(Pair(surfaces.before.points, points)).confidence())
-    declined = _declined(refined, given, points, one_system) if contested and doubt < settings.fine_doubt else None
+    declined = _declined(refined, given, points, one_system) if contested and doubt < FINE_DOUBT else None
     return SurfaceRegistration(_record(given, given, points, confidence), declined or _apart(given.fit))
 
 
@@ -260,16 +204,17 @@ def _apart(given: SurfaceFit) -> str | None:
     )
 
 
-def _selected(finalists: list[_Candidate], given: _Candidate, settings: SurfaceRegistrationSettings) -> _Candidate:
+def _selected(finalists: list[_Candidate], given: _Candidate) -> _Candidate:
     """The finalist with the highest score, unless one from the given frame explains as well what both surveys cover.
 
     The highest score may be that of the greatest overlap: of two surveys of one half each, slid over each other.
     """
     best = finalists[0]
     near = [found for found in (*finalists, given) if found.from_given_frame]
-    enough = [found for found in near if found.fit.overlap >= settings.least_overlap]
+    # With less overlap, a corner that fits would be enough.
+    enough = [found for found in near if found.fit.overlap >= 0.2]
     own = max(enough, key=lambda found: found.fit.consistency, default=best)
-    return best if best.fit.consistency > own.fit.consistency + settings.more_consistent else own
+    return best if best.fit.consistency > own.fit.consistency + 0.02 else own
 
 
 def _ratio(other: SurfaceFit, own: SurfaceFit) -> float:
@@ -280,87 +225,78 @@ def _ratio(other: SurfaceFit, own: SurfaceFit) -> float:
     return other.score / max(own.score, tiny)
 
 
-def _better(fit: SurfaceFit, given: SurfaceFit, settings: SurfaceRegistrationSettings) -> bool:
+def _better(fit: SurfaceFit, given: SurfaceFit) -> bool:
     """Whether a transform is needed, compared with the clouds as they were given.
 
     The residual is a median: it does not show how far off the ends of a long room are, which are few of its points. The
     score does. Where surveys overlap in part it may rise by sliding them over each other, the consistency does not.
     """
     rise = min(fit.score - given.score, fit.consistency - given.consistency)
-    lower, wider = settings.needed * given.residual, given.overlap + (1 - settings.needed)
-    return rise > settings.preference or fit.residual < lower or fit.overlap > wider
+    return rise > PREFERENCE or fit.residual < 0.9 * given.residual or fit.overlap > given.overlap + (1 - 0.9)
 
 
-def _refined_starts(
-    spacing: float, surfaces: Pair[LocalSurface], settings: SurfaceRegistrationSettings
-) -> list[_Candidate]:
+def _refined_starts(spacing: float, surfaces: Pair[LocalSurface]) -> list[_Candidate]:
     """All starts after some steps of ICP on few points, the best first."""
     coarse = coarse_transforms(surfaces)
-    means = surfaces.after.means(normal_space_sample(surfaces.after, settings.start_points))
-    near = settings.first_reach * spacing
+    means = surfaces.after.means(normal_space_sample(surfaces.after, 250))
+    near = 6 * spacing
     starts = [(np.eye(4), near), *((transform, max(coarse.accuracy, near)) for transform in coarse.transforms)]
-    few = dataclasses.replace(settings.score, points=2 * settings.start_points)
-    candidates = []
+    candidates, icp = [], dataclasses.replace(ICP, steps=12)
     for number, (start, reach) in enumerate(starts):
-        transform = point_to_plane_icp(means, surfaces.before, start, reach, spacing, settings.start_icp)
-        candidates.append(_Candidate(transform, surface_fit(surfaces, transform, spacing, few), number == 0))
-    return _best_first(candidates, settings)
+        transform = point_to_plane_icp(means, surfaces.before, start, reach, spacing, icp)
+        candidates.append(_Candidate(transform, surface_fit(surfaces, transform, spacing, 500), number == 0))
+    return _best_first(candidates)
 
 
 def _finalists(
-    spacing: float, surfaces: Pair[LocalSurface], starts: Iterable[_Candidate], settings: SurfaceRegistrationSettings
+    spacing: float, surfaces: Pair[LocalSurface], starts: Iterable[_Candidate], count: int = 2
 ) -> list[_Candidate]:
     """The best distinct transforms after more steps of ICP, the best first, with that from the given frame."""
-    means = surfaces.after.means(normal_space_sample(surfaces.after, settings.finalist_points))
-    apart = settings.same_transform * spacing
-    finalists: list[_Candidate] = []
+    means = surfaces.after.means(normal_space_sample(surfaces.after, 600))
+    apart = SAME_TRANSFORM * spacing
+    finalists, icp = list[_Candidate](), dataclasses.replace(ICP, steps=50)
     for start in starts:
-        if len(finalists) >= settings.finalists and not start.from_given_frame:
+        if len(finalists) >= count and not start.from_given_frame:
             continue
         if any(_distance(means, start.transform, other.transform) < apart for other in finalists):
             continue
-        reaches = settings.score.overlap_spacings * spacing, _last_reach(start.fit, spacing, settings)
-        transform = point_to_plane_icp(means, surfaces.before, start.transform, *reaches, settings.finalist_icp)
+        reaches = OVERLAP_SPACINGS * spacing, _last_reach(start.fit, spacing)
+        transform = point_to_plane_icp(means, surfaces.before, start.transform, *reaches, icp)
         if any(_distance(means, transform, other.transform) < apart for other in finalists):
             continue
-        fit = surface_fit(surfaces, transform, spacing, settings.score)
+        fit = surface_fit(surfaces, transform, spacing)
         finalists.append(_Candidate(transform, fit, start.from_given_frame))
-        if len(finalists) >= settings.finalists and any(own.from_given_frame for own in finalists):
+        if len(finalists) >= count and any(own.from_given_frame for own in finalists):
             break
-    return _best_first(finalists, settings)
+    return _best_first(finalists)
 
 
-def _refined(
-    spacing: float,
-    surfaces: Pair[LocalSurface],
-    start: SurfaceFit,
-    rough: RoughRegistration,
-    settings: SurfaceRegistrationSettings,
-) -> _Candidate:
+def _refined(spacing: float, surfaces: Pair[LocalSurface], start: SurfaceFit, rough: RoughRegistration) -> _Candidate:
     """The rough registration refined on the most points, as a transform of the after cloud as it was given.
 
     `start` is how the surfaces fit by the rough registration. From the given frame it has no part that nothing
     determines, where the clouds fit as well without.
     """
     to_given = np.linalg.inv(rough.transform)
-    means = surfaces.after.means(random_sample(len(surfaces.after), settings.points))
-    reaches = settings.fine_reach * spacing, _last_reach(start, spacing, settings)
-    left = point_to_plane_icp(means, surfaces.before, np.eye(4), *reaches, settings.fine_icp)
-    fit = surface_fit(surfaces, left, spacing, settings.score)
+    means = surfaces.after.means(random_sample(len(surfaces.after), 3_000))
+    reaches = 3 * spacing, _last_reach(start, spacing)
+    left = point_to_plane_icp(means, surfaces.before, np.eye(4), *reaches, dataclasses.replace(ICP, steps=20))
+    fit = surface_fit(surfaces, left, spacing)
     refined = _Candidate(left @ rough.transform, fit, rough.from_given_frame)
     if not rough.from_given_frame:
         return refined
-    least = settings.undetermined * _normal_noise(surfaces.before)
+    # Twice what the normals' own noise would say of a direction that nothing determines.
+    least = 2 * _normal_noise(surfaces.before)
     transform = determined_part(refined.transform, transformed(means, to_given), surfaces.before, reaches[1], least)
-    without = surface_fit(surfaces, transform @ to_given, spacing, settings.score)
-    return refined if without.score < fit.score - settings.preference / 2 else _Candidate(transform, without, True)
+    without = surface_fit(surfaces, transform @ to_given, spacing)
+    return refined if without.score < fit.score - PREFERENCE / 2 else _Candidate(transform, without, True)
 
 
-def _last_reach(fit: SurfaceFit, spacing: float, settings: SurfaceRegistrationSettings) -> float:
-    """The offset that has a quarter of the weight in the last steps."""
+def _last_reach(fit: SurfaceFit, spacing: float) -> float:
+    """The offset that has a quarter of the weight in the last steps: three standard deviations."""
     # Of equal clouds the residual is 0.
     least = np.sqrt(np.finfo(np.float64).eps) * spacing
-    return float(settings.last_reach * np.clip(fit.residual, least, spacing / 2))
+    return float(3 * np.clip(fit.residual, least, spacing / 2))
 
 
 def _normal_noise(surface: LocalSurface) -> float:
@@ -369,8 +305,8 @@ def _normal_noise(surface: LocalSurface) -> float:
     return float(np.median(variances[:, 0] / np.maximum(PLANE_NEIGHBOURS * variances[:, 1], np.finfo(np.float64).tiny)))
 
 
-def _best_first(candidates: Iterable[_Candidate], settings: SurfaceRegistrationSettings) -> list[_Candidate]:
-    return sorted(candidates, key=lambda found: -found.fit.score - settings.preference * found.from_given_frame)
+def _best_first(candidates: Iterable[_Candidate]) -> list[_Candidate]:
+    return sorted(candidates, key=lambda found: -found.fit.score - PREFERENCE * found.from_given_frame)
 
 
 def _distance(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> float:

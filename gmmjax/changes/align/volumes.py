@@ -1,12 +1,10 @@
 """Registration of clouds that fill volumes: the displacement on which most components of their mixtures agree."""
 
-import dataclasses
-
 import jax
 import numpy as np
 from jaxtyping import Float64
 
-from gmmjax.changes.align.component_displacement import DisplacementSettings, consensus_displacement
+from gmmjax.changes.align.component_displacement import consensus_displacement
 from gmmjax.changes.align.confidence import ConfidenceModel
 from gmmjax.changes.align.mixing import Mixing
 from gmmjax.changes.align.surface_fit import random_sample, surface_fit
@@ -18,36 +16,12 @@ from gmmjax.mixtures import FitSettings, GaussianMixture, best_fit, fit_restarts
 from gmmjax.pair import Pair, each
 
 
-@dataclasses.dataclass(frozen=True)
-class VolumeRegistrationSettings:
-    """When a displacement of volumetric clouds is applied, and the mixtures that it is found from.
-
-    Attributes:
-        significant: it has this many standard errors. 0: any displacement is applied.
-        least_agreement: the components that agree on it have this fraction of the mass.
-        least_components: with fewer in either mixture it says nothing whether they agree.
-        least_points: with fewer in either cloud the components are too uncertain for that, too.
-        components: of each mixture, at most.
-        component_points: that these are fitted to.
-        displacement: when components agree on a displacement.
-    """
-
-    significant: float = 4.0
-    least_agreement: float = 0.4
-    least_components: int = 3
-    least_points: int = 1_000
-    components: int = 25
-    component_points: int = 6_000
-    displacement: DisplacementSettings = DisplacementSettings()
-
-
 def registered_volumes(
     points: Pair[Float64[np.ndarray, "_ 3"]],
     pair: WorkingPair,
     surfaces: Pair[LocalSurface],
     mode: RegistrationMode,
     seed: int,
-    settings: VolumeRegistrationSettings = VolumeRegistrationSettings(),
 ) -> Registration:
     """The displacement on which most components agree, where it exceeds its standard error; none with "never".
 
@@ -60,7 +34,6 @@ def registered_volumes(
         surfaces: the same.
         mode: whether to register.
         seed: of the mixtures' random starts.
-        settings: when the displacement is applied.
     """
     centre = surfaces.after.points.mean(axis=0, keepdims=True)
     if mode == "never":
@@ -68,18 +41,17 @@ def registered_volumes(
         return Registration.measured(
             np.eye(4), centre, applied=False, residual=0.0, residual_before=fit.residual, overlap=fit.overlap
         )
-    mixtures = _mixtures(pair.clouds, seed, settings)
+    mixtures = _mixtures(pair.clouds, seed)
     counts = pair.clouds.map(lambda cloud: float(len(cloud.points)))
-    consensus = consensus_displacement(
-        mixtures.before, mixtures.after, counts.before, counts.after, settings.displacement
-    )
+    consensus = consensus_displacement(mixtures.before, mixtures.after, counts.before, counts.after)
     errors = float(np.linalg.norm(consensus.displacement / consensus.standard_error))
     transform, mixing = rigid_transform(translation=consensus.displacement), Mixing.of(points)
-    agreed = consensus.share >= settings.least_agreement
-    significant = errors > settings.significant and mixing.better(transform, np.eye(4)) > 0
+    agreed = consensus.share >= 0.4
+    significant = errors > 4 and mixing.better(transform, np.eye(4)) > 0
     applied = agreed and (mode == "always" or significant)
-    judged = min(mixture.live.sum() for mixture in mixtures) >= settings.least_components
-    judged &= min(len(cloud.points) for cloud in pair.clouds) >= settings.least_points
+    # Fewer components, or of fewer points, do not show whether they agree.
+    judged = min(mixture.live.sum() for mixture in mixtures) >= 3
+    judged &= min(len(cloud.points) for cloud in pair.clouds) >= 1_000
     overlap, confidence = consensus.share, ConfidenceModel().of_agreement(consensus.share) if judged else 1.0
     if not applied:
         certain = mixing.confidence()
@@ -96,13 +68,13 @@ def registered_volumes(
     )
 
 
-def _mixtures(clouds: Pair[WorkingCloud], seed: int, settings: VolumeRegistrationSettings) -> Pair[GaussianMixture]:
+def _mixtures(clouds: Pair[WorkingCloud], seed: int) -> Pair[GaussianMixture]:
     def mixture(cloud: WorkingCloud, key: jax.Array) -> GaussianMixture:
-        points = cloud.points[random_sample(len(cloud.points), settings.component_points)]
+        points = cloud.points[random_sample(len(cloud.points), 6_000)]
         fits = fit_restarts(
             points,
             key=key,
-            max_components=max(1, min(settings.components, len(points) // 10)),
+            max_components=max(1, min(25, len(points) // 10)),
             restarts=2,
             settings=FitSettings(patience=0.05),
         )
