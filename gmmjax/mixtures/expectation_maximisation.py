@@ -138,22 +138,43 @@ def _feature_sums_jvp(
     # Products of chunks, as in `_plain_feature_sums`, but side by side: derivatives keep them all in any case.
     log_joint = _each(parameters, features) @ features
     shares = jax.nn.softmax(log_joint, axis=1)
-    sums, log_likelihoods, moved = [], [], []
+    sums, log_likelihoods = [], []
     if moved_parameters is not None:
-        moved.append(_each(moved_parameters, features) @ features)
+        sums.append(_moved_by_parameters(parameters, features, mass, moved_parameters))
         log_likelihoods.append(jnp.sum(values[0] * moved_parameters))
     if moved_features is not None:
-        moved.append(_each(parameters, features) @ moved_features)
-        log_likelihoods.append(jnp.sum(mass[:, None] * shares * moved[-1]))
-        sums.append((shares * mass[:, None]) @ jnp.swapaxes(moved_features, 1, 2))
-    if moved:
-        total = sum(moved)
-        deviations = total - jnp.sum(shares * total, axis=1, keepdims=True)
-        sums.append((shares * deviations) @ jnp.swapaxes(features * mass[:, None], 1, 2))
+        moved = _each(parameters, features) @ moved_features
+        log_likelihoods.append(jnp.sum(mass[:, None] * shares * moved))
+        sums.append(jnp.sum((shares * mass[:, None]) @ jnp.swapaxes(moved_features, 1, 2), axis=0))
+        sums.append(_moved_by_log_joints(shares, moved, features, mass))
     if moved_mass is not None:
         log_likelihoods.append(jnp.sum(moved_mass * jax.nn.logsumexp(log_joint, axis=1)))
-        sums.append(shares @ jnp.swapaxes(features * moved_mass[:, None], 1, 2))
-    return values, (jnp.sum(sum(sums), axis=0), jnp.sum(jnp.stack(log_likelihoods)))
+        sums.append(jnp.sum(shares @ jnp.swapaxes(features * moved_mass[:, None], 1, 2), axis=0))
+    return values, (sum(sums[1:], sums[0]), jnp.sum(jnp.stack(log_likelihoods)))
+
+
+def _moved_by_parameters(parameters: JaxArray, features: JaxArray, mass: JaxArray, moved: JaxArray) -> JaxArray:
+    """The sums' tangent by that of the parameters, a symmetric map: the second derivative of the log likelihood."""
+    arguments = parameters, features, mass
+    shapes = (jax.ShapeDtypeStruct(parameters.shape, parameters.dtype),)
+    moved = varying_as(moved, *arguments)
+    (sums,) = kernel_or("gmmjax_feature_sums_tangent", _plain_moved_by_parameters, shapes, *arguments, moved)
+    found: JaxArray = varying_as(sums, *arguments, moved)
+    return found
+
+
+@in_full_precision
+def _plain_moved_by_parameters(
+    parameters: JaxArray, features: JaxArray, mass: JaxArray, moved: JaxArray
+) -> tuple[JaxArray, ...]:
+    shares = jax.nn.softmax(_each(parameters, features) @ features, axis=1)
+    return (_moved_by_log_joints(shares, _each(moved, features) @ features, features, mass),)
+
+
+def _moved_by_log_joints(shares: JaxArray, moved: JaxArray, features: JaxArray, mass: JaxArray) -> JaxArray:
+    """The sums' tangent by that of the log joints, `moved`."""
+    deviations = moved - jnp.sum(shares * moved, axis=1, keepdims=True)
+    return jnp.sum((shares * deviations) @ jnp.swapaxes(features * mass[:, None], 1, 2), axis=0)
 
 
 def _each(parameters: JaxArray, features: JaxArray) -> JaxArray:

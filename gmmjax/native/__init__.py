@@ -39,7 +39,7 @@ def host_kernels() -> ModuleType | None:
     except ImportError:
         return None
     # A checkout may hold a build of an earlier version.
-    return kernels if hasattr(kernels, "exact_transport") else None
+    return kernels if "gmmjax_feature_sums_tangent" in kernels.targets() else None
 
 
 @functools.cache

@@ -19,12 +19,14 @@ struct ExpectationWorkspace {
   double* totals;  // [rows, features]
   T* sums;         // [rows, features, lanes]
   T* joint;        // [rows + 1, block]
+  T* tangents;     // [rows + 1, block]; unused without tangents
   T* padded;       // [features + 1, block]
 };
 
 template <typename T>
 struct ExpectationProblem {
   const T* parameters;  // [rows, features]
+  const T* tangents;    // [rows, features]: of the parameters, for those of the sums; null for the sums themselves
   const T* points;      // [chunks, features, chunk_size]
   const T* mass;        // [chunks, chunk_size]
   T* sums;              // [rows, features]

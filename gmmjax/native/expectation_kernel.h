@@ -127,6 +127,7 @@ class Expectation {
       }
       p_.workspace.present[present++] = m;
     }
+    if (p_.tangents != nullptr) differentiate(present, density, features, stride);
     Vector<T> log_likelihood{};
     for (int v = 0; v < kVectors; ++v) {
       const Vector<T> own = load<T>(mass + v * kCount);
@@ -135,6 +136,24 @@ class Expectation {
     }
     for (int i = 0; i < present; ++i) add_sums(p_.workspace.present[i], joint(i), density, features, stride);
     return log_likelihood;
+  }
+
+  // Joint densities times what their log joints' tangents differ by from their mean over the components.
+  void differentiate(int present, const Vector<T>* density, const T* features, int64_t stride) {
+    constexpr int kCount = Lanes<T>::kCount;
+    for (int i = 0; i < present; i += 2) {
+      const T* rows[] = {tangents(i), tangents(i + 1 < present ? i + 1 : i)};
+      log_joints<T, 2>(rows, p_.features, features, stride, tangent(i));
+    }
+    for (int v = 0; v < kVectors; ++v) {
+      Vector<T> mean{};
+      for (int i = 0; i < present; ++i) mean += load<T>(joint(i) + v * kCount) * load<T>(tangent(i) + v * kCount);
+      mean = mean / density[v];
+      for (int i = 0; i < present; ++i) {
+        T* own = joint(i) + v * kCount;
+        store(own, load<T>(own) * (load<T>(tangent(i) + v * kCount) - mean));
+      }
+    }
   }
 
   // One component's responsibilities, times the features of the block.
@@ -170,7 +189,12 @@ class Expectation {
 
   const T* parameters(int m) const { return p_.parameters + int64_t(live_[m]) * p_.features; }
 
+  // Of the i-th component that is present in the block.
+  const T* tangents(int i) const { return p_.tangents + int64_t(live_[p_.workspace.present[i]]) * p_.features; }
+
   T* joint(int m) { return p_.workspace.joint + int64_t(m) * kBlock<T>; }
+
+  T* tangent(int i) { return p_.workspace.tangents + int64_t(i) * kBlock<T>; }
 
   const ExpectationProblem<T>& p_;
   int* live_;

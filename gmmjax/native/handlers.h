@@ -38,6 +38,7 @@ class Axes {
 };
 
 XLA_FFI_DECLARE_HANDLER_SYMBOL(FeatureSums);
+XLA_FFI_DECLARE_HANDLER_SYMBOL(FeatureSumsTangent);
 XLA_FFI_DECLARE_HANDLER_SYMBOL(BalancedTransport);
 
 }  // namespace gmmjax

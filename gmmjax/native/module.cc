@@ -29,6 +29,7 @@ PyObject* targets(PyObject*, PyObject*) {
   PyObject* targets = PyDict_New();
   if (targets == nullptr) return nullptr;
   if (add(targets, "gmmjax_feature_sums", reinterpret_cast<void*>(gmmjax::FeatureSums)) < 0 ||
+      add(targets, "gmmjax_feature_sums_tangent", reinterpret_cast<void*>(gmmjax::FeatureSumsTangent)) < 0 ||
       add(targets, "gmmjax_transport", reinterpret_cast<void*>(gmmjax::BalancedTransport)) < 0) {
     Py_DECREF(targets);
     return nullptr;

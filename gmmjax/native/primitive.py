@@ -7,7 +7,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax.extend.core import Primitive
-from jax.interpreters import batching, mlir, xla
+from jax.interpreters import ad, batching, mlir, xla
+
+from gmmjax._varying import varying_as
 
 
 def kernel_call(
@@ -58,9 +60,26 @@ def _without_shared_axes(argument: jax.Array, stack: tuple[int, ...]) -> jax.Arr
     return jnp.squeeze(argument, [axis for axis, size in enumerate(stack) if argument.shape[axis] == 1 < size])
 
 
+def _differentiated(primals: Sequence[jax.Array], tangents: Sequence[Any], **settings: Any) -> Any:
+    """By the plain function, whichever computes the values."""
+    plain = functools.partial(_plain, **{name: settings[name] for name in ("plain", "stack", "shapes")})
+    moved = tuple(map(ad.instantiate_zeros, tangents))
+    return _kernel.bind(*primals, **settings), jax.jvp(plain, tuple(primals), moved)[1]
+
+
+def _transposed(cotangents: Sequence[Any], *arguments: Any, stack: tuple[int, ...], **settings: Any) -> list[Any]:
+    """By the kernel itself: only kernels that are linear in their last argument, and symmetric, are transposed."""
+    *held, linear = arguments
+    found = _kernel.bind(*held, ad.instantiate_zeros(cotangents[0]), stack=stack, **settings)[0]
+    shared = [axis for axis, size in enumerate(stack) if linear.aval.shape[axis] < size]
+    return [None] * len(held) + [varying_as(jnp.sum(found, shared, keepdims=True), held, cotangents[0])]
+
+
 _kernel = Primitive("gmmjax_kernel")
 _kernel.multiple_results = True
 _kernel.def_impl(functools.partial(xla.apply_primitive, _kernel))
 _kernel.def_abstract_eval(_result_types)
+ad.primitive_jvps[_kernel] = _differentiated
+ad.primitive_transposes[_kernel] = _transposed
 batching.primitive_batchers[_kernel] = _batched
 mlir.register_lowering(_kernel, _lowered)

@@ -19,6 +19,8 @@ expectation_maximisation = importlib.import_module("gmmjax.mixtures.expectation_
 needs_kernels = pytest.mark.skipif(not native.available(), reason="the kernels were not built")
 plain = jax.jit(expectation_maximisation._plain_feature_sums)
 native_sums = jax.jit(expectation_maximisation._feature_sums)
+plain_tangent = jax.jit(expectation_maximisation._plain_moved_by_parameters)
+native_tangent = jax.jit(expectation_maximisation._moved_by_parameters)
 # Of sums that are all of one sign or of order 1.
 TOLERANCE = {"float64": 1e-13, "float32": 2e-6}
 
@@ -63,6 +65,12 @@ def test_as_plain(size, components, dimension, dtype):
     with jax.enable_x64(True):
         arguments = problem(size, components, dimension, dtype)
         assert_close(native_sums(*arguments), plain(*arguments), dtype)
+        moved = tangent_of(arguments[0])
+        assert_close([native_tangent(*arguments, moved)], plain_tangent(*arguments, moved), dtype)
+
+
+def tangent_of(parameters):
+    return np.random.default_rng(7).standard_normal(parameters.shape).astype(parameters.dtype)
 
 
 @needs_kernels
@@ -71,6 +79,9 @@ def test_as_plain_where_most_components_are_far():
     with jax.enable_x64(True):
         parameters, features, mass = problem(4000, 20, spread=30.0)
         assert_close(native_sums(parameters, features, mass), plain(parameters, features, mass), "float64")
+        moved = tangent_of(parameters)
+        tangents = native_tangent(parameters, features, mass, moved), *plain_tangent(parameters, features, mass, moved)
+        assert_close(tangents[:1], tangents[1:], "float64")
 
 
 @needs_kernels
@@ -105,6 +116,25 @@ def test_what_is_not_a_number_stays_so():
         parameters, features, mass = problem(300, 5)
         _, log_likelihood = native_sums(parameters.at[0, 2].set(jnp.nan), features, mass)
         assert np.isnan(log_likelihood)
+
+
+@needs_kernels
+@pytest.mark.parametrize("shared", [("parameters",), ("features",), ("parameters", "features")])
+def test_derivatives_of_stacks_that_share_arguments(shared):
+    """By what all of a stack share: one gradient, the sum of theirs."""
+    with jax.enable_x64(True):
+        clouds = [problem(300, 5, seed=seed) for seed in range(2)]
+        parameters = clouds[0][0] if "parameters" in shared else jnp.stack([own[0] for own in clouds])
+        features = clouds[0][1] if "features" in shared else jnp.stack([own[1] for own in clouds])
+        masses = jnp.stack([own[2] for own in clouds])
+        axes = (None if "parameters" in shared else 0, None if "features" in shared else 0, 0)
+
+        def loss(parameters, function):
+            return jnp.sum(jnp.sin(jax.vmap(function, axes)(parameters, features, masses)[0] / 100))
+
+        slope = jax.jit(jax.grad(loss), static_argnums=1)
+        found, expected = (slope(parameters, function) for function in (native_sums, plain))
+        assert_close([found], [expected], "float64")
 
 
 def test_precisions_may_be_mixed():
