@@ -2,13 +2,12 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
 
 from gmmjax.errors import InputError
-from gmmjax.scenes.ray_casting import UNLABELLED, Solid
+from gmmjax.scenes.ray_casting import UNLABELLED, Solid, StandingObject
 
 # Half the inner width of the room, and largest distance of an object from its middle on each axis, metres.
 ROOM_HALF_WIDTH, STANDING = 1.1, 0.78
@@ -19,9 +18,6 @@ ON_SHELF = 0.15
 # Two objects that change differ by so much in some extent, metres: of two more alike the scans could not tell that one
 # did not become the other by moving.
 LEAST_DIFFERENCE = 0.03
-
-# The solids of one object, the lowest first.
-StandingObject: TypeAlias = tuple[Solid, ...]
 
 
 def placed_objects(

@@ -6,27 +6,22 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.pair import Pair, each
-from gmmjax.scenes.families.arrangements import Arrangement, chance
-from gmmjax.scenes.families.density import drawn_density
-from gmmjax.scenes.families.depth_frames import poses_about, surveyed_by, triangulating_camera
-from gmmjax.scenes.families.handheld import again
+from gmmjax.scenes.families.cameras import again, poses_about, triangulating_camera
+from gmmjax.scenes.families.scanners import level_poses, scanned
+from gmmjax.scenes.families.staging import Arrangement
+from gmmjax.scenes.families.things import chance, log_uniform
 from gmmjax.scenes.laser_scanner import Beam, TripodScanner
 from gmmjax.scenes.ray_casting import UNLABELLED, Solid, cast
-from gmmjax.scenes.recording import Recording
-from gmmjax.scenes.rigid_motions import upright
+from gmmjax.scenes.recording import Recording, drawn_density
 from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
 
 
 def surveyed_room(
     random: np.random.Generator, arrangement: Arrangement, size: Float[np.ndarray, "3"], aim: Float[np.ndarray, "3"]
 ) -> SurveyedScene:
-    """The room as one to three frames of a depth camera see it, or a scanner on a tripod from one or two stations.
+    """The room of this size, as one to three frames of a depth camera or one or two stations of a scanner see it.
 
-    Args:
-        random: of the sensor and where it stands.
-        arrangement: what stands in the room.
-        size: inner lengths along x and y, and the height, metres.
-        aim: what a depth camera looks at.
+    The cameras look at the aim.
     """
     survey = _frames if chance(random, 0.6) else _stations
     recordings, frame, hidden_by = survey(random, arrangement, size, aim)
@@ -43,7 +38,7 @@ def _frames(
     poses = _in_sight(arrangement.solids.before, aim, lambda: _camera_poses(random, views, size, aim))
     still = chance(random, 0.4)
     stands = Pair(poses, poses if still else again(random, poses, 0.06, 2.0))
-    recordings = each(lambda solids, own: surveyed_by(random, camera, solids, own), arrangement.solids, stands)
+    recordings = each(lambda solids, own: camera.recording(solids, own, random), arrangement.solids, stands)
     frame = Frame.drawn(random, shift=0.003 if still else 0.02, degrees=0.2 if still else 1.0)
     # The noise at 3 m.
     return recordings, frame, 0.03 + 2 * 9 * camera.noise
@@ -82,15 +77,11 @@ def _in_sight(
 def _stations(
     random: np.random.Generator, arrangement: Arrangement, size: np.ndarray, aim: np.ndarray
 ) -> tuple[Pair[Recording], Frame, float]:
-    beam = Beam(
-        noise=np.exp(random.uniform(np.log(0.001), np.log(0.006))),
-        max_range=30.0,
-        mixed=random.uniform(0.0, 0.3),
-        lost=random.uniform(0.0, 0.05),
-    )
+    noise = log_uniform(random, 0.001, 0.006)
+    mixed, lost = random.uniform(0.0, 0.3), random.uniform(0.0, 0.05)
     stations = int(random.integers(1, 3))
     scanner = TripodScanner(
-        beam,
+        Beam(noise=noise, max_range=30.0, mixed=mixed, lost=lost),
         rays=int(random.uniform(22_000, 39_000) / stations),
         horizontal=360.0 if chance(random, 0.5) else random.uniform(190.0, 270.0),
         lowest=random.uniform(-65, -45),
@@ -106,27 +97,5 @@ def _stations(
     second = first.copy()
     if chance(random, 0.7):
         second[:, :2, 3] += random.uniform(-0.4, 0.4, (stations, 2))
-    recordings = each(
-        lambda solids, own: scanner.recording(solids, own, random), arrangement.solids, Pair(first, second)
-    )
+    recordings = scanned(random, scanner, arrangement.solids, Pair(first, second))
     return recordings, Frame.drawn(random, shift=0.01, degrees=0.2), 0.03
-
-
-def level_poses(
-    random: np.random.Generator,
-    places: Float[np.ndarray, "v 2"],
-    height: float | Sequence[float],
-    aim: Float[np.ndarray, "3"],
-) -> Float[np.ndarray, "v 4 4"]:
-    """Poses of a scanner that stands level and looks about where something is.
-
-    Args:
-        random: of the azimuths, which are up to 0.4 off.
-        places: x and y of the stations, metres.
-        height: of all, or of each; in the world, metres.
-        aim: what the middle of the field of view is turned to, metres.
-    """
-    positions = np.column_stack([places, np.broadcast_to(height, len(places))])
-    towards = aim[:2] - places
-    azimuths = np.arctan2(towards[:, 1], towards[:, 0]) + random.uniform(-0.4, 0.4, len(places))
-    return np.stack([upright(place, azimuth) for place, azimuth in zip(positions, azimuths, strict=True)])

@@ -3,47 +3,42 @@
 import numpy as np
 from jaxtyping import Float
 
-from gmmjax.scenes.families.arrangements import Arrangement, chance, displaced, pose_with_clearance
+from gmmjax.scenes.families import things
 from gmmjax.scenes.families.interior import furnished_room
 from gmmjax.scenes.families.room_surveys import surveyed_room
-from gmmjax.scenes.families.staging import Support, turned
-from gmmjax.scenes.families.things import bin_, box, cart, chair, drum, machine, moved, one_of, stack, suitcase
+from gmmjax.scenes.families.staging import Arrangement, Support, displaced
+from gmmjax.scenes.families.things import chance, moved
+from gmmjax.scenes.rigid_motions import turned
 from gmmjax.scenes.surveyed_scene import SurveyedScene
 
-_SHIFTED = one_of(box, box, cart, drum, machine, machine, stack)
-_STAYING = one_of(bin_, box, chair, machine, suitcase)
+_SHIFTED = things.one_of(
+    *(things.box, things.box, things.cart, things.drum, things.machine, things.machine, things.stack)
+)
+_STAYING = things.one_of(things.bin_, things.box, things.chair, things.machine, things.suitcase)
 
 
 def small_motions(random: np.random.Generator) -> SurveyedScene:
     """Furnished rooms: a chair is turned by 5 to 60 degrees, or a box or a machine shifted by 2 to 15 cm.
 
     Now and then two things; nothing in a third of the scenes.
-
-    Args:
-        random: of everything.
     """
     size = random.uniform([3.0, 3.0, 2.3], [6.0, 6.0, 3.0])
     room = furnished_room(random, size)
     arrangement = Arrangement()
     arrangement.stays(room.solids)
     aim = np.array([0.0, 0.15 * size[1], 0.4])
-    moving = 0 if chance(random, 1 / 3) else 1 + chance(random, 0.3)
-    for _ in range(moving):
+    for _ in range(0 if chance(random, 1 / 3) else 1 + chance(random, 0.3)):
         place = _move(random, arrangement, room.floor)
         aim = aim if place is None else np.array([place[0], place[1], 0.4])
-    for _ in range(int(random.integers(1, 5))):
-        thing = _STAYING(random)
-        pose = room.floor.pose(random, thing)
-        if pose is not None:
-            arrangement.stays(moved(thing, pose))
+    arrangement.furnish(random, [room.floor], _STAYING, int(random.integers(1, 5)))
     return surveyed_room(random, arrangement, size, aim)
 
 
 def _move(random: np.random.Generator, arrangement: Arrangement, floor: Support) -> Float[np.ndarray, "3"] | None:
     """Moves a thing a little, and tells where it stands; None where there is no place for it."""
     turns = chance(random, 0.4)
-    thing = chair(random) if turns else _SHIFTED(random)
-    pose = pose_with_clearance(floor, random, thing, 0.1)
+    thing = things.chair(random) if turns else _SHIFTED(random)
+    pose = floor.pose(random, thing, 0.1)
     if pose is None:
         return None
     if turns:
