@@ -5,7 +5,7 @@ objects of about 0.3 m come, go, move and stay.
 """
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -13,11 +13,13 @@ from jaxtyping import Bool, Float, Int, PRNGKeyArray
 
 from gmmjax.clouds import SensorViews
 from gmmjax.errors import InputError, check_choice
+from gmmjax.pair import Pair, each
 from gmmjax.scenes.depth_camera import DepthCamera
+from gmmjax.scenes.families.staging import Arrangement
 from gmmjax.scenes.families.things import cuboid
 from gmmjax.scenes.gaussians import numpy_generator
 from gmmjax.scenes.objects import ROOM_HALF_WIDTH, placed_objects
-from gmmjax.scenes.ray_casting import Solid, StandingObject
+from gmmjax.scenes.ray_casting import Solid
 from gmmjax.scenes.recording import Recording
 from gmmjax.scenes.rigid_motions import looking_at, small_motion
 from gmmjax.scenes.surveyed_scene import uncounted
@@ -97,6 +99,27 @@ def laboratory_scene(
     """
     check_choice("level", level, get_args(Difficulty))
     check_choice("survey", survey, get_args(SurveyKind))
+    _check_numbers(appeared, disappeared, moved)
+    random = numpy_generator(key)
+    room, shelf = _room(random, open_front=survey == "frame")
+    changes, staying = placed_objects(random, room, shelf, appeared, disappeared, moved)
+    arrangement = Arrangement()
+    for thing in (room, *staying):
+        arrangement.stays(thing)
+    for before, after in changes:
+        arrangement.change(before, after)
+    hard = level == "hard"
+    camera = _camera(0.01 if hard else random.uniform(0.006, 0.01), survey)
+    stands = _stands(random, survey)
+    lost = _lost_frames(random) if hard and survey == "panorama" else Pair(frozenset[int](), frozenset[int]())
+    surveys = each(lambda own, gaps: _survey(random, own, stands, camera, survey, gaps), arrangement.solids, lost)
+    shift, degrees = (0.02, 0.5) if hard else (random.uniform(0.01, 0.02), random.uniform(0, 0.5))
+    kinds = ("disappeared",) * disappeared + ("appeared",) * appeared + ("moved",) * moved
+    moves = {number: (old[0].pose(), to[0].pose()) for number, (old, to) in enumerate(changes) if old and to}
+    return _scene(surveys, arrangement.solids, small_motion(random, shift, degrees), kinds, moves)
+
+
+def _check_numbers(appeared: int, disappeared: int, moved: int) -> None:
     for name, number in (("appeared", appeared), ("disappeared", disappeared), ("moved", moved)):
         if isinstance(number, bool) or not isinstance(number, int | np.integer):
             raise InputError(f"{name}={number!r} must be a whole number of objects")
@@ -105,38 +128,42 @@ def laboratory_scene(
             f"appeared={appeared}, disappeared={disappeared}, moved={moved}: must not be negative, and there is room "
             f"for {MOST_OBJECTS} places of changed objects (a moved one needs two)"
         )
-    random = numpy_generator(key)
-    room, shelf = _room(random, open_front=survey == "frame")
-    gone, new, moves, staying = placed_objects(random, room, shelf, appeared, disappeared, moved)
-    before = [*room, *_solids(staying), *_solids(gone), *_solids(old for old, _ in moves)]
-    after = [*room, *_solids(staying), *_solids(new), *_solids(to for _, to in moves)]
-    hard = level == "hard"
-    camera = DepthCamera(noise=0.01 if hard else random.uniform(0.006, 0.01))
-    if survey == "panorama":
-        columns, rows = (int(pixels / PIXEL_STEP) for pixels in (camera.columns, camera.rows))
-        camera = dataclasses.replace(camera, columns=columns, rows=rows)
-    stands = _stands(random, survey)
-    lost = _lost_frames(random) if hard and survey == "panorama" else [frozenset[int]()] * 2
-    first = _survey(random, before, stands, camera, survey, lost[0])
-    second = _survey(random, after, stands, camera, survey, lost[1])
-    shift, degrees = (0.02, 0.5) if hard else (random.uniform(0.01, 0.02), random.uniform(0, 0.5))
-    misregistration = small_motion(random, shift, degrees)
-    unseen_before = ~second.saw(first.points, after, HIDDEN_BY)
-    unseen_after = ~first.saw(second.points, before, HIDDEN_BY)
+
+
+def _camera(noise: float, survey: SurveyKind) -> DepthCamera:
+    camera = DepthCamera(noise=noise)
+    if survey == "frame":
+        return camera
+    columns, rows = (int(pixels / PIXEL_STEP) for pixels in (camera.columns, camera.rows))
+    return dataclasses.replace(camera, columns=columns, rows=rows)
+
+
+def _scene(
+    surveys: Pair[Recording],
+    solids: Pair[list[Solid]],
+    misregistration: np.ndarray,
+    kinds: tuple[str, ...],
+    moves: Mapping[int, tuple[np.ndarray, np.ndarray]],
+) -> LaboratoryScene:
+    """The scene of two surveys in true coordinates, and of the poses of what moved before and after."""
+    unseen = each(
+        lambda own, other, there: ~other.saw(own.points, there, HIDDEN_BY), surveys, surveys.swapped, solids.swapped
+    )
+    few = each(lambda there, own, hidden: uncounted(there, own.labels, hidden), solids, surveys, unseen)
     return LaboratoryScene(
-        before=first.points,
-        after=second.points @ misregistration[:3, :3].T + misregistration[:3, 3],
-        truth_before=first.labels,
-        truth_after=second.labels,
-        unseen_before=unseen_before,
-        unseen_after=unseen_after,
-        views_before=first.views,
-        views_after=second.views.moved(misregistration),
-        uncounted_before=uncounted(before, first.labels, unseen_before),
-        uncounted_after=uncounted(after, second.labels, unseen_after),
-        kinds=("disappeared",) * disappeared + ("appeared",) * appeared + ("moved",) * moved,
+        before=surveys.before.points,
+        after=surveys.after.points @ misregistration[:3, :3].T + misregistration[:3, 3],
+        truth_before=surveys.before.labels,
+        truth_after=surveys.after.labels,
+        unseen_before=unseen.before,
+        unseen_after=unseen.after,
+        views_before=surveys.before.views,
+        views_after=surveys.after.views.moved(misregistration),
+        uncounted_before=few.before,
+        uncounted_after=few.after,
+        kinds=kinds,
         misregistration=misregistration,
-        motions={old[0].label: misregistration @ to[0].pose() @ np.linalg.inv(old[0].pose()) for old, to in moves},
+        motions={number: misregistration @ to @ np.linalg.inv(old) for number, (old, to) in moves.items()},
     )
 
 
@@ -172,10 +199,6 @@ def _room(random: np.random.Generator, open_front: bool) -> tuple[list[Solid], S
     return solids, shelf
 
 
-def _solids(objects: Iterable[StandingObject]) -> list[Solid]:
-    return [solid for parts in objects for solid in parts]
-
-
 def _stands(random: np.random.Generator, survey: SurveyKind) -> list[tuple[np.ndarray, np.ndarray]]:
     """Where the camera stands and what it looks at.
 
@@ -199,12 +222,12 @@ def _stands(random: np.random.Generator, survey: SurveyKind) -> list[tuple[np.nd
     return stands
 
 
-def _lost_frames(random: np.random.Generator) -> list[frozenset[int]]:
+def _lost_frames(random: np.random.Generator) -> Pair[frozenset[int]]:
     """Of either survey one run of frames, and no frame in both."""
     lost = int(LOST_FRAMES * FRAMES)
     first = int(random.integers(FRAMES))
     second = first + int(random.integers(lost, FRAMES - lost + 1))
-    return [frozenset((start + step) % FRAMES for step in range(lost)) for start in (first, second)]
+    return Pair(first, second).map(lambda start: frozenset((start + step) % FRAMES for step in range(lost)))
 
 
 def _survey(

@@ -11,14 +11,13 @@ from gmmjax.scenes.families.apartments import apartments
 from gmmjax.scenes.families.corridors import corridors
 from gmmjax.scenes.families.doors import doors
 from gmmjax.scenes.families.earthworks import earthworks
-from gmmjax.scenes.families.halls import depots, halls
+from gmmjax.scenes.families.halls import depots, halls, yards
+from gmmjax.scenes.families.room_surveys import small_motions
 from gmmjax.scenes.families.rooms import kitchens, rooms
-from gmmjax.scenes.families.small_motions import small_motions
 from gmmjax.scenes.families.station import station
 from gmmjax.scenes.families.tabletop import tabletop
 from gmmjax.scenes.families.terrain import terrain
 from gmmjax.scenes.families.town import town
-from gmmjax.scenes.families.yards import yards
 from gmmjax.scenes.surveyed_scene import SurveyedScene
 
 _FAMILIES = (

@@ -58,16 +58,7 @@ def poses_about(
     elevation: float,
     apart: Float[np.ndarray, " v"],
 ) -> Float[np.ndarray, "v 4 4"]:
-    """Poses on an arc about what they look at.
-
-    Args:
-        random: of small differences.
-        aim: what they look at, metres.
-        azimuth: direction from there to the first camera, radians.
-        distance: of the cameras, metres.
-        elevation: of the cameras above it, radians.
-        apart: angles of the cameras from the first azimuth, radians.
-    """
+    """Poses on an arc about what they look at, at these angles from the first azimuth; metres and radians."""
     poses = []
     for angle in apart:
         level = np.cos(elevation) * np.array([np.cos(azimuth + angle), np.sin(azimuth + angle)])

@@ -8,10 +8,21 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.pair import Pair
-from gmmjax.scenes.families import ground as rough_ground
-from gmmjax.scenes.families.ground import grid, patch_of, rock, rough, standing_on, thick
 from gmmjax.scenes.families.scanners import flown_over, scanned
 from gmmjax.scenes.families.staging import Arrangement, Support
+from gmmjax.scenes.families.terrain import (
+    cover,
+    grid,
+    ground_scene,
+    oblique_scanner,
+    on_tripods,
+    panning_scanner,
+    patch_of,
+    rock,
+    rough,
+    standing_on,
+    thick,
+)
 from gmmjax.scenes.families.things import box, chance, moved, pillar
 from gmmjax.scenes.laser_scanner import Beam, LaserScanner
 from gmmjax.scenes.ray_casting import Solid
@@ -107,12 +118,12 @@ def earthworks(random: np.random.Generator) -> SurveyedScene:
         arrangement.comes_or_goes((_patch(ground, uncut, earth),), comes=not goes)
     for _ in range(changes - len(drawn)):
         _thing(random, arrangement, ground, free)
-    rough_ground.cover(random, arrangement, ground)
+    cover(random, arrangement, ground)
     noise, growth = random.uniform(0.003, 0.03), random.uniform(0.0, 0.0002)
     mixed, lost = random.uniform(0.0, 0.3), random.uniform(0.0, 0.2)
     beam = Beam(noise=noise, growth=growth, max_range=3 * edge, mixed=mixed, edge=0.3, lost=lost)
     recordings = _surveyed(random, arrangement.solids, ground, stands, beam)
-    return rough_ground.ground_scene(random, arrangement, recordings, beam)
+    return ground_scene(random, arrangement, recordings, beam)
 
 
 def _terraces(random: np.random.Generator, edge: float) -> Ground:
@@ -236,10 +247,10 @@ def _surveyed(
     if flown:
         return flown_over(random, solids, edge, dataclasses.replace(beam, growth=0.0), rays)
     if chance(random, 0.7):
-        scanner: LaserScanner = rough_ground.panning_scanner(beam, rays)
-        poses = stands.map(lambda own: rough_ground.on_tripods(random, ground, own))
+        scanner: LaserScanner = panning_scanner(beam, rays)
+        poses = stands.map(lambda own: on_tripods(random, ground, own))
     else:
-        scanner = rough_ground.oblique_scanner(random, beam, rays)
+        scanner = oblique_scanner(random, beam, rays)
         poses = stands.map(lambda own: np.stack([_outside(random, edge) for _ in own]))
     return scanned(random, scanner, solids, poses, int(rays))
 

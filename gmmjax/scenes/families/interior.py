@@ -13,7 +13,7 @@ from gmmjax.scenes.ray_casting import Solid, StandingObject
 from gmmjax.scenes.rigid_motions import turned
 
 # Furniture whose upper faces carry things, and how many of its first solids do.
-_CARRIERS = {things.counter: 1, things.table: 1, things.shelves: 4, things.sofa: 1}
+_CARRIERS: dict[Drawing, int] = {things.counter: 1, things.table: 1, things.shelves: 4, things.sofa: 1}
 _ALONG_WALLS = (things.counter, things.cupboard, things.shelves, things.sofa, things.table)
 _IN_THE_MIDDLE = [things.table, things.chair, things.chair, things.lamp, things.plant, things.chair]
 

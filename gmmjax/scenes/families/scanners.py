@@ -54,7 +54,7 @@ class TripodSurveys:
             lost=random.uniform(0.0, 0.05),
         )
         horizontal = 360.0 if full else random.uniform(200, 300)
-        count = int(log_uniform(random, *self.rays))
+        count = int(log_uniform(random, *map(float, self.rays)))
         return TripodScanner(beam, count, horizontal, random.uniform(-65, -40), random.uniform(*self.highest))
 
     def scene(
@@ -111,14 +111,7 @@ def level_poses(
     height: float | Sequence[float],
     aim: Float[np.ndarray, "3"],
 ) -> Float[np.ndarray, "v 4 4"]:
-    """Poses of a scanner that stands level at these places, metres, and looks within 0.4 radians of the aim.
-
-    Args:
-        random: of the azimuths.
-        places: x and y of the stations.
-        height: of all, or of each; in the world.
-        aim: what the middle of the field of view is turned to.
-    """
+    """Poses of a scanner that stands level at these places and heights, metres, within 0.4 radians towards the aim."""
     positions = np.column_stack([places, np.broadcast_to(height, len(places))])
     towards = aim[:2] - places
     azimuths = np.arctan2(towards[:, 1], towards[:, 0]) + random.uniform(-0.4, 0.4, len(places))

@@ -1,22 +1,23 @@
-"""Slopes with rocks and vegetation, on which boulders fall, ground is deposited and washed away."""
+"""Slopes with rocks and vegetation on which boulders fall and ground is displaced; what earthworks share with them."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
+from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from gmmjax.geometry import rigid_transform
 from gmmjax.pair import Pair
-from gmmjax.scenes.families import ground as rough_ground
-from gmmjax.scenes.families.ground import grid, lifted, patch_of, rock, rough, standing_on, thick
-from gmmjax.scenes.families.scanners import flown_over, scanned
+from gmmjax.scenes.families.scanners import flown_over, level_poses, scanned
 from gmmjax.scenes.families.staging import Arrangement, Support
-from gmmjax.scenes.families.things import chance, moved, pillar
-from gmmjax.scenes.laser_scanner import Beam, LaserScanner
-from gmmjax.scenes.ray_casting import Solid
+from gmmjax.scenes.families.things import chance, log_uniform, moved, pillar
+from gmmjax.scenes.laser_scanner import AirborneScanner, Beam, LaserScanner, TripodScanner
+from gmmjax.scenes.ray_casting import UNLABELLED, Solid, StandingObject
 from gmmjax.scenes.recording import Recording
 from gmmjax.scenes.rigid_motions import looking_at
-from gmmjax.scenes.shapes import Ground
-from gmmjax.scenes.surveyed_scene import SurveyedScene
+from gmmjax.scenes.shapes import Ellipsoid, Ground, Vegetation
+from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
 
 
 def terrain(random: np.random.Generator) -> SurveyedScene:
@@ -35,7 +36,7 @@ def terrain(random: np.random.Generator) -> SurveyedScene:
     free = Support(np.eye(4), (0.8 * edge, 0.8 * edge), gap=0.02 * edge)
     for _ in range(changes):
         _change(random, arrangement, ground, free)
-    rough_ground.cover(random, arrangement, ground)
+    cover(random, arrangement, ground)
     flown = chance(random, 0.4)
     growth = 0.0 if flown else random.uniform(0.0, 0.0002)
     mixed, lost = random.uniform(0.0, 0.3), random.uniform(0.0, 0.2)
@@ -44,7 +45,7 @@ def terrain(random: np.random.Generator) -> SurveyedScene:
         recordings = flown_over(random, arrangement.solids, edge, beam, random.uniform(18_000, 40_000))
     else:
         recordings = _from_stations(random, arrangement.solids, ground, beam)
-    return rough_ground.ground_scene(random, arrangement, recordings, beam)
+    return ground_scene(random, arrangement, recordings, beam)
 
 
 def _slope(random: np.random.Generator, edge: float) -> Ground:
@@ -113,15 +114,116 @@ def _from_stations(
     rays = random.uniform(18_000, 38_000) / stations
     again = 0.0 if chance(random, 0.4) else random.uniform(0.0, 0.05) * edge
     if chance(random, 0.35):
-        scanner: LaserScanner = rough_ground.panning_scanner(beam, rays)
+        scanner: LaserScanner = panning_scanner(beam, rays)
         places = random.uniform(-0.3, 0.3, (stations, 2)) * edge
         stands = Pair(places, places + again * random.standard_normal((stations, 2)))
-        poses = stands.map(lambda own: rough_ground.on_tripods(random, ground, own))
+        poses = stands.map(lambda own: on_tripods(random, ground, own))
     else:
-        scanner = rough_ground.oblique_scanner(random, beam, rays)
+        scanner = oblique_scanner(random, beam, rays)
         foot = -edge * random.uniform(0.6, 1.0)
         places = np.column_stack([random.uniform(-0.4, 0.4, stations) * edge, np.full(stations, foot)])
         stands = Pair(places, places + again * random.standard_normal((stations, 2)))
         height = ground.heights.min() + random.uniform(0.0, 0.3) * edge
         poses = stands.map(lambda own: np.stack([looking_at(np.array([*place, height]), np.zeros(3)) for place in own]))
     return scanned(random, scanner, solids, poses, int(stations * rays))
+
+
+def rough(random: np.random.Generator, nodes: int, cells: Sequence[float], heights: np.ndarray) -> np.ndarray:
+    """Smooth random heights: white noise, filtered over these shares of the nodes, of these standard deviations."""
+    total = np.zeros((nodes, nodes))
+    for cell, height in zip(cells, heights, strict=True):
+        part = gaussian_filter(random.standard_normal((nodes, nodes)), cell * nodes, mode="wrap")
+        total += part * (height / part.std())
+    return total
+
+
+def grid(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " m"]) -> Float[np.ndarray, "nm 2"]:
+    """The nodes of a grid, row by row."""
+    return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def patch_of(
+    surface: Float[np.ndarray, "n m"], middle: Float[np.ndarray, "2"], lengths: Float[np.ndarray, "2"]
+) -> Ground:
+    """Ground with this surface, heights in the world, about a place."""
+    level = (surface.min() + surface.max()) / 2
+    extent = np.array([*lengths, np.ptp(surface) + 0.01])
+    return Ground(np.array([*middle, level]), extent, heights=surface - level)
+
+
+def thick(edge: float) -> float:
+    """By what changes of ground of this extent, metres, are thicker than of 60 m."""
+    return max(1.0, edge / 60)
+
+
+def lifted(ground: Ground, place: np.ndarray) -> np.ndarray:
+    """The point of the ground above x and y."""
+    return np.array([*place, ground.height_at(place[None])[0]])
+
+
+def standing_on(
+    random: np.random.Generator, ground: Ground, free: Support, thing: StandingObject
+) -> Float[np.ndarray, "4 4"] | None:
+    """A free pose of a thing on the ground; None where none was found."""
+    level = free.pose(random, thing)
+    return None if level is None else rigid_transform(level[:3, :3], lifted(ground, level[:2, 3]))
+
+
+def rock(random: np.random.Generator, size: float) -> StandingObject:
+    """One to three ellipsoids or blocks, half in the ground at the origin."""
+    parts = []
+    for _ in range(int(random.integers(1, 4))):
+        kind = Ellipsoid if chance(random, 0.6) else Solid
+        extent = size * random.uniform(0.5, 1.2, 3)
+        centre = size * random.uniform([-0.3, -0.3, 0.0], [0.3, 0.3, 0.3])
+        parts.append(kind(centre, extent, axes=Rotation.from_quat(random.standard_normal(4)).as_matrix()))
+    return tuple(parts)
+
+
+def cover(random: np.random.Generator, arrangement: Arrangement, ground: Ground) -> None:
+    """Rocks and bushes that stay, few or many."""
+    edge = float(ground.extent[0])
+    for _ in range(int(random.integers(0, 25))):
+        stone = rock(random, edge * log_uniform(random, 0.005, 0.05))
+        arrangement.stays(moved(stone, _anywhere(random, ground)))
+    if chance(random, 0.3):
+        return
+    free_path, tall = random.uniform(0.05, 0.6), random.uniform(0.2, 3.0)
+    for _ in range(int(random.integers(3, 40))):
+        extent = tall * random.uniform([0.5, 0.5, 0.4], [1.5, 1.5, 1.2])
+        bush = Vegetation(np.array([0.0, 0.0, 0.35 * extent[2]]), extent, free_path=free_path)
+        arrangement.stays(moved((bush,), _anywhere(random, ground)))
+
+
+def _anywhere(random: np.random.Generator, ground: Ground) -> Float[np.ndarray, "4 4"]:
+    """The motion from the origin to a random place of the ground."""
+    half = 0.48 * float(ground.extent[0])
+    return rigid_transform(translation=lifted(ground, random.uniform(-half, half, 2)))
+
+
+def panning_scanner(beam: Beam, rays: float) -> TripodScanner:
+    """A scanner on a tripod that turns all round; about so many of its rays meet ground."""
+    return TripodScanner(beam, int(2.5 * rays), lowest=-60.0, highest=40.0)
+
+
+def oblique_scanner(random: np.random.Generator, beam: Beam, rays: float) -> AirborneScanner:
+    """A scanner that looks at the ground from aside; about so many of its rays meet it."""
+    return AirborneScanner(beam, random.uniform(50, 80), random.uniform(35, 60), int(2.5 * rays))
+
+
+def on_tripods(random: np.random.Generator, ground: Ground, places: np.ndarray) -> Float[np.ndarray, "v 4 4"]:
+    """Poses of scanners that stand level on the ground at these places [v, 2]."""
+    return level_poses(random, places, list(ground.height_at(places) + random.uniform(1.5, 2.5)), np.zeros(3))
+
+
+def ground_scene(
+    random: np.random.Generator, arrangement: Arrangement, recordings: Pair[Recording], beam: Beam
+) -> SurveyedScene:
+    """The scene of two surveys; what one recorded in ground that came or went changed with it."""
+    edge = float(arrangement.solids.before[0].extent[0])
+    frame = Frame.drawn(random, shift=random.uniform(0.0, 0.1), degrees=0.05)
+    covers = arrangement.solids.map(
+        lambda own: [solid for solid in own if isinstance(solid, Ground) and solid.label != UNLABELLED]
+    )
+    hidden_by = 0.03 + 3 * (beam.noise + beam.growth * edge)
+    return surveyed_scene(arrangement.solids, recordings, frame, hidden_by=hidden_by, covers=covers)
