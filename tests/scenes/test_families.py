@@ -88,11 +88,17 @@ def test_an_unknown_family_is_refused():
 
 def true_motions(monkeypatch, family, seeds):
     """The motions of what moved in rooms that nobody surveys."""
+    arrangements = []
+
+    def instead(random, arrangement, size, aim):
+        arrangements.append(arrangement)
+        return scene_of("yards", 1)
+
     for module in ("doors", "room_surveys"):
-        home = importlib.import_module(f"gmmjax.scenes.families.{module}")
-        monkeypatch.setattr(home, "surveyed_room", lambda random, arrangement, size, aim: arrangement)
+        monkeypatch.setattr(importlib.import_module(f"gmmjax.scenes.families.{module}"), "surveyed_room", instead)
     for seed in seeds:
-        arrangement = FAMILIES[family](np.random.default_rng(seed))
+        FAMILIES[family](np.random.default_rng(seed))
+    for arrangement in arrangements:
         for number in range(arrangement.changes):
             old, new = (next(own.pose() for own in side if own.label == number) for side in arrangement.solids)
             yield old, new @ np.linalg.inv(old)
@@ -118,10 +124,10 @@ def test_leaves_turn_about_a_hinge_and_drawers_are_pulled_straight(monkeypatch):
 
 
 def test_things_are_turned_or_shifted_within_their_places(monkeypatch):
-    moved = list(true_motions(monkeypatch, "small_motions", range(40)))
+    moved = list(true_motions(monkeypatch, "small_motions", range(25)))
     shifts = np.array([np.linalg.norm((motion @ old - old)[:3, 3]) for old, motion in moved])
     angles = np.array([degrees(motion) for _, motion in moved])
-    assert len(moved) > 15 and shifts.max() < 0.35 and angles.max() < 60 + 1e-6
+    assert len(moved) > 8 and shifts.max() < 0.35 and angles.max() < 60 + 1e-6
     assert ((shifts > 0.019) | (angles > 4.9)).all()
 
 
@@ -133,7 +139,7 @@ def test_a_leaf_lies_after_where_its_motion_brings_it(seed):
         assert np.median(cKDTree(transformed(before, scene.motions[number])).query(after)[0]) < 0.1 * scene.unit
 
 
-TABLES = range(7, 12)
+TABLES = range(7, 16)
 
 
 def test_the_camera_stands_near_the_table():
@@ -156,7 +162,7 @@ def test_what_came_or_went_lies_apart_from_the_other_cloud():
             numbers = set(range(len(scene.kinds))) - getattr(scene.uncounted, side)
             apart += [np.median(distance[truth == number]) / usual for number in numbers if scene.kinds[number] == kind]
     # One thing in the place of another may lie on its surface, in part.
-    assert len(apart) >= 3 and np.median(apart) > 3 and min(apart) > 0.9
+    assert len(apart) >= 4 and np.median(apart) > 3 and min(apart) > 0.9
 
 
 def test_some_tables_are_one_frame_split_in_two():
