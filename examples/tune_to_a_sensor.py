@@ -13,9 +13,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gmmjax import DetectionConfig, detect_changes
-from gmmjax.evaluation import LabelledPair, Row, Scores, score_labelled_pair
+from gmmjax.evaluation import LabelledPair, Row, Scores, laboratory_pair, score_labelled_pair
 from gmmjax.evaluation.gaussians import GAUSSIAN_FAMILIES, POINTS, gaussian_pair
-from gmmjax.evaluation.laboratory import laboratory_pair
 from gmmjax.tuning import TuningSettings, scan_pair, tune
 
 # What an expert would set, metres: the registration error of the scenes; for rooms, voxels' scatter and two spacings.

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from gmmjax.evaluation.detectors import Detector as Detector
     from gmmjax.evaluation.detectors import available as available
     from gmmjax.evaluation.detectors import detector as detector
-    from gmmjax.evaluation.families import family_pair as family_pair
-    from gmmjax.evaluation.families import family_sources as family_sources
     from gmmjax.evaluation.gaussians import GAUSSIAN_FAMILIES as GAUSSIAN_FAMILIES
     from gmmjax.evaluation.gaussians import Condition as Condition
     from gmmjax.evaluation.gaussians import gaussian_pair as gaussian_pair
@@ -30,14 +28,17 @@ if TYPE_CHECKING:
     from gmmjax.evaluation.labelled_pair import pair_folders as pair_folders
     from gmmjax.evaluation.labelled_pair import pair_views as pair_views
     from gmmjax.evaluation.labelled_pair import read_pair as read_pair
-    from gmmjax.evaluation.laboratory import CONDITIONS as CONDITIONS
-    from gmmjax.evaluation.laboratory import laboratory_sources as laboratory_sources
     from gmmjax.evaluation.reliability import Reliability as Reliability
     from gmmjax.evaluation.reliability import ReliabilityRecord as ReliabilityRecord
     from gmmjax.evaluation.scores import Scores as Scores
     from gmmjax.evaluation.scores import false_segments as false_segments
     from gmmjax.evaluation.scores import score_labelled_pair as score_labelled_pair
     from gmmjax.evaluation.scores import score_pair as score_pair
+    from gmmjax.evaluation.surveyed_pairs import CONDITIONS as CONDITIONS
+    from gmmjax.evaluation.surveyed_pairs import family_pair as family_pair
+    from gmmjax.evaluation.surveyed_pairs import family_sources as family_sources
+    from gmmjax.evaluation.surveyed_pairs import laboratory_pair as laboratory_pair
+    from gmmjax.evaluation.surveyed_pairs import laboratory_sources as laboratory_sources
     from gmmjax.evaluation.tables import cells as cells
     from gmmjax.evaluation.tables import sections as sections
 

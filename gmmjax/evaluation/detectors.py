@@ -8,6 +8,7 @@ from gmmjax.changes import (
     DETECTORS,
     AbstractDetector,
     DetectionConfig,
+    JointDetector,
     Progress,
     Scan,
     silent,
@@ -16,10 +17,9 @@ from gmmjax.changes import Detection as Detection
 from gmmjax.comparison import Method
 from gmmjax.errors import check_choice
 from gmmjax.evaluation.detector_names import NAMES, WITH_EVIDENCE, WITHOUT_EVIDENCE, Name
-from gmmjax.evaluation.evidence import without_unobserved
 from gmmjax.evaluation.labelled_pair import LabelledPair
 from gmmjax.evaluation.peers import PEERS, coordinates, has_m3c2
-from gmmjax.pair import Pair
+from gmmjax.pair import Pair, each
 
 Detector = Callable[[LabelledPair], Detection]
 """From a pair to what is found in it."""
@@ -27,7 +27,9 @@ Detector = Callable[[LabelledPair], Detection]
 
 @dataclasses.dataclass(frozen=True)
 class EvidenceDetector(AbstractDetector):
-    """A detector whose segments are put to the evidence test of "joint".
+    """A detector without those of its segments that the classifier of "joint" rejects, by the facts of its candidates.
+
+    The clouds are taken as they are, without registration. Clouds that fill volumes hide nothing: all segments stay.
 
     Attributes:
         detector: without the test.
@@ -39,7 +41,9 @@ class EvidenceDetector(AbstractDetector):
         """What the detector finds, where the other survey looked."""
         found = self.detector.detect(scans, report)
         views = scans.map(lambda scan: scan.views)
-        return Detection(*without_unobserved(coordinates(scans), views, Pair(found.labels_before, found.labels_after)))
+        joint = JointDetector(DetectionConfig(registration="never", kinds="both"))
+        labels = Pair(found.labels_before, found.labels_after)
+        return Detection(*joint.evident(each(Scan, coordinates(scans), views), labels))
 
 
 def detector(name: str, config: DetectionConfig = DetectionConfig()) -> Detector:

@@ -13,14 +13,12 @@ from gmmjax.learning.candidate_rows import rows_of as rows_of
 from gmmjax.learning.candidate_rows import rows_of_scans as rows_of_scans
 from gmmjax.learning.collection import LEARNED_FROM as LEARNED_FROM
 from gmmjax.learning.collection import Collected as Collected
-from gmmjax.learning.collection import CollectionSettings as CollectionSettings
 from gmmjax.learning.collection import collected as collected
 from gmmjax.learning.collection import collected_in as collected_in
 from gmmjax.learning.collection import kept_in as kept_in
 from gmmjax.learning.collection import read_rows as read_rows
 from gmmjax.learning.collection import training_sources as training_sources
 from gmmjax.learning.collection import write_rows as write_rows
-from gmmjax.learning.left_out_table import left_out_table as left_out_table
 from gmmjax.learning.objective import bounds_of as bounds_of
 from gmmjax.learning.objective import free_from as free_from
 from gmmjax.learning.objective import log_likelihood as log_likelihood
@@ -30,3 +28,4 @@ from gmmjax.learning.training import LeftOut as LeftOut
 from gmmjax.learning.training import TrainingSettings as TrainingSettings
 from gmmjax.learning.training import judged_left_out as judged_left_out
 from gmmjax.learning.training import learned as learned
+from gmmjax.learning.training import left_out_table as left_out_table

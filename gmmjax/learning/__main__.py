@@ -10,8 +10,7 @@ import tyro
 from gmmjax.changes import Verdicts, write_verdicts
 from gmmjax.errors import InputError, check_choice
 from gmmjax.learning.collection import LEARNED_FROM, Collected, collected, collected_in
-from gmmjax.learning.left_out_table import left_out_table
-from gmmjax.learning.training import TrainingSettings, learned
+from gmmjax.learning.training import TrainingSettings, learned, left_out_table
 
 
 def main(

@@ -22,19 +22,9 @@ from gmmjax.scenes import FAMILIES, Difficulty, SurveyKind
 LABORATORY = "laboratory"
 LEARNED_FROM = (LABORATORY, *FAMILIES)
 COLUMNS = CandidateRows._fields
-
-
-@dataclasses.dataclass(frozen=True)
-class CollectionSettings:
-    """At what resolution the candidates of a scene are looked for.
-
-    Attributes:
-        registered_voxels: of either cloud in which scenes are registered once more, at most. Clouds of more points are
-            then examined at their own resolution at each place, as dense scans are: such candidates are learned from,
-            too. 0: only candidates of scenes of one resolution are.
-    """
-
-    registered_voxels: int = 8_000
+# Scenes are registered once more in at most this number of voxels. Clouds of more points are then examined at their own
+# resolution at each place, as dense scans are: such candidates are learned from, too. 0: they are not.
+REGISTERED_VOXELS = 8_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,7 +83,6 @@ def collected(
     *,
     workers: int = 1,
     progress: Callable[[str, float], None] = lambda stage, share: None,
-    settings: CollectionSettings = CollectionSettings(),
 ) -> Collected:
     """The candidates of the scenes of some families; the same whatever the number of workers.
 
@@ -102,12 +91,11 @@ def collected(
         seeds: of the scenes of every family.
         workers: processes.
         progress: called with the family that was done and the share of the work.
-        settings: at what resolution candidates are looked for.
     """
     tasks = [(family, seed) for family in families for seed in seeds]
     found: dict[str, list[Pair[CandidateRows]]] = {family: [] for family in families}
     failed = []
-    of_tasks = over_workers(functools.partial(_of_scene, settings=settings), tasks, workers)
+    of_tasks = over_workers(_of_scene, tasks, workers)
     for done, ((family, seed), rows) in enumerate(zip(tasks, of_tasks, strict=True), 1):
         progress(f"{family}, seed {seed}", done / len(tasks))
         if isinstance(rows, str):
@@ -124,7 +112,6 @@ def collected_in(
     *,
     workers: int = 1,
     progress: Callable[[str, float], None] = lambda stage, share: None,
-    settings: CollectionSettings = CollectionSettings(),
 ) -> Collected:
     """As `collected`, where the candidates of each family are kept in a file once they are there, and read from it.
 
@@ -136,14 +123,13 @@ def collected_in(
         seeds: likewise.
         workers: likewise.
         progress: likewise, the share of one family.
-        settings: likewise.
 
     Raises:
         InputError: a file that cannot be written, is damaged, or was made of other seeds or with other facts.
     """
     failed = list[str]()
     for family in families:
-        collect = functools.partial(collected, [family], seeds, workers=workers, progress=progress, settings=settings)
+        collect = functools.partial(collected, [family], seeds, workers=workers, progress=progress)
         failed += kept_in(folder, family, seeds, collect).failed
     return Collected(_joined_files(folder, families), tuple(failed), tuple(seeds))
 
@@ -186,7 +172,7 @@ def _joined_files(folder: Path, families: Sequence[str]) -> dict[str, Pair[Candi
     return joined
 
 
-def _of_scene(task: tuple[str, int], settings: CollectionSettings) -> Pair[CandidateRows] | str:
+def _of_scene(task: tuple[str, int]) -> Pair[CandidateRows] | str:
     """The candidates of one scene, or why there are none."""
     family, seed = task
     (source,) = training_sources(family, [seed])
@@ -195,15 +181,15 @@ def _of_scene(task: tuple[str, int], settings: CollectionSettings) -> Pair[Candi
         # Doubtful registrations are a part of what is learned.
         warnings.simplefilter("ignore", InputWarning)
         try:
-            return _joined([rows_of(pair, align=align) for align in _resolutions(pair, settings)])
+            return _joined([rows_of(pair, align=align) for align in _resolutions(pair)])
         except (InputError, ComputationError) as error:
             return str(error)
 
 
-def _resolutions(pair: LabelledPair, settings: CollectionSettings) -> list[AlignSettings]:
+def _resolutions(pair: LabelledPair) -> list[AlignSettings]:
     """What the scene is registered at: as always, and in few voxels where it has more points."""
-    few = AlignSettings(resolution=ResolutionSettings(voxels=settings.registered_voxels))
-    dense = max(len(pair.before.points), len(pair.after.points)) > settings.registered_voxels > 0
+    few = AlignSettings(resolution=ResolutionSettings(voxels=REGISTERED_VOXELS))
+    dense = max(len(pair.before.points), len(pair.after.points)) > REGISTERED_VOXELS > 0
     return [AlignSettings(), *([few] if dense else [])]
 
 

@@ -2,7 +2,7 @@
 
 import itertools
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple, get_args
 
 import jax
@@ -18,38 +18,31 @@ from gmmjax.scenes import (
     Gravity,
     InPlace,
     RearrangementSettings,
+    SurveyedScene,
     SurveyKind,
     family_scene,
     laboratory_scene,
     rearranged_scene,
 )
 
+# Translation, metres, and rotation, degrees, of the after cloud before the registration, at most.
+MISREGISTRATION = (0.02, 0.5)
+# Objects that appear, disappear and move in the laboratories, which have room for five; by turns.
+TURNOVERS = ((0, 0, 1), (1, 0, 2), (0, 1, 2), (2, 1, 1), (1, 2, 1), (2, 2, 0))
+
 
 class SceneSettings(NamedTuple):
-    """What the scenes are like; every rearranged place draws from these ranges.
+    """How the rearranged places are surveyed: each draws from these ranges.
 
     Attributes:
         frames: of each survey, least and greatest: few of them see few sides of a thing, and things in front of others.
         pixels: of all frames of a survey, least and greatest: the density of the points.
         voxel: least and greatest edge of the voxels, metres.
-        metres: translation of the after cloud before the registration, at most.
-        degrees: its rotation, at most.
-        turnovers: objects that appear, disappear and move in the laboratories, which have room for five; by turns.
     """
 
     frames: tuple[int, int] = (2, 24)
     pixels: tuple[int, int] = (35_000, 120_000)
     voxel: tuple[float, float] = (0.008, 0.024)
-    metres: float = 0.02
-    degrees: float = 0.5
-    turnovers: tuple[tuple[int, int, int], ...] = (
-        (0, 0, 1),
-        (1, 0, 2),
-        (0, 1, 2),
-        (2, 1, 1),
-        (1, 2, 1),
-        (2, 2, 0),
-    )
 
 
 class MovedScene(NamedTuple):
@@ -67,6 +60,11 @@ class MovedScene(NamedTuple):
     views: Pair[SensorViews]
     motions: Mapping[int, Float[np.ndarray, "4 4"]]
 
+    @classmethod
+    def of(cls, scene: SurveyedScene) -> "MovedScene":
+        """What there is of it in a surveyed scene."""
+        return cls(scene.clouds, scene.truth, scene.views, scene.motions)
+
 
 def _rearranged(seed: int, gravity: Gravity, in_place: bool, settings: SceneSettings) -> MovedScene:
     """A place in which three things moved, one came and one went; or in which one moved within its place, too."""
@@ -77,25 +75,19 @@ def _rearranged(seed: int, gravity: Gravity, in_place: bool, settings: SceneSett
         frames=frames,
         pixels=(across, int(0.75 * across)),
         voxel=float(random.uniform(*settings.voxel)),
-        misregistration=(random.uniform(0, settings.metres), random.uniform(0, settings.degrees)),
+        misregistration=(random.uniform(0, MISREGISTRATION[0]), random.uniform(0, MISREGISTRATION[1])),
     )
     motions = get_args(InPlace)
     motion = motions[seed % len(motions)] if in_place else None
     others = {"moved": 1} if in_place else {"appeared": 1, "disappeared": 1, "moved": 3}
-    scene = rearranged_scene(seed, gravity, in_place=motion, settings=drawn, **others)
-    return MovedScene(
-        Pair(scene.before, scene.after),
-        Pair(scene.truth_before, scene.truth_after),
-        Pair(scene.views_before, scene.views_after),
-        scene.motions,
-    )
+    return MovedScene.of(rearranged_scene(seed, gravity, in_place=motion, settings=drawn, **others))
 
 
-def _laboratory(seed: int, settings: SceneSettings) -> MovedScene:
+def _laboratory(seed: int) -> MovedScene:
     """A laboratory, with every seed another survey, level and turnover."""
     kinds = list(itertools.product(get_args(SurveyKind), get_args(Difficulty)))
     survey, level = kinds[seed % len(kinds)]
-    appeared, disappeared, moved = settings.turnovers[seed // len(kinds) % len(settings.turnovers)]
+    appeared, disappeared, moved = TURNOVERS[seed // len(kinds) % len(TURNOVERS)]
     scene = laboratory_scene(
         jax.random.key(seed), appeared=appeared, disappeared=disappeared, moved=moved, level=level, survey=survey
     )
@@ -107,26 +99,25 @@ def _laboratory(seed: int, settings: SceneSettings) -> MovedScene:
     )
 
 
-def _of_family(name: str) -> Callable[[int, SceneSettings], MovedScene]:
-    """What makes a scene of a family, which has ranges of its own."""
-
-    def scene(seed: int, settings: SceneSettings) -> MovedScene:
-        del settings
-        own = family_scene(name, seed)
-        return MovedScene(own.clouds, own.truth, own.views, own.motions)
-
-    return scene
-
-
-# What makes a scene of each kind from a seed; of the families those in which things move.
-KINDS_OF_SCENES: Mapping[str, Callable[[int, SceneSettings], MovedScene]] = {
-    "rearranged room": lambda seed, settings: _rearranged(seed, "floor", False, settings),
-    "rearranged module": lambda seed, settings: _rearranged(seed, "none", False, settings),
-    "room, within a place": lambda seed, settings: _rearranged(seed, "floor", True, settings),
-    "module, within a place": lambda seed, settings: _rearranged(seed, "none", True, settings),
-    "laboratory": _laboratory,
-    **{name: _of_family(name) for name in ("rooms", "tabletop", "station", "small_motions", "doors", "corridors")},
+# Kinds of rearranged places, with their gravity and whether a thing moved within its place.
+_REARRANGED: Mapping[str, tuple[Gravity, bool]] = {
+    "rearranged room": ("floor", False),
+    "rearranged module": ("none", False),
+    "room, within a place": ("floor", True),
+    "module, within a place": ("none", True),
 }
+# All kinds of scenes; of the families those in which things move.
+KINDS_OF_SCENES = (
+    *_REARRANGED,
+    *("laboratory", "rooms", "tabletop", "station", "small_motions", "doors", "corridors"),
+)
+
+
+def moved_scene(kind: str, seed: int, settings: SceneSettings) -> MovedScene:
+    """A scene of one of `KINDS_OF_SCENES`; the families have ranges of their own in place of the settings."""
+    if kind in _REARRANGED:
+        return _rearranged(seed, *_REARRANGED[kind], settings)
+    return _laboratory(seed) if kind == "laboratory" else MovedScene.of(family_scene(kind, seed))
 
 
 class FoundScene(NamedTuple):
@@ -180,7 +171,7 @@ def found_scene(kind: str, seed: int, settings: SceneSettings) -> FoundScene | N
         seed: of the scene.
         settings: what the rearranged places are like.
     """
-    scene = KINDS_OF_SCENES[kind](seed, settings)
+    scene = moved_scene(kind, seed, settings)
     sides = scene.truth.map(lambda truth: bool((truth >= 0).any()))
     if not (sides.before and sides.after):
         return None

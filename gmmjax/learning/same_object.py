@@ -4,6 +4,7 @@
 """
 
 import argparse
+import functools
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -55,28 +56,30 @@ SIGNS = MatchFacts(
 )
 
 
+# Of the scenes of each kind, the share that is simulated of each family: few of their things move.
+OF_FAMILIES = 0.5
+# Of the weights, in observations: keeps those of facts that tell nothing near zero.
+RIDGE = 1.0
+# Spacings by which a transform may misplace an object's points and still be right.
+RIGHT = 4.0
+# By how much less a wrong transform of the right object may fit than the true one, as a fraction of its points: what
+# looks the same after a rotation is recognised all the same.
+AS_GOOD = 0.1
+
+
 class LearningSettings(NamedTuple):
     """What is learned from.
 
     Attributes:
         scenes: number of scenes of each kind that is made for this. Fewer: the weights differ from sample to sample.
-        of_families: of them, the share that is simulated of each family: few of their things move.
         scene: what the rearranged places are like.
         others: weight of an example of two objects in different places: fewer things move, and more come and go, than
             in the scenes that are learned from. Empirical. 1: a pair is as probable as there.
-        ridge: of the weights, in observations: keeps those of facts that tell nothing near zero.
-        right: spacings by which a transform may misplace an object's points and still be right.
-        as_good: by how much less a wrong transform of the right object may fit than the true one, as a fraction of its
-            points: what looks the same after a rotation is recognised all the same.
     """
 
     scenes: int = 120
-    of_families: float = 0.5
     scene: SceneSettings = SceneSettings()
     others: float = 2.0
-    ridge: float = 1.0
-    right: float = 4.0
-    as_good: float = 0.1
 
 
 class Example(NamedTuple):
@@ -95,38 +98,32 @@ class Example(NamedTuple):
     kind: str = ""
 
 
-def examples_of(kind: str, found: FoundScene, settings: LearningSettings) -> Iterator[Example]:
-    """All matches that are compared in one scene.
-
-    Args:
-        kind: of the scene.
-        found: the scene and what detection finds in it.
-        settings: what is right.
-    """
+def examples_of(kind: str, found: FoundScene) -> Iterator[Example]:
+    """All matches that are compared in one scene of this kind."""
     changes = found.changes
     given = changes.items, changes.labels, changes.pair.surfaces, changes.registration_error
     for place in place_hypotheses(*given):
         number = found.truth_of_members(place.motion.members)
-        right = number >= 0 and _misplaced(found, number, place.motion.match.transform) < settings.right
+        right = number >= 0 and _misplaced(found, number, place.motion.match.transform) < RIGHT
         yield Example("in place", place.facts, right, kind)
     truths = [found.truth_of(index) for index in range(len(changes.items))]
     for (i, j), pair in pair_hypotheses(*given).items():
         same = truths[i] == truths[j] and truths[i] in found.scene.motions
         # The right object with a wrong transform is no example of either, unless that fits as well as the true one.
-        if not same or _as_good(found, truths[i], pair, settings):
+        if not same or _as_good(found, truths[i], pair):
             yield Example(pair.situation, pair.facts, same, kind)
 
 
-def _as_good(found: FoundScene, number: int, pair: PairHypothesis, settings: LearningSettings) -> bool:
+def _as_good(found: FoundScene, number: int, pair: PairHypothesis) -> bool:
     """Whether a transform brings a thing to where it is, or fits what was seen of it as well as the one that does."""
-    if _misplaced(found, number, pair.transform) < settings.right:
+    if _misplaced(found, number, pair.transform) < RIGHT:
         return True
     surfaces, noise = found.changes.pair.surfaces, found.changes.registration_error
     fits, true = (
         match_of(pair.parts, transform, surfaces, noise, footings=pair.footings).fit
         for transform in (pair.transform, found.motion(number))
     )
-    return fits >= true - settings.as_good
+    return fits >= true - AS_GOOD
 
 
 def _misplaced(found: FoundScene, number: int, transform: Float64[np.ndarray, "4 4"]) -> float:
@@ -140,25 +137,6 @@ def _misplaced(found: FoundScene, number: int, transform: Float64[np.ndarray, "4
     return max(float(np.quantile(distances, 0.9)) for distances in apart) / spacing
 
 
-class Job(NamedTuple):
-    """A scene to learn from.
-
-    Attributes:
-        kind: of the scene.
-        seed: of the scene.
-        settings: of the learning.
-    """
-
-    kind: str
-    seed: int
-    settings: LearningSettings
-
-    def run(self) -> list[Example]:
-        """The examples."""
-        found = found_scene(self.kind, self.seed, self.settings.scene)
-        return [] if found is None else list(examples_of(self.kind, found, self.settings))
-
-
 def examples(first_seed: int, settings: LearningSettings, workers: int = 1) -> list[Example]:
     """Those of all scenes from a seed on.
 
@@ -167,11 +145,17 @@ def examples(first_seed: int, settings: LearningSettings, workers: int = 1) -> l
         settings: how many scenes, and what they are like.
         workers: number of processes; the result does not depend on it.
     """
-    counts = {
-        kind: int(settings.scenes * (settings.of_families if kind in FAMILIES else 1)) for kind in KINDS_OF_SCENES
-    }
-    jobs = [Job(kind, first_seed + index, settings) for kind, count in counts.items() for index in range(count)]
-    return [example for own in over_workers(Job.run, jobs, workers) for example in own]
+    counts = {kind: int(settings.scenes * (OF_FAMILIES if kind in FAMILIES else 1)) for kind in KINDS_OF_SCENES}
+    jobs = [(kind, first_seed + index) for kind, count in counts.items() for index in range(count)]
+    of_scene = functools.partial(examples_of_scene, settings=settings.scene)
+    return [example for own in over_workers(of_scene, jobs, workers) for example in own]
+
+
+def examples_of_scene(job: tuple[str, int], settings: SceneSettings) -> list[Example]:
+    """The examples of the scene of a kind and a seed."""
+    kind, seed = job
+    found = found_scene(kind, seed, settings)
+    return [] if found is None else list(examples_of(kind, found))
 
 
 def learned(given: Sequence[Example], settings: LearningSettings) -> SameObjectModel:
@@ -189,11 +173,11 @@ def learned(given: Sequence[Example], settings: LearningSettings) -> SameObjectM
         own = [example for example in given if example.situation == situation]
         if len({example.one_object for example in own}) < 2:
             raise InputError(f"the scenes have no two kinds of examples {situation!r}; learn from more scenes")
-        situations[situation] = _fitted(own, 1.0 if situation == "in place" else settings.others, settings.ridge)
+        situations[situation] = _fitted(own, 1.0 if situation == "in place" else settings.others)
     return SameObjectModel(situations)
 
 
-def _fitted(given: Sequence[Example], others: float, ridge: float) -> LogisticWeights:
+def _fitted(given: Sequence[Example], others: float) -> LogisticWeights:
     """The logistic model of some examples, with a weight of those of two objects."""
     facts = np.array([example.facts for example in given])
     truth = np.array([example.one_object for example in given], float)
@@ -205,9 +189,9 @@ def _fitted(given: Sequence[Example], others: float, ridge: float) -> LogisticWe
     def loss(parameters: np.ndarray) -> tuple[float, np.ndarray]:
         log_odds = parameters[0] + rows @ parameters[1:]
         likelihood = weights @ (truth * log_odds - np.logaddexp(0, log_odds))
-        value = ridge / 2 * parameters[1:] @ parameters[1:] - likelihood
+        value = RIDGE / 2 * parameters[1:] @ parameters[1:] - likelihood
         error = weights * (1 / (1 + np.exp(-log_odds)) - truth)
-        return float(value), np.concatenate([[error.sum()], rows.T @ error + ridge * parameters[1:]])
+        return float(value), np.concatenate([[error.sum()], rows.T @ error + RIDGE * parameters[1:]])
 
     bounds = [(None, None), *((0 if sign > 0 else None, 0 if sign < 0 else None) for sign in SIGNS)]
     best = minimize(loss, np.zeros(len(SIGNS) + 1), jac=True, method="L-BFGS-B", bounds=bounds).x

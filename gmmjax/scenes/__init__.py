@@ -1,6 +1,8 @@
 """Scenes with known changes: Gaussians, a simulated laboratory, families of places; solids and sensors to make more."""
 
 from gmmjax.scenes.depth_camera import DepthCamera as DepthCamera
+from gmmjax.scenes.depth_camera import TriangulatingCamera as TriangulatingCamera
+from gmmjax.scenes.depth_camera import recorded_frames as recorded_frames
 from gmmjax.scenes.families import FAMILIES as FAMILIES
 from gmmjax.scenes.families import family_scene as family_scene
 from gmmjax.scenes.gaussians import OVERLAPS as OVERLAPS
@@ -18,20 +20,18 @@ from gmmjax.scenes.laser_scanner import Beam as Beam
 from gmmjax.scenes.laser_scanner import SpinningLidar as SpinningLidar
 from gmmjax.scenes.laser_scanner import TripodScanner as TripodScanner
 from gmmjax.scenes.objects import ROOM_HALF_WIDTH as ROOM_HALF_WIDTH
-from gmmjax.scenes.objects import StandingObject as StandingObject
 from gmmjax.scenes.objects import on_floor as on_floor
 from gmmjax.scenes.objects import standing_at as standing_at
-from gmmjax.scenes.pose_errors import PoseErrors as PoseErrors
 from gmmjax.scenes.ray_casting import UNLABELLED as UNLABELLED
 from gmmjax.scenes.ray_casting import Solid as Solid
+from gmmjax.scenes.ray_casting import StandingObject as StandingObject
 from gmmjax.scenes.rearrangements import Gravity as Gravity
 from gmmjax.scenes.rearrangements import InPlace as InPlace
-from gmmjax.scenes.rearrangements import RearrangedScene as RearrangedScene
 from gmmjax.scenes.rearrangements import RearrangementSettings as RearrangementSettings
 from gmmjax.scenes.rearrangements import rearranged_scene as rearranged_scene
+from gmmjax.scenes.recording import PoseErrors as PoseErrors
 from gmmjax.scenes.recording import Recording as Recording
-from gmmjax.scenes.recording import recorded_frames as recorded_frames
-from gmmjax.scenes.revolved import Revolved as Revolved
+from gmmjax.scenes.recording import seen as seen
 from gmmjax.scenes.rigid_motions import looking_at as looking_at
 from gmmjax.scenes.rigid_motions import looking_down as looking_down
 from gmmjax.scenes.rigid_motions import small_motion as small_motion
@@ -40,6 +40,7 @@ from gmmjax.scenes.shapes import Bowl as Bowl
 from gmmjax.scenes.shapes import Cup as Cup
 from gmmjax.scenes.shapes import Ellipsoid as Ellipsoid
 from gmmjax.scenes.shapes import Ground as Ground
+from gmmjax.scenes.shapes import Revolved as Revolved
 from gmmjax.scenes.shapes import Vegetation as Vegetation
 from gmmjax.scenes.storehouse import ColoredScene as ColoredScene
 from gmmjax.scenes.storehouse import StorehouseSettings as StorehouseSettings
@@ -47,6 +48,4 @@ from gmmjax.scenes.storehouse import storehouse as storehouse
 from gmmjax.scenes.surveyed_scene import Frame as Frame
 from gmmjax.scenes.surveyed_scene import SurveyedScene as SurveyedScene
 from gmmjax.scenes.surveyed_scene import surveyed_scene as surveyed_scene
-from gmmjax.scenes.triangulating_camera import TriangulatingCamera as TriangulatingCamera
-from gmmjax.scenes.visibility import seen as seen
-from gmmjax.scenes.visibility import uncounted as uncounted
+from gmmjax.scenes.surveyed_scene import uncounted as uncounted

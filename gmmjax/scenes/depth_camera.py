@@ -1,13 +1,14 @@
-"""A depth camera that looks at solids: noise, flying pixels and drop-outs included."""
+"""Depth cameras that look at solids: noise, flying pixels and drop-outs included."""
 
 import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
+from scipy.ndimage import gaussian_filter
 
-from gmmjax.scenes.depth_edges import behind_edges
-from gmmjax.scenes.ray_casting import UNLABELLED, Solid, cast
+from gmmjax.scenes.ray_casting import UNLABELLED, Solid, behind_edges, cast
+from gmmjax.scenes.recording import PoseErrors, Recording, joined
 from gmmjax.surveys import Intrinsics
 
 # Surfaces whose normal is further from the ray than this cosine return less and less, none at zero.
@@ -72,9 +73,13 @@ class DepthCamera:
     ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
         """The points that it returns from a pose, in the world, and the label of what each belongs to."""
         measured, labels = self.measured(solids, pose, random)
-        returned = np.isfinite(measured)
+        return self.points(pose, measured), labels[np.isfinite(measured)]
+
+    def points(self, pose: Float[np.ndarray, "4 4"], ranges: Float[np.ndarray, " n"]) -> Float[np.ndarray, "m 3"]:
+        """Where the rays of the pixels end from a pose, in the world, but for those without a range (NaN)."""
+        returned = np.isfinite(ranges)
         directions = self.directions() @ pose[:3, :3].T
-        return pose[:3, 3] + directions[returned] * measured[returned, None], labels[returned]
+        return np.asarray(pose[:3, 3] + directions[returned] * ranges[returned, None])
 
     def _facing(self, ranges: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Cosine between each ray and the surface's normal, from the neighbouring pixels; 1 at edges and borders."""
@@ -88,3 +93,91 @@ class DepthCamera:
         smooth = np.maximum(np.linalg.norm(right, axis=2), np.linalg.norm(down, axis=2)) < self.edge
         facing[1:-1, 1:-1] = np.where(smooth, cosine, 1.0)
         return facing.ravel()
+
+
+def recorded_frames(
+    camera: DepthCamera,
+    solids: Sequence[Solid],
+    poses: Float[np.ndarray, "v 4 4"],
+    random: np.random.Generator,
+    errors: PoseErrors = PoseErrors(),
+) -> Recording:
+    """The frames of a depth camera, one beside the other in one cloud."""
+    believed = errors.believed(poses, random)
+    frames = [camera.frame(solids, pose, random) for pose in poses]
+    return joined(frames, poses, believed, camera.field_of_view, camera.max_range)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TriangulatingCamera:
+    """Structured light or stereo: noise that grows with the square of the range, frames that are slowly distorted.
+
+    Attributes:
+        camera: its pixels, ranges, flying and lost pixels; its own noise is left out.
+        noise: standard deviation along the ray at 1 m.
+        blur: correlation length of the noise, pixels; 0 for independent pixels.
+        distortion: standard deviation at 1 m of an error that differs slowly over the frame; it is that of one survey,
+            drawn by `distortion_of`.
+    """
+
+    camera: DepthCamera
+    noise: float
+    blur: float
+    distortion: float
+
+    def distortion_of(self, random: np.random.Generator) -> Float[np.ndarray, " n"]:
+        """The error of all frames of one survey, per pixel at 1 m: a few waves longer than half the frame."""
+        across, down = np.meshgrid(np.linspace(0, 1, self.camera.columns), np.linspace(0, 1, self.camera.rows))
+        waves, phases = random.uniform(-1, 1, (4, 2)), random.uniform(0, 2 * np.pi, 4)
+        parts = [
+            np.cos(2 * np.pi * (wave[0] * across + wave[1] * down) + phase)
+            for wave, phase in zip(waves, phases, strict=True)
+        ]
+        return np.asarray(self.distortion * np.sum(parts, axis=0).ravel() / np.sqrt(len(parts) / 2))
+
+    def frame(
+        self,
+        solids: Sequence[Solid],
+        pose: Float[np.ndarray, "4 4"],
+        distortion: Float[np.ndarray, " pixels"],
+        random: np.random.Generator,
+        pixels: Bool[np.ndarray, " pixels"] | None = None,
+    ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
+        """The points that it returns from a pose, in the world, and the label of what each belongs to.
+
+        Args:
+            solids: of the scene.
+            pose: camera to world.
+            distortion: of the survey, per pixel at 1 m.
+            random: of the noise, the lost and the flying pixels.
+            pixels: which pixels are used; None: all.
+        """
+        ideal = dataclasses.replace(self.camera, noise=0.0)
+        ranges, labels = ideal.measured(solids, pose, random)
+        measured = ranges + ranges**2 * (distortion + self.noise * self._noise(random))
+        if pixels is not None:
+            measured[~pixels] = np.nan
+        return ideal.points(pose, measured), labels[np.isfinite(measured)]
+
+    def recording(
+        self, solids: Sequence[Solid], poses: Float[np.ndarray, "v 4 4"], random: np.random.Generator
+    ) -> Recording:
+        """A frame from each pose; the distortion is the same in all."""
+        distortion = self.distortion_of(random)
+        return self.joined([self.frame(solids, pose, distortion, random) for pose in poses], poses)
+
+    def joined(
+        self,
+        frames: Sequence[tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, " _"]]],
+        poses: Float[np.ndarray, "v 4 4"],
+    ) -> Recording:
+        """The recording of these frames, whose poses are known."""
+        return joined(frames, poses, poses, self.camera.field_of_view, self.camera.max_range)
+
+    def _noise(self, random: np.random.Generator) -> np.ndarray:
+        """Noise of standard deviation 1, per pixel."""
+        noise = random.standard_normal((self.camera.rows, self.camera.columns))
+        if self.blur:
+            noise = gaussian_filter(noise, self.blur)
+            noise /= noise.std()
+        return noise.ravel()

@@ -101,13 +101,13 @@ def replaced_scene(
         key: random key; the same key gives the same scene.
         separation: distance of the two means, in root mean square standard deviations of the Gaussian that is gone.
         start: Gaussians in either cloud.
-        overlap: "low" has the means in [-4, 4] m, "medium" in [-2, 2] m.
-        points: points drawn from each Gaussian.
-        density: of the after cloud, by that of the before cloud.
-        shift: standard deviation on each axis of a displacement of the whole after cloud, metres.
+        overlap: as of `random_scene`, like the next three.
+        points: from each Gaussian.
+        density: of the after cloud.
+        shift: of the after cloud.
 
     Raises:
-        InputError: numbers that leave a cloud without a Gaussian or without points, or an unknown overlap.
+        InputError: as `random_scene`.
     """
     _check(overlap, start, points, density, shift)
     if not 0 <= separation < np.inf:
@@ -132,20 +132,9 @@ def fixed_scene(key: PRNGKeyArray, *, points: int = 1000) -> GaussianScene:
         key: random key of the points.
         points: points drawn from each Gaussian.
     """
-    means = np.array(
-        [[0, 0, 0], [2, 0.5, 0], [0.5, 2, 0.5], [-1.5, 1, 1], [0.4, 0.3, 0.3], [2.3, 0.2, 0.4], [2.5, 2.5, 2.5]], float
-    )
-    diagonals = np.array(
-        [
-            [0.1, 0.05, 0.05],
-            [0.05, 0.1, 0.04],
-            [0.08, 0.03, 0.06],
-            [0.04, 0.06, 0.1],
-            [0.03, 0.09, 0.02],
-            [0.08, 0.02, 0.09],
-            [0.05, 0.05, 0.1],
-        ]
-    )
+    x, y, z = (0, 2, 0.5, -1.5, 0.4, 2.3, 2.5), (0, 0.5, 2, 1, 0.3, 0.2, 2.5), (0, 0, 0.5, 1, 0.3, 0.4, 2.5)
+    means = np.array([x, y, z], float).T
+    diagonals = np.array([[10, 5, 8, 4, 3, 8, 5], [5, 10, 3, 6, 9, 2, 5], [5, 4, 6, 10, 2, 9, 10]]).T / 100
     return _scene(numpy_generator(key), means, diagonals[:, :, None] * np.eye(3), 4, 0, (points, points))
 
 

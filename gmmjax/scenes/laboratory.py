@@ -5,20 +5,24 @@ objects of about 0.3 m come, go, move and stay.
 """
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, PRNGKeyArray
 
-from gmmjax.clouds import SensorViews, voxel_grid
+from gmmjax.clouds import SensorViews
 from gmmjax.errors import InputError, check_choice
+from gmmjax.pair import Pair, each
 from gmmjax.scenes.depth_camera import DepthCamera
+from gmmjax.scenes.families.staging import Arrangement
+from gmmjax.scenes.families.things import cuboid
 from gmmjax.scenes.gaussians import numpy_generator
-from gmmjax.scenes.objects import ROOM_HALF_WIDTH, StandingObject, placed_objects
+from gmmjax.scenes.objects import ROOM_HALF_WIDTH, placed_objects
 from gmmjax.scenes.ray_casting import Solid
+from gmmjax.scenes.recording import Recording
 from gmmjax.scenes.rigid_motions import looking_at, small_motion
-from gmmjax.scenes.visibility import HIDDEN_BY, seen, uncounted
+from gmmjax.scenes.surveyed_scene import uncounted
 
 Difficulty = Literal["normal", "hard"]
 SurveyKind = Literal["panorama", "frame"]
@@ -30,6 +34,8 @@ VOXEL = 0.01
 # From one pixel that a survey uses to the next, along rows and columns.
 PIXEL_STEP = 3.5
 MOST_OBJECTS = 5
+# A place is occluded when something on its ray is nearer by more than this, metres.
+HIDDEN_BY = 0.03
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -67,15 +73,6 @@ class LaboratoryScene:
     motions: dict[int, Float[np.ndarray, "4 4"]]
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Surveyed:
-    """One survey in true coordinates."""
-
-    points: np.ndarray
-    change: np.ndarray
-    poses: np.ndarray
-
-
 def laboratory_scene(
     key: PRNGKeyArray,
     *,
@@ -102,6 +99,27 @@ def laboratory_scene(
     """
     check_choice("level", level, get_args(Difficulty))
     check_choice("survey", survey, get_args(SurveyKind))
+    _check_numbers(appeared, disappeared, moved)
+    random = numpy_generator(key)
+    room, shelf = _room(random, open_front=survey == "frame")
+    changes, staying = placed_objects(random, room, shelf, appeared, disappeared, moved)
+    arrangement = Arrangement()
+    for thing in (room, *staying):
+        arrangement.stays(thing)
+    for before, after in changes:
+        arrangement.change(before, after)
+    hard = level == "hard"
+    camera = _camera(0.01 if hard else random.uniform(0.006, 0.01), survey)
+    stands = _stands(random, survey)
+    lost = _lost_frames(random) if hard and survey == "panorama" else Pair(frozenset[int](), frozenset[int]())
+    surveys = each(lambda own, gaps: _survey(random, own, stands, camera, survey, gaps), arrangement.solids, lost)
+    shift, degrees = (0.02, 0.5) if hard else (random.uniform(0.01, 0.02), random.uniform(0, 0.5))
+    kinds = ("disappeared",) * disappeared + ("appeared",) * appeared + ("moved",) * moved
+    moves = {number: (old[0].pose(), to[0].pose()) for number, (old, to) in enumerate(changes) if old and to}
+    return _scene(surveys, arrangement.solids, small_motion(random, shift, degrees), kinds, moves)
+
+
+def _check_numbers(appeared: int, disappeared: int, moved: int) -> None:
     for name, number in (("appeared", appeared), ("disappeared", disappeared), ("moved", moved)):
         if isinstance(number, bool) or not isinstance(number, int | np.integer):
             raise InputError(f"{name}={number!r} must be a whole number of objects")
@@ -110,55 +128,42 @@ def laboratory_scene(
             f"appeared={appeared}, disappeared={disappeared}, moved={moved}: must not be negative, and there is room "
             f"for {MOST_OBJECTS} places of changed objects (a moved one needs two)"
         )
-    random = numpy_generator(key)
-    room, shelf = _room(random, open_front=survey == "frame")
-    gone, new, moves, staying = placed_objects(random, room, shelf, appeared, disappeared, moved)
-    before = [*room, *_solids(staying), *_solids(gone), *_solids(old for old, _ in moves)]
-    after = [*room, *_solids(staying), *_solids(new), *_solids(to for _, to in moves)]
-    hard = level == "hard"
-    camera = DepthCamera(noise=0.01 if hard else random.uniform(0.006, 0.01))
-    if survey == "panorama":
-        columns, rows = (int(pixels / PIXEL_STEP) for pixels in (camera.columns, camera.rows))
-        camera = dataclasses.replace(camera, columns=columns, rows=rows)
-    stands = _stands(random, survey)
-    lost = _lost_frames(random) if hard and survey == "panorama" else (frozenset(), frozenset())
-    first = _survey(random, before, stands, camera, survey, lost[0])
-    second = _survey(random, after, stands, camera, survey, lost[1])
-    shift, turn = (0.02, 0.5) if hard else (random.uniform(0.01, 0.02), random.uniform(0, 0.5))
-    misregistration = small_motion(random, shift, turn)
-    kinds = ("disappeared",) * disappeared + ("appeared",) * appeared + ("moved",) * moved
-    motions = {old[0].label: misregistration @ to[0].pose() @ np.linalg.inv(old[0].pose()) for old, to in moves}
-    return _scene(first, second, before, after, camera, misregistration, kinds, motions)
+
+
+def _camera(noise: float, survey: SurveyKind) -> DepthCamera:
+    camera = DepthCamera(noise=noise)
+    if survey == "frame":
+        return camera
+    columns, rows = (int(pixels / PIXEL_STEP) for pixels in (camera.columns, camera.rows))
+    return dataclasses.replace(camera, columns=columns, rows=rows)
 
 
 def _scene(
-    first: _Surveyed,
-    second: _Surveyed,
-    before: Sequence[Solid],
-    after: Sequence[Solid],
-    camera: DepthCamera,
+    surveys: Pair[Recording],
+    solids: Pair[list[Solid]],
     misregistration: np.ndarray,
     kinds: tuple[str, ...],
-    motions: dict[int, np.ndarray],
+    moves: Mapping[int, tuple[np.ndarray, np.ndarray]],
 ) -> LaboratoryScene:
-    views_before = SensorViews(first.poses, camera.field_of_view, camera.max_range)
-    views_after = SensorViews(second.poses, camera.field_of_view, camera.max_range)
-    unseen_before = ~seen(first.points, after, views_after, hidden_by=HIDDEN_BY)
-    unseen_after = ~seen(second.points, before, views_before, hidden_by=HIDDEN_BY)
+    """The scene of two surveys in true coordinates, and of the poses of what moved before and after."""
+    unseen = each(
+        lambda own, other, there: ~other.saw(own.points, there, HIDDEN_BY), surveys, surveys.swapped, solids.swapped
+    )
+    few = each(lambda there, own, hidden: uncounted(there, own.labels, hidden), solids, surveys, unseen)
     return LaboratoryScene(
-        before=first.points,
-        after=second.points @ misregistration[:3, :3].T + misregistration[:3, 3],
-        truth_before=first.change,
-        truth_after=second.change,
-        unseen_before=unseen_before,
-        unseen_after=unseen_after,
-        views_before=views_before,
-        views_after=views_after.moved(misregistration),
-        uncounted_before=uncounted(before, first.change, unseen_before),
-        uncounted_after=uncounted(after, second.change, unseen_after),
+        before=surveys.before.points,
+        after=surveys.after.points @ misregistration[:3, :3].T + misregistration[:3, 3],
+        truth_before=surveys.before.labels,
+        truth_after=surveys.after.labels,
+        unseen_before=unseen.before,
+        unseen_after=unseen.after,
+        views_before=surveys.before.views,
+        views_after=surveys.after.views.moved(misregistration),
+        uncounted_before=few.before,
+        uncounted_after=few.after,
         kinds=kinds,
         misregistration=misregistration,
-        motions=motions,
+        motions={number: misregistration @ to @ np.linalg.inv(old) for number, (old, to) in moves.items()},
     )
 
 
@@ -169,37 +174,29 @@ def _room(random: np.random.Generator, open_front: bool) -> tuple[list[Solid], S
     """
     wall, height = 0.1, random.uniform(1.3, 1.5)
     middle = ROOM_HALF_WIDTH + wall / 2
-    solids = [_solid((0.0, 0.0, -0.05), (2.4, 2.4, 0.1)), _solid((0.0, middle, height / 2 - 0.1), (2.4, wall, height))]
-    solids += [_solid((side * middle, 0.0, height / 2 - 0.1), (wall, 2.4, height)) for side in (-1.0, 1.0)]
+    solids = [cuboid((0.0, 0.0, -0.05), (2.4, 2.4, 0.1)), cuboid((0.0, middle, height / 2 - 0.1), (2.4, wall, height))]
+    solids += [cuboid((side * middle, 0.0, height / 2 - 0.1), (wall, 2.4, height)) for side in (-1.0, 1.0)]
     if not open_front:
-        solids.append(_solid((0.0, -middle, height / 2 - 0.1), (2.4, wall, height)))
+        solids.append(cuboid((0.0, -middle, height / 2 - 0.1), (2.4, wall, height)))
     dock, width = random.uniform(-0.5, 0.5), random.uniform(0.32, 0.48)
-    solids.append(_solid((dock, 1.05, 0.5), (width, 0.12, random.uniform(0.3, 0.45))))
-    solids.append(_solid((dock, 0.97, random.uniform(0.42, 0.5)), (0.15, 0.06, 0.15)))
+    solids.append(cuboid((dock, 1.05, 0.5), (width, 0.12, random.uniform(0.3, 0.45))))
+    solids.append(cuboid((dock, 0.97, random.uniform(0.42, 0.5)), (0.15, 0.06, 0.15)))
     depth = random.uniform(0.25, 0.4)
-    shelf = _solid(
+    shelf = cuboid(
         (depth / 2 - ROOM_HALF_WIDTH, random.uniform(-0.4, 0.4), random.uniform(0.55, 0.7)),
         (depth, random.uniform(0.6, 0.9), 0.03),
     )
     solids.append(shelf)
     # Handrails: one along the wall and one upright.
     thick = random.uniform(0.02, 0.04)
-    solids.append(_solid((1.06, random.uniform(-0.5, 0.5), random.uniform(0.5, 1.0)), (thick, 0.6, thick)))
-    upright = _solid((1.06, random.uniform(-0.9, 0.9), 0.6), (thick, thick, random.uniform(0.5, 0.9)))
+    solids.append(cuboid((1.06, random.uniform(-0.5, 0.5), random.uniform(0.5, 1.0)), (thick, 0.6, thick)))
+    upright = cuboid((1.06, random.uniform(-0.9, 0.9), 0.6), (thick, thick, random.uniform(0.5, 0.9)))
     solids.append(dataclasses.replace(upright, round=True))
     if not open_front:
         deep = random.uniform(0.15, 0.25)
         extent = (random.uniform(0.2, 0.4), deep, random.uniform(0.35, 0.6))
-        solids.append(_solid((random.uniform(-0.8, 0.8), deep / 2 - ROOM_HALF_WIDTH, extent[2] / 2), extent))
+        solids.append(cuboid((random.uniform(-0.8, 0.8), deep / 2 - ROOM_HALF_WIDTH, extent[2] / 2), extent))
     return solids, shelf
-
-
-def _solid(centre: Sequence[float], extent: Sequence[float]) -> Solid:
-    return Solid(np.array(centre, float), np.array(extent, float))
-
-
-def _solids(objects: Iterable[StandingObject]) -> list[Solid]:
-    return [solid for parts in objects for solid in parts]
 
 
 def _stands(random: np.random.Generator, survey: SurveyKind) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -225,16 +222,12 @@ def _stands(random: np.random.Generator, survey: SurveyKind) -> list[tuple[np.nd
     return stands
 
 
-def _lost_frames(random: np.random.Generator) -> tuple[frozenset[int], frozenset[int]]:
+def _lost_frames(random: np.random.Generator) -> Pair[frozenset[int]]:
     """Of either survey one run of frames, and no frame in both."""
     lost = int(LOST_FRAMES * FRAMES)
     first = int(random.integers(FRAMES))
     second = first + int(random.integers(lost, FRAMES - lost + 1))
-    return _run(first, lost), _run(second, lost)
-
-
-def _run(first: int, length: int) -> frozenset[int]:
-    return frozenset((first + step) % FRAMES for step in range(length))
+    return Pair(first, second).map(lambda start: frozenset((start + step) % FRAMES for step in range(lost)))
 
 
 def _survey(
@@ -244,34 +237,25 @@ def _survey(
     camera: DepthCamera,
     survey: SurveyKind,
     lost: frozenset[int],
-) -> _Surveyed:
+) -> Recording:
     kept = [index for index in range(len(stands)) if index not in lost]
     near, aim = (0.03, 0.05) if survey == "panorama" else (0.003, 0.003)
     poses = np.stack([looking_at(_about(random, stands[i][0], near), _about(random, stands[i][1], aim)) for i in kept])
     frames = [camera.frame(solids, pose, random) for pose in poses]
-    if survey == "frame":
-        return _Surveyed(frames[0][0], frames[0][1], poses)
-    # Each frame is a little off its believed pose.
-    points = np.concatenate(
-        [
-            _moved_about(frame, pose[:3, 3], small_motion(random, 0.003, 0.1))
-            for (frame, _), pose in zip(frames, poses, strict=True)
-        ]
-    )
-    return _voxels(points, np.concatenate([change for _, change in frames]), poses)
+    points = [frame for frame, _ in frames]
+    if survey == "panorama":
+        # Each frame is a little off its believed pose.
+        points = [_off(random, frame, pose[:3, 3]) for frame, pose in zip(points, poses, strict=True)]
+    views = SensorViews(poses, camera.field_of_view, camera.max_range)
+    joined = np.concatenate(points)
+    recording = Recording(joined, joined, np.concatenate([labels for _, labels in frames]), views, views)
+    return recording.fused(VOXEL) if survey == "panorama" else recording
 
 
 def _about(random: np.random.Generator, place: np.ndarray, deviation: float) -> np.ndarray:
     return np.asarray(place + deviation * random.standard_normal(3))
 
 
-def _voxels(points: np.ndarray, change: np.ndarray, poses: np.ndarray) -> _Surveyed:
-    """The means of the voxels; each belongs to what most of its points belong to."""
-    grid = voxel_grid(points, VOXEL)
-    numbers = np.unique(change)
-    votes = [np.bincount(grid.voxel_of_point, change == number, minlength=len(grid.mass)) for number in numbers]
-    return _Surveyed(grid.points, numbers[np.argmax(votes, axis=0)], poses)
-
-
-def _moved_about(points: np.ndarray, centre: np.ndarray, motion: np.ndarray) -> np.ndarray:
+def _off(random: np.random.Generator, points: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    motion = small_motion(random, 0.003, 0.1)
     return np.asarray((points - centre) @ motion[:3, :3].T + motion[:3, 3] + centre)

@@ -1,15 +1,14 @@
 """Laser scanners that look at solids: on a tripod, spinning on something that walks or drives, from an aircraft."""
 
+import abc
 import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from gmmjax.scenes.depth_edges import behind_edges
-from gmmjax.scenes.pose_errors import PoseErrors
-from gmmjax.scenes.ray_casting import UNLABELLED, Solid, cast
-from gmmjax.scenes.recording import Recording, joined
+from gmmjax.scenes.ray_casting import UNLABELLED, Solid, behind_edges, cast
+from gmmjax.scenes.recording import PoseErrors, Recording, joined
 
 # Widest vertical field of view of `SensorViews`, degrees.
 WIDEST_VERTICAL = 179.0
@@ -68,8 +67,44 @@ class Beam:
 
 
 @dataclasses.dataclass(frozen=True)
-class TripodScanner:
-    """A terrestrial scanner: the sphere about it but for the cone that its tripod hides.
+class LaserScanner:
+    """What measures the rays of its own directions once from each pose.
+
+    Attributes:
+        beam: how it measures.
+    """
+
+    beam: Beam = Beam()
+
+    def recording(
+        self,
+        solids: Sequence[Solid],
+        poses: Float[np.ndarray, "v 4 4"],
+        random: np.random.Generator,
+        errors: PoseErrors = PoseErrors(),
+    ) -> Recording:
+        """One scan from each pose, which is a camera's that looks at the middle of the field of view."""
+        frames = [self.beam.points(solids, pose, self._directions(random), random) for pose in poses]
+        believed = errors.believed(poses, random)
+        return joined(frames, poses, believed, self._field_of_view, self.beam.max_range, self._least_elevation)
+
+    @abc.abstractmethod
+    def _directions(self, random: np.random.Generator) -> Float[np.ndarray, "rows columns 3"]:
+        """Unit directions of its rays, in its own coordinates: x right, y down, z forward."""
+
+    @property
+    @abc.abstractmethod
+    def _field_of_view(self) -> tuple[float, float]:
+        """Full horizontal and vertical angle, degrees."""
+
+    @property
+    def _least_elevation(self) -> float:
+        return -90.0
+
+
+@dataclasses.dataclass(frozen=True)
+class TripodScanner(LaserScanner):
+    """A terrestrial scanner that stands level: the sphere about it but for the cone that its tripod hides.
 
     Attributes:
         beam: how it measures.
@@ -79,24 +114,10 @@ class TripodScanner:
         highest: elevation of its highest rays.
     """
 
-    beam: Beam = Beam()
     rays: int = 60_000
     horizontal: float = 360.0
     lowest: float = -60.0
     highest: float = 90.0
-
-    def recording(
-        self,
-        solids: Sequence[Solid],
-        poses: Float[np.ndarray, "v 4 4"],
-        random: np.random.Generator,
-        errors: PoseErrors = PoseErrors(),
-    ) -> Recording:
-        """One scan from each pose; the poses are a camera's that looks level at the middle of its field of view."""
-        frames = [self.beam.points(solids, pose, self._directions(random), random) for pose in poses]
-        vertical = min(2 * max(-self.lowest, self.highest), WIDEST_VERTICAL)
-        field_of_view = (self.horizontal, vertical)
-        return joined(frames, poses, errors.believed(poses, random), field_of_view, self.beam.max_range, self.lowest)
 
     def _directions(self, random: np.random.Generator) -> np.ndarray:
         step = np.sqrt(self.horizontal * (self.highest - self.lowest) / self.rays)
@@ -104,10 +125,19 @@ class TripodScanner:
         elevations = np.arange(self.lowest, self.highest, step) + step * random.random()
         return turning_directions(np.radians(azimuths), np.radians(np.minimum(elevations, self.highest)))
 
+    @property
+    def _field_of_view(self) -> tuple[float, float]:
+        # Symmetric about the horizon, so that all rays lie in it.
+        return self.horizontal, min(2 * max(-self.lowest, self.highest), WIDEST_VERTICAL)
+
+    @property
+    def _least_elevation(self) -> float:
+        return self.lowest
+
 
 @dataclasses.dataclass(frozen=True)
-class SpinningLidar:
-    """A lidar of several beams that spins while it is carried along.
+class SpinningLidar(LaserScanner):
+    """A lidar of several beams that spins while it is carried along level: a revolution from each pose.
 
     Attributes:
         beam: how it measures.
@@ -121,27 +151,19 @@ class SpinningLidar:
     vertical: float = 30.0
     columns: int = 360
 
-    def recording(
-        self,
-        solids: Sequence[Solid],
-        poses: Float[np.ndarray, "v 4 4"],
-        random: np.random.Generator,
-        errors: PoseErrors = PoseErrors(),
-    ) -> Recording:
-        """One revolution from each pose of a path; its z axis looks level."""
-        frames = [self.beam.points(solids, pose, self._directions(random), random) for pose in poses]
-        field_of_view = (360.0, self.vertical)
-        return joined(frames, poses, errors.believed(poses, random), field_of_view, self.beam.max_range)
-
     def _directions(self, random: np.random.Generator) -> np.ndarray:
         azimuths = 2 * np.pi * (np.arange(self.columns) + random.random()) / self.columns - np.pi
         half = np.radians(self.vertical) / 2
         return turning_directions(azimuths, np.linspace(-half, half, self.rings))
 
+    @property
+    def _field_of_view(self) -> tuple[float, float]:
+        return 360.0, self.vertical
+
 
 @dataclasses.dataclass(frozen=True)
-class AirborneScanner:
-    """A scanner that looks down from far above.
+class AirborneScanner(LaserScanner):
+    """A scanner that looks down from far above, the tops of its images ahead: the swath beneath each pose.
 
     Attributes:
         beam: how it measures.
@@ -155,20 +177,8 @@ class AirborneScanner:
     along: float = 5.0
     rays: int = 3000
 
-    def recording(
-        self,
-        solids: Sequence[Solid],
-        poses: Float[np.ndarray, "v 4 4"],
-        random: np.random.Generator,
-        errors: PoseErrors = PoseErrors(),
-    ) -> Recording:
-        """The swath beneath each pose of a flight line; the poses look down, the tops of their images ahead."""
-        frames = [self.beam.points(solids, pose, self._directions(random), random) for pose in poses]
-        field_of_view = (self.across, self.along)
-        return joined(frames, poses, errors.believed(poses, random), field_of_view, self.beam.max_range)
-
     def _directions(self, random: np.random.Generator) -> np.ndarray:
-        across, along = (np.tan(np.radians(angle) / 2) for angle in (self.across, self.along))
+        across, along = (np.tan(np.radians(angle) / 2) for angle in self._field_of_view)
         rows = max(1, round(np.sqrt(self.rays * along / across)))
         columns = max(1, self.rays // rows)
         jitter = random.random((2, rows, columns))
@@ -176,6 +186,10 @@ class AirborneScanner:
         y = along * ((np.arange(rows)[:, None] + jitter[1]) / rows * 2 - 1)
         rays = np.stack([x, y, np.ones((rows, columns))], axis=-1)
         return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+
+    @property
+    def _field_of_view(self) -> tuple[float, float]:
+        return self.across, self.along
 
 
 def turning_directions(

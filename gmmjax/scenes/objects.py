@@ -2,13 +2,13 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
 
 from gmmjax.errors import InputError
-from gmmjax.scenes.ray_casting import UNLABELLED, Solid
+from gmmjax.scenes.families.things import block, pillar
+from gmmjax.scenes.ray_casting import Solid, StandingObject
 
 # Half the inner width of the room, and largest distance of an object from its middle on each axis, metres.
 ROOM_HALF_WIDTH, STANDING = 1.1, 0.78
@@ -20,55 +20,48 @@ ON_SHELF = 0.15
 # did not become the other by moving.
 LEAST_DIFFERENCE = 0.03
 
-# The solids of one object, the lowest first.
-StandingObject: TypeAlias = tuple[Solid, ...]
-
 
 def placed_objects(
     random: np.random.Generator, room: Sequence[Solid], shelf: Solid, appeared: int, disappeared: int, moved: int
-) -> tuple[
-    list[StandingObject], list[StandingObject], list[tuple[StandingObject, StandingObject]], list[StandingObject]
-]:
-    """Objects that are gone, new, moved (from, to) and stay, none in the place of another or of the furniture."""
-    taken: list[tuple[np.ndarray, float]] = []
-    different: list[StandingObject] = []
+) -> tuple[list[tuple[StandingObject, StandingObject]], list[StandingObject]]:
+    """What is there before and after of each change, and objects that stay; none in the place of another.
 
-    def drawn(label: int) -> StandingObject:
-        parts = _object(random, str(random.choice(KINDS)), label)
-        while label != UNLABELLED and any(_alike(parts, other) for other in different):
-            parts = _object(random, str(random.choice(KINDS)), label)
-        different.append(parts)
-        return parts
+    The changes are those that disappear, those that appear, and those that move.
+    """
+    taken: list[tuple[np.ndarray, float]] = []
+    others: list[StandingObject] = []
 
     def placed(parts: StandingObject) -> StandingObject:
         on_shelf = _on_shelf(random, parts, shelf, taken) if random.random() < ON_SHELF else None
         return on_shelf or on_floor(random, parts, room, taken)
 
-    gone = [placed(drawn(number)) for number in range(disappeared)]
-    new = [placed(drawn(disappeared + number)) for number in range(appeared)]
-    moves = []
-    for number in range(moved):
-        parts = drawn(disappeared + appeared + number)
-        moves.append((placed(parts), placed(parts)))
+    changes: list[tuple[StandingObject, StandingObject]] = []
+    for here, there in [(True, False)] * disappeared + [(False, True)] * appeared + [(True, True)] * moved:
+        parts = _object(random)
+        while any(_alike(parts, other) for other in others):
+            parts = _object(random)
+        others.append(parts)
+        places = [placed(parts) for _ in range(here + there)]
+        changes.append((places[0] if here else (), places[-1] if there else ()))
     staying = int(random.integers(1, 4)) if appeared + disappeared + 2 * moved < 4 else 1
-    return gone, new, moves, [placed(drawn(UNLABELLED)) for _ in range(staying)]
+    return changes, [placed(_object(random)) for _ in range(staying)]
 
 
-def _object(random: np.random.Generator, kind: str, label: int) -> StandingObject:
+def _object(random: np.random.Generator) -> StandingObject:
     """A robot's cube, a cargo bag, a drum, a box, or a box on a box, standing at the origin."""
+    kind = str(random.choice(KINDS))
     extent = {
         ROBOT: np.full(3, 0.32),
         "bag": np.array([0.45, 0.3, 0.25]) * random.uniform(0.85, 1.1, 3),
         "stack": random.uniform([0.28, 0.24, 0.15], [0.4, 0.36, 0.22]),
     }.get(kind, random.uniform(0.22, 0.42, 3))
     if kind == "drum":
-        extent[1] = extent[0]
-    base = Solid(np.array([0.0, 0.0, extent[2] / 2]), extent, 0.0, kind == "drum", label)
+        return (pillar(extent[0], extent[2]),)
     if kind != "stack":
-        return (base,)
+        return (block(extent),)
     upper = extent * random.uniform(0.55, 0.8, 3)
     aside = (extent - upper)[:2] / 2 * random.uniform(-1, 1, 2)
-    return base, Solid(np.array([*aside, extent[2] + upper[2] / 2]), upper, 0.0, False, label)
+    return block(extent), block(upper, (*aside, extent[2]))
 
 
 def _alike(parts: StandingObject, other: StandingObject) -> bool:

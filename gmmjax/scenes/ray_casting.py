@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -67,6 +68,10 @@ class Solid:
         return _cylinder(start, along, self.extent / 2) if self.round else _box(start, along, self.extent / 2)
 
 
+# The solids of one object, the lowest first.
+StandingObject: TypeAlias = tuple[Solid, ...]
+
+
 def cast(
     solids: Sequence[Solid], origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
@@ -88,6 +93,18 @@ def _towards(solid: Solid, origin: np.ndarray, directions: np.ndarray) -> np.nda
         return np.arange(len(directions))
     least = np.sqrt(distance**2 - reach**2) * (1 - 1e-9)
     return np.flatnonzero(directions @ centre >= least)
+
+
+def behind_edges(image: Float[np.ndarray, "rows columns"], jump: float) -> Float[np.ndarray, "rows columns"]:
+    """The range of an adjacent pixel where that is farther by more than the jump, and the own range elsewhere.
+
+    A beam that hits both surfaces there returns something between them.
+    """
+    behind = image.copy()
+    for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        for near, far in ((one, other), (other, one)):
+            behind[near] = np.where(image[far] - image[near] > jump, image[far], behind[near])
+    return behind
 
 
 def through_box(

@@ -1,12 +1,13 @@
-"""Solids of other shapes than boxes and cylinders: ellipsoids, bowls, cups, vegetation, ground."""
+"""Solids of other shapes than boxes and cylinders: ellipsoids, bowls, cups, vegetation, ground, revolved profiles."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import map_coordinates
 
-from gmmjax.scenes.ray_casting import Solid, through_box
+from gmmjax.scenes.ray_casting import UNLABELLED, Solid, through_box
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -134,6 +135,37 @@ class Ground(Solid):
         return np.asarray(places[:, 2] - self.height_at(places[:, :2]))
 
 
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Revolved(Solid):
+    """The surface that a polyline sweeps out about the third axis; open or closed, and hit from either side.
+
+    Attributes:
+        profile: radius and height of the polyline's corners [k, 2], metres; height 0 is the middle of the extent.
+    """
+
+    profile: Float[np.ndarray, "k 2"]
+
+    @classmethod
+    def standing(cls, profile: Sequence[tuple[float, float]], label: int = UNLABELLED) -> "Revolved":
+        """Upright on the axis through the origin; the profile is radius and height of each corner in the world."""
+        corners = np.array(profile, float)
+        widest, low, high = 2 * corners[:, 0].max(), corners[:, 1].min(), corners[:, 1].max()
+        middle = np.array([0.0, 0.0, (low + high) / 2])
+        extent = np.array([widest, widest, high - low])
+        return cls(centre=middle, extent=extent, label=label, profile=corners - [0.0, middle[2]])
+
+    def hits(self, start: Float[np.ndarray, "3"], along: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+        """`ranges` in its own coordinates; from either side."""
+        lower, upper = self.profile[:-1], self.profile[1:]
+        flat = np.abs(upper[:, 1] - lower[:, 1]) < 1e-9
+        hits = np.full(len(along), np.inf)
+        if flat.any():
+            hits = np.fmin(hits, _annuli(start, along, lower[flat], upper[flat]))
+        if not flat.all():
+            hits = np.fmin(hits, _cones(start, along, lower[~flat], upper[~flat]))
+        return hits
+
+
 def _through_ellipsoid(start: np.ndarray, along: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where each ray enters and leaves an ellipsoid about the origin; NaN where it misses."""
     origin, direction = start / half, along / half
@@ -155,3 +187,30 @@ def _random_of(along: np.ndarray) -> np.ndarray:
     for shift, factor in ((33, 0xFF51AFD7ED558CCD), (33, 0xC4CEB9FE1A85EC53), (33, 1)):
         mixed = (mixed ^ (mixed >> np.uint64(shift))) * np.uint64(factor)
     return np.asarray(((mixed >> np.uint64(12)).astype(float) + 0.5) / 2.0**52)
+
+
+def _annuli(start: np.ndarray, along: np.ndarray, inner: np.ndarray, outer: np.ndarray) -> np.ndarray:
+    """Where rays cross the flat rings of the profile."""
+    ranges = (inner[:, 1] - start[2]) / along[:, 2:]
+    radius = np.hypot(*(start[axis] + ranges * along[:, axis, None] for axis in (0, 1)))
+    least, most = np.minimum(inner[:, 0], outer[:, 0]), np.maximum(inner[:, 0], outer[:, 0])
+    inside = (ranges > 0) & (radius >= least) & (radius <= most)
+    return np.asarray(np.where(inside, ranges, np.inf).min(axis=1))
+
+
+def _cones(start: np.ndarray, along: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Where rays cross the conical rings: x^2 + y^2 = r(z)^2 with the radius linear in the height."""
+    slope = (upper[:, 0] - lower[:, 0]) / (upper[:, 1] - lower[:, 1])
+    radius = lower[:, 0] + slope * (start[2] - lower[:, 1])
+    growth = slope * along[:, 2:]
+    quadratic = (along[:, :2] ** 2).sum(axis=1)[:, None] - growth**2
+    linear = (along[:, :2] @ start[:2])[:, None] - growth * radius
+    square = linear**2 - quadratic * (start[:2] @ start[:2] - radius**2)
+    root = np.sqrt(np.where(square >= 0, square, np.nan))
+    least, most = np.minimum(lower[:, 1], upper[:, 1]), np.maximum(lower[:, 1], upper[:, 1])
+    nearest = np.full(len(along), np.inf)
+    for ranges in ((-linear - root) / quadratic, (-linear + root) / quadratic):
+        height = start[2] + ranges * along[:, 2:]
+        inside = (ranges > 0) & (height >= least) & (height <= most) & (radius + ranges * growth >= 0)
+        nearest = np.minimum(nearest, np.where(inside, ranges, np.inf).min(axis=1))
+    return nearest

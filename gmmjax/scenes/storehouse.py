@@ -7,20 +7,19 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from gmmjax.geometry import LocalSurface, rotation_about
+from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each
-from gmmjax.scenes.families.interior import between
-from gmmjax.scenes.families.staging import turned
-from gmmjax.scenes.families.things import block, pillar
+from gmmjax.scenes.families.things import between, block, pillar
 from gmmjax.scenes.laser_scanner import Beam, TripodScanner
-from gmmjax.scenes.pose_errors import PoseErrors
 from gmmjax.scenes.ray_casting import UNLABELLED, Solid
-from gmmjax.scenes.recording import Recording
-from gmmjax.scenes.rigid_motions import small_motion, upright
+from gmmjax.scenes.recording import PoseErrors, Recording
+from gmmjax.scenes.rigid_motions import small_motion, turned, upright
 from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
 
 Color: TypeAlias = tuple[int, int, int]
-# Where something stands: x and y, metres, and its turn about the vertical, degrees.
+# A solid, whose label is the number of its change, and its colour.
+_Painted: TypeAlias = tuple[Solid, Color]
+# Where something stands: x and y, metres, and its rotation about the vertical, degrees.
 _Place: TypeAlias = tuple[float, float, float]
 
 
@@ -33,24 +32,11 @@ class StorehouseSettings:
         rays: of the scanner from each station.
         stations: where the scanner stands in either survey, x and y, metres, give or take 10 cm. What is seen from no
             station of a survey is missing in its cloud.
-        beam: how the scanner measures.
-        station_errors: of the poses that the survey believes in; without them both stations agree exactly.
-        shift: displacement of the after cloud, metres; with 0 and 0 degrees nothing has to be registered.
-        degrees: rotation of the after cloud.
-        placing: how far each thing stands from its place in the plan, standard deviation, metres; with 0 all seeds
-            have one arrangement, and differ in noise only.
-        grain: variation of the colours from point to point, standard deviation, as a share; with 0 they are flat.
     """
 
     points: int = 50_000
     rays: int = 70_000
     stations: Pair[tuple[tuple[float, float], ...]] = Pair(*2 * (((-2.9, -0.7), (0.2, -0.6), (3.2, -0.8)),))
-    beam: Beam = Beam(noise=0.003, max_range=25.0)
-    station_errors: PoseErrors = PoseErrors(0.002, 0.01)
-    shift: float = 0.08
-    degrees: float = 0.8
-    placing: float = 0.05
-    grain: float = 0.06
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -64,14 +50,6 @@ class ColoredScene:
 
     scene: SurveyedScene
     colors: Pair[UInt8[np.ndarray, "n 3"]]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Painted:
-    """A solid with its colour; its label is the number of its change."""
-
-    solid: Solid
-    color: Color
 
 
 _CONCRETE, _WALL, _WALL_BASE, _MARKING = (142, 144, 146), (214, 210, 200), (120, 150, 160), (226, 186, 60)
@@ -90,19 +68,14 @@ def storehouse(seed: int, settings: StorehouseSettings = StorehouseSettings()) -
         settings: of the survey.
     """
     random = np.random.default_rng(seed)
-    painted = _arranged(random, settings.placing)
-    recordings = each(
-        lambda side, stations: _recorded(side, stations, random, settings),
-        painted,
-        settings.stations.map(lambda places: _stations(random, places)),
-    )
-    motion = small_motion(random, settings.shift, settings.degrees)
-    frame = Frame(rotation_about(motion[:3, :3], np.zeros(3), motion[:3, 3]))
-    colors = each(lambda side, recording: _colors(side, recording, random, settings.grain), painted, recordings)
-    scene = surveyed_scene(
-        painted.map(lambda side: [part.solid for part in side]), each(_as_changes, painted, recordings), frame
-    )
-    return ColoredScene(scene, colors)
+    painted = _arranged(random)
+    poses = settings.stations.map(lambda places: _stations(random, places))
+    recordings = each(lambda side, stations: _recorded(side, stations, random, settings), painted, poses)
+    # The after cloud is displaced by 8 cm and 0.8 degrees.
+    frame = Frame(small_motion(random, 0.08, 0.8))
+    colors = each(lambda side, recording: _colors(side, recording, random), painted, recordings)
+    solids = painted.map(lambda side: [solid for solid, _ in side])
+    return ColoredScene(surveyed_scene(solids, each(_as_changes, painted, recordings), frame), colors)
 
 
 def _stations(random: np.random.Generator, places: tuple[tuple[float, float], ...]) -> Float[np.ndarray, "v 4 4"]:
@@ -121,31 +94,28 @@ def _recorded(
     settings: StorehouseSettings,
 ) -> Recording:
     """What the scanner records of one side; the labels are the places of the solids in the sequence."""
-    solids = [dataclasses.replace(part.solid, label=index) for index, part in enumerate(side)]
-    scanner = TripodScanner(settings.beam, settings.rays, lowest=-65.0, highest=60.0)
-    recording = scanner.recording(solids, stations, random, settings.station_errors)
-    return recording.fused_to(settings.points)
+    solids = [dataclasses.replace(solid, label=index) for index, (solid, _) in enumerate(side)]
+    scanner = TripodScanner(Beam(noise=0.003, max_range=25.0), settings.rays, lowest=-65.0, highest=60.0)
+    return scanner.recording(solids, stations, random, PoseErrors(0.002, 0.01)).fused_to(settings.points)
 
 
 def _as_changes(side: Sequence[_Painted], recording: Recording) -> Recording:
     """The recording with the numbers of the changes as labels."""
-    numbers = np.array([*(part.solid.label for part in side), UNLABELLED])
+    numbers = np.array([*(solid.label for solid, _ in side), UNLABELLED])
     return dataclasses.replace(recording, labels=numbers[recording.labels])
 
 
-def _colors(
-    side: Sequence[_Painted], recording: Recording, random: np.random.Generator, grain: float
-) -> UInt8[np.ndarray, "n 3"]:
+def _colors(side: Sequence[_Painted], recording: Recording, random: np.random.Generator) -> UInt8[np.ndarray, "n 3"]:
     """The colours of the solids in the light of a hall: from above, and a little from one side."""
     # The last is that of what a ray mixed of two solids.
-    paint = np.array([*(part.color for part in side), _STEEL], float)
+    paint = np.array([*(color for _, color in side), _STEEL], float)
     normals = LocalSurface.of(recording.points).normals
     lamp = np.abs(normals @ np.array([0.25, 0.45, 0.86]))
-    shade = (0.55 + 0.45 * lamp) * (1 + grain * random.standard_normal(len(normals)))
+    shade = (0.55 + 0.45 * lamp) * (1 + 0.06 * random.standard_normal(len(normals)))
     return np.clip(paint[recording.labels] * shade[:, None], 0, 255).astype(np.uint8)
 
 
-def _arranged(random: np.random.Generator, placing: float) -> Pair[list[_Painted]]:
+def _arranged(random: np.random.Generator) -> Pair[list[_Painted]]:
     """The storehouse at both times."""
     # Of each thing that changes: what it is, and where it stands before and after.
     changes: list[tuple[list[_Painted], _Place | None, _Place | None]] = [
@@ -165,89 +135,91 @@ def _arranged(random: np.random.Generator, placing: float) -> Pair[list[_Painted
         (_machine(), (0.3, -2.6, 180.0)),
         (_carton((0.5, 0.4, 0.4), _CARDBOARD), (4.2, -1.7, 30.0)),
     ]
-    before, after = list(_building()), list(_building())
+    before, after = _building(), _building()
     for thing, place in staying:
-        standing = _placed(thing, place, random, placing)
+        standing = _placed(thing, place, random)
         before += standing
         after += standing
     for number, (thing, here, there) in enumerate(changes):
-        numbered = [dataclasses.replace(part, solid=dataclasses.replace(part.solid, label=number)) for part in thing]
-        before += _placed(numbered, here, random, placing) if here else []
-        after += _placed(numbered, there, random, placing) if there else []
+        numbered = [(dataclasses.replace(solid, label=number), color) for solid, color in thing]
+        before += _placed(numbered, here, random) if here else []
+        after += _placed(numbered, there, random) if there else []
     return Pair(before, after)
 
 
-def _placed(thing: Sequence[_Painted], place: _Place, random: np.random.Generator, placing: float) -> list[_Painted]:
-    x, y = random.normal(place[:2], placing)
-    pose = turned(float(np.radians(place[2])), (x, y, 0.0))
-    return [dataclasses.replace(part, solid=part.solid.moved(pose)) for part in thing]
+def _placed(thing: Sequence[_Painted], place: _Place, random: np.random.Generator) -> list[_Painted]:
+    """The thing within some centimetres of its place."""
+    x, y = random.normal(place[:2], 0.05)
+    return _at(thing, turned(float(np.radians(place[2])), (x, y, 0.0)))
+
+
+def _at(thing: Sequence[_Painted], pose: np.ndarray) -> list[_Painted]:
+    return [(solid.moved(pose), color) for solid, color in thing]
 
 
 def _building() -> list[_Painted]:
     """Floor with markings, two walls with a painted base, pillars, and racks along the longer wall."""
     x, y, z = _LENGTH, _WIDTH, _HEIGHT
     parts = [
-        _Painted(between((-x, -y, -0.2), (x, y, 0.0)), _CONCRETE),
-        _Painted(between((-x, y, 0), (x, y + 0.2, z)), _WALL),
-        _Painted(between((-x - 0.2, -y, 0), (-x, y, z)), _WALL),
+        (between((-x, -y, -0.2), (x, y, 0.0)), _CONCRETE),
+        (between((-x, y, 0), (x, y + 0.2, z)), _WALL),
+        (between((-x - 0.2, -y, 0), (-x, y, z)), _WALL),
         # Paint is 2 mm thick here: less than the noise of the scanner.
-        _Painted(between((-x, y - 0.002, 0), (x, y, 1.0)), _WALL_BASE),
-        _Painted(between((-x, -y, 0), (-x + 0.002, y, 1.0)), _WALL_BASE),
-        _Painted(between((-x + 0.4, 0.02, 0), (x, 0.14, 0.002)), _MARKING),
-        _Painted(between((-x + 0.4, -1.74, 0), (x, -1.62, 0.002)), _MARKING),
+        (between((-x, y - 0.002, 0), (x, y, 1.0)), _WALL_BASE),
+        (between((-x, -y, 0), (-x + 0.002, y, 1.0)), _WALL_BASE),
+        (between((-x + 0.4, 0.02, 0), (x, 0.14, 0.002)), _MARKING),
+        (between((-x + 0.4, -1.74, 0), (x, -1.62, 0.002)), _MARKING),
     ]
-    parts += [_Painted(block((0.3, 0.3, z), (along, -y + 0.25, 0)), _STEEL) for along in (-4.6, 4.6)]
-    parts += [_Painted(between((-x, y - 0.35, 2.2), (x, y - 0.2, 2.35)), _PLASTIC)]
+    parts += [(block((0.3, 0.3, z), (along, -y + 0.25, 0)), _STEEL) for along in (-4.6, 4.6)]
+    parts += [(between((-x, y - 0.35, 2.2), (x, y - 0.2, 2.35)), _PLASTIC)]
     for middle in (-3.1, 2.6):
-        parts += [dataclasses.replace(part, solid=part.solid.moved(turned(0.0, (middle, 2.95, 0)))) for part in _rack()]
+        parts += _at(_rack(), turned(0.0, (middle, 2.95, 0)))
     return parts
 
 
 def _rack() -> list[_Painted]:
     """A rack of three levels with cartons."""
     wide, deep, levels = 2.6, 0.8, (0.15, 0.85, 1.55)
-    parts = [_Painted(block((wide, deep, 0.05), (0, 0, level)), _ORANGE) for level in levels]
-    parts += [
-        _Painted(block((0.08, 0.08, 2.0), (sx * wide / 2, sy * deep / 2, 0)), _BLUE) for sx in (-1, 1) for sy in (-1, 1)
-    ]
+    parts = [(block((wide, deep, 0.05), (0, 0, level)), _ORANGE) for level in levels]
+    parts += [(block((0.08, 0.08, 2.0), (sx * wide / 2, sy * deep / 2, 0)), _BLUE) for sx in (-1, 1) for sy in (-1, 1)]
     sizes = [(0.6, 0.55, 0.45), (0.45, 0.6, 0.3), (0.7, 0.5, 0.5), (0.35, 0.4, 0.35)]
     tints = [_CARDBOARD, _CARTON, _GREEN, _PLASTIC, _CARDBOARD]
     for row, level in enumerate(levels):
         for column, along in enumerate((-0.9, -0.2, 0.55)):
             index = 3 * row + column
             size = sizes[index % len(sizes)]
-            parts.append(_Painted(block(size, (along, -0.02 * index, level + 0.05)), tints[index % len(tints)]))
+            parts.append((block(size, (along, -0.02 * index, level + 0.05)), tints[index % len(tints)]))
     return parts
 
 
 def _pallet(size: tuple[float, float], load: float, color: Color) -> list[_Painted]:
     """A pallet with a load of this height, metres, or empty."""
     wide, deep = size
-    slats = [_Painted(block((wide, deep / 9, 0.14), (0, (row - 2) * deep / 4.5, 0)), _WOOD) for row in range(5)]
-    return [*slats, _Painted(block((wide * 0.95, deep * 0.95, load), (0, 0, 0.14)), color)] if load else slats
+    slats = [(block((wide, deep / 9, 0.14), (0, (row - 2) * deep / 4.5, 0)), _WOOD) for row in range(5)]
+    return [*slats, (block((wide * 0.95, deep * 0.95, load), (0, 0, 0.14)), color)] if load else slats
 
 
 def _carton(size: tuple[float, float, float], color: Color) -> list[_Painted]:
-    return [_Painted(block(size), color)]
+    return [(block(size), color)]
 
 
 def _crates(size: tuple[float, float, float]) -> list[_Painted]:
     """A crate on a crate."""
     upper = block(np.array(size) * 0.8, (0.04, 0.02, size[2]))
-    return [_Painted(block(size), _RED), _Painted(upper, _WOOD)]
+    return [(block(size), _RED), (upper, _WOOD)]
 
 
 def _drum(color: Color) -> list[_Painted]:
-    return [_Painted(pillar(0.58, 0.88), color), _Painted(pillar(0.08, 0.04, (0.15, 0.0, 0.88)), _DARK)]
+    return [(pillar(0.58, 0.88), color), (pillar(0.08, 0.04, (0.15, 0.0, 0.88)), _DARK)]
 
 
 def _trolley() -> list[_Painted]:
     """A tool cabinet on wheels, with a box on it."""
     wheels = [block((0.08, 0.08, 0.12), (x * 0.36, y * 0.2, 0)) for x in (-1, 1) for y in (-1, 1)]
     return [
-        _Painted(block((0.9, 0.55, 0.68), (0, 0, 0.12)), _BLUE),
-        *(_Painted(wheel, _DARK) for wheel in wheels),
-        _Painted(block((0.45, 0.35, 0.25), (0.15, 0.05, 0.8)), _PLASTIC),
+        (block((0.9, 0.55, 0.68), (0, 0, 0.12)), _BLUE),
+        *((wheel, _DARK) for wheel in wheels),
+        (block((0.45, 0.35, 0.25), (0.15, 0.05, 0.8)), _PLASTIC),
     ]
 
 
@@ -257,4 +229,4 @@ def _machine() -> list[_Painted]:
     motor = pillar(0.4, 0.45, (-0.2, 0, 0.8))
     panel = block((0.35, 0.1, 0.4), (0.3, -0.32, 0.55))
     foot = block((1.2, 0.7, 0.1))
-    return [_Painted(body, _GREEN), _Painted(motor, _STEEL), _Painted(panel, _DARK), _Painted(foot, _DARK)]
+    return [(body, _GREEN), (motor, _STEEL), (panel, _DARK), (foot, _DARK)]

@@ -9,12 +9,14 @@ from jaxtyping import Bool, Float, Int
 
 from gmmjax.clouds import SensorViews
 from gmmjax.errors import InputError
-from gmmjax.geometry import rigid_transform, rotation_about, transformed
+from gmmjax.geometry import rigid_transform, transformed
 from gmmjax.pair import Pair, each
 from gmmjax.scenes.ray_casting import UNLABELLED, Solid
 from gmmjax.scenes.recording import Recording
 from gmmjax.scenes.rigid_motions import small_motion
-from gmmjax.scenes.visibility import uncounted
+
+# A change is counted in a cloud when it has at least this number of points there, less than half of them unseen.
+LEAST_POINTS = 40
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -65,26 +67,23 @@ class Frame:
         *,
         shift: float,
         degrees: float,
-        centre: Sequence[float] = (0.0, 0.0, 0.0),
         any_way_up: bool = False,
     ) -> "Frame":
         """A random one.
 
         Args:
             random: of everything.
-            shift: largest shift of the misregistration, metres.
-            degrees: largest angle of the misregistration.
-            centre: of the rotation of the misregistration, metres: the middle of the scene.
+            shift: largest translation of the misregistration, metres.
+            degrees: largest angle of the misregistration, about the origin.
             any_way_up: whether the vertical may point anywhere, as in a scene without gravity.
         """
-        motion = small_motion(random, random.uniform(0, shift), random.uniform(0, degrees))
-        middle = np.array(centre)
-        misregistration = rotation_about(motion[:3, :3], middle, middle + motion[:3, 3])
+        misregistration = small_motion(random, random.uniform(0, shift), random.uniform(0, degrees))
         return cls(misregistration, _placement(random, any_way_up), _unit(random))
 
-    def side(self, which: Pair[bool]) -> Pair[Float[np.ndarray, "4 4"]]:
+    @property
+    def motions(self) -> Pair[Float[np.ndarray, "4 4"]]:
         """The motion of either cloud from true coordinates to its own, before the unit."""
-        return which.map(lambda after: self.placement @ self.misregistration if after else self.placement)
+        return Pair(self.placement, self.placement @ self.misregistration)
 
     def scaled(self, motion: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
         """A rigid motion in metres, in the clouds' unit."""
@@ -120,7 +119,7 @@ def surveyed_scene(
     truth = each(_truth, recordings, covers.swapped)
     hidden = functools.partial(_unseen, hidden_by=hidden_by)
     unseen = each(hidden, recordings, truth, recordings.swapped, solids.swapped, covers.swapped)
-    motions = frame.side(Pair(False, True))
+    motions = frame.motions
     return SurveyedScene(
         clouds=each(lambda recording, motion: frame.unit * transformed(recording.points, motion), recordings, motions),
         truth=truth,
@@ -160,6 +159,22 @@ def _unseen(
         bare = [solid for solid in solids if not any(solid is cover for cover in covers)]
         unseen[covered] = ~other.saw(own.places[covered], bare, hidden_by)
     return unseen
+
+
+def uncounted(solids: Sequence[Solid], truth: Int[np.ndarray, " n"], unseen: Bool[np.ndarray, " n"]) -> frozenset[int]:
+    """The labels of changes with too few points in the cloud, or most of whose points the other survey cannot see.
+
+    Args:
+        solids: of the scene; those with a label are changes.
+        truth: per point the label of its change; of what a change of the other time covers, that of the cover.
+        unseen: per point whether the other survey could not see its place.
+    """
+    few = set()
+    for number in ({solid.label for solid in solids} | set(truth.tolist())) - {UNLABELLED}:
+        own = truth == number
+        if own.sum() < LEAST_POINTS or unseen[own].mean() >= 0.5:
+            few.add(number)
+    return frozenset(few)
 
 
 def _kinds(solids: Pair[Sequence[Solid]]) -> tuple[str, ...]:

@@ -13,15 +13,13 @@ from gmmjax.changes import Box, Change, Changes, Contribution, DetectionConfig, 
 from gmmjax.clouds import PointCloud
 from gmmjax.geometry import rigid_transform, rotation_about, transformed
 from gmmjax.pair import Pair, each
-from gmmjax.scenes.depth_camera import DepthCamera
-from gmmjax.scenes.families.arrangements import cuboid
+from gmmjax.scenes.depth_camera import DepthCamera, TriangulatingCamera
 from gmmjax.scenes.families.tableware import ball, book, bottle, bowl, can, carton, cup, tin
-from gmmjax.scenes.families.things import block, labelled, machine, moved, pallet, pillar, shelves, tripod
+from gmmjax.scenes.families.things import block, cuboid, labelled, machine, moved, pallet, pillar, shelves, tripod
 from gmmjax.scenes.laser_scanner import Beam, TripodScanner
 from gmmjax.scenes.ray_casting import Solid
 from gmmjax.scenes.recording import Recording, joined
 from gmmjax.scenes.rigid_motions import looking_at, upright
-from gmmjax.scenes.triangulating_camera import TriangulatingCamera
 
 Color = tuple[int, int, int]
 CONCRETE, PLASTER, STEEL, WOOD = (168, 166, 160), (206, 204, 196), (112, 124, 138), (172, 132, 88)

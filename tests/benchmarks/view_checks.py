@@ -18,8 +18,8 @@ from gmmjax.clouds import SensorViews, voxel_grid, voxel_size_for
 from gmmjax.errors import InputError
 from gmmjax.geometry import rigid_transform
 from gmmjax.learning import LEARNED_FROM, training_sources
-from gmmjax.scenes.families.depots import depots
-from gmmjax.scenes.families.tripods import TripodSurveys
+from gmmjax.scenes.families.halls import depots
+from gmmjax.scenes.families.scanners import TripodSurveys
 
 
 def surveys(family: str, seed: int) -> Iterator[tuple[np.ndarray, SensorViews]]:

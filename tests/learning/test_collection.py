@@ -7,7 +7,6 @@ from gmmjax.evaluation import LabelledCloud, LabelledPair
 from gmmjax.learning import (
     CandidateRows,
     Collected,
-    CollectionSettings,
     collected,
     collected_in,
     collection,
@@ -118,11 +117,12 @@ def test_the_number_of_workers_changes_nothing():
 
 
 @pytest.mark.slow
-def test_scenes_of_many_points_are_examined_at_their_own_resolution_too():
-    alone, both, never = (
-        collected(["terrain"], [1], settings=CollectionSettings(voxels)).families["terrain"].before
-        for voxels in (0, 8_000, 10**6)
-    )
+def test_scenes_of_many_points_are_examined_at_their_own_resolution_too(monkeypatch):
+    found = []
+    for voxels in (0, 8_000, 10**6):
+        monkeypatch.setattr(collection, "REGISTERED_VOXELS", voxels)
+        found.append(collected(["terrain"], [1]).families["terrain"].before)
+    alone, both, never = found
     assert 0 < len(alone.kind) < len(both.kind)
     np.testing.assert_array_equal(both.values[: len(alone.kind)], alone.values)
     np.testing.assert_array_equal(never.values, alone.values)

@@ -7,9 +7,9 @@ from gmmjax.learning.moved_scenes import SceneSettings, found_scene
 from gmmjax.learning.same_object import (
     SIGNS,
     Example,
-    Job,
     LearningSettings,
     examples_of,
+    examples_of_scene,
     learned,
     left_out_log_odds,
     summary,
@@ -83,17 +83,14 @@ def test_the_truth_of_what_was_found_is_known(shifted):
 
 
 def test_the_motion_within_the_place_is_an_example(shifted):
-    settings = LearningSettings(scene=SMALL)
-    examples = list(examples_of("room, within a place", shifted, settings))
+    examples = list(examples_of("room, within a place", shifted))
     assert any(example.one_object and example.situation == "in place" for example in examples)
 
 
 @pytest.mark.slow
 def test_a_scene_gives_the_same_examples_every_time(shifted):
-    settings = LearningSettings(scene=SMALL)
-    assert Job("room, within a place", 6, settings).run() == list(
-        examples_of("room, within a place", shifted, settings)
-    )
+    kind = "room, within a place"
+    assert examples_of_scene((kind, 6), SMALL) == list(examples_of(kind, shifted))
 
 
 def test_a_scene_of_a_family_in_which_nothing_moved_is_passed_over(monkeypatch):

@@ -5,8 +5,7 @@ import pytest
 
 from gmmjax.errors import InputError
 from gmmjax.evaluation import Reliability
-from gmmjax.learning import CandidateRows, TrainingSettings, learned
-from gmmjax.learning.left_out_table import left_out_table
+from gmmjax.learning import CandidateRows, TrainingSettings, learned, left_out_table
 from tests.learning.candidates import NAMES, rows
 
 SETTINGS = TrainingSettings(penalties=(0.1, 1.0))

@@ -5,7 +5,7 @@ from scipy.spatial import cKDTree
 
 from gmmjax import InputError
 from gmmjax.clouds import SensorViews
-from gmmjax.scenes import laboratory, laboratory_scene, visibility
+from gmmjax.scenes import laboratory, laboratory_scene
 
 CHANGES = dict(appeared=1, disappeared=1, moved=1)
 
@@ -200,17 +200,6 @@ def test_no_two_rooms_are_the_same(room, quiet_room):
             assert len(fixture) > 50
             places.append(np.median(fixture[:, across]))
         assert abs(places[0] - places[1]) > 0.03
-
-
-def test_changes_with_too_few_points_are_not_counted(room, monkeypatch):
-    sizes = {(side, change): np.sum(truth == change) for side, truth in
-             (("before", room.truth_before), ("after", room.truth_after)) for change in set(truth) - {-1}}  # fmt: skip
-    assert not room.uncounted_before and not room.uncounted_after
-    least = sorted(sizes.values())[2]
-    monkeypatch.setattr(visibility, "LEAST_POINTS", int(least))
-    scene = laboratory_scene(jax.random.key(0), **CHANGES)
-    few = {place for place, size in sizes.items() if size < least}
-    assert few == {("before", n) for n in scene.uncounted_before} | {("after", n) for n in scene.uncounted_after}
 
 
 def test_changes_that_the_other_survey_could_not_see_are_not_counted(monkeypatch):

@@ -1,5 +1,3 @@
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -48,5 +46,5 @@ def test_a_seed_says_all(colored):
     again = storehouse(0, SMALL)
     np.testing.assert_array_equal(again.scene.clouds.after, colored.scene.clouds.after)
     np.testing.assert_array_equal(again.colors.after, colored.colors.after)
-    other = storehouse(1, dataclasses.replace(SMALL, placing=0.0))
+    other = storehouse(1, SMALL)
     assert other.scene.clouds.before.shape != colored.scene.clouds.before.shape

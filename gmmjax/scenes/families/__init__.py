@@ -9,37 +9,24 @@ import numpy as np
 from gmmjax.errors import check_choice
 from gmmjax.scenes.families.apartments import apartments
 from gmmjax.scenes.families.corridors import corridors
-from gmmjax.scenes.families.depots import depots
 from gmmjax.scenes.families.doors import doors
 from gmmjax.scenes.families.earthworks import earthworks
-from gmmjax.scenes.families.halls import halls
+from gmmjax.scenes.families.halls import depots, halls, yards
+from gmmjax.scenes.families.room_surveys import small_motions
 from gmmjax.scenes.families.rooms import kitchens, rooms
-from gmmjax.scenes.families.small_motions import small_motions
 from gmmjax.scenes.families.station import station
 from gmmjax.scenes.families.tabletop import tabletop
 from gmmjax.scenes.families.terrain import terrain
 from gmmjax.scenes.families.town import town
-from gmmjax.scenes.families.yards import yards
 from gmmjax.scenes.surveyed_scene import SurveyedScene
 
+_FAMILIES = (
+    *(rooms, kitchens, tabletop, doors, small_motions, terrain, town, station),
+    *(corridors, halls, apartments, yards, depots, earthworks),
+)
 # What each family's name makes from a random generator.
 FAMILIES: Mapping[str, Callable[[np.random.Generator], SurveyedScene]] = MappingProxyType(
-    {
-        "rooms": rooms,
-        "kitchens": kitchens,
-        "tabletop": tabletop,
-        "doors": doors,
-        "small_motions": small_motions,
-        "terrain": terrain,
-        "town": town,
-        "station": station,
-        "corridors": corridors,
-        "halls": halls,
-        "apartments": apartments,
-        "yards": yards,
-        "depots": depots,
-        "earthworks": earthworks,
-    }
+    {family.__name__: family for family in _FAMILIES}
 )
 
 

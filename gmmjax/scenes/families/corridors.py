@@ -4,39 +4,18 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.pair import Pair, each
-from gmmjax.scenes.families.density import drawn_density
-from gmmjax.scenes.families.interior import between
-from gmmjax.scenes.families.staging import Support, Turnover, staged, turned
-from gmmjax.scenes.families.things import (
-    bag,
-    bin_,
-    box,
-    cart,
-    chair,
-    clutter,
-    drum,
-    extinguisher,
-    one_of,
-    pallet,
-    plant,
-    shelves,
-    stack,
-    suitcase,
-)
+from gmmjax.scenes.families import things
+from gmmjax.scenes.families.staging import Support, Turnover, staged
+from gmmjax.scenes.families.things import between, chance
 from gmmjax.scenes.laser_scanner import Beam, SpinningLidar
-from gmmjax.scenes.objects import StandingObject
-from gmmjax.scenes.pose_errors import PoseErrors
 from gmmjax.scenes.ray_casting import Solid
-from gmmjax.scenes.rigid_motions import upright
+from gmmjax.scenes.recording import PoseErrors, drawn_density
+from gmmjax.scenes.rigid_motions import turned, upright
 from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
 
-
-def _carton(random: np.random.Generator) -> StandingObject:
-    return box(random, 0.3, 0.9)
-
-
-_THINGS = one_of(
-    box, stack, bag, bin_, cart, cart, chair, clutter, drum, extinguisher, pallet, plant, shelves, suitcase
+_THINGS = things.one_of(
+    *(things.box, things.stack, things.bag, things.bin_, things.cart, things.cart, things.chair, things.clutter),
+    *(things.drum, things.extinguisher, things.pallet, things.plant, things.shelves, things.suitcase),
 )
 
 
@@ -51,7 +30,8 @@ def corridors(random: np.random.Generator) -> SurveyedScene:
     ]
     solids = staged(random, _walls(random, size), strips, _THINGS, int(random.integers(3, 12)), Turnover(moved=1))
     lidars = _lidars(random)
-    paths = _paths(random, size)
+    height = random.uniform(0.4, 1.6)
+    paths = Pair(_path(random, size, height), _path(random, size, height))
     errors = Pair(_errors(random), _errors(random))
     recordings = each(
         lambda lidar, own, path, wrong: lidar.recording(own, path, random, wrong), lidars, solids, paths, errors
@@ -66,43 +46,32 @@ def _lidars(random: np.random.Generator) -> Pair[SpinningLidar]:
     """The same make in both surveys, but for its noise."""
     rings = int(random.choice([16, 32, 64], p=[0.5, 0.3, 0.2]))
     vertical, reach = random.uniform(30, 100), random.uniform(8, 30)
-
-    def one() -> SpinningLidar:
+    lidars = []
+    for _ in range(2):
         beam = Beam(random.uniform(0.004, 0.03), 0.0, 0.4, reach, random.uniform(0, 0.15), 0.2, random.uniform(0, 0.05))
-        return SpinningLidar(beam, rings, vertical, columns=int(6000 / rings * random.uniform(0.8, 1.4)))
-
-    return Pair(one(), one())
+        lidars.append(SpinningLidar(beam, rings, vertical, columns=int(6000 / rings * random.uniform(0.8, 1.4))))
+    return Pair(*lidars)
 
 
 def _errors(random: np.random.Generator) -> PoseErrors:
-    drifts = random.random() < 0.8
-    return PoseErrors(
-        jitter=random.uniform(0.0, 0.01),
-        jitter_degrees=random.uniform(0.0, 0.1),
-        drift=drifts * random.uniform(0.0, 0.12),
-        drift_degrees=drifts * random.uniform(0.0, 0.3),
-    )
+    drifts = chance(random, 0.8)
+    jitter = random.uniform([0.0, 0.0], [0.01, 0.1])
+    drift = drifts * random.uniform([0.0, 0.0], [0.12, 0.3])
+    return PoseErrors(*map(float, (*jitter, *drift)))
 
 
-def _paths(random: np.random.Generator, size: np.ndarray) -> Pair[Float[np.ndarray, "v 4 4"]]:
-    """Either survey walks its own part of the corridor, at least two thirds of it, one of them now and then back."""
-    height = random.uniform(0.4, 1.6)
-
-    def path() -> np.ndarray:
-        share = random.uniform(0.65, 1.0)
-        first = random.uniform(-0.48, 0.48 - 0.96 * share)
-        stations = np.arange(first, first + 0.96 * share, random.uniform(0.8, 1.6) / size[0]) * size[0]
-        if random.random() < 0.3:
-            stations = stations[::-1]
-        sway = 0.05 * size[1]
-        return np.stack(
-            [
-                upright(np.array([x, random.normal(0, sway), random.normal(height, 0.02)]), random.normal(0, 0.1))
-                for x in stations
-            ]
-        )
-
-    return Pair(path(), path())
+def _path(random: np.random.Generator, size: np.ndarray, height: float) -> Float[np.ndarray, "v 4 4"]:
+    """A walk along the survey's own part of the corridor, at least two thirds of it, now and then back."""
+    share = random.uniform(0.65, 1.0)
+    first = random.uniform(-0.48, 0.48 - 0.96 * share)
+    stations = np.arange(first, first + 0.96 * share, random.uniform(0.8, 1.6) / size[0]) * size[0]
+    if chance(random, 0.3):
+        stations = stations[::-1]
+    poses = []
+    for x in stations:
+        position = np.array([x, random.normal(0, 0.05 * size[1]), random.normal(height, 0.02)])
+        poses.append(upright(position, random.normal(0, 0.1)))
+    return np.stack(poses)
 
 
 def _walls(random: np.random.Generator, size: np.ndarray) -> list[Solid]:

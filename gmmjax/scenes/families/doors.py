@@ -4,15 +4,17 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.geometry import rigid_transform
-from gmmjax.scenes.families.arrangements import Arrangement, chance, cuboid
+from gmmjax.scenes.families import things
 from gmmjax.scenes.families.room_surveys import surveyed_room
-from gmmjax.scenes.families.staging import Support, turned
-from gmmjax.scenes.families.things import bin_, box, cart, chair, lamp, moved, one_of, plant, table
-from gmmjax.scenes.objects import StandingObject
-from gmmjax.scenes.ray_casting import Solid
+from gmmjax.scenes.families.staging import Arrangement, Support
+from gmmjax.scenes.families.things import chance, cuboid, moved
+from gmmjax.scenes.ray_casting import Solid, StandingObject
+from gmmjax.scenes.rigid_motions import turned
 from gmmjax.scenes.surveyed_scene import SurveyedScene
 
-_FURNITURE = one_of(bin_, box, cart, chair, chair, lamp, plant, table)
+_FURNITURE = things.one_of(
+    *(things.bin_, things.box, things.cart, things.chair, things.chair, things.lamp, things.plant, things.table)
+)
 
 
 def doors(random: np.random.Generator) -> SurveyedScene:
@@ -20,9 +22,6 @@ def doors(random: np.random.Generator) -> SurveyedScene:
 
     One or two of them are opened or closed: leaves by 5 to 100 degrees about their hinge, drawers by 5 to 40 cm;
     nothing in a third of the scenes. A leaf, or a drawer with its front, is one object with its motion.
-
-    Args:
-        random: of everything.
     """
     size = random.uniform([3.0, 2.8, 2.3], [6.0, 5.0, 2.8])
     arrangement = Arrangement()
@@ -38,7 +37,8 @@ def doors(random: np.random.Generator) -> SurveyedScene:
             aim = np.array([thing[0].centre[0], size[1] / 2, 0.5 + thing[0].centre[2] / 2])
         else:
             arrangement.stays(thing)
-    _furnish(random, arrangement, size)
+    front = Support(turned(0.0, (0.0, -size[1] / 4, 0.0)), (size[0], size[1] / 2))
+    arrangement.furnish(random, [front], _FURNITURE, int(random.integers(0, 5)))
     return surveyed_room(random, arrangement, size, aim)
 
 
@@ -204,13 +204,3 @@ def _drawer(
         first, second = 0.0, pulled
     drawer = tuple(cuboid(corner + middle + [0.0, -first, 0.0], size) for middle, size in panels)
     return drawer, rigid_transform(translation=np.array([0.0, first - second, 0.0]))
-
-
-def _furnish(random: np.random.Generator, arrangement: Arrangement, size: np.ndarray) -> None:
-    """Up to four pieces of furniture in the front part of the room."""
-    floor = Support(turned(0.0, (0.0, -size[1] / 4, 0.0)), (size[0], size[1] / 2))
-    for _ in range(int(random.integers(0, 5))):
-        thing = _FURNITURE(random)
-        pose = floor.pose(random, thing)
-        if pose is not None:
-            arrangement.stays(moved(thing, pose))

@@ -1,29 +1,21 @@
 """Rooms: their walls with what is fixed to them, the furniture, and where things can stand on it."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
 
-from gmmjax.scenes.families.staging import Support, top_of, turned
-from gmmjax.scenes.families.things import (
-    Coordinates,
-    chair,
-    counter,
-    cupboard,
-    lamp,
-    moved,
-    plant,
-    shelves,
-    sofa,
-    table,
-)
-from gmmjax.scenes.objects import StandingObject
-from gmmjax.scenes.ray_casting import Solid
+from gmmjax.scenes.families import things
+from gmmjax.scenes.families.staging import Support, top_of
+from gmmjax.scenes.families.things import Drawing, between, chance, moved
+from gmmjax.scenes.ray_casting import Solid, StandingObject
+from gmmjax.scenes.rigid_motions import turned
 
 # Furniture whose upper faces carry things, and how many of its first solids do.
-_CARRIERS: dict[Callable[[np.random.Generator], StandingObject], int] = {counter: 1, table: 1, shelves: 4, sofa: 1}
+_CARRIERS: dict[Drawing, int] = {things.counter: 1, things.table: 1, things.shelves: 4, things.sofa: 1}
+_ALONG_WALLS = (things.counter, things.cupboard, things.shelves, things.sofa, things.table)
+_IN_THE_MIDDLE = [things.table, things.chair, things.chair, things.lamp, things.plant, things.chair]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -42,18 +34,25 @@ class Interior:
     tops: list[Support]
     size: Float[np.ndarray, "3"]
 
-
-def between(lowest: Coordinates, highest: Coordinates) -> Solid:
-    """The box between two opposite corners."""
-    corners = np.array([lowest, highest], float)
-    return Solid(corners.mean(axis=0), corners[1] - corners[0])
+    def put(self, kind: Drawing, thing: StandingObject, pose: np.ndarray | None) -> None:
+        """Add the thing, where it found a place, and the faces of it that carry others."""
+        if pose is None:
+            return
+        standing = moved(thing, pose)
+        self.solids.extend(standing)
+        carriers = standing[: _CARRIERS.get(kind, 0)]
+        levels = [float(solid.centre[2]) for solid in carriers]
+        for index, solid in enumerate(carriers):
+            below_another = kind is things.shelves and index + 1 < len(levels)
+            above = levels[index + 1] - levels[index] - 0.06 if below_another else 1.5
+            self.tops.append(top_of(solid, headroom=max(above, 0.0)))
 
 
 def furnished_room(
     random: np.random.Generator,
     size: Float[np.ndarray, "3"],
     *,
-    middle: Sequence[float] = (0.0, 0.0),
+    middle: Sequence[float] | np.ndarray = (0.0, 0.0),
     walls: bool = True,
 ) -> Interior:
     """A room with furniture along its walls and in its middle.
@@ -64,22 +63,19 @@ def furnished_room(
         middle: of the floor.
         walls: whether it has walls and a ceiling of its own.
     """
-    solids = shell(random, size) if walls else []
     floor = Support(np.eye(4), (float(size[0]), float(size[1])))
-    tops: list[Support] = []
-    for draw in random.permutation(np.array([counter, cupboard, shelves, sofa, table, shelves, cupboard], object))[
+    room = Interior(shell(random, size) if walls else [], floor, [], size)
+    for draw in random.permutation(np.array([*_ALONG_WALLS, things.shelves, things.cupboard], object))[
         : int(random.integers(2, 6))
     ]:
-        _stand(random, draw, draw(random), floor, solids, tops, _against_wall)
-    for draw in [table, chair, chair, lamp, plant, chair][: int(random.integers(1, 7))]:
-        _stand(random, draw, draw(random), floor, solids, tops, lambda r, thing, support: support.pose(r, thing))
+        thing = draw(random)
+        room.put(draw, thing, _against_wall(random, thing, floor))
+    for draw in _IN_THE_MIDDLE[: int(random.integers(1, 7))]:
+        thing = draw(random)
+        room.put(draw, thing, floor.pose(random, thing))
     motion = turned(0.0, (*middle, 0.0))
-    return Interior(
-        [solid.moved(motion) for solid in solids],
-        dataclasses.replace(floor, middle=motion),
-        [dataclasses.replace(top, middle=motion @ top.middle) for top in tops],
-        size,
-    )
+    tops = [dataclasses.replace(top, middle=motion @ top.middle) for top in room.tops]
+    return Interior(list(moved(room.solids, motion)), dataclasses.replace(floor, middle=motion), tops, size)
 
 
 def shell(random: np.random.Generator, size: Float[np.ndarray, "3"]) -> list[Solid]:
@@ -87,7 +83,7 @@ def shell(random: np.random.Generator, size: Float[np.ndarray, "3"]) -> list[Sol
     x, y, z = size / 2 * [1, 1, 2]
     thick = 0.1
     solids = [between((-x - thick, -y - thick, -thick), (x + thick, y + thick, 0.0))]
-    if random.random() < 0.7:
+    if chance(random, 0.7):
         solids.append(between((-x, -y, z), (x, y, z + thick)))
     for side in (-1.0, 1.0):
         solids.append(Solid(np.array([side * (x + thick / 2), 0.0, z / 2]), np.array([thick, 2 * y + 2 * thick, z])))
@@ -126,25 +122,3 @@ def _against_wall(random: np.random.Generator, thing: StandingObject, floor: Sup
             floor.taken.extend((spot, float(half_deep)) for spot in spots)
             return np.asarray(pose)
     return None
-
-
-def _stand(
-    random: np.random.Generator,
-    kind: Callable[[np.random.Generator], StandingObject],
-    thing: StandingObject,
-    floor: Support,
-    solids: list[Solid],
-    tops: list[Support],
-    place: Callable[[np.random.Generator, StandingObject, Support], np.ndarray | None],
-) -> None:
-    """Adds the thing, where it finds a place, and the faces of it that carry others."""
-    pose = place(random, thing, floor)
-    if pose is None:
-        return
-    standing = moved(thing, pose)
-    solids.extend(standing)
-    carriers = standing[: _CARRIERS.get(kind, 0)]
-    levels = [float(solid.centre[2]) for solid in carriers]
-    for index, solid in enumerate(carriers):
-        above = levels[index + 1] - levels[index] - 0.06 if kind is shelves and index + 1 < len(levels) else 1.5
-        tops.append(top_of(solid, headroom=max(above, 0.0)))

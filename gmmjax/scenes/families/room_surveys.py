@@ -1,4 +1,4 @@
-"""Surveys of rooms about the origin by depth cameras and by scanners on tripods."""
+"""Surveys of rooms by depth cameras or from tripods, and rooms in which something was moved within its place."""
 
 from collections.abc import Callable, Sequence
 
@@ -6,27 +6,30 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.pair import Pair, each
-from gmmjax.scenes.families.arrangements import Arrangement, chance
-from gmmjax.scenes.families.density import drawn_density
-from gmmjax.scenes.families.depth_frames import poses_about, surveyed_by, triangulating_camera
-from gmmjax.scenes.families.handheld import again
+from gmmjax.scenes.families import things
+from gmmjax.scenes.families.cameras import again, poses_about, triangulating_camera
+from gmmjax.scenes.families.interior import furnished_room
+from gmmjax.scenes.families.scanners import level_poses, scanned
+from gmmjax.scenes.families.staging import Arrangement, Support, displaced
+from gmmjax.scenes.families.things import chance, log_uniform, moved
 from gmmjax.scenes.laser_scanner import Beam, TripodScanner
 from gmmjax.scenes.ray_casting import UNLABELLED, Solid, cast
-from gmmjax.scenes.recording import Recording
-from gmmjax.scenes.rigid_motions import upright
+from gmmjax.scenes.recording import Recording, drawn_density
+from gmmjax.scenes.rigid_motions import turned
 from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
+
+_SHIFTED = things.one_of(
+    *(things.box, things.box, things.cart, things.drum, things.machine, things.machine, things.stack)
+)
+_STAYING = things.one_of(things.bin_, things.box, things.chair, things.machine, things.suitcase)
 
 
 def surveyed_room(
     random: np.random.Generator, arrangement: Arrangement, size: Float[np.ndarray, "3"], aim: Float[np.ndarray, "3"]
 ) -> SurveyedScene:
-    """The room as one to three frames of a depth camera see it, or a scanner on a tripod from one or two stations.
+    """The room of this size, as one to three frames of a depth camera or one or two stations of a scanner see it.
 
-    Args:
-        random: of the sensor and where it stands.
-        arrangement: what stands in the room.
-        size: inner lengths along x and y, and the height, metres.
-        aim: what a depth camera looks at.
+    The cameras look at the aim.
     """
     survey = _frames if chance(random, 0.6) else _stations
     recordings, frame, hidden_by = survey(random, arrangement, size, aim)
@@ -43,7 +46,7 @@ def _frames(
     poses = _in_sight(arrangement.solids.before, aim, lambda: _camera_poses(random, views, size, aim))
     still = chance(random, 0.4)
     stands = Pair(poses, poses if still else again(random, poses, 0.06, 2.0))
-    recordings = each(lambda solids, own: surveyed_by(random, camera, solids, own), arrangement.solids, stands)
+    recordings = each(lambda solids, own: camera.recording(solids, own, random), arrangement.solids, stands)
     frame = Frame.drawn(random, shift=0.003 if still else 0.02, degrees=0.2 if still else 1.0)
     # The noise at 3 m.
     return recordings, frame, 0.03 + 2 * 9 * camera.noise
@@ -82,15 +85,11 @@ def _in_sight(
 def _stations(
     random: np.random.Generator, arrangement: Arrangement, size: np.ndarray, aim: np.ndarray
 ) -> tuple[Pair[Recording], Frame, float]:
-    beam = Beam(
-        noise=np.exp(random.uniform(np.log(0.001), np.log(0.006))),
-        max_range=30.0,
-        mixed=random.uniform(0.0, 0.3),
-        lost=random.uniform(0.0, 0.05),
-    )
+    noise = log_uniform(random, 0.001, 0.006)
+    mixed, lost = random.uniform(0.0, 0.3), random.uniform(0.0, 0.05)
     stations = int(random.integers(1, 3))
     scanner = TripodScanner(
-        beam,
+        Beam(noise=noise, max_range=30.0, mixed=mixed, lost=lost),
         rays=int(random.uniform(22_000, 39_000) / stations),
         horizontal=360.0 if chance(random, 0.5) else random.uniform(190.0, 270.0),
         lowest=random.uniform(-65, -45),
@@ -106,27 +105,39 @@ def _stations(
     second = first.copy()
     if chance(random, 0.7):
         second[:, :2, 3] += random.uniform(-0.4, 0.4, (stations, 2))
-    recordings = each(
-        lambda solids, own: scanner.recording(solids, own, random), arrangement.solids, Pair(first, second)
-    )
+    recordings = scanned(random, scanner, arrangement.solids, Pair(first, second))
     return recordings, Frame.drawn(random, shift=0.01, degrees=0.2), 0.03
 
 
-def level_poses(
-    random: np.random.Generator,
-    places: Float[np.ndarray, "v 2"],
-    height: float | Sequence[float],
-    aim: Float[np.ndarray, "3"],
-) -> Float[np.ndarray, "v 4 4"]:
-    """Poses of a scanner that stands level and looks about where something is.
+def small_motions(random: np.random.Generator) -> SurveyedScene:
+    """Furnished rooms: a chair is turned by 5 to 60 degrees, or a box or a machine shifted by 2 to 15 cm.
 
-    Args:
-        random: of the azimuths, which are up to 0.4 off.
-        places: x and y of the stations, metres.
-        height: of all, or of each; in the world, metres.
-        aim: what the middle of the field of view is turned to, metres.
+    Now and then two things; nothing in a third of the scenes.
     """
-    positions = np.column_stack([places, np.broadcast_to(height, len(places))])
-    towards = aim[:2] - places
-    azimuths = np.arctan2(towards[:, 1], towards[:, 0]) + random.uniform(-0.4, 0.4, len(places))
-    return np.stack([upright(place, azimuth) for place, azimuth in zip(positions, azimuths, strict=True)])
+    size = random.uniform([3.0, 3.0, 2.3], [6.0, 6.0, 3.0])
+    room = furnished_room(random, size)
+    arrangement = Arrangement()
+    arrangement.stays(room.solids)
+    aim = np.array([0.0, 0.15 * size[1], 0.4])
+    for _ in range(0 if chance(random, 1 / 3) else 1 + chance(random, 0.3)):
+        place = _move(random, arrangement, room.floor)
+        aim = aim if place is None else np.array([place[0], place[1], 0.4])
+    arrangement.furnish(random, [room.floor], _STAYING, int(random.integers(1, 5)))
+    return surveyed_room(random, arrangement, size, aim)
+
+
+def _move(random: np.random.Generator, arrangement: Arrangement, floor: Support) -> Float[np.ndarray, "3"] | None:
+    """Moves a thing a little, and tells where it stands; None where there is no place for it."""
+    turns = chance(random, 0.4)
+    thing = things.chair(random) if turns else _SHIFTED(random)
+    pose = floor.pose(random, thing, 0.1)
+    if pose is None:
+        return None
+    if turns:
+        angle = np.radians(random.uniform(5, 60)) * random.choice([-1, 1])
+        shift = random.uniform(-0.05, 0.05, 2) if chance(random, 0.5) else np.zeros(2)
+        motion = pose @ turned(float(angle), (*shift, 0.0)) @ np.linalg.inv(pose)
+    else:
+        motion = displaced(random, pose, (0.02, 0.15), np.radians(5) if chance(random, 1 / 3) else 0.0)
+    arrangement.moves(moved(thing, pose), np.asarray(motion))
+    return np.asarray(pose[:3, 3])

@@ -1,7 +1,7 @@
 """Puts things in free places of a scene, before and after something changed."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax.geometry import rigid_transform
 from gmmjax.pair import Pair
-from gmmjax.scenes.families.things import Coordinates, Drawing, footprint, height, labelled, moved
-from gmmjax.scenes.objects import StandingObject
-from gmmjax.scenes.ray_casting import UNLABELLED, Solid
+from gmmjax.scenes.families.things import Drawing, footprint, height, labelled, moved
+from gmmjax.scenes.ray_casting import Solid, StandingObject
+from gmmjax.scenes.rigid_motions import turned
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -23,7 +23,6 @@ class Support:
         middle: of the rectangle, its z axis the normal [4, 4].
         size: full edge lengths, metres.
         headroom: what stands here must be lower, metres.
-        turned: whether things stand at any angle; else along the edges.
         gap: left free between things, metres.
         overhang: share of a thing's radius that may stand out over the edges.
         taken: middles and radii of the places taken, in the rectangle's coordinates.
@@ -32,28 +31,29 @@ class Support:
     middle: Float[np.ndarray, "4 4"]
     size: tuple[float, float]
     headroom: float = np.inf
-    turned: bool = True
     gap: float = 0.05
     overhang: float = 0.0
     taken: list[tuple[np.ndarray, float]] = dataclasses.field(default_factory=list)
 
-    def pose(self, random: np.random.Generator, thing: StandingObject) -> Float[np.ndarray, "4 4"] | None:
-        """A free pose for the thing, which is taken from then on; None where none was found."""
+    def pose(
+        self, random: np.random.Generator, thing: StandingObject, clearance: float = 0.0
+    ) -> Float[np.ndarray, "4 4"] | None:
+        """A free pose for the thing and this clearance, metres, which it keeps; None where none was found."""
         radius = footprint(thing)
         room = np.array(self.size) / 2 - radius * (1 - self.overhang)
         if (room < 0).any() or height(thing) > self.headroom:
             return None
         for _ in range(30):
             spot = random.uniform(-room, room)
-            if self.free(spot, radius):
-                self.taken.append((spot, radius))
-                yaw = random.uniform(0, 2 * np.pi) if self.turned else np.pi / 2 * random.integers(4)
-                return np.asarray(self.middle @ turned(float(yaw), (*spot, 0.0)))
+            if self.free(spot, radius, clearance):
+                self.taken.append((spot, radius + clearance))
+                return np.asarray(self.middle @ turned(random.uniform(0, 2 * np.pi), (*spot, 0.0)))
         return None
 
-    def free(self, spot: Float[np.ndarray, "2"], radius: float) -> bool:
+    def free(self, spot: Float[np.ndarray, "2"], radius: float, clearance: float = 0.0) -> bool:
         """Whether nothing stands in a circle, in the rectangle's coordinates."""
-        return all(np.linalg.norm(spot - other) > radius + reach + self.gap for other, reach in self.taken)
+        gap = self.gap + clearance
+        return all(np.linalg.norm(spot - other) > radius + reach + gap for other, reach in self.taken)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -61,12 +61,10 @@ class Space:
     """A box in which things float in any orientation.
 
     Attributes:
-        middle: of the box, metres.
-        size: full edge lengths.
+        size: full edge lengths, about the origin, metres.
         taken: middles and radii of the places taken.
     """
 
-    middle: Float[np.ndarray, "3"]
     size: Float[np.ndarray, "3"]
     taken: list[tuple[np.ndarray, float]] = dataclasses.field(default_factory=list)
 
@@ -78,7 +76,7 @@ class Space:
         if (free < 0).any():
             return None
         for _ in range(30):
-            spot = self.middle + random.uniform(-free, free)
+            spot = random.uniform(-free, free)
             if all(np.linalg.norm(spot - other) > radius + reach + 0.03 for other, reach in self.taken):
                 self.taken.append((spot, radius))
                 turn = Rotation.from_quat(random.standard_normal(4)).as_matrix()
@@ -90,11 +88,6 @@ class Space:
 Place: TypeAlias = Support | Space
 
 
-def turned(yaw: float, at: Coordinates) -> Float[np.ndarray, "4 4"]:
-    """The pose of a thing that stands at a place, turned about the vertical by the yaw, radians."""
-    return rigid_transform(Rotation.from_euler("z", yaw).as_matrix(), np.array(at, float))
-
-
 def top_of(solid: Solid, headroom: float = np.inf) -> Support:
     """The upper face of a box as a support for what is lower than the headroom, metres."""
     raised = rigid_transform(translation=np.array([0.0, 0.0, solid.extent[2] / 2]))
@@ -102,25 +95,67 @@ def top_of(solid: Solid, headroom: float = np.inf) -> Support:
     return Support(solid.pose() @ raised, size, headroom, gap=0.02, overhang=0.25)
 
 
-@dataclasses.dataclass(frozen=True)
-class Turnover:
-    """How much of a scene changes.
+@dataclasses.dataclass
+class Arrangement:
+    """The solids of both times; every change gets the next number.
 
     Attributes:
-        unchanged: share of the scenes in which nothing does.
-        appeared: most things that come.
-        disappeared: most that go.
-        moved: most that move.
+        solids: of the scene before and after.
+        changes: how many there are.
     """
 
-    unchanged: float = 1 / 3
+    solids: Pair[list[Solid]] = dataclasses.field(default_factory=lambda: Pair([], []))
+    changes: int = 0
+
+    def stays(self, solids: Iterable[Solid]) -> None:
+        """These are there at both times."""
+        standing = list(solids)
+        for side in self.solids:
+            side.extend(standing)
+
+    def change(self, before: StandingObject = (), after: StandingObject = ()) -> None:
+        """One is there before and the other after; the same thing in both has moved."""
+        self.solids.before.extend(labelled(before, self.changes))
+        self.solids.after.extend(labelled(after, self.changes))
+        self.changes += 1
+
+    def comes_or_goes(self, thing: StandingObject, *, comes: bool) -> None:
+        """This is there after only, or before only."""
+        self.change(*((), thing) if comes else (thing, ()))
+
+    def moves(self, thing: StandingObject, motion: Float[np.ndarray, "4 4"]) -> None:
+        """This is there before, and after where the motion brings it."""
+        self.change(thing, moved(thing, motion))
+
+    def furnish(self, random: np.random.Generator, places: Sequence[Place], draw: Drawing, count: int) -> None:
+        """At most this number of drawn things stays in the places, where they find one."""
+        for _ in range(count):
+            thing = draw(random)
+            pose = _free_pose(random, places, thing)
+            self.stays(moved(thing, pose) if pose is not None else ())
+
+
+def displaced(
+    random: np.random.Generator, pose: Float[np.ndarray, "4 4"], shift: tuple[float, float], most_yaw: float
+) -> Float[np.ndarray, "4 4"]:
+    """A motion of a thing along the floor by least to most, metres, and about the vertical by up to the yaw."""
+    direction, yaw = random.uniform(0, 2 * np.pi), random.uniform(-most_yaw, most_yaw)
+    there = pose @ Solid(np.zeros(3), np.ones(3), float(yaw)).pose()
+    there[:2, 3] += random.uniform(*shift) * np.array([np.cos(direction), np.sin(direction)])
+    return np.asarray(there @ np.linalg.inv(pose))
+
+
+@dataclasses.dataclass(frozen=True)
+class Turnover:
+    """How many things come, go and move at most in a scene; in a third of the scenes nothing does."""
+
     appeared: int = 3
     disappeared: int = 3
     moved: int = 2
 
     def drawn(self, random: np.random.Generator) -> tuple[int, int, int]:
         """How many things come, go and move in one scene."""
-        if random.random() < self.unchanged:
+        if random.random() < 1 / 3:
             return 0, 0, 0
         while True:
             counts = random.integers(0, [self.appeared + 1, self.disappeared + 1, self.moved + 1])
@@ -146,25 +181,17 @@ def staged(
         staying: things that stay, where they find a place.
         turnover: how much changes.
     """
+    arrangement = Arrangement()
+    arrangement.stays(fixed)
     appeared, disappeared, displaced = turnover.drawn(random)
-    before, after = list(fixed), list(fixed)
-    number = 0
     for here, there in [(True, False)] * disappeared + [(False, True)] * appeared + [(True, True)] * displaced:
-        thing = labelled(draw(random), number)
+        thing = draw(random)
         poses = [_free_pose(random, places, thing) for _ in range(here + there)]
-        if any(pose is None for pose in poses):
-            continue
         found = [moved(thing, pose) for pose in poses if pose is not None]
-        before += found[0] if here else ()
-        after += found[-1] if there else ()
-        number += 1
-    for _ in range(staying):
-        thing = labelled(draw(random), UNLABELLED)
-        pose = _free_pose(random, places, thing)
-        kept = moved(thing, pose) if pose is not None else ()
-        before += kept
-        after += kept
-    return Pair(before, after)
+        if len(found) == here + there:
+            arrangement.change(found[0] if here else (), found[-1] if there else ())
+    arrangement.furnish(random, places, draw, staying)
+    return arrangement.solids
 
 
 def _free_pose(random: np.random.Generator, places: Sequence[Place], thing: StandingObject) -> np.ndarray | None:

@@ -6,12 +6,11 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax.geometry import rigid_transform
 from gmmjax.pair import Pair
-from gmmjax.scenes.families.density import drawn_density
-from gmmjax.scenes.families.handheld import again, drawn_camera, kept_frames, recorded
-from gmmjax.scenes.families.staging import Place, Space, Support, Turnover, staged, turned
-from gmmjax.scenes.families.things import Drawing, ball, block, box, clutter, one_of, pillar, screen
-from gmmjax.scenes.objects import StandingObject
-from gmmjax.scenes.ray_casting import Solid
+from gmmjax.scenes.families.cameras import again, kept_frames, recorded, time_of_flight_camera
+from gmmjax.scenes.families.staging import Place, Space, Support, staged
+from gmmjax.scenes.families.things import ball, block, box, chance, clutter, moved, one_of, pillar, screen
+from gmmjax.scenes.ray_casting import Solid, StandingObject
+from gmmjax.scenes.recording import drawn_density
 from gmmjax.scenes.rigid_motions import looking_at
 from gmmjax.scenes.shapes import Ellipsoid
 from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
@@ -25,11 +24,10 @@ def station(random: np.random.Generator) -> SurveyedScene:
     size = random.uniform([3.5, 1.8, 1.8], [7.5, 2.5, 2.5])
     solids = _staged(random, size)
     frames = int(random.integers(14, 26))
-    camera = drawn_camera(random, columns=72, max_range=4.0)
+    camera = time_of_flight_camera(random, columns=72, max_range=4.0)
     first = _poses(random, size, frames)
-    second = (
-        again(random, first, random.uniform(0.05, 0.3), 8.0) if random.random() < 0.7 else _poses(random, size, frames)
-    )
+    near = chance(random, 0.7)
+    second = again(random, first, random.uniform(0.05, 0.3), 8.0) if near else _poses(random, size, frames)
     poses = kept_frames(random, Pair(first, second), random.choice([0.0, random.uniform(0.1, 0.3)]))
     recordings = drawn_density(random, recorded(random, solids, poses, camera))
     frame = Frame.drawn(random, shift=0.03, degrees=0.6, any_way_up=True)
@@ -38,27 +36,19 @@ def station(random: np.random.Generator) -> SurveyedScene:
 
 def _staged(random: np.random.Generator, size: np.ndarray) -> Pair[list[Solid]]:
     """Things on the racks and in the air between."""
-    floating = Space(np.zeros(3), size * [0.95, 0.75, 0.75])
-    places: list[Place] = [floating, *(_rack_face(side, size) for side in range(4))]
+    faces = (Support(_side(side, size), (float(size[0]), 0.7 * float(size[1 + side % 2])), 0.6) for side in range(4))
+    places: list[Place] = [Space(size * [0.95, 0.75, 0.75]), *faces]
     # A few sizes in one module: that is what makes things look alike.
     sizes = [_BAGS[int(index)] for index in random.integers(len(_BAGS), size=int(random.integers(1, 4)))]
-    bag = _bag_of(sizes)
-    things = one_of(bag, bag, bag, box, ball, screen, clutter)
+
+    def bag(own: np.random.Generator) -> StandingObject:
+        extent = np.array(sizes[int(own.integers(len(sizes)))])
+        bulging = block(extent * [0.8, 0.8, 0.3], (0.0, 0.0, 0.88 * extent[2]), Ellipsoid)
+        return (block(extent),) if chance(own, 0.6) else (block(extent), bulging)
+
+    drawn = one_of(bag, bag, bag, box, ball, screen, clutter)
     fixed = _module(random, size)
-    return staged(random, fixed, places, things, int(random.integers(1, 6)), Turnover())
-
-
-def _bag_of(sizes: list[tuple[float, float, float]]) -> Drawing:
-    """Bags of these sizes, some of them bulging."""
-
-    def bag(random: np.random.Generator) -> StandingObject:
-        extent = np.array(sizes[int(random.integers(len(sizes)))])
-        body = block(extent)
-        if random.random() < 0.6:
-            return (body,)
-        return body, block(extent * [0.8, 0.8, 0.3], (0.0, 0.0, 0.88 * extent[2]), Ellipsoid)
-
-    return bag
+    return staged(random, fixed, places, drawn, int(random.integers(1, 6)))
 
 
 def _module(random: np.random.Generator, size: np.ndarray) -> list[Solid]:
@@ -67,7 +57,7 @@ def _module(random: np.random.Generator, size: np.ndarray) -> list[Solid]:
     for side in range(4):
         frame = _side(side, size)
         solids.append(block((size[0] + 0.2, max(size[1:]) + 0.4, 0.05), (0.0, 0.0, -0.15)).moved(frame))
-        solids += [solid.moved(frame) for solid in _racks(random, size[0], size[1 + side % 2])]
+        solids += moved(_racks(random, size[0], size[1 + side % 2]), frame)
     for end in (-1.0, 1.0):
         wall = Solid(np.array([end * (size[0] / 2 + 0.05), 0.0, 0.0]), np.array([0.1, size[1] + 0.5, size[2] + 0.5]))
         hatch = pillar(random.uniform(0.8, 1.3), random.uniform(0.05, 0.2))
@@ -87,7 +77,7 @@ def _racks(random: np.random.Generator, length: float, wide: float) -> list[Soli
             y = ((row + 0.5) / rows - 0.5) * wide
             extent = (0.97 * length / count, 0.97 * wide / rows, 0.12)
             solids.append(block(extent, (x, y, -0.12 - random.uniform(0.0, 0.08))))
-        if random.random() < 0.5:
+        if chance(random, 0.5):
             rail = block((0.03, random.uniform(0.3, 0.6), 0.03), (x - length / count / 2, 0.0, 0.06))
             solids += [rail, block((0.03, 0.03, 0.08), (x - length / count / 2, 0.0, -0.01))]
     return solids
@@ -97,12 +87,6 @@ def _side(side: int, size: np.ndarray) -> np.ndarray:
     """The pose of a side's face: its z axis points into the module, its x axis along it."""
     turn = Rotation.from_euler("x", 90 * side, degrees=True).as_matrix()
     return rigid_transform(turn, -turn[:, 2] * size[2 - side % 2] / 2)
-
-
-def _rack_face(side: int, size: np.ndarray) -> Support:
-    return Support(
-        _side(side, size) @ turned(0.0, (0.0, 0.0, 0.0)), (float(size[0]), 0.7 * float(size[1 + side % 2])), 0.6
-    )
 
 
 def _poses(random: np.random.Generator, size: np.ndarray, frames: int) -> Float[np.ndarray, "v 4 4"]:

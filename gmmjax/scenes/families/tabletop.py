@@ -4,17 +4,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from gmmjax.pair import Pair, each
-from gmmjax.scenes.families.arrangements import Arrangement, chance, cuboid, displaced, pose_with_clearance
-from gmmjax.scenes.families.depth_frames import checkerboard, poses_about, surveyed_by, triangulating_camera
-from gmmjax.scenes.families.handheld import again
-from gmmjax.scenes.families.staging import Support, top_of
+from gmmjax.scenes.depth_camera import TriangulatingCamera
+from gmmjax.scenes.families.cameras import again, poses_about, triangulating_camera
+from gmmjax.scenes.families.staging import Arrangement, Support, displaced, top_of
 from gmmjax.scenes.families.tableware import ball, book, bottle, bowl, can, carton, cup, tin
-from gmmjax.scenes.families.things import footprint, height, moved, one_of
-from gmmjax.scenes.objects import StandingObject
-from gmmjax.scenes.ray_casting import UNLABELLED, Solid
-from gmmjax.scenes.recording import Recording, joined
+from gmmjax.scenes.families.things import chance, cuboid, footprint, height, moved, one_of
+from gmmjax.scenes.ray_casting import UNLABELLED, Solid, StandingObject
+from gmmjax.scenes.recording import Recording
 from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
-from gmmjax.scenes.triangulating_camera import TriangulatingCamera
 
 _TABLEWARE = one_of(ball, book, bottle, bowl, can, carton, cup, tin)
 
@@ -25,9 +22,6 @@ def tabletop(random: np.random.Generator) -> SurveyedScene:
     Things come, go, are exchanged in their place, moved a little or far; nothing changes in a third of the scenes. The
     errors of the frames differ slowly over them. A part of the scenes is one frame whose pixels are split between the
     two clouds, as test pairs are made of single frames.
-
-    Args:
-        random: of everything.
     """
     half = random.uniform([0.3, 0.25], [0.6, 0.4])
     arrangement = Arrangement()
@@ -51,7 +45,7 @@ def tabletop(random: np.random.Generator) -> SurveyedScene:
         return surveyed_scene(arrangement.solids, recordings, unmoved, hidden_by=hidden_by)
     still = chance(random, 0.5)
     stands = Pair(poses, poses if still else again(random, poses, 0.02, 1.0))
-    recordings = each(lambda solids, own: surveyed_by(random, camera, solids, own), arrangement.solids, stands)
+    recordings = each(lambda solids, own: camera.recording(solids, own, random), arrangement.solids, stands)
     frame = Frame.drawn(random, shift=0.003 if still else 0.015, degrees=0.2 if still else 1.0)
     return surveyed_scene(arrangement.solids, recordings, frame, hidden_by=hidden_by)
 
@@ -87,17 +81,15 @@ def _change(random: np.random.Generator, arrangement: Arrangement, top: Support)
     thing = _TABLEWARE(random)
     # Room for what comes in its place, and for a nudge.
     clearance = {"exchanged": 0.03, "nudged": 0.08}.get(kind, 0.0)
-    pose = pose_with_clearance(top, random, thing, clearance)
+    pose = top.pose(random, thing, clearance)
     if pose is None:
         return
     standing = moved(thing, pose)
-    if kind == "comes":
-        arrangement.comes(standing)
-    elif kind == "goes":
-        arrangement.goes(standing)
+    if kind in ("comes", "goes"):
+        arrangement.comes_or_goes(standing, comes=kind == "comes")
     elif kind == "exchanged":
-        arrangement.goes(standing)
-        arrangement.comes(moved(_another(random, thing), pose))
+        arrangement.change(before=standing)
+        arrangement.change(after=moved(_another(random, thing), pose))
     elif kind == "nudged":
         arrangement.moves(standing, displaced(random, pose, (0.015, 0.08), 1.0 if chance(random, 0.5) else 0.0))
     elif (there := top.pose(random, thing)) is not None:
@@ -127,9 +119,10 @@ def _stand(random: np.random.Generator, arrangement: Arrangement, top: Support) 
     lifted = top_of(standing[0]).pose(random, upper)
     if lifted is None:
         return
-    changes = arrangement.changes > 0 and chance(random, 0.5)
-    add = (arrangement.comes if chance(random, 0.5) else arrangement.goes) if changes else arrangement.stays
-    add(moved(upper, lifted))
+    if arrangement.changes > 0 and chance(random, 0.5):
+        arrangement.comes_or_goes(moved(upper, lifted), comes=chance(random, 0.5))
+    else:
+        arrangement.stays(moved(upper, lifted))
 
 
 def _halves(
@@ -142,12 +135,12 @@ def _halves(
     cut_out = chance(random, 0.6)
     everything = [*arrangement.solids.before, *(solid for solid in arrangement.solids.after if solid.label >= 0)]
     distortion = camera.distortion_of(random)
-    even = checkerboard(camera.camera)
+    rows, columns = np.indices((camera.camera.rows, camera.camera.columns))
+    even = ((rows + columns) % 2 == 0).ravel()
 
     def half(solids: list[Solid], pixels: Bool[np.ndarray, " n"]) -> Recording:
         points, labels = camera.frame(everything if cut_out else solids, poses[0], distortion, random, pixels)
         there = np.isin(labels, [UNLABELLED, *(solid.label for solid in solids)])
-        ideal = camera.camera
-        return joined([(points[there], labels[there])], poses, poses, ideal.field_of_view, ideal.max_range)
+        return camera.joined([(points[there], labels[there])], poses)
 
     return each(half, arrangement.solids, Pair(even, ~even))

@@ -3,10 +3,9 @@
 import numpy as np
 
 from gmmjax.geometry import rigid_transform
-from gmmjax.scenes.families.arrangements import chance, cuboid
-from gmmjax.scenes.families.things import moved
-from gmmjax.scenes.objects import StandingObject
-from gmmjax.scenes.revolved import Revolved
+from gmmjax.scenes.families.things import chance, cuboid, moved
+from gmmjax.scenes.ray_casting import StandingObject
+from gmmjax.scenes.shapes import Revolved
 
 
 def can(random: np.random.Generator) -> StandingObject:

@@ -1,30 +1,22 @@
 """Furniture, vessels, luggage and clutter: tuples of solids that stand on the plane z = 0 about the origin."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from typing import SupportsFloat, TypeAlias
+from collections.abc import Callable, Iterable
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
 
-from gmmjax.scenes.objects import StandingObject
-from gmmjax.scenes.ray_casting import Solid
+from gmmjax.scenes.ray_casting import Solid, StandingObject
+from gmmjax.scenes.rigid_motions import Coordinates
 from gmmjax.scenes.shapes import Bowl, Cup, Ellipsoid, Vegetation
 
-# Three lengths, of any kind of numbers.
-Coordinates: TypeAlias = Sequence[SupportsFloat] | np.ndarray
 # Draws a thing.
 Drawing: TypeAlias = Callable[[np.random.Generator], StandingObject]
 
 
 def block(extent: Coordinates, at: Coordinates = (0.0, 0.0, 0.0), kind: type[Solid] = Solid) -> Solid:
-    """An upright solid.
-
-    Args:
-        extent: its full edge lengths, metres.
-        at: the middle of its base.
-        kind: of solid.
-    """
+    """An upright solid by its full edge lengths, metres, and the middle of its base."""
     size = np.array(extent, float)
     return kind(np.array(at, float) + np.array([0.0, 0.0, size[2] / 2]), size)
 
@@ -34,7 +26,18 @@ def pillar(diameter: float, height: float, at: Coordinates = (0.0, 0.0, 0.0)) ->
     return dataclasses.replace(block((diameter, diameter, height), at), round=True)
 
 
-def moved(thing: StandingObject, motion: Float[np.ndarray, "4 4"]) -> StandingObject:
+def cuboid(centre: Coordinates, extent: Coordinates, yaw: float = 0.0) -> Solid:
+    """A box by its centre and its full edge lengths, metres."""
+    return Solid(np.array(centre, float), np.array(extent, float), yaw)
+
+
+def between(lowest: Coordinates, highest: Coordinates) -> Solid:
+    """The box between two opposite corners."""
+    corners = np.array([lowest, highest], float)
+    return Solid(corners.mean(axis=0), corners[1] - corners[0])
+
+
+def moved(thing: Iterable[Solid], motion: Float[np.ndarray, "4 4"]) -> StandingObject:
     """The thing after a rigid motion."""
     return tuple(solid.moved(motion) for solid in thing)
 
@@ -57,10 +60,25 @@ def height(thing: StandingObject) -> float:
     return max(float(solid.centre[2] + (np.abs(solid.rotation) @ solid.extent)[2] / 2) for solid in thing)
 
 
+def chance(random: np.random.Generator, probability: float) -> bool:
+    """Whether something of this probability happens."""
+    return bool(random.random() < probability)
+
+
+def log_uniform(random: np.random.Generator, least: float, most: float) -> float:
+    """A number whose logarithm is uniform."""
+    return float(np.exp(random.uniform(np.log(least), np.log(most))))
+
+
 def box(random: np.random.Generator, least: float = 0.1, most: float = 0.8) -> StandingObject:
     """A carton or a case, no side of which is longer than thrice another."""
-    size = _length(random, least, most)
+    size = log_uniform(random, least, most)
     return (block(np.clip(size * random.uniform(0.45, 1.3, 3), 0.08, None)),)
+
+
+def boxes(least: float, most: float) -> Drawing:
+    """Draws boxes of a size between these lengths, metres."""
+    return lambda random: box(random, least, most)
 
 
 def stack(random: np.random.Generator) -> StandingObject:
@@ -73,7 +91,7 @@ def stack(random: np.random.Generator) -> StandingObject:
 
 def drum(random: np.random.Generator) -> StandingObject:
     """A bucket, a canister, a barrel."""
-    diameter = _length(random, 0.15, 0.5)
+    diameter = log_uniform(random, 0.15, 0.5)
     return (pillar(diameter, diameter * random.uniform(0.7, 1.8)),)
 
 
@@ -105,11 +123,11 @@ def chair(random: np.random.Generator) -> StandingObject:
     """A chair or a stool, on four legs or on a column."""
     wide, deep, seat = random.uniform([0.38, 0.38, 0.38], [0.55, 0.55, 0.52])
     parts = [block((wide, deep, random.uniform(0.03, 0.1)), (0.0, 0.0, seat))]
-    parts += _legs(random, wide, deep, seat) if random.random() < 0.7 else _column(random, wide, seat)
-    if random.random() < 0.85:
+    parts += _legs(random, wide, deep, seat) if chance(random, 0.7) else _column(random, wide, seat)
+    if chance(random, 0.85):
         thick = random.uniform(0.03, 0.08)
         parts.append(block((wide, thick, random.uniform(0.3, 0.6)), (0.0, (deep - thick) / 2, seat)))
-    if random.random() < 0.3:
+    if chance(random, 0.3):
         parts += [block((0.05, deep * 0.7, 0.2), (side * wide / 2, 0.0, seat)) for side in (-1, 1)]
     return tuple(parts)
 
@@ -118,7 +136,7 @@ def table(random: np.random.Generator) -> StandingObject:
     """A table; its top is the first solid."""
     wide, deep, high = random.uniform([0.6, 0.5, 0.4], [1.8, 0.9, 0.95])
     top = block((wide, deep, random.uniform(0.02, 0.06)), (0.0, 0.0, high))
-    legs = _legs(random, wide, deep, high) if random.random() < 0.8 else _column(random, deep, high)
+    legs = _legs(random, wide, deep, high) if chance(random, 0.8) else _column(random, deep, high)
     return (top, *legs)
 
 
@@ -165,7 +183,7 @@ def lamp(random: np.random.Generator) -> StandingObject:
     """A lamp on a pole."""
     high, shade = random.uniform(0.35, 1.7), random.uniform(0.2, 0.45)
     foot = random.uniform(0.15, 0.3)
-    top = block((shade, shade, shade * 0.8), (0.0, 0.0, high), Ellipsoid if random.random() < 0.5 else Cup)
+    top = block((shade, shade, shade * 0.8), (0.0, 0.0, high), Ellipsoid if chance(random, 0.5) else Cup)
     return pillar(foot, 0.04), pillar(random.uniform(0.025, 0.05), high), top
 
 
@@ -185,12 +203,12 @@ def screen(random: np.random.Generator) -> StandingObject:
 
 def vessel(random: np.random.Generator) -> StandingObject:
     """A mug, a pot, a pan, a bowl, a tub or a vase."""
-    wide = _length(random, 0.1, 0.35)
+    wide = log_uniform(random, 0.1, 0.35)
     flat = random.uniform(0.4, 1.3)
     kind = (Cup, Bowl, Solid, Ellipsoid)[int(random.choice(4, p=[0.5, 0.2, 0.2, 0.1]))]
     body = block((wide, wide * random.uniform(0.7, 1.0), wide * flat), kind=kind)
     body = dataclasses.replace(body, round=kind is Solid)
-    if random.random() < 0.6:
+    if chance(random, 0.6):
         return (body,)
     handle = block((wide * random.uniform(0.2, 0.8), 0.03, 0.04), (wide * 0.6, 0.0, wide * flat * 0.6))
     return body, handle
@@ -206,15 +224,15 @@ def bottle(random: np.random.Generator) -> StandingObject:
 def clutter(random: np.random.Generator) -> StandingObject:
     """Something of several parts that has no name: each part stands on the plane or on an earlier one."""
     parts: list[Solid] = []
-    size = _length(random, 0.15, 0.6)
+    size = log_uniform(random, 0.15, 0.6)
     for _ in range(int(random.integers(2, 5))):
         extent = size * random.uniform(0.25, 0.8, 3)
-        below = parts[int(random.integers(len(parts)))] if parts and random.random() < 0.5 else None
+        below = parts[int(random.integers(len(parts)))] if parts and chance(random, 0.5) else None
         level = 0.0 if below is None else float(below.centre[2] + below.extent[2] / 2)
         middle = np.zeros(2) if below is None else below.centre[:2]
         at = (*(middle + size * random.uniform(-0.25, 0.25, 2)), level)
-        part = block(extent, at, Ellipsoid if random.random() < 0.3 else Solid)
-        parts.append(dataclasses.replace(part, yaw=float(random.uniform(0, np.pi)), round=random.random() < 0.3))
+        part = block(extent, at, Ellipsoid if chance(random, 0.3) else Solid)
+        parts.append(dataclasses.replace(part, yaw=float(random.uniform(0, np.pi)), round=chance(random, 0.3)))
     return tuple(parts)
 
 
@@ -228,7 +246,7 @@ def extinguisher(random: np.random.Generator) -> StandingObject:
 def cart(random: np.random.Generator) -> StandingObject:
     """A trolley: boards between posts, or a closed box on wheels."""
     wide, deep, high = random.uniform([0.5, 0.4, 0.6], [1.1, 0.65, 1.1])
-    if random.random() < 0.4:
+    if chance(random, 0.4):
         wheels = [block((0.08, 0.08, 0.12), (x * wide / 2.5, y * deep / 2.5, 0)) for x in (-1, 1) for y in (-1, 1)]
         return block((wide, deep, high - 0.12), (0.0, 0.0, 0.12)), *wheels
     boards = [block((wide, deep, 0.04), (0.0, 0.0, level)) for level in np.linspace(0.15, high - 0.1, 3)]
@@ -239,7 +257,7 @@ def pallet(random: np.random.Generator) -> StandingObject:
     """A pallet with a load, or empty."""
     wide, deep = random.uniform([1.0, 0.7], [1.3, 1.1])
     slats = [block((wide, deep / 9, 0.14), (0.0, (row - 2) * deep / 4.5, 0.0)) for row in range(5)]
-    if random.random() < 0.25:
+    if chance(random, 0.25):
         return tuple(slats)
     load = block(np.array([wide, deep, 1.0]) * random.uniform([0.7, 0.7, 0.3], [1.0, 1.0, 1.4]), (0.0, 0.0, 0.14))
     return load, *slats
@@ -253,17 +271,17 @@ def machine(random: np.random.Generator) -> StandingObject:
         extent = body * random.uniform(0.15, 0.5, 3)
         at = (*(body[:2] * random.uniform(-0.45, 0.45, 2)), body[2])
         part = block(extent, at)
-        parts.append(dataclasses.replace(part, round=random.random() < 0.4))
+        parts.append(dataclasses.replace(part, round=chance(random, 0.4)))
     side = block((body[0] * 0.4, 0.25, body[2] * 0.5), (0.0, -body[1] / 2, body[2] * random.uniform(0.1, 0.5)))
     return (*parts, side)
 
 
 def rod(random: np.random.Generator) -> StandingObject:
     """A pipe, a beam or a board that lies there, or three of them."""
-    thick, long = _length(random, 0.04, 0.25), _length(random, 0.8, 4.0)
-    round_ = random.random() < 0.5
+    thick, long = log_uniform(random, 0.04, 0.25), log_uniform(random, 0.8, 4.0)
+    round_ = chance(random, 0.5)
     wide = thick if round_ else thick * random.uniform(0.5, 3.0)
-    count = 3 if random.random() < 0.25 else 1
+    count = 3 if chance(random, 0.25) else 1
     lying = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     places = [(0.0, (number - (count - 1) / 2) * 1.02 * wide) for number in range(count)]
     return tuple(
@@ -302,11 +320,6 @@ def tripod(random: np.random.Generator) -> StandingObject:
 def one_of(*drawings: Drawing) -> Drawing:
     """Draws one of these kinds of things, each as often."""
     return lambda random: drawings[int(random.integers(len(drawings)))](random)
-
-
-def _length(random: np.random.Generator, least: float, most: float) -> float:
-    """Uniform in the logarithm."""
-    return float(np.exp(random.uniform(np.log(least), np.log(most))))
 
 
 def _legs(random: np.random.Generator, wide: float, deep: float, high: float) -> list[Solid]:

@@ -4,16 +4,13 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.pair import Pair, each
-from gmmjax.scenes.families.arrangements import Arrangement, chance, cuboid
-from gmmjax.scenes.families.flights import flown_over
-from gmmjax.scenes.families.staging import Support, turned
-from gmmjax.scenes.families.things import footprint, moved, pillar
+from gmmjax.scenes.families.scanners import flown_over
+from gmmjax.scenes.families.staging import Arrangement, Support
+from gmmjax.scenes.families.things import chance, cuboid, footprint, moved, pillar
 from gmmjax.scenes.laser_scanner import Beam, SpinningLidar
-from gmmjax.scenes.objects import StandingObject
-from gmmjax.scenes.pose_errors import PoseErrors
-from gmmjax.scenes.ray_casting import Solid
-from gmmjax.scenes.recording import Recording
-from gmmjax.scenes.rigid_motions import upright
+from gmmjax.scenes.ray_casting import Solid, StandingObject
+from gmmjax.scenes.recording import PoseErrors, Recording
+from gmmjax.scenes.rigid_motions import turned, upright
 from gmmjax.scenes.shapes import Ground, Vegetation
 from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
 
@@ -23,9 +20,6 @@ def town(random: np.random.Generator) -> SurveyedScene:
 
     Cars and containers come, go and are driven on, houses are built, extended and pulled down, trees felled; nothing
     changes in a third of the scenes. Trees show other leaves in each survey.
-
-    Args:
-        random: of everything.
     """
     flown = chance(random, 0.5)
     # More of the small ones: of a car in a large one there are but a few points.
@@ -38,24 +32,18 @@ def town(random: np.random.Generator) -> SurveyedScene:
     changing = not chance(random, 1 / 3)
     houses = _houses(random, arrangement, plot, street, 0.08 if changing else 0.0)
     if changing and houses and chance(random, 0.25):
-        arrangement.comes(_extension(random, houses[int(random.integers(len(houses)))]))
+        arrangement.change(after=_extension(random, houses[int(random.integers(len(houses)))]))
     _parked(random, arrangement, edge, street, changing)
     _yards(random, arrangement, plot, street, changing)
     if changing and not arrangement.changes:
-        arrangement.comes(moved(_car(random), turned(0.0, (random.uniform(-0.3, 0.3) * edge, 0.8, 0.0))))
-    beam = Beam(
-        noise=random.uniform(0.01, 0.04),
-        growth=0.0,
-        max_range=random.uniform(40.0, 80.0),
-        mixed=random.uniform(0.0, 0.2),
-        edge=0.5,
-        lost=random.uniform(0.0, 0.1),
-    )
-    recordings = (
-        flown_over(random, arrangement, edge, beam, random.uniform(25_000, 40_000))
-        if flown
-        else _driven(random, arrangement, edge, beam)
-    )
+        arrangement.change(after=moved(_car(random), turned(0.0, (random.uniform(-0.3, 0.3) * edge, 0.8, 0.0))))
+    noise, reach = random.uniform(0.01, 0.04), random.uniform(40.0, 80.0)
+    mixed, lost = random.uniform(0.0, 0.2), random.uniform(0.0, 0.1)
+    beam = Beam(noise=noise, growth=0.0, max_range=reach, mixed=mixed, edge=0.5, lost=lost)
+    if flown:
+        recordings = flown_over(random, arrangement.solids, edge, beam, random.uniform(25_000, 40_000))
+    else:
+        recordings = _driven(random, arrangement.solids, edge, beam)
     frame = Frame.drawn(random, shift=random.uniform(0.0, 0.3), degrees=0.1 if flown else 0.3)
     return surveyed_scene(arrangement.solids, recordings, frame, hidden_by=0.05 + 3 * beam.noise)
 
@@ -86,7 +74,7 @@ def _houses(
                     house = moved(_house(random, extent), pose)
                     plot.taken.append((pose[:2, 3], float(np.hypot(*extent[:2])) / 2))
                     if chance(random, turnover):
-                        (arrangement.comes if chance(random, 0.5) else arrangement.goes)(house)
+                        arrangement.comes_or_goes(house, comes=chance(random, 0.5))
                     else:
                         arrangement.stays(house)
                         houses.append((pose, extent))
@@ -192,12 +180,10 @@ def _leaves_or_stays(
         arrangement.stays(thing)
         return
     kind = str(random.choice(["comes", "goes", "shifted"], p=[0.45, 0.45, 0.1]))
-    if kind == "comes":
-        arrangement.comes(thing)
-    elif kind == "goes":
-        arrangement.goes(thing)
-    else:
+    if kind == "shifted":
         arrangement.moves(thing, turned(0.0, (random.uniform(-1.2, 1.2), 0.0, 0.0)))
+    else:
+        arrangement.comes_or_goes(thing, comes=kind == "comes")
 
 
 def _yards(random: np.random.Generator, arrangement: Arrangement, plot: Support, street: float, changing: bool) -> None:
@@ -215,12 +201,12 @@ def _yards(random: np.random.Generator, arrangement: Arrangement, plot: Support,
         standing = moved(thing, pose)
         if make is _tree:
             # A tree is felled, none comes.
-            (arrangement.goes if chance(random, 0.3 * turnover) else arrangement.stays)(standing)
+            (arrangement.change if chance(random, 0.3 * turnover) else arrangement.stays)(standing)
         else:
             _leaves_or_stays(random, arrangement, standing, 3 * turnover)
 
 
-def _driven(random: np.random.Generator, arrangement: Arrangement, edge: float, beam: Beam) -> Pair[Recording]:
+def _driven(random: np.random.Generator, scenes: Pair[list[Solid]], edge: float, beam: Beam) -> Pair[Recording]:
     """A revolution of the lidar every some metres of the street; the second drive is not quite the first."""
     scanner = SpinningLidar(
         beam,
@@ -239,4 +225,4 @@ def _driven(random: np.random.Generator, arrangement: Arrangement, edge: float, 
         poses = np.stack([upright(place, 0.0) for place in places])
         return scanner.recording(solids, poses, random, drift).thinned(most, random)
 
-    return each(drive, arrangement.solids)
+    return each(drive, scenes)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from gmmjax.changes.config import RegistrationMode
 from gmmjax.geometry import transformed
 from gmmjax.pair import Pair, each
-from gmmjax.scenes.families.flights import Flight
+from gmmjax.scenes.families.scanners import Flight
 from gmmjax.scenes.laser_scanner import AirborneScanner, Beam, TripodScanner
 from gmmjax.scenes.ray_casting import Solid
 from gmmjax.scenes.recording import Recording

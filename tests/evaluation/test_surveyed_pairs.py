@@ -2,8 +2,25 @@ import numpy as np
 import pytest
 
 from gmmjax import InputError
-from gmmjax.evaluation import family_sources
+from gmmjax.evaluation import CONDITIONS, family_sources, laboratory_pair, laboratory_sources
 from gmmjax.scenes import family_scene
+
+
+def test_every_condition_has_its_scenes():
+    sources = laboratory_sources([4, 5], level="hard", poses="unknown")
+    assert len(sources) == 2 * len(CONDITIONS) == 18
+    assert {source.group for source in sources} == {"hard panorama, poses unknown"}
+
+
+@pytest.mark.parametrize(("condition", "before", "after"), [("(-1 +1)", 1, 1), ("(moved)", 1, 1), ("(none)", 0, 0)])
+def test_scenes_are_what_their_condition_says(condition, before, after):
+    poses = "unknown" if condition == "(none)" else "given"
+    pair = laboratory_pair(condition, 1, "normal", "frame", poses)
+    assert (pair.before.views is None) == (pair.after.views is None) == (poses == "unknown")
+    assert len(np.unique(pair.before.truth)) - 1 == before and len(np.unique(pair.after.truth)) - 1 == after
+    assert pair.unchanged == (condition == "(none)")
+    assert set(pair.before.truth) - {-1} == set(pair.after.truth) - {-1} or condition != "(moved)"
+    assert pair.before.unseen is not None and pair.before.not_counted == frozenset()
 
 
 def test_every_family_and_seed_is_a_source():
@@ -16,7 +33,7 @@ def test_every_family_and_seed_is_a_source():
 
 @pytest.mark.parametrize("poses", ["given", "unknown"])
 def test_a_pair_is_its_scene(poses):
-    pair, scene = family_sources(["rooms"], [2], poses=poses)[0].load(), family_scene("rooms", 2)
+    pair, scene = family_sources(["yards"], [1], poses=poses)[0].load(), family_scene("yards", 1)
     for cloud, points, truth, unseen, uncounted in zip(
         (pair.before, pair.after), scene.clouds, scene.truth, scene.unseen, scene.uncounted, strict=True
     ):
