@@ -2,15 +2,12 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-import tyro
-from tyro.conf import OmitArgPrefixes, Positional
 
-from gmmjax.cli.help_texts import record_with_help
 from gmmjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,8 +18,13 @@ Seven = tuple[float, float, float, float, float, float, float]
 Progress = Callable[[str, float], None]
 DEPTH_SUFFIXES = (".png", ".npy")
 
+# What `--help` shows.
+COMMON = (
+    *("source", "out", "topic", "at", "every", "rate", "start", "end", "poses", "map", "crop"),
+    *("voxel_size", "intrinsics", "depth_unit", "overwrite"),
+)
 
-@record_with_help
+
 @dataclasses.dataclass(frozen=True)
 class Options:
     """What is taken from the bag, and what becomes of it.
@@ -57,27 +59,27 @@ class Options:
         quiet: print nothing but errors.
     """
 
-    out: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
-    topic: Annotated[str | None, tyro.conf.arg(metavar="TOPIC")] = None
-    at: Annotated[str | None, tyro.conf.arg(metavar="TIME")] = None
-    tolerance: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 0.5
-    every: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    rate: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = None
-    start: Annotated[str | None, tyro.conf.arg(metavar="TIME")] = None
-    end: Annotated[str | None, tyro.conf.arg(metavar="TIME")] = None
+    out: Annotated[Path | None, "PATH"] = None
+    topic: Annotated[str | None, "TOPIC"] = None
+    at: Annotated[str | None, "TIME"] = None
+    tolerance: Annotated[float, "SECONDS"] = 0.5
+    every: Annotated[int | None, "N"] = None
+    rate: Annotated[float | None, "HZ"] = None
+    start: Annotated[str | None, "TIME"] = None
+    end: Annotated[str | None, "TIME"] = None
     format: Literal["pcd", "ply"] = "pcd"
-    poses: Annotated[str | None, tyro.conf.arg(metavar="TOPIC")] = None
-    parent: Annotated[str | None, tyro.conf.arg(metavar="FRAME")] = None
-    child: Annotated[str | None, tyro.conf.arg(metavar="FRAME")] = None
-    sensor_on_body: Annotated[Seven | None, tyro.conf.arg(metavar="X Y Z QX QY QZ QW")] = None
-    max_gap: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 0.5
+    poses: Annotated[str | None, "TOPIC"] = None
+    parent: Annotated[str | None, "FRAME"] = None
+    child: Annotated[str | None, "FRAME"] = None
+    sensor_on_body: Annotated[Seven | None, "X Y Z QX QY QZ QW"] = None
+    max_gap: Annotated[float, "SECONDS"] = 0.5
     map: Literal["localised", "volumetric"] | None = None
-    crop: Annotated[Six | None, tyro.conf.arg(metavar="X Y Z X Y Z")] = None
+    crop: Annotated[Six | None, "X Y Z X Y Z"] = None
     refine: bool = False
-    voxel_size: Annotated[float, tyro.conf.arg(metavar="METRES")] = 0.01
-    max_range: Annotated[float | None, tyro.conf.arg(metavar="METRES")] = None
-    intrinsics: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    depth_unit: Annotated[float | None, tyro.conf.arg(metavar="METRES")] = None
+    voxel_size: Annotated[float, "METRES"] = 0.01
+    max_range: Annotated[float | None, "METRES"] = None
+    intrinsics: Annotated[Path | None, "FILE"] = None
+    depth_unit: Annotated[float | None, "METRES"] = None
     overwrite: bool = False
     quiet: bool = False
 
@@ -126,17 +128,7 @@ class Options:
                 raise InputError(f"--out {out}: {path} is there already; --overwrite replaces it")
 
 
-def command(arguments: Sequence[str]) -> Callable[..., int]:
-    """`extract`, whatever the arguments."""
-    del arguments
-    return extract
-
-
-def extract(
-    source: Annotated[Positional[Path], tyro.conf.arg(metavar="BAG")],
-    *,
-    options: OmitArgPrefixes[Options] = Options(),
-) -> int:
+def extract(source: Annotated[Path, "BAG"], *, given: Annotated[dict[str, Any], Options]) -> int:
     """Extract frames and maps from a ROS bag, or the frame of a depth image, as files that detect reads.
 
     Reads bags of ROS 1 (.bag) and ROS 2 (a folder, .mcap or .db3), and depth images (.png, .npy). Without --out it
@@ -144,11 +136,12 @@ def extract(
 
     Args:
         source: the bag, or the depth image.
-        options: what to extract, and how to write it.
+        given: of the options.
     """
     from gmmjax.reporting import console
     from gmmjax.surveys import open_bag
 
+    options = Options(**given)
     options.check(source)
     with console.shown_warnings(quiet=options.quiet):
         if source.suffix.lower() in DEPTH_SUFFIXES:
