@@ -3,9 +3,7 @@
 import dataclasses
 import hashlib
 import os
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +13,7 @@ from gmmjax.errors import InputError
 
 @dataclasses.dataclass(frozen=True)
 class Fingerprint:
-    """A file at one time.
+    """A file at one time; in a record its fields by name.
 
     Attributes:
         size: bytes.
@@ -50,19 +48,6 @@ class Fingerprint:
             return status.st_mtime_ns == self.modified or Fingerprint.of(path).sha256 == self.sha256
         except (OSError, InputError):
             return False
-
-    def to_dict(self) -> dict[str, Any]:
-        """The fingerprint as plain values."""
-        return dataclasses.asdict(self)
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> "Fingerprint":
-        """The fingerprint that `to_dict` made plain.
-
-        Raises:
-            KeyError, TypeError, ValueError: it is no such dictionary.
-        """
-        return cls(int(content["size"]), int(content["modified"]), str(content["sha256"]))
 
 
 def fingerprint_of_memory(content: PointCloud | SensorViews) -> Fingerprint:

@@ -36,35 +36,16 @@ class Request:
 
     @classmethod
     def of(cls, config: DetectionConfig, until_stable: float | None, files: str) -> "Request":
-        """What is asked for by a config. A verdict's file is known by its content, among the inputs.
-
-        Args:
-            config: of the pair.
-            until_stable: as above.
-            files: as above.
-        """
+        """What is asked for by a config. A verdict's file is known by its content, among the inputs."""
         default = DetectionConfig().to_dict()
         settings = {name: value for name, value in config.to_dict().items() if default.get(name) != value}
-        plain = json.loads(json.dumps({**settings, "restarts": None, "verdict": None}))
-        kept = {name: value for name, value in plain.items() if value is not None}
-        return cls(kept, config.restarts, until_stable, files)
+        for name in ("restarts", "verdict"):
+            settings.pop(name, None)
+        return cls(json.loads(json.dumps(settings)), config.restarts, until_stable, files)
 
     def same_fits(self, other: "Request") -> bool:
         """Whether a restart of one is a restart of the other."""
         return self.settings == other.settings
-
-    def to_dict(self) -> dict[str, Any]:
-        """The request as plain values."""
-        return {**dataclasses.asdict(self), "settings": dict(self.settings)}
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> "Request":
-        """The request that `to_dict` made plain.
-
-        Raises:
-            KeyError, TypeError, ValueError: it is no such dictionary.
-        """
-        return cls(dict(content["settings"]), content["restarts"], content["until_stable"], str(content["files"]))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,19 +103,7 @@ class PairRecord:
         Raises:
             InputError, OSError: the file cannot be written.
         """
-        content = {
-            "schema_version": PAIR_SCHEMA,
-            "name": self.pair.name,
-            "version": self.version,
-            "request": self.request.to_dict(),
-            "inputs": {role: own.to_dict() for role, own in self.inputs.items()},
-            "files": {name: own.to_dict() for name, own in self.files.items()},
-            "pair": dataclasses.asdict(self.pair),
-            "changes": [dataclasses.asdict(row) for row in self.changes],
-            "convergence": [dataclasses.asdict(row) for row in self.convergence],
-            "seconds": dict(self.seconds),
-            "finished": self.finished,
-        }
+        content = {"schema_version": PAIR_SCHEMA, "name": self.pair.name, **dataclasses.asdict(self)}
         with atomic_write(path) as file:
             file.write(json.dumps(content, indent=1, allow_nan=False).encode())
 
@@ -148,9 +117,9 @@ class PairRecord:
         content = read_json_record(path, PAIR_SCHEMA, REMEDY)
         try:
             return cls(
-                Request.from_dict(content["request"]),
-                {role: Fingerprint.from_dict(own) for role, own in content["inputs"].items()},
-                {name: Fingerprint.from_dict(own) for name, own in content["files"].items()},
+                Request(**content["request"]),
+                {role: Fingerprint(**own) for role, own in content["inputs"].items()},
+                {name: Fingerprint(**own) for name, own in content["files"].items()},
                 PairRow(**content["pair"]),
                 tuple(ChangeRow(**row) for row in content["changes"]),
                 tuple(ConvergenceRow(**row) for row in content["convergence"]),

@@ -12,9 +12,10 @@ from gmmjax.batch.fingerprint import fingerprint_of_memory
 from gmmjax.batch.pair_record import PAIR_FILE, PairRecord
 from gmmjax.batch.rows import PairRow
 from gmmjax.batch.scan_pair import check_name
+from gmmjax.batch.tables import write_file
 from gmmjax.batch.worker import FITS_FILE, PairTask
 from gmmjax.changes import DetectionConfig
-from gmmjax.clouds import FolderKind, atomic_write, check_output_folder, locked_file, read_json_record
+from gmmjax.clouds import FolderKind, check_output_folder, locked_file, read_json_record
 from gmmjax.errors import InputError, one_line, shown
 
 RUN_SCHEMA = 1
@@ -148,8 +149,7 @@ class RunFolder:
         Raises:
             InputError: the file cannot be written.
         """
-        content = {"schema_version": RUN_SCHEMA, "pair": dataclasses.asdict(row)}
-        _write_json(self.error_file(row.name), content)
+        _write_json(self.error_file(row.name), {"schema_version": RUN_SCHEMA, "pair": dataclasses.asdict(row)})
 
     def clear_error(self, name: str) -> None:
         """Forgets why a pair failed, where it did not in the end."""
@@ -279,6 +279,10 @@ def with_kept_fits(task: PairTask) -> PairTask:
     return dataclasses.replace(task, keeps_fits=fits is not None and fits.matches(task.folder / FITS_FILE))
 
 
+def _write_json(path: Path, content: Mapping[str, Any]) -> None:
+    write_file(path, json.dumps(content, indent=1, allow_nan=False).encode())
+
+
 def _record_of_inputs(task: PairTask) -> PairRecord | None:
     """What is in the task's folder, where it was made of the task's scans by this version."""
     if task.folder is None:
@@ -289,11 +293,3 @@ def _record_of_inputs(task: PairTask) -> PairRecord | None:
         return None
     memory = {role: fingerprint_of_memory(own) for role, own in task.pair.in_memory().items()}
     return record if record.is_of({**task.inputs(), **memory}) else None
-
-
-def _write_json(path: Path, content: Mapping[str, Any]) -> None:
-    try:
-        with atomic_write(path) as file:
-            file.write(json.dumps(content, indent=1, allow_nan=False).encode())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error}); free some space") from error

@@ -305,5 +305,4 @@ def _change_rows(found: FoundPair) -> tuple[ChangeRow, ...]:
 
 def failure(error: BaseException) -> str:
     """Why a pair failed, in one line."""
-    text = one_line(error)
-    return text if isinstance(error, InputError) else f"{type(error).__name__}: {text}"
+    return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {one_line(error)}"

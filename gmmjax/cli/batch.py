@@ -78,7 +78,7 @@ def batch(
         transform_after: write the after scans in the frames of the before scans; by default they keep their own.
         overwrite: replace the results of a run with other settings.
         quiet: print nothing but errors.
-        settings: of the detection that are given.
+        settings: settings that a --config file may have, too, with _ for -.
     """
     from gmmjax.batch import Shard, detect_many, detect_series, read_epochs, run_folder
     from gmmjax.reporting.batch_files import save_report, save_transformed_report

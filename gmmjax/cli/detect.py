@@ -84,7 +84,7 @@ def detect(
         verbose: -v shows the log in place of the progress bar, -vv its details, too.
         quiet: print nothing but errors.
         json: print the changes as JSON and nothing else.
-        settings: of the detection that are given.
+        settings: settings that a --config file may have, too, with _ for -.
     """
     from gmmjax.cli.found_changes import ScansToCompare, TileOptions, found_changes
     from gmmjax.clouds import open_survey

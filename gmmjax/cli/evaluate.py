@@ -170,7 +170,7 @@ def evaluate_pairs(
     views_after.json.
 
     Args:
-        folder: that holds the folders of the pairs.
+        folder: folder that holds one folder for each pair.
         sensor_at_origin: pairs whose names fit one of these patterns, such as 'frame*', are single depth frames from a
             camera at the origin that looks along z.
         poses: "given": the detectors get the views that are known of a pair; "unknown": they get none.

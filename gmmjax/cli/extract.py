@@ -136,7 +136,7 @@ def extract(source: Annotated[Path, "BAG"], *, given: Annotated[dict[str, Any], 
 
     Args:
         source: the bag, or the depth image.
-        given: of the options.
+        given: rarely needed.
     """
     from gmmjax.reporting import console
     from gmmjax.surveys import open_bag

@@ -24,9 +24,8 @@ OF_SETTINGS = {
 }
 # Argparse takes -1e-3 for an option without this.
 NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$", re.IGNORECASE)
-SETTINGS = "Settings, which a --config file may have, too (with _ for -):"
-# Of the first column of the help, characters.
-COLUMN = 24
+# Characters of the help: of its first column, and of choices that stand in it.
+COLUMN, LONGEST = 24, 56
 
 
 @dataclasses.dataclass(frozen=True)
@@ -196,10 +195,11 @@ def help_of(name: str, command: Command, width: int, common: Sequence[str], *, e
     blocks = [_wrapped(paragraph, width) for paragraph in (*described(command)[0], usage)]
     blocks.append("\n".join(_entry(option, width) for option in first))
     if everything:
-        own = [option for option in others if option.record is None and not option.positional]
-        settings = [option for option in others if option.record is not None]
-        for heading, entries in (("Rarely needed:", own), (SETTINGS, settings)):
-            blocks += [heading, "\n".join(_entry(option, width) for option in entries)] if entries else []
+        headings = {None: "Rarely needed", **described(command)[1]}
+        for record in dict.fromkeys(option.record for option in others):
+            entries = [_entry(option, width) for option in others if option.record == record and not option.positional]
+            heading = headings[record].rstrip(".")
+            blocks += [f"{heading[0].upper()}{heading[1:]}:", "\n".join(entries)]
     elif others:
         blocks.append(f"gmmjax {name} --help-all shows all options.")
     return "\n\n".join(blocks)
@@ -220,7 +220,8 @@ def _option(name: str, hint: Any, text: str, default: Any, placeholder: str | No
         (kind,) = (part for part in typing.get_args(hint) if part is not type(None))
     value = typing.get_args(kind)[0] if typing.get_origin(kind) is tuple else kind
     choices = ",".join(_choices(value))
-    called = OF_SETTINGS.get(name) or (f"{{{choices}}}" if choices else PLACEHOLDERS.get(value, ""))
+    listed = f"{{{choices}}}" if len(choices) < LONGEST else "NAME"
+    called = OF_SETTINGS.get(name) or (listed if choices else PLACEHOLDERS.get(value, ""))
     called += " ..." * (value is not kind and name not in OF_SETTINGS)
     # The texts of the library say what None means.
     text = re.sub(r"(^|[.;:] )None: ", r"\1Default: ", text)

@@ -41,7 +41,7 @@ def tune(
     likelihood of held-out points. The same command resumes an interrupted tuning.
 
     Args:
-        folder: that holds the folders of the pairs.
+        folder: folder that holds one folder for each pair.
         out: file for the settings; the course of the tuning is written next to it, as HTML, and so is a tuned verdict.
         config: settings to start from; those that are not tuned are kept.
         unchanged: nothing changed in the pairs without truth: what is reported there is a false alarm.
@@ -49,7 +49,7 @@ def tune(
         restart: start again in place of resuming an interrupted tuning.
         quiet: print nothing but errors.
         json: print the result as JSON and nothing else.
-        settings: of the tuning that are given.
+        settings: settings of the tuning.
     """
     from gmmjax import tuning
     from gmmjax.reporting import console, tuning_files
