@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -17,15 +18,18 @@ import pytest
 
 import gmmjax
 from gmmjax import _compilation_cache as compilation_cache
-from gmmjax.changes import Changes
+from gmmjax.changes import Changes, Registration
 from gmmjax.cli import main
 from gmmjax.cli.application import COMMANDS as PROGRAMS
 from gmmjax.cli.application import as_given
+from gmmjax.cli.detect import detect
+from gmmjax.cli.options import parsed
 from gmmjax.clouds import read_cloud, write_pcd, write_ply
 from gmmjax.errors import ComputationError
 from gmmjax.evaluation import read_pair
 from gmmjax.reporting import read_mixture
 from tests.changes.explained import explanation, rejected
+from tests.changes.scanned_objects import motion
 
 QUICK = ["--restarts", "2", "--max-components", "8"]
 MEANS = np.array([[0, 0, 0], [5, 0, 0], [0, 5, 1], [5, 5, 1], [2, 10, 3]])
@@ -286,13 +290,12 @@ def test_quiet_prints_nothing(scans, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("options", [[], ["--transform-after"]])
-def test_the_after_scan_keeps_its_coordinates_unless_asked_for(scans, tmp_path, options):
-    after = read_cloud(scans[1]).points + 0.3
-    write_ply(tmp_path / "after.ply", after)
-    words = ["detect", scans[0], str(tmp_path / "after.ply"), "--registration", "always", "--quiet", *QUICK]
-    assert main([*words, "--out", str(tmp_path / "out"), *options]) == 0
-    registration = Changes.load(tmp_path / "out").registration
-    assert registration.applied
+def test_the_after_scan_keeps_its_coordinates_unless_asked_for(scans, result, tmp_path, monkeypatch, options):
+    registration = Registration(motion(0.2, [0.3, 0.1, 0.0]), applied=True)
+    changes = dataclasses.replace(Changes.load(result), registration=registration)
+    monkeypatch.setattr("gmmjax.changes.detect_changes", lambda *clouds, **settings: changes)
+    assert main(["detect", *scans, "--quiet", "--out", str(tmp_path / "out"), *options]) == 0
+    after = read_cloud(scans[1]).points
     expected = registration.apply(after) if options else after
     np.testing.assert_array_equal(read_cloud(tmp_path / "out" / "after.ply").points, expected)
 
@@ -419,9 +422,16 @@ def test_help_is_for_people_and_fits_the_terminal(command, capsys, monkeypatch):
 
 @pytest.mark.parametrize(
     ("words", "message"),
-    [("--restarts x", "'x' is not a whole number"), ("--tolerance 3,5", "'3,5' is not a number")],
+    [
+        ("--restarts x", "--restarts: 'x' is not a whole number"),
+        ("--tolerance 3,5", "'3,5' is not a number"),
+        ("--crop 1 2 3 4 5", "--crop takes 6 values: X Y Z X Y Z"),
+        ("--unit", "--unit takes one value: UNIT"),
+        ("--method jiont", "--method: 'jiont' is none of joint, greedy, transport"),
+        ("--treshold 0.9", "--treshold: there is no such option; do you mean --threshold?"),
+    ],
 )
-def test_a_value_that_is_no_number_is_named(words, message, capsys):
+def test_wrong_usage_is_said_in_a_line(words, message, capsys):
     assert message in failed(["detect", "a.ply", "b.ply", "--out", "c", *words.split()], capsys)
 
 
@@ -432,9 +442,28 @@ def test_help_imports_neither_jax_nor_scipy():
     assert done.stdout.endswith("\n[]\n")
 
 
-@pytest.mark.parametrize("arguments", [["detect"], ["detect", "a", "b"], ["fit", "a", "--out", "c", "--what"]])
-def test_bad_usage_exits_with_status_2(arguments):
-    assert main(arguments) == 2
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("detect a b", "the following arguments are required: --out"),
+        ("fit --out c", "CLOUD is missing"),
+        ("fit a b --out c", "'b': more than the command takes"),
+        ("fit a --out c --what", "--what: there is no such option; --help-all lists them"),
+    ],
+)
+def test_what_is_missing_or_too_much_is_said(words, message, capsys):
+    assert message in failed(words.split(), capsys)
+
+
+def test_options_are_given_in_any_way():
+    """Between the scans, with underscores, with `=`, negative numbers and exponents; switches in both senses."""
+    words = "--explain a.ply --crop -1 -1e-1 0 1 1 2 b.ply --out=c --max_components 4 --no-evidence -vv --before c d"
+    assert parsed(detect, words.split()) == {
+        **{"scan_before": Path("a.ply"), "scan_after": Path("b.ply"), "before": (Path("c"), Path("d"))},
+        **{"out": Path("c"), "explain": "all", "verbose": 2},
+        "settings": {"crop": (-1.0, -0.1, 0.0, 1.0, 1.0, 2.0), "max_components": 4, "evidence": False},
+    }
+    assert parsed(detect, ["--out", "c", "--explain", "3"])["explain"] == "3"
 
 
 COMMANDS = {
@@ -720,7 +749,7 @@ else:
 """
 
 
-@pytest.mark.parametrize(("module", "way"), [("gmmjax.cli.detect", "-m"), ("jax", "script"), ("rich.table", "-m")])
+@pytest.mark.parametrize(("module", "way"), [("gmmjax.cli.detect", "-m"), ("jax", "script")])
 def test_an_interruption_of_the_imports_is_clean(tmp_path, module, way):
     arguments = [module, way, "detect", "nowhere.ply", "nowhere.ply", "--out", str(tmp_path / "a")]
     ended = subprocess.run([sys.executable, "-c", INTERRUPTED_AT, *arguments], capture_output=True, text=True)
@@ -742,10 +771,9 @@ def closed_pipe():
     os.close(writer)
 
 
-@pytest.mark.parametrize("words", [["--version"], ["--help"]])
-def test_a_reader_that_goes_ends_the_program_as_it_ends_others(closed_pipe, words):
+def test_a_reader_that_goes_ends_the_program_as_it_ends_others(closed_pipe):
     """With the status that a shell gives for SIGPIPE, and no word."""
-    command = [sys.executable, "-m", "gmmjax", *words]
+    command = [sys.executable, "-m", "gmmjax", "--help"]
     ended = subprocess.run(command, stdout=closed_pipe, stderr=subprocess.PIPE, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (141, "")
 

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from gmmjax.cli import main
-from tests.batch.runs import FLAGS, run, write_manifest
+from tests.batch.runs import FLAGS, run, run_process, write_manifest
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def scans(tmp_path_factory):
 @pytest.fixture(scope="module")
 def done(scans, tmp_path_factory):
     folder = tmp_path_factory.mktemp("run") / "run"
-    return run(scans, "--out", folder, "--workers", "1", *FLAGS), folder
+    return run_process(scans, "--out", folder, "--workers", "1", *FLAGS), folder
 
 
 def test_it_says_what_changed_and_where_the_files_are(done):

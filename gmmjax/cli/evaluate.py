@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.cli.detect import read_settings
+from gmmjax.cli.options import check_output_file
 from gmmjax.errors import ComputationError, InputError, check_seed
 from gmmjax.evaluation import Name
 
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
     from gmmjax.evaluation import Detector, Evaluation, LabelledPair, PairSource, ReliabilityRecord
 
 DONE, FAILED = 0, 1
-TABLE_ENDINGS = (".csv", ".json", ".md")
-CURVE_ENDINGS = (".html", ".json", ".md")
 Poses = Literal["given", "unknown"]
 Family = Literal["thesis", "separation", "few-points", "sparse", "shifted"]
 
@@ -51,14 +50,10 @@ class Options:
 
     def __post_init__(self) -> None:
         """Finds out what cannot be done before the work begins."""
-        for flag, path, endings in (
-            ("--out", self.out, TABLE_ENDINGS),
-            ("--reliability", self.reliability, CURVE_ENDINGS),
-        ):
-            if path is not None and path.suffix not in endings:
-                raise InputError(f"{flag} {path}: the ending must be one of {', '.join(endings)}")
-            if path is not None and not path.resolve().parent.is_dir():
-                raise InputError(f"{flag} {path}: there is no folder {path.parent}; make it first")
+        if self.out is not None:
+            check_output_file("--out", self.out, (".csv", ".json", ".md"), overwrite=True)
+        if self.reliability is not None:
+            check_output_file("--reliability", self.reliability, (".html", ".json", ".md"), overwrite=True)
 
 
 Common = Annotated[dict[str, Any], Options]

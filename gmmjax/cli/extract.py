@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
+from gmmjax.cli.options import check_output_file
 from gmmjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -90,11 +91,8 @@ class Options:
             InputError: not exactly one thing to do, or an output that does not fit it or cannot be written.
         """
         many = self.every is not None or self.rate is not None
-        given = [
-            *(["--at"] if self.at is not None else []),
-            *(["--every or --rate"] if many and self.map is None else []),
-            *(["--map"] if self.map is not None else []),
-        ]
+        wanted = {"--at": self.at, "--every or --rate": (many and not self.map) or None, "--map": self.map}
+        given = [name for name, value in wanted.items() if value is not None]
         depth_image = source.suffix.lower() in DEPTH_SUFFIXES
         if self.out is None:
             if given or depth_image:
@@ -118,14 +116,9 @@ class Options:
             check_frame_folder(out, overwrite=self.overwrite)
             return
         endings = (".ply",) if self.map else (".npz",) if many else FRAME_SUFFIXES
-        if out.suffix not in endings:
-            hint = ", or be a folder, without ending" if many else ""
-            raise InputError(f"--out {out}: must end with {', '.join(endings)}{hint}")
-        if not out.absolute().parent.is_dir():
-            raise InputError(f"--out {out}: there is no folder {out.parent}; make it first")
-        for path in (out, _views_of(out)) if self.map else (out,):
-            if path.exists() and not self.overwrite:
-                raise InputError(f"--out {out}: {path} is there already; --overwrite replaces it")
+        others = (_views_of(out),) if self.map else ()
+        hint = ", or be a folder, without ending" if many else ""
+        check_output_file("--out", out, endings, others=others, overwrite=self.overwrite, hint=hint)
 
 
 def extract(source: Annotated[Path, "BAG"], *, given: Annotated[dict[str, Any], Options]) -> int:
@@ -230,7 +223,7 @@ def _write_map(
 ) -> dict[str, str]:
     from gmmjax.clouds import write_ply, write_views
 
-    laid = (_localised if options.map == "localised" else _volumetric)(frames, trajectory, options)
+    laid = _map(frames, trajectory, options)
     views = _views_of(out)
     write_views(views, laid.views)
     write_ply(out, laid.points)
@@ -238,42 +231,21 @@ def _write_map(
     return {out.name: f"{len(laid.points):,} points of {counted}", views.name: "where the sensor stood, for detect"}
 
 
-def _localised(
+def _map(
     frames: Callable[[], Iterable["Frame"]], trajectory: "Trajectory", options: Options
 ) -> "LocalisedMap | VolumetricMap":
-    from gmmjax.surveys import localised_map
+    from gmmjax.surveys import Trajectory, localised_map, volumetric_map
 
-    return localised_map(
-        frames(),
-        trajectory,
-        bounds=_bounds(options),
-        refine=options.refine,
-        max_gap=options.max_gap,
-        max_range=options.max_range,
-    )
-
-
-def _volumetric(
-    frames: Callable[[], Iterable["Frame"]], trajectory: "Trajectory", options: Options
-) -> "LocalisedMap | VolumetricMap":
-    from gmmjax.surveys import Trajectory, volumetric_map
-
-    if options.refine:
-        laid = _localised(frames, trajectory, options)
-        trajectory = Trajectory.of_samples(laid.times, laid.poses)
-    return volumetric_map(
-        frames(),
-        trajectory,
-        bounds=_bounds(options),
-        voxel_size=options.voxel_size,
+    bounds = None if options.crop is None else np.array(options.crop).reshape(2, 3)
+    shared: dict[str, Any] = {"bounds": bounds, "max_range": options.max_range}
+    max_gap = options.max_gap
+    if options.map == "localised" or options.refine:
+        laid = localised_map(frames(), trajectory, refine=options.refine, max_gap=max_gap, **shared)
+        if options.map == "localised":
+            return laid
         # Refined poses are those of the frames themselves.
-        max_gap=0.0 if options.refine else options.max_gap,
-        max_range=options.max_range,
-    )
-
-
-def _bounds(options: Options) -> np.ndarray | None:
-    return None if options.crop is None else np.array(options.crop).reshape(2, 3)
+        trajectory, max_gap = Trajectory.of_samples(laid.times, laid.poses), 0.0
+    return volumetric_map(frames(), trajectory, voxel_size=options.voxel_size, max_gap=max_gap, **shared)
 
 
 def _views_of(out: Path) -> Path:

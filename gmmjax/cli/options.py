@@ -89,16 +89,19 @@ class Option:
         if typing.get_origin(kind) is tuple:
             kinds = typing.get_args(kind)
             kind, arguments = kinds[0], {"nargs": "*" if ... in kinds else len(kinds)}
-        return {"type": _reader(kind), **arguments}
+        return {"type": _reader(kind), "metavar": self.placeholder, **arguments}
 
 
 class _Parser(argparse.ArgumentParser):
     """Argparse, whose errors are ours."""
 
     def error(self, message: str) -> NoReturn:
-        message = re.sub(r"^argument (-\w/)?", "", message)
-        counted = re.match(r"(\S+): expected (\d+|one) arguments?", message)
-        raise InputError(f"{counted[1]} takes {counted[2]} value{'s' * (counted[2] != 'one')}" if counted else message)
+        message = re.sub(r"^argument (?:-\w/)?(--[\w-]+)(?:/\S+)?", r"\1", message)
+        counted = re.fullmatch(r"(--\S+): expected (\w+|at least one) arguments?", message)
+        if not counted:
+            raise InputError(message)
+        (placeholder,) = {action.metavar for action in self._actions if counted[1] in action.option_strings}
+        raise InputError(f"{counted[1]} takes {counted[2]} value{'s' * (counted[2] != 'one')}: {placeholder}")
 
 
 def parsed(command: Command, words: Sequence[str]) -> dict[str, Any]:
@@ -203,6 +206,31 @@ def help_of(name: str, command: Command, width: int, common: Sequence[str], *, e
     elif others:
         blocks.append(f"gmmjax {name} --help-all shows all options.")
     return "\n\n".join(blocks)
+
+
+def check_output_file(
+    flag: str, path: Path, endings: Sequence[str], *, others: Sequence[Path] = (), overwrite: bool, hint: str = ""
+) -> None:
+    """Finds out before the work begins whether a file can be written.
+
+    Args:
+        flag: that names it.
+        path: of the file.
+        endings: that it may have.
+        others: files that are written beside it.
+        overwrite: whether those that are there may be replaced.
+        hint: what else is possible, after the endings.
+
+    Raises:
+        InputError: it cannot.
+    """
+    if path.suffix not in endings:
+        raise InputError(f"{flag} {path}: must end in {', '.join(endings)}{hint}")
+    if not path.absolute().parent.is_dir():
+        raise InputError(f"{flag} {path}: there is no folder {path.parent}; make it first")
+    for file in (path, *others):
+        if file.exists() and not overwrite:
+            raise InputError(f"{flag} {path}: {file} is there already; --overwrite replaces it")
 
 
 def _fields(record: Any, parameter: str) -> Iterator[Option]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.changes import DetectionConfig
 from gmmjax.cli.detect import read_settings
-from gmmjax.errors import InputError
+from gmmjax.cli.options import check_output_file
 from gmmjax.tuning import TuningSettings
 
 if TYPE_CHECKING:
@@ -55,7 +55,8 @@ def tune(
     from gmmjax.reporting import console, tuning_files
 
     chosen, given = TuningSettings(**settings), read_settings(config)
-    _check_out(out, overwrite)
+    beside = (out.with_suffix(".html"), out.with_suffix(".verdict.json"))
+    check_output_file("--out", out, (".toml",), others=beside, overwrite=overwrite)
     use_compilation_cache()
     state_file = tuning_files.progress_file(out)
     with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
@@ -93,16 +94,6 @@ def _checkpoint(file: Path, fingerprint: str, state: "TuningState | VerdictState
     from gmmjax.reporting import tuning_files
 
     tuning_files.write_state(file, state, fingerprint)
-
-
-def _check_out(out: Path, overwrite: bool) -> None:
-    if out.suffix != ".toml":
-        raise InputError(f"--out {out}: must end in .toml")
-    if not out.resolve().parent.is_dir():
-        raise InputError(f"--out {out}: there is no folder {out.parent}; make it first")
-    for file in (out, out.with_suffix(".html"), out.with_suffix(".verdict.json")):
-        if file.exists() and not overwrite:
-            raise InputError(f"--out {out}: {file} is there already; choose another name, or give --overwrite")
 
 
 def _fingerprint(pairs: "Sequence[ScanPair]", config: DetectionConfig, settings: TuningSettings) -> str:
