@@ -37,12 +37,7 @@ class Coverage:
 
     @classmethod
     def of(cls, points: Float[np.ndarray, "n 3"], unobserved: Bool[np.ndarray, " n"]) -> "Coverage":
-        """The coverage of a cloud, by a part of its points.
-
-        Args:
-            points: of the cloud, in the frame of the before cloud.
-            unobserved: per point whether the other survey did not observe its place.
-        """
+        """The coverage of a cloud, by a part of its points."""
         if not unobserved.any():
             return cls.complete()
         kept = _thinned(np.arange(len(points)), COVERAGE_POINTS)
@@ -72,12 +67,6 @@ class Comparison:
     @classmethod
     def of(cls, before_epoch: int, after_epoch: int, changes: Changes, clouds: Pair[PointCloud]) -> "Comparison":
         """What is kept of a pair.
-
-        Args:
-            before_epoch: index of the epoch of the before cloud.
-            after_epoch: index of that of the after cloud.
-            changes: what was found in the pair.
-            clouds: both, as they were given to the detection: the after cloud is not registered.
 
         Raises:
             InputError: epochs in the wrong order, or changes of other clouds.

@@ -51,11 +51,7 @@ class Fingerprint:
 
 
 def fingerprint_of_memory(content: PointCloud | SensorViews) -> Fingerprint:
-    """The fingerprint of what was given in memory, of all that a result depends on; its time is 0.
-
-    Args:
-        content: a cloud or views.
-    """
+    """The fingerprint of what was given in memory, of all that a result depends on; its time is 0."""
     stated: tuple[object, ...] = ()
     if isinstance(content, SensorViews):
         arrays = {"poses": content.poses, "sees": np.array([*content.field_of_view, content.max_range])}

@@ -19,6 +19,8 @@ from gmmjax.geometry import transformed
 from gmmjax.pair import Pair
 
 EventKind = Literal["came", "moved", "went"]
+# Fields of an event that are columns of its row.
+SHARED = ("kind", "probability", "moved_probability", "distance", "returned", "change", "overlap", "point_count")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -233,28 +235,16 @@ def _event(kind: EventKind, track: Track, sighting: Sighting | None, epochs: Pai
 
 def _row(history: ObjectHistory, number: int, event: ObjectEvent) -> ObjectRow:
     names = history.epochs
-    centre, extent = event.box.centre.tolist(), event.box.extent.tolist()
     return ObjectRow(
         object=history.number,
         event=number,
-        kind=event.kind,
         epoch=names[event.epoch],
         previous=names[event.previous],
         epoch_index=event.epoch,
-        probability=event.probability,
-        moved_probability=event.moved_probability,
-        distance=event.distance,
-        returned=event.returned,
         before=names[event.comparison.before],
         after=names[event.comparison.after],
-        change=event.change,
-        overlap=event.overlap,
-        point_count=event.point_count,
         frame=names[history.frame],
-        centre_x=centre[0],
-        centre_y=centre[1],
-        centre_z=centre[2],
-        extent_1=extent[0],
-        extent_2=extent[1],
-        extent_3=extent[2],
+        **{name: getattr(event, name) for name in SHARED},
+        **dict(zip(("centre_x", "centre_y", "centre_z"), event.box.centre.tolist(), strict=True)),
+        **dict(zip(("extent_1", "extent_2", "extent_3"), event.box.extent.tolist(), strict=True)),
     )

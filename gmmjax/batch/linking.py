@@ -29,12 +29,7 @@ class Linker:
     """
 
     def __init__(self, tree: EpochTree, comparisons: Mapping[int, Comparison]) -> None:
-        """Links the changes of all comparisons.
-
-        Args:
-            tree: the epochs.
-            comparisons: by their later epoch.
-        """
+        """Links the changes of all comparisons."""
         self.tree, self.tracks = tree, list[Track]()
         self._comparisons = comparisons
         self._frames = {tree.root: np.eye(4)}

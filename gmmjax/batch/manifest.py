@@ -73,9 +73,6 @@ def pairs_in_folders(pattern: str) -> list[BatchPair]:
 
     Views are in `before_views` or `views_before`, .json or .npz; the same for after. The pair has the folder's name.
 
-    Args:
-        pattern: such as "scans/*/".
-
     Raises:
         InputError: no folder matches, or one has no pair of scans, or several files for one scan.
     """
@@ -91,11 +88,7 @@ class Problems:
     """What is wrong with a manifest, to be told together."""
 
     def __init__(self, path: Path) -> None:
-        """Nothing is wrong yet.
-
-        Args:
-            path: of the manifest.
-        """
+        """Nothing is wrong yet."""
         self._path = path
         # By what is wrong, where it is: one column may be wrong in each line.
         self._places: dict[str, list[str]] = {}
@@ -130,11 +123,7 @@ class Problems:
 
     @contextlib.contextmanager
     def noted(self, place: str = "") -> Iterator[None]:
-        """Notes an `InputError` of the block.
-
-        Args:
-            place: the file and the line; nothing: the message has the file itself.
-        """
+        """Notes an `InputError` of the block."""
         try:
             yield
         except InputError as error:
@@ -172,10 +161,6 @@ def _check_columns(values: Mapping[str, Any], required: Sequence[str], known: Se
 def check_files(path: Path, files: Mapping[str, Path]) -> None:
     """Checks that all files of a manifest are there.
 
-    Args:
-        path: of the manifest.
-        files: by what each is.
-
     Raises:
         InputError: some are not; it lists them.
     """
@@ -187,11 +172,6 @@ def check_files(path: Path, files: Mapping[str, Path]) -> None:
 
 def settings_of(entry: Entry, folder: Path, config: DetectionConfig) -> DetectionConfig | None:
     """The settings of a line; None where it has none of its own.
-
-    Args:
-        entry: the line.
-        folder: that paths are relative to.
-        config: what its settings are in place of.
 
     Raises:
         InputError: an unknown setting or a wrong value.
@@ -226,10 +206,6 @@ def _pair(entry: Entry, folder: Path, config: DetectionConfig) -> BatchPair:
 
 def path_of(entry: Entry, role: str) -> str:
     """The path in a column of a line.
-
-    Args:
-        entry: the line.
-        role: the column, which it has.
 
     Raises:
         InputError: it is no text.

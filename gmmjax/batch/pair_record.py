@@ -18,6 +18,14 @@ PAIR_FILE = "pair.json"
 REMEDY = "start the run again, which computes the pair anew"
 
 
+def chosen_settings(config: DetectionConfig) -> dict[str, Any]:
+    """The settings of a config that are not the default, as JSON has them; without the restarts."""
+    default = DetectionConfig().to_dict()
+    chosen = {name: own for name, own in config.to_dict().items() if own != default.get(name) and name != "restarts"}
+    plain: dict[str, Any] = json.loads(json.dumps(chosen))
+    return plain
+
+
 @dataclasses.dataclass(frozen=True)
 class Request:
     """What was asked for of a pair, apart from its scans.
@@ -37,11 +45,9 @@ class Request:
     @classmethod
     def of(cls, config: DetectionConfig, until_stable: float | None, files: str) -> "Request":
         """What is asked for by a config. A verdict's file is known by its content, among the inputs."""
-        default = DetectionConfig().to_dict()
-        settings = {name: value for name, value in config.to_dict().items() if default.get(name) != value}
-        for name in ("restarts", "verdict"):
-            settings.pop(name, None)
-        return cls(json.loads(json.dumps(settings)), config.restarts, until_stable, files)
+        settings = chosen_settings(config)
+        settings.pop("verdict", None)
+        return cls(settings, config.restarts, until_stable, files)
 
     def same_fits(self, other: "Request") -> bool:
         """Whether a restart of one is a restart of the other."""
@@ -90,11 +96,7 @@ class PairRecord:
         )
 
     def is_whole(self, folder: Path) -> bool:
-        """Whether all that was written is there as it was written.
-
-        Args:
-            folder: of the pair.
-        """
+        """Whether all that was written is there as it was written."""
         return all(known.matches(folder / name) for name, known in self.files.items())
 
     def write(self, path: Path) -> None:

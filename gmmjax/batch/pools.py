@@ -213,11 +213,7 @@ class ClusterPool(ExecutorPool):
 
 
 def died(error: BaseException) -> bool:
-    """Whether an error of a future means that the worker died, by the standard library or by Dask.
-
-    Args:
-        error: what the future raised.
-    """
+    """Whether an error of a future means that the worker died, by the standard library or by Dask."""
     return isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"
 
 

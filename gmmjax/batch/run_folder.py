@@ -9,7 +9,7 @@ from typing import Any
 
 from gmmjax import __version__
 from gmmjax.batch.fingerprint import fingerprint_of_memory
-from gmmjax.batch.pair_record import PAIR_FILE, PairRecord
+from gmmjax.batch.pair_record import PAIR_FILE, PairRecord, chosen_settings
 from gmmjax.batch.rows import PairRow
 from gmmjax.batch.scan_pair import check_name
 from gmmjax.batch.tables import write_file
@@ -106,10 +106,6 @@ class RunFolder:
     def prepare(self, run: "RunRecord", *, overwrite: bool) -> None:
         """Makes the folder that of this run.
 
-        Args:
-            run: what is to be computed.
-            overwrite: whether results that were made with other settings may be replaced.
-
         Raises:
             InputError: the folder holds a run with other settings and not `overwrite`, or cannot be written.
         """
@@ -177,17 +173,10 @@ class RunRecord:
     @classmethod
     def of(cls, names: Sequence[str], config: DetectionConfig, **series: Any) -> "RunRecord":
         """The record of a run with these settings."""
-        default = DetectionConfig().to_dict()
-        settings = {name: own for name, own in config.to_dict().items() if own != default.get(name)}
-        settings.pop("restarts", None)
-        return cls(tuple(names), json.loads(json.dumps(settings)), **series)
+        return cls(tuple(names), chosen_settings(config), **series)
 
     def check_settings(self, previous: "RunRecord", folder: Path) -> None:
         """Checks that a folder is of a run with the same settings; more or other pairs, and restarts, may be asked for.
-
-        Args:
-            previous: of the folder.
-            folder: for the message.
 
         Raises:
             InputError: it was made with other settings, which are named.
@@ -255,11 +244,7 @@ def make_folder(path: Path) -> None:
 
 
 def recorded(task: PairTask) -> PairRecord | None:
-    """The record of a pair that is done as the task asks for it; None where it is not.
-
-    Args:
-        task: with the folder of its result, or without one.
-    """
+    """The record of a pair that is done as the task asks for it; None where it is not."""
     record = _record_of_inputs(task)
     if record is None or task.folder is None:
         return None
@@ -267,11 +252,7 @@ def recorded(task: PairTask) -> PairRecord | None:
 
 
 def with_kept_fits(task: PairTask) -> PairTask:
-    """The task, with the fits in its folder where they are of the same scans and settings.
-
-    Args:
-        task: of a pair that is not done as it asks for it.
-    """
+    """The task, with the fits in its folder where they are of the same scans and settings."""
     record = _record_of_inputs(task)
     if record is None or task.folder is None or not record.request.same_fits(task.request):
         return task

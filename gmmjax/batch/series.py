@@ -107,9 +107,6 @@ def compared_epochs(folder: RunFolder) -> Mapping[tuple[int, int], str]:
 
     Each epoch is the later one of one pair at most.
 
-    Args:
-        folder: of the run.
-
     Raises:
         InputError: a folder without a series.
     """
@@ -127,12 +124,7 @@ def compared_epochs(folder: RunFolder) -> Mapping[tuple[int, int], str]:
 
 
 def pair_name(names: Sequence[str], pair: tuple[int, int]) -> str:
-    """The name of the comparison of two epochs.
-
-    Args:
-        names: of all epochs.
-        pair: the indices of the two.
-    """
+    """The name of the comparison of two epochs."""
     return f"{names[pair[0]]} to {names[pair[1]]}"
 
 

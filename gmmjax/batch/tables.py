@@ -22,12 +22,6 @@ def write_tables(
 ) -> None:
     """Writes the tables `pairs` and `changes`, and `convergence` where there is any, each as CSV and Parquet.
 
-    Args:
-        folder: that is there.
-        pairs: the rows of all pairs.
-        changes: the rows of all changes.
-        convergence: the rows of all doublings of restarts.
-
     Raises:
         InputError: a file cannot be written.
     """

@@ -91,12 +91,7 @@ def _status(words: list[str], loaded: Callable[[], object]) -> int:
 
 
 def as_given(message: str, words: list[str]) -> str:
-    """A message that begins with an argument, named as it was given: `--tile-size 0.5` in place of `tile_size=0.5`.
-
-    Args:
-        message: of the library, which names the arguments of its functions; one about a file begins with its name.
-        words: of the command line.
-    """
+    """A message that begins with an argument, named as it was given: `--tile-size 0.5` in place of `tile_size=0.5`."""
     name, equals, rest = message.partition("=")
     option = f"--{name.replace('_', '-')}"
     given = {word.split("=")[0] for word in words}
@@ -136,11 +131,7 @@ def _run(words: list[str], loaded: Callable[[], object]) -> int:
 
 
 def overview(width: int) -> str:
-    """The help of the program: its commands, a line or more for each.
-
-    Args:
-        width: of the terminal, characters.
-    """
+    """The help of the program: its commands, a line or more for each."""
     longest = max(map(len, COMMANDS))
     lines = [DESCRIPTION, "", "usage: gmmjax COMMAND ...", ""]
     for name, (_, text) in COMMANDS.items():

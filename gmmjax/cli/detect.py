@@ -146,10 +146,6 @@ def _check_figures(plot: Path | None, map_2d: Path | None, out: Path) -> None:
 def given_files(scans: Pair[Path | None], surveys: Pair[tuple[Path, ...]]) -> Pair[tuple[Path, ...]]:
     """The files of both surveys.
 
-    Args:
-        scans: BEFORE and AFTER.
-        surveys: of `--before` and `--after`.
-
     Raises:
         InputError: neither both scans nor both surveys are given, or some of either.
     """

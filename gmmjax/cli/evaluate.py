@@ -212,11 +212,6 @@ def _fitting(sources: Sequence["PairSource"], patterns: Sequence[str]) -> list["
 def _evaluated(sources: Sequence["PairSource"], options: Options, *, evidence: bool = True) -> int:
     """Evaluates, prints and writes; 1 where some pair failed.
 
-    Args:
-        sources: the pairs.
-        options: of the command.
-        evidence: whether the detectors with the evidence test are among the default ones.
-
     Raises:
         InputError: m3c2 is asked for and not installed.
         ComputationError: every pair failed.

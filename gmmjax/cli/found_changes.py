@@ -92,12 +92,6 @@ def found_changes(
 ) -> Iterator[FoundChanges]:
     """Compares two surveys.
 
-    Args:
-        scans: both surveys.
-        config: how they are compared.
-        tiles: whether in tiles, and in which.
-        progress: is told how far it has got.
-
     Yields:
         The changes.
 

@@ -96,7 +96,7 @@ class _Parser(argparse.ArgumentParser):
     """Argparse, whose errors are ours."""
 
     def error(self, message: str) -> NoReturn:
-        message = re.sub(r"^argument (?:-\w/)?(--[\w-]+)(?:/\S+)?", r"\1", message)
+        message = re.sub(r"^argument (?:-\w/)?(--[\w-]+)(?:/[\w-]+)?", r"\1", message)
         counted = re.fullmatch(r"(--\S+): expected (\w+|at least one) arguments?", message)
         if not counted:
             raise InputError(message)
@@ -152,7 +152,7 @@ def options_of(command: Command) -> list[Option]:
     """
     hints = typing.get_type_hints(command, include_extras=True)
     texts = described(command)[1]
-    found = []
+    found: list[Option] = []
     for name, parameter in inspect.signature(command).parameters.items():
         kind, *marks = typing.get_args(hints[name]) if typing.get_origin(hints[name]) is Annotated else [hints[name]]
         if marks and dataclasses.is_dataclass(marks[0]):
@@ -166,11 +166,7 @@ def options_of(command: Command) -> list[Option]:
 
 
 def described(documented: Any) -> tuple[Sequence[str], dict[str, str]]:
-    """The paragraphs of a Google-style docstring, and the text of each argument or attribute, each in one line.
-
-    Args:
-        documented: a function or a class.
-    """
+    """The paragraphs of a Google-style docstring, and the text of each argument or attribute, each in one line."""
     head, *rest = re.split(r"^(?:Args|Attributes):\n", inspect.getdoc(documented) or "", maxsplit=1, flags=re.MULTILINE)
     paragraphs = [" ".join(paragraph.split()) for paragraph in head.split("\n\n") if paragraph.strip()]
     # A section ends at the next line without an indent.
@@ -198,7 +194,7 @@ def help_of(name: str, command: Command, width: int, common: Sequence[str], *, e
     blocks = [_wrapped(paragraph, width) for paragraph in (*described(command)[0], usage)]
     blocks.append("\n".join(_entry(option, width) for option in first))
     if everything:
-        headings = {None: "Rarely needed", **described(command)[1]}
+        headings: dict[str | None, str] = {None: "Rarely needed", **described(command)[1]}
         for record in dict.fromkeys(option.record for option in others):
             entries = [_entry(option, width) for option in others if option.record == record and not option.positional]
             heading = headings[record].rstrip(".")
