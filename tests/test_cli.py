@@ -464,6 +464,7 @@ def test_options_are_given_in_any_way():
         "settings": {"crop": (-1.0, -0.1, 0.0, 1.0, 1.0, 2.0), "max_components": 4, "evidence": False},
     }
     assert parsed(detect, ["--out", "c", "--explain", "3"])["explain"] == "3"
+    assert parsed(detect, ["--out", "c", "--evidence"])["settings"] == {"evidence": True}
 
 
 COMMANDS = {

@@ -3,6 +3,7 @@
 import argparse
 import dataclasses
 import difflib
+import functools
 import inspect
 import re
 import textwrap
@@ -89,7 +90,7 @@ class Option:
         if typing.get_origin(kind) is tuple:
             kinds = typing.get_args(kind)
             kind, arguments = kinds[0], {"nargs": "*" if ... in kinds else len(kinds)}
-        return {"type": _reader(kind), "metavar": self.placeholder, **arguments}
+        return {"type": functools.partial(_read, kind), "metavar": self.placeholder, **arguments}
 
 
 class _Parser(argparse.ArgumentParser):
@@ -126,6 +127,9 @@ def parsed(command: Command, words: Sequence[str]) -> dict[str, Any]:
             names = [option.flag, option.flag[:2] + option.flag[2:].replace("-", "_")]
             names += [option.placeholder] if option.placeholder.startswith("-") else []
             parser.add_argument(*dict.fromkeys(names), dest=option.name, required=option.required, **option.arguments())
+        if option.default is True:
+            # Over a file that switches it off.
+            parser.add_argument(option.flag.replace("--no-", "--", 1), dest=option.name, action="store_true")
     found, others = parser.parse_known_args(_with_labels(options, words))
     if len(others) > len(places) or any(word.startswith("-") for word in others):
         raise InputError(_unknown(others[len(places) :] or others, options))
@@ -266,20 +270,16 @@ def _with_flags(text: str, names: set[str]) -> str:
     return re.sub(r"`(\w+)`", lambda found: f"--{found[1].replace('_', '-')}" if found[1] in names else found[0], text)
 
 
-def _reader(kind: Any) -> Callable[[str], Any]:
-    """How a value is read, with an error that says what is wrong with it."""
+def _read(kind: Any, word: str) -> Any:
+    """A value, or an error that says what is wrong with it."""
     choices = _choices(kind)
-
-    def read(word: str) -> Any:
-        if choices and word not in choices:
-            raise argparse.ArgumentTypeError(f"{shown(word)} is none of {', '.join(choices)}")
-        try:
-            return word if choices else kind(word)
-        except ValueError:
-            whole = "whole " * (kind is int)
-            raise argparse.ArgumentTypeError(f"{shown(word)} is not a {whole}number") from None
-
-    return read
+    if choices and word not in choices:
+        raise argparse.ArgumentTypeError(f"{shown(word)} is none of {', '.join(choices)}")
+    try:
+        return word if choices else kind(word)
+    except ValueError:
+        whole = "whole " * (kind is int)
+        raise argparse.ArgumentTypeError(f"{shown(word)} is not a {whole}number") from None
 
 
 def _with_labels(options: Sequence[Option], words: Sequence[str]) -> list[str]:
