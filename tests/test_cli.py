@@ -577,6 +577,7 @@ def test_simulate_gaussians_writes_clouds_that_detect_reads(tmp_path):
     assert len(read_cloud(tmp_path / "b" / "after.ply")) == 350
 
 
+@pytest.mark.slow
 def test_the_demo_compares_what_was_found_with_the_truth_and_keeps_the_scans(tmp_path, capsys):
     assert main(["demo", "--out", str(tmp_path / "a")]) == 0
     printed = capsys.readouterr().out

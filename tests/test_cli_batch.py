@@ -7,7 +7,12 @@ import re
 
 import pytest
 
+from gmmjax.batch import PairRow
+from gmmjax.batch.worker import failure
 from gmmjax.cli import main
+from gmmjax.errors import InputError
+from gmmjax.reporting.batch_files import Summary
+from gmmjax.reporting.console import print_batch
 from tests.batch.runs import FLAGS, run, run_process, write_manifest
 
 
@@ -104,6 +109,20 @@ def test_a_pair_that_fails_is_listed(scans, tmp_path):
     stopped = run(manifest, "--out", tmp_path / "other", "--fail-fast", "--workers", "1", *FLAGS)
     assert stopped.returncode == 1
     assert "gmmjax: error: pair [red]bad[red]: " in stopped.stderr
+
+
+def test_warnings_and_whole_errors_are_printed(capsys):
+    error = f"hall.ply: {'many words and no end of them, ' * 20}"[:-2]
+    rows = (
+        PairRow("hall", "done", changes=0, warnings="after: 1 stray point\nno poses"),
+        PairRow("yard", "failed", failure(InputError(error))),
+        PairRow("shed", "failed", failure(ValueError(error))),
+    )
+    print_batch(Summary(rows, (), (), ()))
+    printed = capsys.readouterr().out
+    assert "\n1 with warnings\n  hall: after: 1 stray point; no poses\n" in printed
+    assert f"\n2 failed\n  yard: {error}\n" in printed
+    assert re.search(r"  shed: ValueError: hall.ply: .* (no|and|end|of|them,|many|words) \.\.\.\n", printed)
 
 
 @pytest.mark.parametrize(
