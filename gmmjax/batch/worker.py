@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.batch.fingerprint import Fingerprint, fingerprint_of_memory
@@ -240,6 +240,9 @@ def record_of(
 def _pair_row(task: PairTask, found: FoundPair, seconds: float) -> PairRow:
     changes, registration = found.consensus.changes, found.consensus.changes.registration.to_dict()
     counts, files = changes.object_counts(), task.pair.files()
+    columns: dict[str, Any] = dict(counts)
+    for name in ("applied", "residual", "overlap", "confidence"):
+        columns[f"registration_{name}"] = registration[name]
     errors = [error for error in found.consensus.standard_errors if error is not None]
     return PairRow(
         name=found.name,
@@ -249,13 +252,12 @@ def _pair_row(task: PairTask, found: FoundPair, seconds: float) -> PairRow:
         points_before=len(changes.labels_before),
         points_after=len(changes.labels_after),
         changes=sum(counts.values()),
-        **counts,
         highest_probability=max((change.probability for change in changes), default=None),
         restarts=found.consensus.restarts,
         standard_error=max(errors, default=None),
         settled=found.consensus.settled,
         difference=found.consensus.convergence[-1].difference if found.consensus.convergence else None,
-        **{f"registration_{name}": registration[name] for name in ("applied", "residual", "overlap", "confidence")},
+        **columns,
         unobserved_before=float(changes.unobserved_before.mean()),
         unobserved_after=float(changes.unobserved_after.mean()),
         warnings="\n".join(found.warnings),

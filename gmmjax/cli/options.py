@@ -198,10 +198,10 @@ def help_of(name: str, command: Command, width: int, common: Sequence[str], *, e
     blocks = [_wrapped(paragraph, width) for paragraph in (*described(command)[0], usage)]
     blocks.append("\n".join(_entry(option, width) for option in first))
     if everything:
-        headings: dict[str | None, str] = {None: "Rarely needed", **described(command)[1]}
+        texts = described(command)[1]
         for record in dict.fromkeys(option.record for option in others):
             entries = [_entry(option, width) for option in others if option.record == record and not option.positional]
-            heading = headings[record].rstrip(".")
+            heading = "rarely needed" if record is None else texts[record].rstrip(".")
             blocks += [f"{heading[0].upper()}{heading[1:]}:", "\n".join(entries)]
     elif others:
         blocks.append(f"gmmjax {name} --help-all shows all options.")
