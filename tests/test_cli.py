@@ -74,16 +74,8 @@ def failed(arguments, capsys):
 
 
 def test_detect_writes_every_output(result):
-    assert {path.name for path in result.iterdir()} == {
-        "changes.json",
-        "changes.csv",
-        "changes.geojson",
-        "labels.npz",
-        "before.ply",
-        "after.ply",
-        "report.html",
-        "config.toml",
-    }
+    names = "changes.json changes.csv changes.geojson labels.npz before.ply after.ply report.html config.toml"
+    assert {path.name for path in result.iterdir()} == set(names.split())
 
 
 def test_detect_finds_what_appeared(result):
@@ -558,22 +550,12 @@ def test_fit_names_the_cloud_that_it_cannot_fit(scans, tmp_path, capsys):
 
 
 def test_simulate_gaussians_writes_clouds_that_detect_reads(tmp_path):
-    arguments = [
-        "simulate",
-        "gaussians",
-        "--out",
-        str(tmp_path / "a"),
-        "--points",
-        "50",
-        "--disappeared",
-        "2",
-        "--quiet",
-    ]
-    assert main([*arguments, "--seed", "5"]) == 0
+    words = f"simulate gaussians --points 50 --quiet --out {tmp_path}"
+    assert main(f"{words}/a --disappeared 2 --seed 5".split()) == 0
     truth = np.load(tmp_path / "a" / "truth_before.npy", allow_pickle=False)
     assert len(truth) == len(read_cloud(tmp_path / "a" / "before.ply")) == 250
     assert set(truth) == {-1, 0, 1}
-    assert main(["simulate", "gaussians", "--out", str(tmp_path / "b"), "--fixed", "--points", "50", "--quiet"]) == 0
+    assert main(f"{words}/b --fixed".split()) == 0
     assert len(read_cloud(tmp_path / "b" / "after.ply")) == 350
 
 

@@ -40,16 +40,7 @@ def test_it_says_what_changed_and_where_the_files_are(done):
 
 def test_it_writes_what_it_says(done):
     _, folder = done
-    names = {
-        "run.json",
-        "index.html",
-        "pairs.csv",
-        "pairs.parquet",
-        "changes.csv",
-        "changes.parquet",
-        "pairs",
-        "errors",
-    }
+    names = set("run.json index.html pairs.csv pairs.parquet changes.csv changes.parquet pairs errors".split())
     assert {path.name for path in folder.iterdir() if not path.name.startswith(".")} == names
     files = {"before.ply", "after.ply", "before.png", "after.png", "report.html", "config.toml"}
     files |= {"changes.json", "changes.csv", "changes.geojson", "labels.npz", "fits.npz", "pair.json"}
