@@ -146,8 +146,8 @@ class Problems:
 
 def _at(places: Sequence[str], text: str) -> str:
     """A text with where it is so."""
-    more = f" (and {len(places) - 1} more)" if len(places) > 1 else ""
-    return f"{places[0]}{more}: {text}" if places[0] else text
+    more = f" (the same in {len(places) - 1} more)" if len(places) > 1 else ""
+    return f"{places[0]}: {text}{more}" if places[0] else text
 
 
 def _check_columns(values: Mapping[str, Any], required: Sequence[str], known: Set[str]) -> None:

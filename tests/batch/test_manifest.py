@@ -99,7 +99,8 @@ def test_all_that_is_wrong_is_said_at_once(as_users, folder):
     with pytest.raises(InputError) as caught:
         read_manifest(path)
     told = str(caught.value).removeprefix(f"{path}: ").split("; ")
-    assert told[0].startswith("4 errors: line 3 (and 1 more): has no name")
+    assert told[0].startswith("4 errors: line 3: has no name")
+    assert told[1].endswith("(the same in 1 more)")
     assert told[2].startswith("line 5: restarts='many' must be a whole number")
     assert told[3].startswith("line 6: has no before") and told[5].startswith("1 of its 4 files do not exist: y: after")
     path.write_text("name,before,after,restarts\n" + "".join(f"x,a.ply,b.ply,{'a' * n}\n" for n in range(1, 14)))
