@@ -3,6 +3,7 @@
 import os
 import reprlib
 import sys
+import textwrap
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -132,8 +133,9 @@ def shown(value: object) -> str:
 
 
 def one_line(error: BaseException) -> str:
-    """What an exception of another library says, in one line of at most 200 characters."""
-    return (" ".join(str(error).split()) or type(error).__name__)[:200]
+    """What an exception of another library says, in one line of at most 200 characters, cut between words."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    return textwrap.shorten(text, 200, placeholder=" ...") if len(text) > 200 and " " in text[:200] else text[:200]
 
 
 class _Shortened(reprlib.Repr):

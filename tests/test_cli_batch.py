@@ -7,8 +7,13 @@ import re
 
 import pytest
 
+from gmmjax.batch import PairRow
+from gmmjax.batch.worker import failure
 from gmmjax.cli import main
-from tests.batch.runs import FLAGS, run, write_manifest
+from gmmjax.errors import InputError
+from gmmjax.reporting.batch_files import Summary
+from gmmjax.reporting.console import print_batch
+from tests.batch.runs import FLAGS, run, run_process, write_manifest
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +24,7 @@ def scans(tmp_path_factory):
 @pytest.fixture(scope="module")
 def done(scans, tmp_path_factory):
     folder = tmp_path_factory.mktemp("run") / "run"
-    return run(scans, "--out", folder, "--workers", "1", *FLAGS), folder
+    return run_process(scans, "--out", folder, "--workers", "1", *FLAGS), folder
 
 
 def test_it_says_what_changed_and_where_the_files_are(done):
@@ -35,16 +40,7 @@ def test_it_says_what_changed_and_where_the_files_are(done):
 
 def test_it_writes_what_it_says(done):
     _, folder = done
-    names = {
-        "run.json",
-        "index.html",
-        "pairs.csv",
-        "pairs.parquet",
-        "changes.csv",
-        "changes.parquet",
-        "pairs",
-        "errors",
-    }
+    names = set("run.json index.html pairs.csv pairs.parquet changes.csv changes.parquet pairs errors".split())
     assert {path.name for path in folder.iterdir() if not path.name.startswith(".")} == names
     files = {"before.ply", "after.ply", "before.webp", "after.webp", "report.html", "config.toml"}
     files |= {"changes.json", "changes.csv", "changes.geojson", "labels.npz", "fits.npz", "pair.json"}
@@ -104,6 +100,20 @@ def test_a_pair_that_fails_is_listed(scans, tmp_path):
     stopped = run(manifest, "--out", tmp_path / "other", "--fail-fast", "--workers", "1", *FLAGS)
     assert stopped.returncode == 1
     assert "gmmjax: error: pair [red]bad[red]: " in stopped.stderr
+
+
+def test_warnings_and_whole_errors_are_printed(capsys):
+    error = f"hall.ply: {'many words and no end of them, ' * 20}"[:-2]
+    rows = (
+        PairRow("hall", "done", changes=0, warnings="after: 1 stray point\nno poses"),
+        PairRow("yard", "failed", failure(InputError(error))),
+        PairRow("shed", "failed", failure(ValueError(error))),
+    )
+    print_batch(Summary(rows, (), (), ()))
+    printed = capsys.readouterr().out
+    assert "\n1 with warnings\n  hall: after: 1 stray point; no poses\n" in printed
+    assert f"\n2 failed\n  yard: {error}\n" in printed
+    assert re.search(r"  shed: ValueError: hall.ply: .* (no|and|end|of|them,|many|words) \.\.\.\n", printed)
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ def extract(source, *options):
 
 
 def failed(capsys, source, *options):
-    """What a run that must end with status 2 says: one line, on standard error."""
+    """What a run that must end in status 2 says: one line, on standard error."""
     assert extract(source, *options) == 2
     captured = capsys.readouterr()
     assert not captured.out
@@ -141,8 +141,8 @@ def test_an_output_is_replaced_only_when_told(bag, tmp_path, capsys):
         (["--at", "+1", "--every", "2", "--out", "frame.pcd"], "not --at and --every or --rate"),
         (["--at", "noon", "--out", "frame.pcd"], "--at noon: must be seconds"),
         (["--at", "+60", "--out", "frame.pcd"], "the nearest is at 1600000002.400"),
-        (["--at", "+1", "--out", "frame.txt"], "must end with .pcd, .ply, .npz"),
-        (["--every", "2", "--out", "frames.ply"], "must end with .npz, or be a folder"),
+        (["--at", "+1", "--out", "frame.txt"], "must end in .pcd, .ply, .npz"),
+        (["--every", "2", "--out", "frames.ply"], "must end in .npz, or be a folder"),
         (["--every", "0", "--out", "frames.npz"], "every=0 must be at least 1"),
         (["--at", "+1", "--out", "none/frame.pcd"], "there is no folder none"),
         (["--at", "+1", "--topic", "/points", "--out", "frame.pcd"], f"no topic /points; the topics are: {CLOUDS}"),
@@ -151,7 +151,7 @@ def test_an_output_is_replaced_only_when_told(bag, tmp_path, capsys):
         (["--every", "1", "--start", "+60", "--out", "frames.npz"], "no frames to write"),
         (["--every", "1", "--start", "+2.15", "--poses", "/tf", "--out", "frames"], "none of 2 frames can be used"),
         (["--map", "localised", "--out", "map.ply"], "with --poses"),
-        (["--map", "localised", "--poses", POSES, "--out", "map.pcd"], "must end with .ply"),
+        (["--map", "localised", "--poses", POSES, "--out", "map.pcd"], "must end in .ply"),
     ],
 )
 def test_bad_input_leaves_nothing(bag, tmp_path, monkeypatch, capsys, options, words):

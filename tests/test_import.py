@@ -23,7 +23,6 @@ HEAVY = {
         "lazrs",
         "pandas",
         "sklearn",
-        "tyro",
         "rich",
     ),
     *("rosbags", "lz4", "PIL", "ruamel"),

@@ -1,5 +1,6 @@
 """The README and the pages of docs/ say what is so."""
 
+import dataclasses
 import json
 import os
 import re
@@ -19,7 +20,7 @@ from gmmjax.cli.application import COMMANDS
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 PAGES = [README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
-OPTION = re.compile(r"--[a-z][a-z-]*")
+OPTION = re.compile(r"--[a-z][a-z0-9-]*")
 
 
 def blocks(page, language):
@@ -31,22 +32,38 @@ def show_help(words):
     """Prints the help of a command."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COLUMNS", "200")
-        with pytest.raises(SystemExit) as end:
-            main([*words, "--help"])
-    assert end.value.code == 0
+        assert main([*words, "--help-all"]) == 0
+
+
+def options_of_section(name):
+    """The options in the tables of a section of the page of the command line."""
+    page = (ROOT / "docs" / "command-line.md").read_text(encoding="utf-8")
+    section = re.search(rf"^## {name}\n(.*?)(?=^## |\Z)", page, re.DOTALL | re.MULTILINE)
+    assert section is not None
+    rows = re.findall(r"^\| `(--[^|]*)\|", section[1], re.MULTILINE)
+    return {option for row in rows for option in OPTION.findall(row)}
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_options_of_a_command_are_those_of_its_help(command, capsys):
     show_help(command.split())
-    by_help = set(OPTION.findall(capsys.readouterr().out)) - {"--help"}
-    page = (ROOT / "docs" / "command-line.md").read_text(encoding="utf-8")
-    section = re.search(rf"^## {command}\n(.*?)(?=^## |\Z)", page, re.DOTALL | re.MULTILINE)
-    assert section is not None
-    by_page = {
-        option for row in re.findall(r"^\| `(--[^|]*)\|", section[1], re.MULTILINE) for option in OPTION.findall(row)
-    }
+    by_help = {line.split()[0] for line in capsys.readouterr().out.splitlines() if line.startswith("  --")}
+    by_page = options_of_section(command)
+    if command.startswith("evaluate") and command != "evaluate thesis":
+        by_page |= options_of_section("evaluate")
+    if command == "batch":
+        settings = {f"--{field.name.replace('_', '-')}" for field in dataclasses.fields(gmmjax.DetectionConfig)}
+        by_page |= settings | {"--no-evidence", "--no-recognise-stations"}
+        by_page -= {"--evidence", "--recognise-stations"}
     assert by_page == by_help
+
+
+@pytest.mark.parametrize("command", ["detect", "batch", "extract", "tune"])
+def test_the_help_is_short(command, capsys):
+    assert main([command, "--help"]) == 0
+    printed = capsys.readouterr().out
+    assert sum(line.startswith("  --") for line in printed.splitlines()) <= 15
+    assert f"gmmjax {command} --help-all shows all options." in printed
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -3,13 +3,16 @@
 import ast
 import dataclasses
 import re
+from importlib import import_module
 from pathlib import Path
 
 from gmmjax import DetectionConfig
+from gmmjax.cli.application import COMMANDS
+from gmmjax.cli.options import options_of
 
 ROOT = Path(__file__).parents[1]
 # Of pip and PDAL.
-OTHERS = {"--upgrade", "--filters", "--writers"}
+OTHERS = {"--help", "--help-all", "--upgrade", "--filters", "--writers"}
 
 
 def messages():
@@ -26,9 +29,10 @@ def messages():
 
 
 def test_options_are_those_of_the_command_line():
-    known = (
-        set(re.findall(r"`(--[a-z0-9-]+)", (ROOT / "docs" / "command-line.md").read_text(encoding="utf-8"))) | OTHERS
-    )
+    known = set(OTHERS)
+    for name, (module, _) in COMMANDS.items():
+        command = getattr(import_module(f"gmmjax.cli.{module}"), name.replace(" ", "_"))
+        known |= {option.flag for option in options_of(command)}
     assert len(known) > 50
     # A name that goes on, as in --sensor-{side}, is no option yet.
     option = re.compile(r"--[a-z0-9-]*[a-z0-9](?![a-z0-9-])")

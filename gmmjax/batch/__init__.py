@@ -1,7 +1,6 @@
 """Many pairs of scans: runs that survive interruptions, over processes or a cluster."""
 
 from gmmjax.batch.comparison import Comparison as Comparison
-from gmmjax.batch.comparison import ComparisonSettings as ComparisonSettings
 from gmmjax.batch.comparison import Coverage as Coverage
 from gmmjax.batch.detect_many import BatchResult as BatchResult
 from gmmjax.batch.detect_many import detect_many as detect_many
@@ -11,15 +10,11 @@ from gmmjax.batch.history import ObjectHistory as ObjectHistory
 from gmmjax.batch.history import epoch_trees as epoch_trees
 from gmmjax.batch.history import object_histories as object_histories
 from gmmjax.batch.history import object_rows as object_rows
-from gmmjax.batch.linking import HistorySettings as HistorySettings
 from gmmjax.batch.manifest import pairs_in_folders as pairs_in_folders
 from gmmjax.batch.manifest import read_manifest as read_manifest
 from gmmjax.batch.pair_record import PairRecord as PairRecord
 from gmmjax.batch.pools import AbstractPool as AbstractPool
-from gmmjax.batch.pools import ClusterPool as ClusterPool
-from gmmjax.batch.pools import ExecutorPool as ExecutorPool
-from gmmjax.batch.pools import LocalPool as LocalPool
-from gmmjax.batch.pools import check_workers as check_workers
+from gmmjax.batch.pools import Workers as Workers
 from gmmjax.batch.pools import died as died
 from gmmjax.batch.rows import ChangeRow as ChangeRow
 from gmmjax.batch.rows import ConvergenceRow as ConvergenceRow
@@ -38,6 +33,7 @@ from gmmjax.batch.series import Epoch as Epoch
 from gmmjax.batch.series import compared_epochs as compared_epochs
 from gmmjax.batch.series import detect_series as detect_series
 from gmmjax.batch.series import read_epochs as read_epochs
+from gmmjax.batch.tables import write_file as write_file
 from gmmjax.batch.tables import write_table as write_table
 from gmmjax.batch.tables import write_tables as write_tables
 from gmmjax.batch.tracks import EpochTree as EpochTree

@@ -11,28 +11,11 @@ from gmmjax.errors import InputError
 from gmmjax.geometry import evenly_chosen
 from gmmjax.pair import Pair, each
 
-
-@dataclasses.dataclass(frozen=True)
-class ComparisonSettings:
-    """How much of a pair is kept.
-
-    Attributes:
-        change_points: most points that are kept of each change, evenly chosen of its points in their order. 1,000 are
-            some 3 cm apart on a surface of a square metre, and take 24 kB. Fewer: points are so far apart that
-            neighbouring objects count as one place; far more: memory, and the same links.
-        coverage_points: most points of each cloud that tell which places the other survey observed; none are kept of a
-            cloud that was observed completely. Fewer: the edge of what was observed is blurred by their spacing. 0: all
-            places count as observed, and an object that was out of sight as gone.
-    """
-
-    change_points: int = 1000
-    coverage_points: int = 4000
-
-    def __post_init__(self) -> None:
-        if self.change_points < 1:
-            raise InputError(f"change_points {self.change_points} must be at least 1")
-        if self.coverage_points < 0:
-            raise InputError(f"coverage_points {self.coverage_points} must not be negative")
+# Points that are kept of each change, at most: on a surface of a square metre they are some 3 cm apart, and take 24 kB.
+# With fewer, neighbouring objects count as one place.
+CHANGE_POINTS = 1000
+# Of each cloud, to tell which places the other survey observed; with fewer the edge of these places is blurred.
+COVERAGE_POINTS = 4000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -53,17 +36,11 @@ class Coverage:
         return cls(np.empty((0, 3)), np.empty(0, bool))
 
     @classmethod
-    def of(cls, points: Float[np.ndarray, "n 3"], unobserved: Bool[np.ndarray, " n"], most: int) -> "Coverage":
-        """That of a cloud, of so many points at most.
-
-        Args:
-            points: of the cloud, in the frame of the before cloud.
-            unobserved: per point whether the other survey did not observe its place.
-            most: number of points that are kept.
-        """
-        if not most or not unobserved.any():
+    def of(cls, points: Float[np.ndarray, "n 3"], unobserved: Bool[np.ndarray, " n"]) -> "Coverage":
+        """The coverage of a cloud, by a part of its points."""
+        if not unobserved.any():
             return cls.complete()
-        kept = _thinned(np.arange(len(points)), most)
+        kept = _thinned(np.arange(len(points)), COVERAGE_POINTS)
         return cls(points[kept], unobserved[kept])
 
 
@@ -88,56 +65,35 @@ class Comparison:
     coverage: Pair[Coverage] = dataclasses.field(default_factory=lambda: Pair(Coverage.complete(), Coverage.complete()))
 
     @classmethod
-    def of(
-        cls,
-        before_epoch: int,
-        after_epoch: int,
-        changes: Changes,
-        clouds: Pair[PointCloud],
-        settings: ComparisonSettings = ComparisonSettings(),
-    ) -> "Comparison":
+    def of(cls, before_epoch: int, after_epoch: int, changes: Changes, clouds: Pair[PointCloud]) -> "Comparison":
         """What is kept of a pair.
-
-        Args:
-            before_epoch: index of the epoch of the before cloud.
-            after_epoch: index of that of the after cloud.
-            changes: what was found in the pair.
-            clouds: both, as they were given to the detection: the after cloud is not registered.
-            settings: how much is kept.
 
         Raises:
             InputError: epochs in the wrong order, or changes of other clouds.
         """
-        epochs = Pair(before_epoch, after_epoch)
-        labels = Pair(changes.labels_before, changes.labels_after)
+        epochs, labels = Pair(before_epoch, after_epoch), Pair(changes.labels_before, changes.labels_after)
         _check(epochs, labels, clouds)
         registered = Pair(clouds.before.points, changes.registration.apply(clouds.after.points))
-        unobserved = Pair(changes.unobserved_before, changes.unobserved_after)
-        found = [
-            _points_of(index, change, labels, registered, settings.change_points)
-            for index, change in enumerate(changes)
-        ]
+        found = [_points_of(index, change, labels, registered) for index, change in enumerate(changes)]
         return cls(
             epochs=epochs,
             changes=changes.items,
             registration=changes.registration,
             sides=tuple(side for side, _ in found),
             points=tuple(points for _, points in found),
-            coverage=each(
-                lambda points, hidden: Coverage.of(points, hidden, settings.coverage_points), registered, unobserved
-            ),
+            coverage=each(Coverage.of, registered, Pair(changes.unobserved_before, changes.unobserved_after)),
         )
 
 
 def _points_of(
-    index: int, change: Change, labels: Pair[Int[np.ndarray, " _"]], clouds: Pair[Float[np.ndarray, "_ 3"]], most: int
+    index: int, change: Change, labels: Pair[Int[np.ndarray, " _"]], clouds: Pair[Float[np.ndarray, "_ 3"]]
 ) -> tuple[int, Float[np.ndarray, "_ 3"]]:
     """The side of a change and its points; its mean where no point has its label."""
-    rows = each(lambda own, cloud: np.flatnonzero(own == index), labels, clouds)
+    rows = labels.map(lambda own: np.flatnonzero(own == index))
     kinds = {"disappeared": 0, "appeared": 1}
     side = kinds.get(change.kind, int(len(rows.after) > len(rows.before)))
     own, cloud = (rows.after, clouds.after) if side else (rows.before, clouds.before)
-    return side, cloud[_thinned(own, most)] if len(own) else change.mean[None]
+    return side, cloud[_thinned(own, CHANGE_POINTS)] if len(own) else change.mean[None]
 
 
 def _thinned(rows: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " m"]:

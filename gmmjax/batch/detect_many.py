@@ -7,9 +7,8 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
-from gmmjax._cores import available_cores
 from gmmjax.batch.driver import results_of
-from gmmjax.batch.pools import AbstractPool, ClusterPool, ExecutorPool, check_workers, local_pool
+from gmmjax.batch.pools import Workers
 from gmmjax.batch.rows import ChangeRow, PairRow
 from gmmjax.batch.run_folder import RunFolder, RunRecord, Shard, recorded, run_folder, with_kept_fits
 from gmmjax.batch.scan_pair import BatchPair, check_distinct
@@ -110,16 +109,14 @@ def detect_many(
         InputError: pairs of one name, a folder that cannot be used, or that another run is using.
         ComputationError: the workers are lost, results cannot be written, or a pair failed and `fail_fast`.
     """
-    if scheduler is not None and executor is not None:
-        raise InputError("scheduler and executor are two places to compute; give one of them")
+    place = Workers(workers, scheduler, executor, capacity)
     if shard is not None and out is None:
         raise InputError("shard needs out: the parts of a run meet in its folder")
-    settings = _BatchSettings(config or DetectionConfig(), until_stable, save, overwrite, fail_fast)
+    settings = _BatchSettings(config or DetectionConfig(), until_stable, save, overwrite, fail_fast, send)
     _check_until_stable(until_stable, settings.config)
     if out is not None or isinstance(pairs, Sequence):
         pairs = list(pairs)
         check_distinct([pair.name for pair in pairs], "pairs")
-    place = _Place(check_workers(workers), scheduler, executor, capacity, send)
     if out is None:
         count = len(pairs) if isinstance(pairs, list) else None
         return _computed((settings.task(pair, None) for pair in pairs), place, settings, None, count)
@@ -146,6 +143,7 @@ class _BatchSettings:
     save: Save
     overwrite: bool
     fail_fast: bool
+    send: bool
 
     def task(self, pair: BatchPair, folder: RunFolder | None) -> PairTask:
         """What is to be done with a pair. Its paths are absolute: a worker may be started in another folder."""
@@ -158,31 +156,12 @@ class _BatchSettings:
         return PairTask(placed, config, self.until_stable, place, self.save)
 
 
-@dataclasses.dataclass(frozen=True)
-class _Place:
-    """Where pairs are computed. Its pool is made when there is something to compute."""
-
-    workers: int | None
-    scheduler: str | None
-    executor: Executor | None
-    capacity: int | None
-    send: bool
-
-    def pool(self, pairs: int | None) -> AbstractPool:
-        """The pool for so many pairs; None: it is not known how many."""
-        if self.scheduler is not None:
-            return ClusterPool(self.scheduler)
-        if self.executor is not None:
-            return ExecutorPool(self.executor, self.capacity or 2 * (self.workers or available_cores()))
-        return local_pool(self.workers, pairs)
-
-
 def _in_folder(
     pairs: list[BatchPair],
     out: Path,
     record: RunRecord,
     shard: Shard | None,
-    place: _Place,
+    place: Workers,
     settings: _BatchSettings,
 ) -> Generator[BatchResult, None, None]:
     """What is there already, and then what is computed, largest first: like sizes meet the same compiled programs."""
@@ -205,7 +184,7 @@ def _in_folder(
 
 def _computed(
     tasks: Iterator[PairTask],
-    place: _Place,
+    place: Workers,
     settings: _BatchSettings,
     folder: RunFolder | None,
     count: int | None,
@@ -219,7 +198,7 @@ def _computed(
             known[task.pair.name] = task
             yield task
 
-    results = sent_results if place.send else results_of
+    results = sent_results if settings.send else results_of
     for result in results(remembered(tasks), place.pool(count)):
         task = known[result.name]
         # Without the clouds, which may be in memory: only the name must not come again.

@@ -1,6 +1,5 @@
 """Hands pairs to a pool of workers in chunks, and goes on when a worker dies."""
 
-import dataclasses
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
@@ -16,26 +15,20 @@ Chunk: TypeAlias = tuple[PairTask, ...]
 Work: TypeAlias = Callable[[Sequence[PairTask]], list[PairResult]]
 
 
-@dataclasses.dataclass(frozen=True)
-class DriverSettings:
-    """How pairs are handed out.
-
-    Attributes:
-        chunk_seconds: work that is worth a message, seconds of a worker. 0: every pair is a message of its own;
-            infinite: the last chunks keep some workers busy while the others have nothing left.
-        largest_chunk: number of pairs in a chunk, at most: what is lost when a worker dies is done again. Where results
-            are kept in a folder it is only the pair at hand.
-    """
-
-    chunk_seconds: float = 4.0
-    largest_chunk: int = 64
+# Work that is worth a message, seconds of a worker: with much more the last chunks keep some workers busy while the
+# others have nothing left.
+CHUNK_SECONDS = 4.0
+# Pairs in a chunk, at most: what is lost when a worker dies is done again.
+LARGEST_CHUNK = 64
 
 
 def results_of(
     tasks: Iterable[PairTask],
     pool: AbstractPool,
     work: Work = detect_in_chunk,
-    settings: DriverSettings = DriverSettings(),
+    *,
+    chunk_seconds: float = CHUNK_SECONDS,
+    largest_chunk: int = LARGEST_CHUNK,
 ) -> Iterator[PairResult]:
     """The results of pairs, as they are done.
 
@@ -46,12 +39,13 @@ def results_of(
         tasks: the pairs; taken from as workers get free.
         pool: where they are computed. It is stopped in the end; at once where the caller does not want the rest.
         work: what a worker does with a chunk.
-        settings: how pairs are handed out.
+        chunk_seconds: work that is worth a message; 0: every pair is one of its own.
+        largest_chunk: pairs in a chunk, at most.
 
     Raises:
         ComputationError: the pool is lost, or the results cannot be written.
     """
-    driver = _Driver(iter(tasks), pool, work, settings)
+    driver = _Driver(iter(tasks), pool, work, chunk_seconds, largest_chunk)
     at_once = True
     try:
         yield from driver.results()
@@ -63,14 +57,15 @@ def results_of(
 class _Driver:
     """The state of a run: what waits, what is computed, and what is suspected of having ended its worker."""
 
-    def __init__(self, tasks: Iterator[PairTask], pool: AbstractPool, work: Work, settings: DriverSettings):
-        self._tasks, self._pool, self._work, self._settings = tasks, pool, work, settings
+    def __init__(self, tasks: Iterator[PairTask], pool: AbstractPool, work: Work, chunk_seconds: float, largest: int):
+        self._tasks, self._pool, self._work = tasks, pool, work
+        self._chunk_seconds, self._largest_chunk = chunk_seconds, largest
         self._again: deque[PairTask] = deque()
         self._suspects: deque[PairTask] = deque()
         self._running: dict[Future[Any], Chunk] = {}
         self._done: SimpleQueue[Future[Any]] = SimpleQueue()
         self._alone: PairTask | None = None
-        self._seconds_of_pair = settings.chunk_seconds
+        self._seconds_of_pair = chunk_seconds
 
     def results(self) -> Iterator[PairResult]:
         while self._fill():
@@ -86,9 +81,9 @@ class _Driver:
         return bool(self._running)
 
     def _next_chunk(self) -> Chunk:
-        size = self._settings.chunk_seconds / max(self._seconds_of_pair, 1e-9)
+        size = self._chunk_seconds / max(self._seconds_of_pair, 1e-9)
         chunk: list[PairTask] = []
-        while len(chunk) < min(max(1, round(size)), self._settings.largest_chunk):
+        while len(chunk) < min(max(1, round(size)), self._largest_chunk):
             task = self._again.popleft() if self._again else next(self._tasks, None)
             if task is None:
                 break

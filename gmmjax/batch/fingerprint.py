@@ -3,9 +3,7 @@
 import dataclasses
 import hashlib
 import os
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +13,7 @@ from gmmjax.errors import InputError
 
 @dataclasses.dataclass(frozen=True)
 class Fingerprint:
-    """A file at one time.
+    """A file at one time; in a record its fields by name.
 
     Attributes:
         size: bytes.
@@ -51,26 +49,9 @@ class Fingerprint:
         except (OSError, InputError):
             return False
 
-    def to_dict(self) -> dict[str, Any]:
-        """The fingerprint as plain values."""
-        return dataclasses.asdict(self)
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> "Fingerprint":
-        """The fingerprint that `to_dict` made plain.
-
-        Raises:
-            KeyError, TypeError, ValueError: it is no such dictionary.
-        """
-        return cls(int(content["size"]), int(content["modified"]), str(content["sha256"]))
-
 
 def fingerprint_of_memory(content: PointCloud | SensorViews) -> Fingerprint:
-    """The fingerprint of what was given in memory, of all that a result depends on; its time is 0.
-
-    Args:
-        content: a cloud or views.
-    """
+    """The fingerprint of what was given in memory, of all that a result depends on; its time is 0."""
     stated: tuple[object, ...] = ()
     if isinstance(content, SensorViews):
         arrays = {"poses": content.poses, "sees": np.array([*content.field_of_view, content.max_range])}

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gmmjax.batch.comparison import Comparison
-from gmmjax.batch.linking import HistorySettings, Linker
+from gmmjax.batch.linking import SAME_OBJECT, Linker
 from gmmjax.batch.places import Place
 from gmmjax.batch.rows import ObjectRow
 from gmmjax.batch.tracks import EpochTree, Sighting, Track
@@ -19,6 +19,8 @@ from gmmjax.geometry import transformed
 from gmmjax.pair import Pair
 
 EventKind = Literal["came", "moved", "went"]
+# Fields of an event that are columns of its row.
+SHARED = ("kind", "probability", "moved_probability", "distance", "returned", "change", "overlap", "point_count")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -81,9 +83,7 @@ class ObjectHistory:
     presence: tuple[bool | None, ...]
 
 
-def object_histories(
-    epochs: Sequence[str], comparisons: Iterable[Comparison], settings: HistorySettings = HistorySettings()
-) -> list[ObjectHistory]:
+def object_histories(epochs: Sequence[str], comparisons: Iterable[Comparison]) -> list[ObjectHistory]:
     """The objects that came, moved or went in a series, each with its history.
 
     Each epoch is compared with one earlier epoch, its predecessor or the first one; one whose comparison failed, with
@@ -93,7 +93,6 @@ def object_histories(
     Args:
         epochs: their names, in the order of time.
         comparisons: those that are done, in any order.
-        settings: what is one object.
 
     Raises:
         InputError: epochs that are not in the series, or an epoch that is compared with two earlier ones.
@@ -101,9 +100,7 @@ def object_histories(
     ordered = sorted(comparisons, key=lambda one: (one.epochs.after, one.epochs.before))
     trees = epoch_trees(epochs, [comparison.epochs for comparison in ordered])
     by_epoch = {comparison.epochs.after: comparison for comparison in ordered}
-    histories = [
-        history for tree in trees if len(tree.epochs) > 1 for history in _histories(epochs, tree, by_epoch, settings)
-    ]
+    histories = [own for tree in trees if len(tree.epochs) > 1 for own in _histories(epochs, tree, by_epoch)]
     histories.sort(key=_order)
     return [dataclasses.replace(history, number=number) for number, history in enumerate(histories, 1)]
 
@@ -156,12 +153,12 @@ def _parents(epochs: Sequence[str], pairs: Iterable[Pair[int]]) -> dict[int, int
 
 
 def _histories(
-    epochs: Sequence[str], tree: EpochTree, comparisons: Mapping[int, Comparison], settings: HistorySettings
+    epochs: Sequence[str], tree: EpochTree, comparisons: Mapping[int, Comparison]
 ) -> Iterator[ObjectHistory]:
     """Those of the epochs of a tree, not yet numbered."""
-    linker = Linker(tree, comparisons, settings)
+    linker = Linker(tree, comparisons)
     for track, presence in zip(linker.tracks, linker.presence(), strict=True):
-        events = tuple(_events(track, presence, tree, settings))
+        events = tuple(_events(track, presence, tree))
         if events:
             everywhere = tuple(presence.get(epoch) for epoch in range(len(epochs)))
             yield ObjectHistory(0, tuple(epochs), tree.root, events, everywhere)
@@ -173,15 +170,13 @@ def _order(history: ObjectHistory) -> tuple[int | float | str, ...]:
     return (first.epoch, first.kind, -first.probability, -first.point_count, *first.box.centre.tolist())
 
 
-def _events(
-    track: Track, presence: Mapping[int, bool | None], tree: EpochTree, settings: HistorySettings
-) -> Iterator[ObjectEvent]:
+def _events(track: Track, presence: Mapping[int, bool | None], tree: EpochTree) -> Iterator[ObjectEvent]:
     known = [epoch for epoch in tree.epochs if presence[epoch] is not None]
     for previous, epoch in itertools.pairwise(known):
         was, now = presence[previous], presence[epoch]
         if was and now:
             places = Pair(track.place(previous, tree), track.place(epoch, tree))
-            if _moved(track, places, epoch, tree, settings):
+            if _moved(track, places, epoch, tree):
                 yield _moved_event(track, places, Pair(previous, epoch), tree)
         elif now:
             yield _event("came", track, track.arrivals.get(epoch), Pair(previous, epoch), tree)
@@ -189,14 +184,14 @@ def _events(
             yield _event("went", track, track.departures.get(epoch), Pair(previous, epoch), tree)
 
 
-def _moved(track: Track, places: Pair[Place], epoch: int, tree: EpochTree, settings: HistorySettings) -> bool:
+def _moved(track: Track, places: Pair[Place], epoch: int, tree: EpochTree) -> bool:
     """Whether two places of an object differ: where a change says so, and else where they hardly overlap."""
     if places.before is places.after:
         return False
     unmoved = track.inherited_place(tree.parents[epoch], tree)
     if unmoved is places.before or unmoved is places.after:
         return True
-    return places.before.shares(places.after, settings.spacings).of_smaller <= settings.same_object
+    return places.before.shares(places.after).of_smaller <= SAME_OBJECT
 
 
 def _moved_event(track: Track, places: Pair[Place], epochs: Pair[int], tree: EpochTree) -> ObjectEvent:
@@ -240,28 +235,16 @@ def _event(kind: EventKind, track: Track, sighting: Sighting | None, epochs: Pai
 
 def _row(history: ObjectHistory, number: int, event: ObjectEvent) -> ObjectRow:
     names = history.epochs
-    centre, extent = event.box.centre.tolist(), event.box.extent.tolist()
     return ObjectRow(
         object=history.number,
         event=number,
-        kind=event.kind,
         epoch=names[event.epoch],
         previous=names[event.previous],
         epoch_index=event.epoch,
-        probability=event.probability,
-        moved_probability=event.moved_probability,
-        distance=event.distance,
-        returned=event.returned,
         before=names[event.comparison.before],
         after=names[event.comparison.after],
-        change=event.change,
-        overlap=event.overlap,
-        point_count=event.point_count,
         frame=names[history.frame],
-        centre_x=centre[0],
-        centre_y=centre[1],
-        centre_z=centre[2],
-        extent_1=extent[0],
-        extent_2=extent[1],
-        extent_3=extent[2],
+        **{name: getattr(event, name) for name in SHARED},
+        **dict(zip(("centre_x", "centre_y", "centre_z"), event.box.centre.tolist(), strict=True)),
+        **dict(zip(("extent_1", "extent_2", "extent_3"), event.box.extent.tolist(), strict=True)),
     )

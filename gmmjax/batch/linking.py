@@ -1,6 +1,5 @@
 """Links the changes of the comparisons of a series into objects, in the order of the epochs."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -10,46 +9,15 @@ from gmmjax.batch.comparison import Comparison
 from gmmjax.batch.places import Link, Place, linked, near
 from gmmjax.batch.tracks import EpochTree, Sighting, Track, not_observed
 from gmmjax.changes import Box
-from gmmjax.errors import InputError
 from gmmjax.geometry import transformed
 
-
-@dataclasses.dataclass(frozen=True)
-class HistorySettings:
-    """When changes of two comparisons are of one object.
-
-    Attributes:
-        same_object: share of the points of the smaller one of two places that lie at points of the other; they are one
-            place where more do. Half, as in the scores of detection, where a segment is right when more than half of
-            its points are. Lower: neighbours that touch become one object; higher: an object that was seen from other
-            sides when it went than when it came is two, one that never went and one that never came. 1: nothing is
-            linked, and each change is an object of its own.
-        spacings: distance up to which points lie at each other, in spacings of the points of the place that has the
-            larger one. 3, as of detection, which sees no change below it. Smaller: the noise and the drift of the
-            frames, which add up along the series, part what is one; larger: neighbours become one.
-        same_shape: share of the points of both places from which on something that comes where an object went is that
-            object again. Lower: another thing in its place becomes the same; 1 or more: what returns is always new.
-        unobserved: share of the points of a place; where more were not observed, it is not known whether the object was
-            there. Lower: what is partly hidden is not known; 1: what was out of sight counts as it was before.
-        probes: points of a place of which the spacing is measured, and whether it was observed. Fewer: both are less
-            certain; more cost time alone.
-    """
-
-    same_object: float = 0.5
-    spacings: float = 3.0
-    same_shape: float = 0.8
-    unobserved: float = 0.5
-    probes: int = 64
-
-    def __post_init__(self) -> None:
-        for name in ("same_object", "unobserved"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise InputError(f"{name} {getattr(self, name)} is a share: from 0 to 1")
-        for name in ("spacings", "same_shape"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"{name} {getattr(self, name)} must be positive")
-        if self.probes < 1:
-            raise InputError(f"probes {self.probes} must be at least 1")
+# Two places are one where more than this share of the points of the smaller one lie at points of the other: as in the
+# scores of detection. Lower: neighbours that touch become one; higher: what was seen from other sides becomes two.
+SAME_OBJECT = 0.5
+# Share of the points of both places from which on what comes where an object went is that object again.
+SAME_SHAPE = 0.8
+# Where more than this share of a place's points was not observed, it is not known whether the object was there.
+UNOBSERVED = 0.5
 
 
 class Linker:
@@ -60,16 +28,10 @@ class Linker:
         tracks: of the objects.
     """
 
-    def __init__(self, tree: EpochTree, comparisons: Mapping[int, Comparison], settings: HistorySettings) -> None:
-        """Links the changes of all comparisons.
-
-        Args:
-            tree: the epochs.
-            comparisons: by their later epoch.
-            settings: what is one object.
-        """
+    def __init__(self, tree: EpochTree, comparisons: Mapping[int, Comparison]) -> None:
+        """Links the changes of all comparisons."""
         self.tree, self.tracks = tree, list[Track]()
-        self._comparisons, self._settings = comparisons, settings
+        self._comparisons = comparisons
         self._frames = {tree.root: np.eye(4)}
         # Of each epoch the objects that are there as the comparisons up to it say, and where.
         self._states: dict[int, dict[Track, Place]] = {tree.root: {}}
@@ -114,7 +76,7 @@ class Linker:
                 comparison.epochs,
                 index,
                 change,
-                Place(transformed(points, frame), _box_in(frame, change.box), self._settings.probes),
+                Place(transformed(points, frame), _box_in(frame, change.box)),
             )
             for index, (change, points) in enumerate(zip(comparison.changes, comparison.points, strict=True))
         ]
@@ -209,15 +171,15 @@ class Linker:
 
     def _links(self, known: Mapping[Track, Place], new: Sequence[Place]) -> list[tuple[Track, Link]]:
         tracks = list(known)
-        links = linked([known[track] for track in tracks], new, self._settings.same_object, self._settings.spacings)
+        links = linked([known[track] for track in tracks], new, SAME_OBJECT)
         return [(tracks[link.known], link) for link in links]
 
     def _of_same_shape(self, place: Place, tracks: Sequence[Track], epoch: int) -> tuple[Track | None, float]:
         """The object that was last seen in a place in the same shape, the most alike one, and the overlap."""
-        places, spacings = [track.latest_place(epoch) for track in tracks], self._settings.spacings
-        shares = {row: places[row].shares(place, spacings) for row, _ in near(places, [place], spacings)}
+        places = [track.latest_place(epoch) for track in tracks]
+        shares = {row: places[row].shares(place) for row, _ in near(places, [place])}
         best = max(shares, key=lambda row: shares[row].of_larger, default=-1)
-        if best < 0 or shares[best].of_larger < self._settings.same_shape:
+        if best < 0 or shares[best].of_larger < SAME_SHAPE:
             return None, 0.0
         return tracks[best], shares[best].of_smaller
 
@@ -235,7 +197,7 @@ class Linker:
             comparison = self._comparisons[next(other for other, own in self.tree.parents.items() if own == epoch)]
             coverage, frame = comparison.coverage.after, self._frames[epoch]
         places = [(track.latest_place(epoch), track.place(epoch, self.tree)) for track in tracks]
-        hidden = [not_observed(own, coverage, frame, self._settings.unobserved) for own in zip(*places, strict=True)]
+        hidden = [not_observed(own, coverage, frame, UNOBSERVED) for own in zip(*places, strict=True)]
         return [bool(latest or unchanged) for latest, unchanged in zip(*hidden, strict=True)]
 
 

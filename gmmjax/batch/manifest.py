@@ -1,13 +1,14 @@
 """The pairs of a run, from a table or from folders."""
 
+import contextlib
 import csv
 import dataclasses
 import glob
 import io
 import typing
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from gmmjax.batch.scan_pair import BatchPair, check_distinct, check_name
 from gmmjax.changes import NAMES, DetectionConfig
@@ -24,6 +25,11 @@ JSON_LINES = (".jsonl", ".ndjson")
 SETTING_NAMES = tuple(field.name for field in dataclasses.fields(DetectionConfig))
 # The views beside the clouds in a folder, as `extract` writes them and as the options are called.
 VIEWS = ("{side}_views", "views_{side}")
+
+
+# Of what is wrong, at most, that a message lists; the others are counted.
+MOST = 10
+Made = TypeVar("Made")
 
 
 class Entry(NamedTuple):
@@ -52,10 +58,13 @@ def read_manifest(path: Path, config: DetectionConfig = DetectionConfig()) -> li
         InputError: a manifest that cannot be read, with a missing or an unknown column, a wrong setting, names that are
             there twice or cannot be those of folders, or with files that do not exist, all of which are listed.
     """
-    entries = read_entries(path, REQUIRED, {*REQUIRED, *FILES, CONFIG, *SETTING_NAMES})
-    pairs = [_pair(entry, path.parent, config) for entry in entries]
-    check_distinct([pair.name for pair in pairs], str(path))
-    check_files(path, {f"{pair.name}: {role}": file for pair in pairs for role, file in pair.files().items()})
+    problems, known = Problems(path), {*REQUIRED, *FILES, CONFIG, *SETTING_NAMES}
+    pairs = problems.made_of_lines(REQUIRED, known, lambda entry: _pair(entry, path.parent, config))
+    with problems.noted():
+        check_distinct([pair.name for pair in pairs], str(path))
+    with problems.noted():
+        check_files(path, {f"{pair.name}: {role}": file for pair in pairs for role, file in pair.files().items()})
+    problems.tell()
     return pairs
 
 
@@ -63,9 +72,6 @@ def pairs_in_folders(pattern: str) -> list[BatchPair]:
     """A pair for each folder that a pattern matches, which has a file `before` and a file `after` of any format.
 
     Views are in `before_views` or `views_before`, .json or .npz; the same for after. The pair has the folder's name.
-
-    Args:
-        pattern: such as "scans/*/".
 
     Raises:
         InputError: no folder matches, or one has no pair of scans, or several files for one scan.
@@ -78,57 +84,94 @@ def pairs_in_folders(pattern: str) -> list[BatchPair]:
     return pairs
 
 
-def read_entries(path: Path, required: Sequence[str], known: Iterable[str]) -> list[Entry]:
-    """The lines of a table.
+class Problems:
+    """What is wrong with a manifest, to be told together."""
 
-    Args:
-        path: .csv, .tsv, .jsonl or .ndjson.
-        required: columns that each line must have.
-        known: columns that a line may have.
+    def __init__(self, path: Path) -> None:
+        """Nothing is wrong yet."""
+        self._path = path
+        # By what is wrong, where it is: one column may be wrong in each line.
+        self._places: dict[str, list[str]] = {}
 
-    Raises:
-        InputError: the file cannot be read or is none of these, is empty, or has a missing or an unknown column.
-    """
-    read = _json_lines if path.suffix.lower() in JSON_LINES else _table
-    entries = read(path, read_bytes(path))
-    if not entries:
-        raise InputError(f"{path}: has no lines with pairs; write one a line, with the columns {', '.join(required)}")
-    known = set(known)
-    for place, values in entries:
-        unknown = [str(column) for column in values if column not in known]
-        missing = [column for column in required if column not in values]
-        if missing:
-            raise InputError(f"{place}: has no {' and no '.join(missing)}; every line needs {', '.join(required)}")
-        if unknown:
-            listed = ", ".join(shown(column) for column in unknown[:3])
-            raise InputError(f"{place}: unknown column {listed}; known are {', '.join(sorted(known))}")
-    return entries
+    def made_of_lines(self, required: Sequence[str], known: Set[str], make: Callable[[Entry], Made]) -> list[Made]:
+        """What is made of each line that nothing is wrong with.
+
+        Args:
+            required: columns that each line must have.
+            known: columns that a line may have.
+            make: of a line; it may raise an `InputError`.
+
+        Raises:
+            InputError: the file cannot be read, is no table and no JSON lines, or is empty.
+        """
+        json_lines = self._path.suffix.lower() in JSON_LINES
+        content = read_bytes(self._path)
+        lines: Any = enumerate(content.splitlines(), 1) if json_lines else _rows(self._path, content)
+        found = []
+        for number, line in lines:
+            place = f"{self._path}, line {number}"
+            if json_lines and not line.strip():
+                continue
+            with self.noted(place):
+                values = _json_values(line) if json_lines else _row_values(line)
+                _check_columns(values, required, known)
+                found.append(make(Entry(place, values)))
+        if not found and not self._places:
+            listed = ", ".join(required)
+            raise InputError(f"{self._path}: has no lines with pairs; write one a line, with the columns {listed}")
+        return found
+
+    @contextlib.contextmanager
+    def noted(self, place: str = "") -> Iterator[None]:
+        """Notes an `InputError` of the block."""
+        try:
+            yield
+        except InputError as error:
+            self._places.setdefault(str(error).removeprefix(f"{place}: "), []).append(place)
+
+    def tell(self) -> None:
+        """Raises what was noted.
+
+        Raises:
+            InputError: something was: all of it, up to ten problems.
+        """
+        texts = [_at(places, text) for text, places in self._places.items()]
+        if len(texts) == 1:
+            raise InputError(texts[0])
+        if texts:
+            own = [text.removeprefix(f"{self._path}").lstrip(",: ") for text in texts[:MOST]]
+            more = f"; and {len(texts) - MOST} more" if len(texts) > MOST else ""
+            raise InputError(f"{self._path}: {len(texts)} errors: {'; '.join(own)}{more}")
 
 
-def check_files(path: Path, files: Mapping[str, Path], most: int = 10) -> None:
+def _at(places: Sequence[str], text: str) -> str:
+    """A text with where it is so."""
+    more = f" (the same in {len(places) - 1} more)" if len(places) > 1 else ""
+    return f"{places[0]}: {text}{more}" if places[0] else text
+
+
+def _check_columns(values: Mapping[str, Any], required: Sequence[str], known: Set[str]) -> None:
+    if missing := [column for column in required if column not in values]:
+        raise InputError(f"has no {' and no '.join(missing)}; every line needs {', '.join(required)}")
+    if unknown := [str(column) for column in values if column not in known]:
+        listed = ", ".join(shown(column) for column in unknown[:3])
+        raise InputError(f"unknown column {listed}; known are {', '.join(sorted(known))}")
+
+
+def check_files(path: Path, files: Mapping[str, Path]) -> None:
     """Checks that all files of a manifest are there.
-
-    Args:
-        path: of the manifest.
-        files: by what each is.
-        most: of them that a message lists; the others are counted.
 
     Raises:
         InputError: some are not; it lists them.
     """
     absent = [f"{what} {file}" for what, file in files.items() if not file.is_file()]
     if absent:
-        listed = "; ".join(absent[:most]) + (f"; and {len(absent) - most} more" if len(absent) > most else "")
+        listed = "; ".join(absent[:MOST]) + (f"; and {len(absent) - MOST} more" if len(absent) > MOST else "")
         raise InputError(f"{path}: {len(absent)} of its {len(files)} files do not exist: {listed}")
 
 
 def settings_of(entry: Entry, folder: Path, config: DetectionConfig) -> DetectionConfig | None:
     """The settings of a line; None where it has none of its own.
-
-    Args:
-        entry: the line.
-        folder: that paths are relative to.
-        config: what its settings are in place of.
 
     Raises:
         InputError: an unknown setting or a wrong value.
@@ -164,10 +207,6 @@ def _pair(entry: Entry, folder: Path, config: DetectionConfig) -> BatchPair:
 def path_of(entry: Entry, role: str) -> str:
     """The path in a column of a line.
 
-    Args:
-        entry: the line.
-        role: the column, which it has.
-
     Raises:
         InputError: it is no text.
     """
@@ -177,7 +216,8 @@ def path_of(entry: Entry, role: str) -> str:
     return value
 
 
-def _table(path: Path, content: bytes) -> list[Entry]:
+def _rows(path: Path, content: bytes) -> list[tuple[int, Mapping[Any, Any]]]:
+    """The rows of a table, by the numbers of their lines."""
     delimiter = DELIMITERS.get(path.suffix.lower())
     if delimiter is None:
         endings = ", ".join([*DELIMITERS, *JSON_LINES])
@@ -188,37 +228,29 @@ def _table(path: Path, content: bytes) -> list[Entry]:
         reader.fieldnames = columns
         if len(set(columns)) < len(columns):
             raise ValueError("two columns have one name")
-        rows = [(reader.line_num, row) for row in reader]
+        return [(reader.line_num, row) for row in reader]
     except (csv.Error, ValueError) as error:
         remedy = "write it in UTF-8, with a line of column names"
         raise InputError(f"{path}: is no table ({one_line(error)}); {remedy}") from error
-    return [_entry(path, line, row) for line, row in rows]
 
 
-def _entry(path: Path, line: int, row: Mapping[Any, Any]) -> Entry:
+def _row_values(row: Mapping[Any, Any]) -> dict[str, str]:
     if None in row:
-        raise InputError(f"{path}, line {line}: has more values than there are columns; quote values with commas")
-    texts = {column: value.strip() for column, value in row.items() if value is not None}
-    return Entry(f"{path}, line {line}", {column: value for column, value in texts.items() if value})
+        raise InputError("has more values than there are columns; quote values with commas")
+    return {column: value.strip() for column, value in row.items() if value is not None and value.strip()}
 
 
-def _json_lines(path: Path, content: bytes) -> list[Entry]:
-    entries = []
-    for number, line in enumerate(content.splitlines(), 1):
-        place = f"{path}, line {number}"
-        if not line.strip():
-            continue
-        try:
-            values = parse_json(line)
-        except ValueError as error:
-            raise InputError(f"{place}: is not JSON ({one_line(error)}); write an object a line") from error
-        if not isinstance(values, dict):
-            raise InputError(f"{place}: is {shown(values)}; write an object, such as " + '{"name": "hall", ...}')
-        settings = values.pop("settings", {})
-        if not isinstance(settings, dict):
-            raise InputError(f"{place}: settings={shown(settings)} must be an object of settings by name")
-        entries.append(Entry(place, {name: own for name, own in {**settings, **values}.items() if own is not None}))
-    return entries
+def _json_values(line: bytes) -> dict[str, Any]:
+    try:
+        values = parse_json(line)
+    except ValueError as error:
+        raise InputError(f"is not JSON ({one_line(error)}); write an object a line") from error
+    if not isinstance(values, dict):
+        raise InputError(f"is {shown(values)}; write an object, such as " + '{"name": "hall", ...}')
+    settings = values.pop("settings", {})
+    if not isinstance(settings, dict):
+        raise InputError(f"settings={shown(settings)} must be an object of settings by name")
+    return {name: own for name, own in {**settings, **values}.items() if own is not None}
 
 
 def _setting_types() -> dict[str, Any]:

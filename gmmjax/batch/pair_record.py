@@ -18,6 +18,14 @@ PAIR_FILE = "pair.json"
 REMEDY = "start the run again, which computes the pair anew"
 
 
+def chosen_settings(config: DetectionConfig) -> dict[str, Any]:
+    """The settings of a config that are not the default, as JSON has them; without the restarts."""
+    default = DetectionConfig().to_dict()
+    chosen = {name: own for name, own in config.to_dict().items() if own != default.get(name) and name != "restarts"}
+    plain: dict[str, Any] = json.loads(json.dumps(chosen))
+    return plain
+
+
 @dataclasses.dataclass(frozen=True)
 class Request:
     """What was asked for of a pair, apart from its scans.
@@ -36,35 +44,14 @@ class Request:
 
     @classmethod
     def of(cls, config: DetectionConfig, until_stable: float | None, files: str) -> "Request":
-        """What is asked for by a config. A verdict's file is known by its content, among the inputs.
-
-        Args:
-            config: of the pair.
-            until_stable: as above.
-            files: as above.
-        """
-        default = DetectionConfig().to_dict()
-        settings = {name: value for name, value in config.to_dict().items() if default.get(name) != value}
-        plain = json.loads(json.dumps({**settings, "restarts": None, "verdict": None}))
-        kept = {name: value for name, value in plain.items() if value is not None}
-        return cls(kept, config.restarts, until_stable, files)
+        """What is asked for by a config. A verdict's file is known by its content, among the inputs."""
+        settings = chosen_settings(config)
+        settings.pop("verdict", None)
+        return cls(settings, config.restarts, until_stable, files)
 
     def same_fits(self, other: "Request") -> bool:
         """Whether a restart of one is a restart of the other."""
         return self.settings == other.settings
-
-    def to_dict(self) -> dict[str, Any]:
-        """The request as plain values."""
-        return {**dataclasses.asdict(self), "settings": dict(self.settings)}
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> "Request":
-        """The request that `to_dict` made plain.
-
-        Raises:
-            KeyError, TypeError, ValueError: it is no such dictionary.
-        """
-        return cls(dict(content["settings"]), content["restarts"], content["until_stable"], str(content["files"]))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,11 +96,7 @@ class PairRecord:
         )
 
     def is_whole(self, folder: Path) -> bool:
-        """Whether all that was written is there as it was written.
-
-        Args:
-            folder: of the pair.
-        """
+        """Whether all that was written is there as it was written."""
         return all(known.matches(folder / name) for name, known in self.files.items())
 
     def write(self, path: Path) -> None:
@@ -122,19 +105,7 @@ class PairRecord:
         Raises:
             InputError, OSError: the file cannot be written.
         """
-        content = {
-            "schema_version": PAIR_SCHEMA,
-            "name": self.pair.name,
-            "version": self.version,
-            "request": self.request.to_dict(),
-            "inputs": {role: own.to_dict() for role, own in self.inputs.items()},
-            "files": {name: own.to_dict() for name, own in self.files.items()},
-            "pair": dataclasses.asdict(self.pair),
-            "changes": [dataclasses.asdict(row) for row in self.changes],
-            "convergence": [dataclasses.asdict(row) for row in self.convergence],
-            "seconds": dict(self.seconds),
-            "finished": self.finished,
-        }
+        content = {"schema_version": PAIR_SCHEMA, "name": self.pair.name, **dataclasses.asdict(self)}
         with atomic_write(path) as file:
             file.write(json.dumps(content, indent=1, allow_nan=False).encode())
 
@@ -148,9 +119,9 @@ class PairRecord:
         content = read_json_record(path, PAIR_SCHEMA, REMEDY)
         try:
             return cls(
-                Request.from_dict(content["request"]),
-                {role: Fingerprint.from_dict(own) for role, own in content["inputs"].items()},
-                {name: Fingerprint.from_dict(own) for name, own in content["files"].items()},
+                Request(**content["request"]),
+                {role: Fingerprint(**own) for role, own in content["inputs"].items()},
+                {name: Fingerprint(**own) for name, own in content["files"].items()},
                 PairRow(**content["pair"]),
                 tuple(ChangeRow(**row) for row in content["changes"]),
                 tuple(ConvergenceRow(**row) for row in content["convergence"]),

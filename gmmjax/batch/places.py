@@ -13,6 +13,12 @@ from scipy.spatial import cKDTree
 from gmmjax.changes import Box
 from gmmjax.geometry import MEAN_NEIGHBOURS, evenly_chosen, nearest_neighbours
 
+# Points lie at each other up to this distance, in spacings of the place that has the larger one: as of detection, which
+# sees no change below it. Smaller: noise and drift of the frames part what is one; larger: neighbours become one.
+SPACINGS = 3.0
+# Points of a place of which the spacing is measured, and whether it was observed.
+PROBES = 64
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Place:
@@ -21,12 +27,10 @@ class Place:
     Attributes:
         points: coordinates, at least one point.
         box: around all points of the change, also those that were not kept.
-        probes: number of points that stand for all where a few will do.
     """
 
     points: Float[np.ndarray, "n 3"]
     box: Box
-    probes: int
 
     @functools.cached_property
     def tree(self) -> cKDTree:
@@ -36,7 +40,7 @@ class Place:
     @functools.cached_property
     def probed(self) -> Float[np.ndarray, "m 3"]:
         """Some of the points, evenly chosen."""
-        return self.points[evenly_chosen(len(self.points), self.probes)]
+        return self.points[evenly_chosen(len(self.points), PROBES)]
 
     @functools.cached_property
     def spacing(self) -> float:
@@ -45,14 +49,9 @@ class Place:
         radius = float(np.median(distances[:, -1]))
         return radius * float(np.sqrt(np.pi / distances.shape[1]))
 
-    def shares(self, other: "Place", spacings: float) -> "Shares":
-        """Which shares of the points of two places lie within so many spacings of the other's points.
-
-        Args:
-            other: place.
-            spacings: distance, in spacings of the place that has the larger one.
-        """
-        reach = spacings * max(self.spacing, other.spacing)
+    def shares(self, other: "Place") -> "Shares":
+        """The shares of the points of two places that lie at points of the other."""
+        reach = SPACINGS * max(self.spacing, other.spacing)
         return Shares(_share_within(self, other, reach), _share_within(other, self, reach))
 
 
@@ -94,7 +93,7 @@ class Link(NamedTuple):
     assigned: bool
 
 
-def linked(known: Sequence[Place], new: Sequence[Place], least: float, spacings: float) -> list[Link]:
+def linked(known: Sequence[Place], new: Sequence[Place], least: float) -> list[Link]:
     """Which new places are known ones: one to one by the greatest overlap, and then the pieces that are left.
 
     A detector may report one object as two pieces, or two that touch as one. What is left by the assignment, of either
@@ -104,14 +103,13 @@ def linked(known: Sequence[Place], new: Sequence[Place], least: float, spacings:
         known: places of objects.
         new: places of changes.
         least: share of the points of the smaller place; the link is made where more overlap.
-        spacings: distance within which points overlap, in spacings.
 
     Returns:
         The links, those assigned first; each place is in one at most as the piece of another.
     """
     of_smaller, preferred = np.zeros((2, len(known), len(new)))
-    for row, column in near(known, new, spacings):
-        shares = known[row].shares(new[column], spacings)
+    for row, column in near(known, new):
+        shares = known[row].shares(new[column])
         of_smaller[row, column], preferred[row, column] = shares.of_smaller, shares.mean
     same = of_smaller > least
     preferred = np.where(same, preferred, 0.0)
@@ -125,19 +123,13 @@ def linked(known: Sequence[Place], new: Sequence[Place], least: float, spacings:
     ]
 
 
-def near(known: Sequence[Place], new: Sequence[Place], spacings: float) -> list[tuple[int, int]]:
-    """The known and the new places whose points may lie at each other, by their boxes along the axes.
-
-    Args:
-        known: places.
-        new: other places.
-        spacings: distance, in spacings of the place that has the larger one.
-    """
+def near(known: Sequence[Place], new: Sequence[Place]) -> list[tuple[int, int]]:
+    """The known and the new places whose points may lie at each other, by their boxes along the axes."""
     if not known or not new:
         return []
     (lower, upper, spacing), (other_lower, other_upper, other_spacing) = _bounds(known), _bounds(new)
     gaps = np.maximum(lower[:, None] - other_upper, other_lower - upper[:, None]).max(axis=2)
-    reach = spacings * np.maximum(spacing[:, None], other_spacing)
+    reach = SPACINGS * np.maximum(spacing[:, None], other_spacing)
     return [(int(row), int(column)) for row, column in np.argwhere(gaps <= reach)]
 
 

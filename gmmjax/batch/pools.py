@@ -2,6 +2,7 @@
 
 import abc
 import contextlib
+import dataclasses
 import logging
 import os
 import signal
@@ -212,39 +213,53 @@ class ClusterPool(ExecutorPool):
 
 
 def died(error: BaseException) -> bool:
-    """Whether an error of a future means that the worker died, by the standard library or by Dask.
-
-    Args:
-        error: what the future raised.
-    """
+    """Whether an error of a future means that the worker died, by the standard library or by Dask."""
     return isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"
 
 
-def local_pool(workers: int | None, pairs: int | None = None) -> LocalPool:
-    """Processes that share the cores of this machine.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Workers:
+    """Where work is done: by processes of this machine, the workers of a Dask cluster, or any executor.
 
-    Args:
-        workers: number of processes; None: one a core.
-        pairs: number of pairs, where it is known: there are no more processes than pairs, each with more cores.
-
-    """
-    cores = available_cores()
-    count = workers or max(1, cores if pairs is None else min(cores, pairs))
-    return LocalPool(count, max(1, cores // count))
-
-
-def check_workers(workers: int | None) -> int | None:
-    """The number of processes that was asked for.
-
-    Args:
-        workers: None: one a core.
+    Attributes:
+        count: processes of this machine; None: one a core.
+        scheduler: address of a Dask scheduler, such as tcp://10.0.0.1:8786, in their place.
+        executor: any other `concurrent.futures.Executor`, in their place.
+        capacity: calls that an executor is given before the first one is done: more than it has workers.
 
     Raises:
-        InputError: no process at all.
+        InputError: no process at all, or two places.
     """
-    if workers is not None and workers < 1:
-        raise InputError(f"workers={workers} must be at least 1")
-    return workers
+
+    count: int | None = None
+    scheduler: str | None = None
+    executor: Executor | None = None
+    capacity: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.count is not None and self.count < 1:
+            raise InputError(f"workers={self.count} must be at least 1")
+        if self.scheduler is not None and self.executor is not None:
+            raise InputError("scheduler and executor are two places to compute; give one of them")
+
+    def pool(self, calls: int | None, *, share_cores: bool = True) -> AbstractPool:
+        """The pool for a number of calls: no more processes than those.
+
+        Args:
+            calls: number of them; None: it is not known.
+            share_cores: whether fewer processes than cores have several each; else all have one.
+
+        Raises:
+            InputError: the scheduler cannot be reached, or has no workers.
+        """
+        cores = available_cores()
+        if self.scheduler is not None:
+            return ClusterPool(self.scheduler)
+        if self.executor is not None:
+            return ExecutorPool(self.executor, self.capacity or 2 * (self.count or cores))
+        wanted = self.count or cores
+        count = max(1, wanted if calls is None else min(wanted, calls))
+        return LocalPool(count, max(1, cores // count) if share_cores else 1)
 
 
 def _connected(address: str) -> "Client":

@@ -9,12 +9,13 @@ from typing import Any
 
 from gmmjax import __version__
 from gmmjax.batch.fingerprint import fingerprint_of_memory
-from gmmjax.batch.pair_record import PAIR_FILE, PairRecord
+from gmmjax.batch.pair_record import PAIR_FILE, PairRecord, chosen_settings
 from gmmjax.batch.rows import PairRow
 from gmmjax.batch.scan_pair import check_name
+from gmmjax.batch.tables import write_file
 from gmmjax.batch.worker import FITS_FILE, PairTask
 from gmmjax.changes import DetectionConfig
-from gmmjax.clouds import FolderKind, atomic_write, check_output_folder, locked_file, read_json_record
+from gmmjax.clouds import FolderKind, check_output_folder, locked_file, read_json_record
 from gmmjax.errors import InputError, one_line, shown
 
 RUN_SCHEMA = 1
@@ -105,10 +106,6 @@ class RunFolder:
     def prepare(self, run: "RunRecord", *, overwrite: bool) -> None:
         """Makes the folder that of this run.
 
-        Args:
-            run: what is to be computed.
-            overwrite: whether results that were made with other settings may be replaced.
-
         Raises:
             InputError: the folder holds a run with other settings and not `overwrite`, or cannot be written.
         """
@@ -148,8 +145,7 @@ class RunFolder:
         Raises:
             InputError: the file cannot be written.
         """
-        content = {"schema_version": RUN_SCHEMA, "pair": dataclasses.asdict(row)}
-        _write_json(self.error_file(row.name), content)
+        _write_json(self.error_file(row.name), {"schema_version": RUN_SCHEMA, "pair": dataclasses.asdict(row)})
 
     def clear_error(self, name: str) -> None:
         """Forgets why a pair failed, where it did not in the end."""
@@ -177,17 +173,10 @@ class RunRecord:
     @classmethod
     def of(cls, names: Sequence[str], config: DetectionConfig, **series: Any) -> "RunRecord":
         """The record of a run with these settings."""
-        default = DetectionConfig().to_dict()
-        settings = {name: own for name, own in config.to_dict().items() if own != default.get(name)}
-        settings.pop("restarts", None)
-        return cls(tuple(names), json.loads(json.dumps(settings)), **series)
+        return cls(tuple(names), chosen_settings(config), **series)
 
     def check_settings(self, previous: "RunRecord", folder: Path) -> None:
         """Checks that a folder is of a run with the same settings; more or other pairs, and restarts, may be asked for.
-
-        Args:
-            previous: of the folder.
-            folder: for the message.
 
         Raises:
             InputError: it was made with other settings, which are named.
@@ -255,11 +244,7 @@ def make_folder(path: Path) -> None:
 
 
 def recorded(task: PairTask) -> PairRecord | None:
-    """The record of a pair that is done as the task asks for it; None where it is not.
-
-    Args:
-        task: with the folder of its result, or without one.
-    """
+    """The record of a pair that is done as the task asks for it; None where it is not."""
     record = _record_of_inputs(task)
     if record is None or task.folder is None:
         return None
@@ -267,16 +252,16 @@ def recorded(task: PairTask) -> PairRecord | None:
 
 
 def with_kept_fits(task: PairTask) -> PairTask:
-    """The task, with the fits in its folder where they are of the same scans and settings.
-
-    Args:
-        task: of a pair that is not done as it asks for it.
-    """
+    """The task, with the fits in its folder where they are of the same scans and settings."""
     record = _record_of_inputs(task)
     if record is None or task.folder is None or not record.request.same_fits(task.request):
         return task
     fits = record.files.get(FITS_FILE)
     return dataclasses.replace(task, keeps_fits=fits is not None and fits.matches(task.folder / FITS_FILE))
+
+
+def _write_json(path: Path, content: Mapping[str, Any]) -> None:
+    write_file(path, json.dumps(content, indent=1, allow_nan=False).encode())
 
 
 def _record_of_inputs(task: PairTask) -> PairRecord | None:
@@ -289,11 +274,3 @@ def _record_of_inputs(task: PairTask) -> PairRecord | None:
         return None
     memory = {role: fingerprint_of_memory(own) for role, own in task.pair.in_memory().items()}
     return record if record.is_of({**task.inputs(), **memory}) else None
-
-
-def _write_json(path: Path, content: Mapping[str, Any]) -> None:
-    try:
-        with atomic_write(path) as file:
-            file.write(json.dumps(content, indent=1, allow_nan=False).encode())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error}); free some space") from error

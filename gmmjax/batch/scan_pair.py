@@ -126,10 +126,6 @@ def check_name(name: object, owner: str = "name") -> None:
 def check_distinct(names: Iterable[str], owner: str) -> None:
     """Checks that no two pairs have one name, also where upper and lower case are one, as on some file systems.
 
-    Args:
-        names: of all pairs.
-        owner: what they are of, at the start of the message.
-
     Raises:
         InputError: names that are there twice; it lists the first ones.
     """

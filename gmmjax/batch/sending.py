@@ -20,10 +20,6 @@ class _Sent(NamedTuple):
 def sent_results(tasks: Iterator[PairTask], pool: AbstractPool) -> Iterator[PairResult]:
     """The results of tasks whose clouds are sent to the workers, written here where the tasks have folders.
 
-    Args:
-        tasks: whose files are read as workers get free.
-        pool: where they are computed.
-
     Raises:
         ComputationError: as `results_of`; a result cannot be written.
     """

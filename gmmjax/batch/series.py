@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
 from gmmjax.batch.detect_many import BatchResult, detect_many
-from gmmjax.batch.manifest import CONFIG, SETTING_NAMES, Entry, check_files, path_of, read_entries, settings_of
+from gmmjax.batch.manifest import CONFIG, SETTING_NAMES, Entry, Problems, check_files, path_of, settings_of
 from gmmjax.batch.run_folder import RunFolder, RunRecord
 from gmmjax.batch.scan_pair import LONGEST_NAME, BatchPair, check_distinct, check_name
 from gmmjax.changes import DetectionConfig
@@ -45,11 +45,16 @@ def read_epochs(path: Path, config: DetectionConfig = DetectionConfig()) -> list
     Raises:
         InputError: as `read_manifest`; a single epoch.
     """
-    entries = read_entries(path, REQUIRED, {*REQUIRED, "views", CONFIG, *SETTING_NAMES})
-    epochs = [_epoch(entry, path.parent, config) for entry in entries]
-    check_distinct([epoch.name for epoch in epochs], str(path))
+    problems = Problems(path)
+    known = {*REQUIRED, "views", CONFIG, *SETTING_NAMES}
+    epochs = problems.made_of_lines(REQUIRED, known, lambda entry: _epoch(entry, path.parent, config))
+    with problems.noted():
+        check_distinct([epoch.name for epoch in epochs], str(path))
     files = {f"{epoch.name}: cloud": epoch.cloud for epoch in epochs}
-    check_files(path, {**files, **{f"{epoch.name}: views": epoch.views for epoch in epochs if epoch.views is not None}})
+    files |= {f"{epoch.name}: views": epoch.views for epoch in epochs if epoch.views is not None}
+    with problems.noted():
+        check_files(path, files)
+    problems.tell()
     if len(epochs) < 2:
         raise InputError(f"{path}: has a single epoch; a series needs two at least")
     return epochs
@@ -102,9 +107,6 @@ def compared_epochs(folder: RunFolder) -> Mapping[tuple[int, int], str]:
 
     Each epoch is the later one of one pair at most.
 
-    Args:
-        folder: of the run.
-
     Raises:
         InputError: a folder without a series.
     """
@@ -122,12 +124,7 @@ def compared_epochs(folder: RunFolder) -> Mapping[tuple[int, int], str]:
 
 
 def pair_name(names: Sequence[str], pair: tuple[int, int]) -> str:
-    """The name of the comparison of two epochs.
-
-    Args:
-        names: of all epochs.
-        pair: the indices of the two.
-    """
+    """The name of the comparison of two epochs."""
     return f"{names[pair[0]]} to {names[pair[1]]}"
 
 

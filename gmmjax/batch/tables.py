@@ -1,4 +1,4 @@
-"""The summary of a run as tables: a row a pair, a row a change, as CSV and Parquet."""
+"""What a run writes: the summary as tables, a row a pair, a row a change, as CSV and Parquet; and any other file."""
 
 import csv
 import dataclasses
@@ -21,12 +21,6 @@ def write_tables(
     convergence: Sequence[ConvergenceRow] = (),
 ) -> None:
     """Writes the tables `pairs` and `changes`, and `convergence` where there is any, each as CSV and Parquet.
-
-    Args:
-        folder: that is there.
-        pairs: the rows of all pairs.
-        changes: the rows of all changes.
-        convergence: the rows of all doublings of restarts.
 
     Raises:
         InputError: a file cannot be written.
@@ -51,12 +45,20 @@ def write_table(folder: Path, name: str, kind: type, rows: Sequence[Any]) -> Non
     """
     columns = [field.name for field in dataclasses.fields(kind)]
     for ending, content in ((".csv", _csv), (".parquet", _parquet)):
-        path = folder / f"{name}{ending}"
-        try:
-            with atomic_write(path) as file:
-                file.write(content(kind, columns, rows))
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error.strerror or error}); free some space") from error
+        write_file(folder / f"{name}{ending}", content(kind, columns, rows))
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Writes a file whole or not at all.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    try:
+        with atomic_write(path) as file:
+            file.write(content)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error}); free some space") from error
 
 
 def _csv(kind: type, columns: list[str], rows: Sequence[Any]) -> bytes:

@@ -117,10 +117,6 @@ class Track:
         What a change says of two epochs holds for all that were compared with them without a change of the object, as
         far as its place was observed. Where two changes contradict each other, one between them was not found, and it
         is not known when.
-
-        Args:
-            tree: the epochs.
-            unobserved: the epochs in which its place was not observed.
         """
         hidden = set(unobserved) - set(self.there)
         said = {epoch: {self.there[epoch]} if epoch in self.there else set() for epoch in tree.epochs}

@@ -5,14 +5,14 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.batch.fingerprint import Fingerprint, fingerprint_of_memory
 from gmmjax.batch.pair_record import PAIR_FILE, PairRecord, Request
 from gmmjax.batch.rows import ChangeRow, ConvergenceRow, PairRow
 from gmmjax.batch.scan_pair import BatchPair, LoadedPair
-from gmmjax.changes import ChangeColumns, Consensus, DetectionConfig, RestartFits, change_columns, detect_consensus
+from gmmjax.changes import Consensus, DetectionConfig, RestartFits, change_columns, detect_consensus
 from gmmjax.clouds import FolderKind, output_folder
 from gmmjax.errors import InputError, collected_warnings, one_line
 
@@ -44,12 +44,7 @@ Save: TypeAlias = Callable[[Path, FoundPair], None]
 
 
 def save_changes(folder: Path, found: FoundPair) -> None:
-    """Writes `changes.json` and `labels.npz`.
-
-    Args:
-        folder: to write to.
-        found: what was found.
-    """
+    """Writes `changes.json` and `labels.npz`."""
     found.consensus.changes.save(folder)
 
 
@@ -105,11 +100,7 @@ class PairResult(NamedTuple):
 
 
 def detect_in_chunk(tasks: Sequence[PairTask]) -> list[PairResult]:
-    """The results of some pairs, one after the other; the next one is read while one is computed.
-
-    Args:
-        tasks: the pairs.
-    """
+    """The results of some pairs, one after the other; the next one is read while one is computed."""
     use_compilation_cache()
     results = []
     with ThreadPoolExecutor(1) as reader:
@@ -213,12 +204,6 @@ def write_pair(
 ) -> PairRecord:
     """Writes the result of a pair, whole or not at all, in the place of an earlier one.
 
-    Args:
-        task: with a folder.
-        found: what was found.
-        inputs: what it was made of.
-        seconds: that it took.
-
     Returns:
         The record that was written with it.
 
@@ -244,15 +229,7 @@ def record_of(
     files: Mapping[str, Fingerprint],
     seconds: Mapping[str, float],
 ) -> PairRecord:
-    """The record of a pair that is done.
-
-    Args:
-        task: what was asked for.
-        found: what was found.
-        inputs: what it was made of.
-        files: what was written.
-        seconds: that it took.
-    """
+    """The record of a pair that is done."""
     rounded = {stage: round(own, 4) for stage, own in seconds.items()}
     pair = _pair_row(task, found, sum(rounded.get(part, 0.0) for part in ("reading", "detection", "writing")))
     convergence = tuple(ConvergenceRow(found.name, *doubling) for doubling in found.consensus.convergence)
@@ -263,6 +240,9 @@ def record_of(
 def _pair_row(task: PairTask, found: FoundPair, seconds: float) -> PairRow:
     changes, registration = found.consensus.changes, found.consensus.changes.registration.to_dict()
     counts, files = changes.object_counts(), task.pair.files()
+    columns: dict[str, Any] = dict(counts)
+    for name in ("applied", "residual", "overlap", "confidence"):
+        columns[f"registration_{name}"] = registration[name]
     errors = [error for error in found.consensus.standard_errors if error is not None]
     return PairRow(
         name=found.name,
@@ -272,18 +252,12 @@ def _pair_row(task: PairTask, found: FoundPair, seconds: float) -> PairRow:
         points_before=len(changes.labels_before),
         points_after=len(changes.labels_after),
         changes=sum(counts.values()),
-        appeared=counts["appeared"],
-        disappeared=counts["disappeared"],
-        moved=counts["moved"],
         highest_probability=max((change.probability for change in changes), default=None),
         restarts=found.consensus.restarts,
         standard_error=max(errors, default=None),
         settled=found.consensus.settled,
         difference=found.consensus.convergence[-1].difference if found.consensus.convergence else None,
-        registration_applied=registration["applied"],
-        registration_residual=registration["residual"],
-        registration_overlap=registration["overlap"],
-        registration_confidence=registration["confidence"],
+        **columns,
         unobserved_before=float(changes.unobserved_before.mean()),
         unobserved_after=float(changes.unobserved_after.mean()),
         warnings="\n".join(found.warnings),
@@ -292,18 +266,13 @@ def _pair_row(task: PairTask, found: FoundPair, seconds: float) -> PairRow:
 
 
 def _change_rows(found: FoundPair) -> tuple[ChangeRow, ...]:
-    own = {"name", "standard_error"}
-    shared = [field.name for field in dataclasses.fields(ChangeRow) if field.name not in own]
-
-    def row(change: ChangeColumns, standard_error: float | None) -> ChangeRow:
-        values = {name: getattr(change, name) for name in shared}
-        return ChangeRow(name=found.name, standard_error=standard_error, **values)
-
-    changes, errors = change_columns(found.consensus.changes), found.consensus.standard_errors
-    return tuple(row(*of) for of in zip(changes, errors, strict=True))
+    shared = [field.name for field in dataclasses.fields(ChangeRow) if field.name not in ("name", "standard_error")]
+    return tuple(
+        ChangeRow(name=found.name, standard_error=error, **{name: getattr(change, name) for name in shared})
+        for change, error in zip(change_columns(found.consensus.changes), found.consensus.standard_errors, strict=True)
+    )
 
 
 def failure(error: BaseException) -> str:
     """Why a pair failed, in one line."""
-    text = one_line(error)
-    return text if isinstance(error, InputError) else f"{type(error).__name__}: {text}"
+    return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {one_line(error)}"

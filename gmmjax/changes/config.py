@@ -66,8 +66,8 @@ class DetectionConfig:
         crop: box that the comparison is restricted to: x, y and z of its lower and then of its upper corner. Points
             outside never count as changed. None: everything.
         registration: "auto" aligns the after cloud to the before cloud where the fit shows that it is needed, and by no
-            more than the points' spacing where both files state one coordinate reference system; "always" whenever a
-            motion can be found; "never" not at all. Of "joint"; the others take the clouds as they are.
+            more than the points' spacing where both files state one reference system; "always" whenever it can. Of
+            "joint".
         tolerance: registration error that the mixture tolerates, standard deviation per axis. None: from the points'
             spacing and the residual of the registration. Of "joint".
         evidence: whether a change of a surface scan must lie where the other scan looked: where its views saw that
@@ -98,8 +98,8 @@ class DetectionConfig:
         threshold: probability from which a point or a Gaussian counts as changed.
         penalty: of partial transport, for each unit of mass left unmatched: mass is matched over at most twice this
             distance (Bures-Wasserstein). None: 0.4 of the median standard deviation of the Gaussians.
-        unit: what lengths are labelled with in tables, pages and files, such as m or mm; nothing is converted. None:
-            the unit that the files of both scans state, as LAS and E57 do, if it is the same.
+        unit: what lengths are labelled with, such as m or mm; nothing is converted. None: the unit that the files of
+            both scans state, as LAS and E57 do.
     """
 
     method: Method = "joint"

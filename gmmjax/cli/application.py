@@ -1,4 +1,4 @@
-"""Which command is meant, and how it ends: the exit status, errors as one line, warnings as one line."""
+"""Which command is meant, and how it ends: the exit status, and errors as one line."""
 
 import difflib
 import os
@@ -10,8 +10,8 @@ from contextlib import suppress
 from importlib import import_module
 
 from gmmjax._messages import print_message
-from gmmjax.cli.garbage import no_search_of_imports
-from gmmjax.cli.interruption import INTERRUPTED, INTERRUPTION, interruptions
+from gmmjax.cli.options import help_of, parsed
+from gmmjax.cli.start import INTERRUPTED, INTERRUPTION, interruptions, no_search_of_imports
 from gmmjax.errors import ComputationError, InputError
 
 DONE = 0
@@ -23,26 +23,23 @@ PIPE_CLOSED = 141
 # What nearly all commands need, and with it most of what takes time to import: before the work begins, so that an
 # interruption finds no import half done.
 NEEDED = ("gmmjax.reporting.console", "gmmjax.changes.detectors.joint")
-HELP = frozenset({"-h", "--help"})
+HELP, HELP_ALL = frozenset({"-h", "--help"}), "--help-all"
 MORE = "gmmjax COMMAND --help shows the options of a command, gmmjax --version the version."
 DESCRIPTION = "What changed between two 3D scans, and how sure are you?"
 
-# Command: its module in this package, which has a function `command(arguments)` that gives the function to be run on
-# them, and its line in the help. Only the module of the command at hand is imported.
+# Command: its module in this package, which has a function of its name, and its line in the help. Only this module is
+# imported. Where a command has many options, those that `--help` shows are the module's `COMMON`.
 COMMANDS: Mapping[str, tuple[str, str]] = {
     "detect": ("detect", "Find what changed between two scans: a list, labels for all points, a report."),
     "batch": ("batch", "Find what changed in many pairs of scans, on all cores or a cluster; can be resumed."),
     "fit": ("fit", "Fit a Gaussian mixture to a scan; the number of Gaussians comes from the data."),
     "extract": ("extract", "Extract frames and maps from a ROS bag or a depth image, as files that detect reads."),
     "simulate gaussians": ("simulate_gaussians", "Sample a pair of clouds from Gaussians, with ground truth."),
-    "simulate lab": (
-        "simulate_lab",
-        "Simulate a laboratory surveyed by a robot: bags, frames, maps, pairs with ground truth.",
-    ),
-    "evaluate gaussians": ("evaluate_gaussians", "Score detectors on artificial scenes of Gaussians."),
-    "evaluate laboratory": ("evaluate_laboratory", "Score detectors on a simulated room."),
-    "evaluate scenes": ("evaluate_scenes", "Score detectors on simulated rooms, halls, corridors and other places."),
-    "evaluate pairs": ("evaluate_pairs", "Score detectors on pairs of scans with ground truth."),
+    "simulate lab": ("simulate_lab", "Simulate a laboratory surveyed by a robot: bags, frames, maps, ground truth."),
+    "evaluate gaussians": ("evaluate", "Score detectors on artificial scenes of Gaussians."),
+    "evaluate laboratory": ("evaluate", "Score detectors on a simulated room."),
+    "evaluate scenes": ("evaluate", "Score detectors on simulated rooms, halls, corridors and other places."),
+    "evaluate pairs": ("evaluate", "Score detectors on pairs of scans with ground truth."),
     "evaluate thesis": ("evaluate_thesis", "Reproduce chapter 4 of the thesis, next to its published numbers."),
     "tune": ("tune", "Tune settings by gradient on pairs of scans, with or without ground truth."),
     "demo": ("demo", "Simulate two scans of a storehouse, detect the changes, and compare them with the truth."),
@@ -58,9 +55,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         0 done, whether or not there were changes; 1 the computation failed; 2 bad usage or input; 130 interrupted;
         141 the reader of the output has closed it.
-
-    Raises:
-        SystemExit: with 2 on bad usage, with 0 after help.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
@@ -83,11 +77,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _status(words: list[str], loaded: Callable[[], object]) -> int:
-    if words == ["--version"]:
-        from gmmjax import __version__
-
-        print(f"gmmjax {__version__}")
-        return DONE
     try:
         return _run(words, loaded)
     except InputError as error:
@@ -102,12 +91,7 @@ def _status(words: list[str], loaded: Callable[[], object]) -> int:
 
 
 def as_given(message: str, words: list[str]) -> str:
-    """A message that begins with an argument, named as it was given: `--tile-size 0.5` in place of `tile_size=0.5`.
-
-    Args:
-        message: of the library, which names the arguments of its functions; one about a file begins with its name.
-        words: of the command line.
-    """
+    """A message that begins with an argument, named as it was given: `--tile-size 0.5` in place of `tile_size=0.5`."""
     name, equals, rest = message.partition("=")
     option = f"--{name.replace('_', '-')}"
     given = {word.split("=")[0] for word in words}
@@ -121,41 +105,33 @@ def _discard_output() -> None:
 
 
 def _run(words: list[str], loaded: Callable[[], object]) -> int:
-    words = _joined(words)
-    name = words[0] if words else ""
+    width = shutil.get_terminal_size().columns
+    if words == ["--version"]:
+        from gmmjax import __version__
+
+        print(f"gmmjax {__version__}")
+        return DONE
+    count = 2 if " ".join(words[:2]) in COMMANDS else 1
+    name, words = " ".join(words[:count]), words[count:]
     if name not in COMMANDS:
-        if not HELP.isdisjoint(words):
-            print(overview(shutil.get_terminal_size().columns))
-            return DONE
-        raise InputError(_unknown(words))
-    import tyro
-
-    from gmmjax.cli.help_texts import description_of, documented
-
+        if HELP.isdisjoint([name, *words]):
+            raise InputError(_unknown([name, *words]))
+        print(overview(width))
+        return DONE
     module = import_module(f"gmmjax.cli.{COMMANDS[name][0]}")
-    if HELP.isdisjoint(words):
-        for needed in NEEDED:
-            import_module(needed)
+    command = getattr(module, name.replace(" ", "_"))
+    if HELP_ALL in words or not HELP.isdisjoint(words):
+        print(help_of(name, command, width, getattr(module, "COMMON", ()), everything=HELP_ALL in words))
+        return DONE
+    arguments = parsed(command, words)
+    for needed in NEEDED:
+        import_module(needed)
     loaded()
-    arguments = module.completed(words[1:]) if name == "detect" else words[1:]
-    function = module.command(arguments)
-    if not HELP.isdisjoint(words):
-        print(description_of(function, shutil.get_terminal_size().columns), end="\n\n")
-    result = tyro.cli(
-        documented(function),
-        prog=f"gmmjax {name}",
-        args=arguments,
-        config=(tyro.conf.FlagCreatePairsOff,),
-    )
-    return int(result)
+    return int(command(**arguments))
 
 
 def overview(width: int) -> str:
-    """The help of the program: its commands, a line or more for each.
-
-    Args:
-        width: of the terminal, characters.
-    """
+    """The help of the program: its commands, a line or more for each."""
     longest = max(map(len, COMMANDS))
     lines = [DESCRIPTION, "", "usage: gmmjax COMMAND ...", ""]
     for name, (_, text) in COMMANDS.items():
@@ -167,17 +143,10 @@ def overview(width: int) -> str:
 
 def _unknown(words: list[str]) -> str:
     """What is wrong with words that do not begin with a command, and what may be meant."""
-    if not words:
+    if not words[0]:
         return "give a command, such as detect; gmmjax --help lists them"
     name, places = words[0], (" ".join(words[:2]), words[0])
     close = [found for place in places for found in difflib.get_close_matches(place, COMMANDS, n=1)]
     parts = [command for command in COMMANDS if command.startswith(f"{name} ")]
     meant = " or ".join(parts or close[:1])
     return f"{name} is no command{f'; do you mean {meant}?' if meant else ';'} gmmjax --help lists them"
-
-
-def _joined(words: list[str]) -> list[str]:
-    """The words with a command of two words as one: "simulate", "gaussians", ..."""
-    if " ".join(words[:2]) in COMMANDS:
-        return [" ".join(words[:2]), *words[2:]]
-    return words

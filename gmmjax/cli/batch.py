@@ -1,18 +1,12 @@
 """`gmmjax batch MANIFEST --out DIR`."""
 
 import contextlib
-import dataclasses
-import functools
 import shlex
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import tyro
-from tyro.conf import OmitArgPrefixes, Positional
-
 from gmmjax.changes import DetectionConfig
-from gmmjax.cli.detect import Flags, config_file, read_settings
+from gmmjax.cli.detect import read_settings
 from gmmjax.errors import ComputationError, InputError
 
 if TYPE_CHECKING:
@@ -20,6 +14,11 @@ if TYPE_CHECKING:
     from gmmjax.reporting.batch_files import Summary
     from gmmjax.reporting.batch_progress import BatchProgress
 
+# What `--help` shows.
+COMMON = (
+    *("manifest", "out", "overwrite", "pairs", "series", "workers", "scheduler", "shard", "merge"),
+    *("until_stable", "restarts", "fail_fast", "transform_after", "config", "quiet"),
+)
 Against = Literal["previous", "first"]
 SERIES_FILES = {
     "timeline.html": "when each object came, moved and went",
@@ -33,69 +32,59 @@ SUMMARY_FILES = {
 }
 
 
-def command(arguments: Sequence[str]) -> Callable[..., int]:
-    """`batch` with the settings of `--config` as the defaults of its flags, so that flags win over the file."""
-    file = config_file(arguments)
-    settings = DetectionConfig() if file is None else read_settings(file)
-    return functools.partial(batch, settings=Flags(**dataclasses.asdict(settings)))
-
-
 def batch(
-    manifest: Annotated[Positional[Path | None], tyro.conf.arg(metavar="MANIFEST")] = None,
+    manifest: Annotated[Path | None, "MANIFEST"] = None,
     *,
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
-    pairs: Annotated[str | None, tyro.conf.arg(metavar="'FOLDERS/*/'")] = None,
-    config: Annotated[Path | None, tyro.conf.arg(metavar="FILE.toml")] = None,
-    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
-    scheduler: Annotated[str | None, tyro.conf.arg(metavar="tcp://HOST:PORT")] = None,
+    out: Annotated[Path, "DIR"],
+    pairs: Annotated[str | None, "'FOLDERS/*/'"] = None,
+    config: Annotated[Path | None, "FILE.toml"] = None,
+    workers: int | None = None,
+    scheduler: Annotated[str | None, "tcp://HOST:PORT"] = None,
     send: bool = False,
-    shard: Annotated[str | None, tyro.conf.arg(metavar="K/N")] = None,
+    shard: Annotated[str | None, "K/N"] = None,
     merge: bool = False,
-    series: Annotated[Against | None, tyro.conf.arg(metavar="{previous,first}")] = None,
+    series: Against | None = None,
     until_stable: bool = False,
-    stable_within: Annotated[float, tyro.conf.arg(metavar="P")] = 0.01,
+    stable_within: Annotated[float, "P"] = 0.01,
     fail_fast: bool = False,
     transform_after: bool = False,
     overwrite: bool = False,
     quiet: bool = False,
-    settings: OmitArgPrefixes[Flags],  # type: ignore[valid-type]
+    settings: Annotated[dict[str, Any], DetectionConfig],
 ) -> int:
     """Find what changed in many pairs of scans: a result for each, tables of all, and a page to browse them.
 
     The manifest is a table, .csv or .tsv, with the columns name, before and after, and optionally views_before,
     views_after, config, or any setting by its name; or JSON lines (.jsonl) with the same keys. Paths in it are relative
-    to it. An interrupted run is resumed by the same command: it computes what is missing, and
-    what was made from other scans, with other settings or by another version.
+    to it. The same command resumes an interrupted run, and computes again what was made otherwise.
 
     Args:
         manifest: table of the pairs.
         out: folder for the run; created if missing.
-        pairs: instead of a manifest, folders that each contain before.* and after.*, and optionally before_views.json
+        pairs: in place of a manifest, folders that each have before.* and after.*, and optionally before_views.json
             and after_views.json.
-        config: TOML file with settings for all pairs; options override it.
-        workers: number of processes on this machine; default one per core.
-        scheduler: address of a Dask scheduler, whose workers compute instead of this machine.
-        send: read the scans here and send them to the workers, which do not see the files.
+        config: settings for all pairs; options override them.
+        workers: processes of this machine. Default: one a core.
+        scheduler: address of a Dask scheduler, whose workers compute in their place.
+        send: read the scans here and send them to workers that do not see the files.
         shard: compute a part of the run, such as 3/100; the others are computed elsewhere, into the same folder.
-        merge: compute nothing; only write the tables and the page for what is in the folder, such as after all shards.
+        merge: compute nothing; write the tables and the page for what is in the folder, such as after all shards.
         series: the manifest lists the epochs of one place in order: name, cloud, and optionally views. Each is
-            compared with its predecessor or with the first one, and the changes are linked into objects with a history.
-        until_stable: for each pair, stop when doubling the restarts changes no probability by --stable-within or more;
-            --restarts is then the maximum.
+            compared with its predecessor or with the first, and the changes are linked into objects with a history.
+        until_stable: for each pair, stop when doubling the restarts changes no probability by `stable_within` or more;
+            `restarts` is then the maximum.
         stable_within: largest change of a probability that counts as stable.
         fail_fast: stop at the first failure.
-        transform_after: write the after scans transformed into the frames of the before scans. By default all scans
-            keep their own coordinates.
-        overwrite: replace the results of a run with other settings in the folder.
+        transform_after: write the after scans in the frames of the before scans; by default they keep their own.
+        overwrite: replace the results of a run with other settings.
         quiet: print nothing but errors.
-        settings: lengths are in the unit of the scans.
+        settings: settings that a --config file may have, too, with _ for -.
     """
-    del config  # Its settings are the defaults of the flags already: see `command`.
     from gmmjax.batch import Shard, detect_many, detect_series, read_epochs, run_folder
     from gmmjax.reporting.batch_files import save_report, save_transformed_report
     from gmmjax.reporting.batch_progress import batch_progress
 
-    detection = DetectionConfig(**dataclasses.asdict(settings))
+    detection = read_settings(config, settings)
     part = None if shard is None else Shard.parse(shard)
     if merge:
         return _merge(out, part, quiet=quiet)

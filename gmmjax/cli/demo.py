@@ -1,10 +1,7 @@
 """`gmmjax demo`."""
 
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
-
-import tyro
 
 from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.errors import check_seed
@@ -12,15 +9,9 @@ from gmmjax.errors import check_seed
 DEFAULT_FOLDER = Path("gmmjax-demo")
 
 
-def command(arguments: Sequence[str]) -> Callable[..., int]:
-    """`demo`, whatever the arguments."""
-    del arguments
-    return demo
-
-
 def demo(
     *,
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = DEFAULT_FOLDER,
+    out: Annotated[Path, "DIR"] = DEFAULT_FOLDER,
     seed: int = 0,
     overwrite: bool = False,
     quiet: bool = False,

@@ -1,26 +1,17 @@
 """`gmmjax evaluate thesis`."""
 
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
-import tyro
-
 from gmmjax._compilation_cache import use_compilation_cache
-from gmmjax.cli.evaluation import DONE, FAILED
+from gmmjax.cli.evaluate import DONE, FAILED
 from gmmjax.errors import InputError, check_seed
 from gmmjax.thesis.chapter4 import PARTS, PartName
 
 
-def command(arguments: Sequence[str]) -> Callable[..., int]:
-    """`evaluate_thesis`, whatever the arguments."""
-    del arguments
-    return evaluate_thesis
-
-
 def evaluate_thesis(
     *,
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    out: Annotated[Path, "DIR"],
     parts: tuple[PartName, ...] = PARTS,
     quick: bool = False,
     first_seed: int = 0,

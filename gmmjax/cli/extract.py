@@ -2,15 +2,13 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-import tyro
-from tyro.conf import OmitArgPrefixes, Positional
 
-from gmmjax.cli.help_texts import record_with_help
+from gmmjax.cli.options import check_output_file
 from gmmjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,8 +19,13 @@ Seven = tuple[float, float, float, float, float, float, float]
 Progress = Callable[[str, float], None]
 DEPTH_SUFFIXES = (".png", ".npy")
 
+# What `--help` shows.
+COMMON = (
+    *("source", "out", "topic", "at", "every", "rate", "start", "end", "poses", "map", "crop"),
+    *("voxel_size", "intrinsics", "depth_unit", "overwrite"),
+)
 
-@record_with_help
+
 @dataclasses.dataclass(frozen=True)
 class Options:
     """What is taken from the bag, and what becomes of it.
@@ -57,27 +60,27 @@ class Options:
         quiet: print nothing but errors.
     """
 
-    out: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
-    topic: Annotated[str | None, tyro.conf.arg(metavar="TOPIC")] = None
-    at: Annotated[str | None, tyro.conf.arg(metavar="TIME")] = None
-    tolerance: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 0.5
-    every: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    rate: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = None
-    start: Annotated[str | None, tyro.conf.arg(metavar="TIME")] = None
-    end: Annotated[str | None, tyro.conf.arg(metavar="TIME")] = None
+    out: Annotated[Path | None, "PATH"] = None
+    topic: Annotated[str | None, "TOPIC"] = None
+    at: Annotated[str | None, "TIME"] = None
+    tolerance: Annotated[float, "SECONDS"] = 0.5
+    every: Annotated[int | None, "N"] = None
+    rate: Annotated[float | None, "HZ"] = None
+    start: Annotated[str | None, "TIME"] = None
+    end: Annotated[str | None, "TIME"] = None
     format: Literal["pcd", "ply"] = "pcd"
-    poses: Annotated[str | None, tyro.conf.arg(metavar="TOPIC")] = None
-    parent: Annotated[str | None, tyro.conf.arg(metavar="FRAME")] = None
-    child: Annotated[str | None, tyro.conf.arg(metavar="FRAME")] = None
-    sensor_on_body: Annotated[Seven | None, tyro.conf.arg(metavar="X Y Z QX QY QZ QW")] = None
-    max_gap: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 0.5
+    poses: Annotated[str | None, "TOPIC"] = None
+    parent: Annotated[str | None, "FRAME"] = None
+    child: Annotated[str | None, "FRAME"] = None
+    sensor_on_body: Annotated[Seven | None, "X Y Z QX QY QZ QW"] = None
+    max_gap: Annotated[float, "SECONDS"] = 0.5
     map: Literal["localised", "volumetric"] | None = None
-    crop: Annotated[Six | None, tyro.conf.arg(metavar="X Y Z X Y Z")] = None
+    crop: Annotated[Six | None, "X Y Z X Y Z"] = None
     refine: bool = False
-    voxel_size: Annotated[float, tyro.conf.arg(metavar="METRES")] = 0.01
-    max_range: Annotated[float | None, tyro.conf.arg(metavar="METRES")] = None
-    intrinsics: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    depth_unit: Annotated[float | None, tyro.conf.arg(metavar="METRES")] = None
+    voxel_size: Annotated[float, "METRES"] = 0.01
+    max_range: Annotated[float | None, "METRES"] = None
+    intrinsics: Annotated[Path | None, "FILE"] = None
+    depth_unit: Annotated[float | None, "METRES"] = None
     overwrite: bool = False
     quiet: bool = False
 
@@ -88,11 +91,8 @@ class Options:
             InputError: not exactly one thing to do, or an output that does not fit it or cannot be written.
         """
         many = self.every is not None or self.rate is not None
-        given = [
-            *(["--at"] if self.at is not None else []),
-            *(["--every or --rate"] if many and self.map is None else []),
-            *(["--map"] if self.map is not None else []),
-        ]
+        wanted = {"--at": self.at, "--every or --rate": (many and not self.map) or None, "--map": self.map}
+        given = [name for name, value in wanted.items() if value is not None]
         depth_image = source.suffix.lower() in DEPTH_SUFFIXES
         if self.out is None:
             if given or depth_image:
@@ -116,27 +116,12 @@ class Options:
             check_frame_folder(out, overwrite=self.overwrite)
             return
         endings = (".ply",) if self.map else (".npz",) if many else FRAME_SUFFIXES
-        if out.suffix not in endings:
-            hint = ", or be a folder, without ending" if many else ""
-            raise InputError(f"--out {out}: must end with {', '.join(endings)}{hint}")
-        if not out.absolute().parent.is_dir():
-            raise InputError(f"--out {out}: there is no folder {out.parent}; make it first")
-        for path in (out, _views_of(out)) if self.map else (out,):
-            if path.exists() and not self.overwrite:
-                raise InputError(f"--out {out}: {path} is there already; --overwrite replaces it")
+        others = (_views_of(out),) if self.map else ()
+        hint = ", or be a folder, without ending" if many else ""
+        check_output_file("--out", out, endings, others=others, overwrite=self.overwrite, hint=hint)
 
 
-def command(arguments: Sequence[str]) -> Callable[..., int]:
-    """`extract`, whatever the arguments."""
-    del arguments
-    return extract
-
-
-def extract(
-    source: Annotated[Positional[Path], tyro.conf.arg(metavar="BAG")],
-    *,
-    options: OmitArgPrefixes[Options] = Options(),
-) -> int:
+def extract(source: Annotated[Path, "BAG"], *, given: Annotated[dict[str, Any], Options]) -> int:
     """Extract frames and maps from a ROS bag, or the frame of a depth image, as files that detect reads.
 
     Reads bags of ROS 1 (.bag) and ROS 2 (a folder, .mcap or .db3), and depth images (.png, .npy). Without --out it
@@ -144,11 +129,12 @@ def extract(
 
     Args:
         source: the bag, or the depth image.
-        options: what to extract, and how to write it.
+        given: rarely needed.
     """
     from gmmjax.reporting import console
     from gmmjax.surveys import open_bag
 
+    options = Options(**given)
     options.check(source)
     with console.shown_warnings(quiet=options.quiet):
         if source.suffix.lower() in DEPTH_SUFFIXES:
@@ -237,7 +223,7 @@ def _write_map(
 ) -> dict[str, str]:
     from gmmjax.clouds import write_ply, write_views
 
-    laid = (_localised if options.map == "localised" else _volumetric)(frames, trajectory, options)
+    laid = _map(frames, trajectory, options)
     views = _views_of(out)
     write_views(views, laid.views)
     write_ply(out, laid.points)
@@ -245,42 +231,21 @@ def _write_map(
     return {out.name: f"{len(laid.points):,} points of {counted}", views.name: "where the sensor stood, for detect"}
 
 
-def _localised(
+def _map(
     frames: Callable[[], Iterable["Frame"]], trajectory: "Trajectory", options: Options
 ) -> "LocalisedMap | VolumetricMap":
-    from gmmjax.surveys import localised_map
+    from gmmjax.surveys import Trajectory, localised_map, volumetric_map
 
-    return localised_map(
-        frames(),
-        trajectory,
-        bounds=_bounds(options),
-        refine=options.refine,
-        max_gap=options.max_gap,
-        max_range=options.max_range,
-    )
-
-
-def _volumetric(
-    frames: Callable[[], Iterable["Frame"]], trajectory: "Trajectory", options: Options
-) -> "LocalisedMap | VolumetricMap":
-    from gmmjax.surveys import Trajectory, volumetric_map
-
-    if options.refine:
-        laid = _localised(frames, trajectory, options)
-        trajectory = Trajectory.of_samples(laid.times, laid.poses)
-    return volumetric_map(
-        frames(),
-        trajectory,
-        bounds=_bounds(options),
-        voxel_size=options.voxel_size,
+    bounds = None if options.crop is None else np.array(options.crop).reshape(2, 3)
+    shared: dict[str, Any] = {"bounds": bounds, "max_range": options.max_range}
+    max_gap = options.max_gap
+    if options.map == "localised" or options.refine:
+        laid = localised_map(frames(), trajectory, refine=options.refine, max_gap=max_gap, **shared)
+        if options.map == "localised":
+            return laid
         # Refined poses are those of the frames themselves.
-        max_gap=0.0 if options.refine else options.max_gap,
-        max_range=options.max_range,
-    )
-
-
-def _bounds(options: Options) -> np.ndarray | None:
-    return None if options.crop is None else np.array(options.crop).reshape(2, 3)
+        trajectory, max_gap = Trajectory.of_samples(laid.times, laid.poses), 0.0
+    return volumetric_map(frames(), trajectory, voxel_size=options.voxel_size, max_gap=max_gap, **shared)
 
 
 def _views_of(out: Path) -> Path:

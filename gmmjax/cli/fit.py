@@ -1,18 +1,14 @@
 """`gmmjax fit CLOUD --out DIR`."""
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
-
-import tyro
-from tyro.conf import Positional
 
 from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.errors import InputError, check_seed
 
 if TYPE_CHECKING:
-    from gmmjax.clouds import PointCloud
     from gmmjax.mixtures import Fit, WeightedPoints
 
 MIXTURE_FILES = {"mixture.json": "weights, means, covariances and how they were found", "mixture.npz": "the arrays"}
@@ -20,23 +16,17 @@ MIXTURE_FILES = {"mixture.json": "weights, means, covariances and how they were 
 Method = Literal["annihilation", "grid"]
 
 
-def command(arguments: Sequence[str]) -> Callable[..., int]:
-    """`fit`, whatever the arguments."""
-    del arguments
-    return fit
-
-
 def fit(
-    cloud: Annotated[Positional[Path], tyro.conf.arg(metavar="CLOUD")],
+    cloud: Annotated[Path, "CLOUD"],
     *,
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    out: Annotated[Path, "DIR"],
     method: Method = "annihilation",
     max_components: int | None = None,
     restarts: int = 8,
     seed: int = 0,
-    voxel_size: float | None = None,
+    voxel_size: Annotated[float | None, "LENGTH"] = None,
     max_points: int = 16384,
-    plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE.png")] = None,
+    plot: Annotated[Path | None, "FILE.png"] = None,
     overwrite: bool = False,
     quiet: bool = False,
 ) -> int:
@@ -52,12 +42,12 @@ def fit(
         seed: seed of the random starts.
         voxel_size: edge of the voxels that the scan is reduced to. None: the smallest that leaves `max_points`.
         max_points: a scan with more points is reduced to voxels, at most this number.
-        plot: also draw the scan with its Gaussians into a .png, .svg or .pdf file; needs matplotlib (the extra "plot").
-        overwrite: replace a previous mixture in the output folder.
+        plot: also draw the scan with its Gaussians: .png, .svg or .pdf (the extra "plot").
+        overwrite: replace a previous mixture in that folder.
         quiet: print nothing but errors.
     """
     from gmmjax.changes import check_lengths, default_components, reduced, warn_of_stray_points
-    from gmmjax.clouds import read_cloud, scan_bounds, within
+    from gmmjax.clouds import read_cloud, scan_bounds, voxel_size_for, within
     from gmmjax.reporting import console
     from gmmjax.reporting.mixture_files import check_mixture_folder, write_mixture
 
@@ -77,7 +67,8 @@ def fit(
         stray = len(whole) - len(read)
         warn_of_stray_points(str(cloud), stray, bounds)
         try:
-            voxel_size = _voxel_size(read, voxel_size, max_points)
+            if voxel_size is None and len(read) > max_points:
+                voxel_size = voxel_size_for(read.points, max_points)
             weighted = reduced(read.points, voxel_size)
             if max_components is None:
                 max_components = default_components(len(weighted.mass))
@@ -97,15 +88,6 @@ def fit(
         console.print_files(out, MIXTURE_FILES)
         console.print_plot(plot)
     return 0
-
-
-def _voxel_size(cloud: "PointCloud", voxel_size: float | None, max_points: int) -> float | None:
-    """The size that was asked for, else one that leaves `max_points` where there are more."""
-    from gmmjax.clouds import voxel_size_for
-
-    if voxel_size is None and len(cloud) > max_points:
-        return voxel_size_for(cloud.points, max_points)
-    return voxel_size
 
 
 def _best_fit(

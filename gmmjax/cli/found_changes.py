@@ -16,6 +16,9 @@ from gmmjax.pair import Pair, each
 if TYPE_CHECKING:
     from gmmjax.changes import Progress
 
+# Of both surveys together, up to which they are read into memory: a million take about half a gigabyte.
+ROWS_IN_MEMORY = 4_000_000
+
 
 class ScansToCompare(NamedTuple):
     """Both surveys, opened.
@@ -33,22 +36,19 @@ class ScansToCompare(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class TileOptions:
-    """What the user says of tiles.
+    """What the user says of tiles; None: not given.
 
     Attributes:
-        tile_size: edge of a tile, in the unit of the scans; None: not given.
-        workers: number of processes; None: not given.
-        scheduler: address of a Dask scheduler; None: not given.
-        folder: for what is kept on disk; None: not given.
-        rows_in_memory: of both surveys together, up to which they are read into memory where nothing else is given: a
-            million take about half a gigabyte. 0: all scans are compared in tiles.
+        tile_size: edge of a tile, in the unit of the scans.
+        workers: number of processes.
+        scheduler: address of a Dask scheduler.
+        folder: for what is kept on disk.
     """
 
     tile_size: float | None
     workers: int | None
     scheduler: str | None
     folder: Path | None
-    rows_in_memory: int = 4_000_000
 
     def asked_for(self, surveys: Pair[SurveyFiles], config: DetectionConfig) -> bool:
         """Whether scans are compared in tiles."""
@@ -56,7 +56,7 @@ class TileOptions:
             return True
         # One voxel size, and the thesis's methods, are of clouds in memory.
         in_tiles = config.method == "joint" and config.voxel_size is None
-        return in_tiles and sum(own.count for own in surveys) > self.rows_in_memory
+        return in_tiles and sum(own.count for own in surveys) > ROWS_IN_MEMORY
 
 
 class FoundChanges(NamedTuple):
@@ -74,18 +74,23 @@ class FoundChanges(NamedTuple):
     clouds: Pair[PointCloud]
     write: Callable[..., Path]
 
+    def draw(self, plot: Path | None, map_2d: Path | None) -> None:
+        """Writes a figure and a map, where they are asked for."""
+        if plot is not None:
+            from gmmjax.plotting import overview_figure, write_figure
+
+            write_figure(plot, overview_figure(self.shown, self.clouds))
+        if map_2d is not None:
+            from gmmjax.plotting import write_map
+
+            write_map(map_2d, self.shown, self.clouds)
+
 
 @contextmanager
 def found_changes(
     scans: ScansToCompare, config: DetectionConfig, tiles: TileOptions, progress: "Progress"
 ) -> Iterator[FoundChanges]:
     """Compares two surveys.
-
-    Args:
-        scans: both surveys.
-        config: how they are compared.
-        tiles: whether in tiles, and in which.
-        progress: is told how far it has got.
 
     Yields:
         The changes.
@@ -114,19 +119,11 @@ def _in_memory(scans: ScansToCompare, config: DetectionConfig, progress: "Progre
     from gmmjax.changes import detect_changes
     from gmmjax.reporting.result_folder import write_result
 
-    clouds = scans.surveys.map(lambda own: own.read())
+    clouds = scans.surveys.map(SurveyFiles.read)
     if scans.seen_from_above:
         _check_seen_from_above(clouds.after)
-    views = each(lambda sensor, cloud: sensor.views(cloud), scans.sensors, clouds)
-    changes = detect_changes(
-        clouds.before,
-        clouds.after,
-        config=config,
-        views_before=views.before,
-        views_after=views.after,
-        progress=progress,
-    )
-
+    before, after = each(SensorOption.views, scans.sensors, clouds)
+    changes = detect_changes(*clouds, config=config, views_before=before, views_after=after, progress=progress)
     write = functools.partial(write_result, before=clouds.before, after=clouds.after, changes=changes)
     return FoundChanges(changes, changes, clouds, write)
 
@@ -141,11 +138,10 @@ def _in_tiles(
     surveys = scans.surveys
     if scans.seen_from_above:
         _check_seen_from_above(next(surveys.after.chunks()))
-    views = each(lambda sensor, own: sensor.views(own) or own.views, scans.sensors, surveys)
     with tiled_changes(
         surveys,
         config=config,
-        views=views,
+        views=each(lambda sensor, own: sensor.views(own) or own.views, scans.sensors, surveys),
         tile_size=tiles.tile_size,
         workers=Workers(tiles.workers, tiles.scheduler),
         folder=tiles.folder,

@@ -50,9 +50,6 @@ class SensorOption:
     def check_scans(self, scans: int) -> None:
         """Checks that there is a position for each scan of a survey of several; one scan may have several positions.
 
-        Args:
-            scans: files of the survey.
-
         Raises:
             InputError: there are more or fewer positions than scans.
         """

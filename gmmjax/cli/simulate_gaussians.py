@@ -1,10 +1,7 @@
 """`gmmjax simulate gaussians --out DIR`."""
 
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
-
-import tyro
 
 from gmmjax.errors import check_seed
 
@@ -17,15 +14,9 @@ SCENE_FILES = {
 }
 
 
-def command(arguments: Sequence[str]) -> Callable[..., int]:
-    """`simulate_gaussians`, whatever the arguments."""
-    del arguments
-    return simulate_gaussians
-
-
 def simulate_gaussians(
     *,
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    out: Annotated[Path, "DIR"],
     start: int = 5,
     appeared: int = 1,
     disappeared: int = 1,

@@ -1,24 +1,15 @@
 """`gmmjax simulate lab --out DIR`."""
 
-from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Literal
 
-import tyro
-
 from gmmjax.errors import InputError, check_seed
-
-
-def command(arguments: Sequence[str]) -> Callable[..., int]:
-    """`simulate_lab`, whatever the arguments."""
-    del arguments
-    return simulate_lab
 
 
 def simulate_lab(
     *,
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    out: Annotated[Path, "DIR"],
     runs: tuple[Literal["thesis", "thin", "stacked", "empty", "random"], ...] = ("thesis",),
     kinds: tuple[Literal["frame", "volumetric", "localised"], ...] | None = None,
     bag: Literal["ros1", "ros2", "none"] | None = None,

@@ -3,70 +3,60 @@
 import dataclasses
 import functools
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import tyro
-from tyro.conf import OmitArgPrefixes, Positional
+from typing import TYPE_CHECKING, Annotated, Any
 
 from gmmjax._compilation_cache import use_compilation_cache
 from gmmjax.changes import DetectionConfig
 from gmmjax.cli.detect import read_settings
-from gmmjax.cli.flags import flags_of
-from gmmjax.errors import InputError
+from gmmjax.cli.options import check_output_file
 from gmmjax.tuning import TuningSettings
 
 if TYPE_CHECKING:
     from gmmjax.tuning import ScanPair, TuningState, VerdictState
 
 
-Flags = flags_of(TuningSettings)
-
-
-def command(arguments: Sequence[str]) -> Callable[..., int]:
-    """`tune`, whatever the arguments."""
-    del arguments
-    return tune
+# What `--help` shows.
+COMMON = ("folder", "out", "overwrite", "unchanged", "parameters", "config", "steps", "seed", "restart", "quiet")
 
 
 def tune(
-    folder: Annotated[Positional[Path], tyro.conf.arg(metavar="FOLDER")],
+    folder: Annotated[Path, "FOLDER"],
     *,
-    out: Annotated[Path, tyro.conf.arg(metavar="FILE.toml")],
-    config: Annotated[Path | None, tyro.conf.arg(metavar="FILE.toml")] = None,
+    out: Annotated[Path, "FILE.toml"],
+    config: Annotated[Path | None, "FILE.toml"] = None,
     unchanged: bool = False,
     overwrite: bool = False,
     restart: bool = False,
     quiet: bool = False,
-    print_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
-    settings: OmitArgPrefixes[Flags] = Flags(),  # type: ignore[valid-type]
+    json: bool = False,
+    settings: Annotated[dict[str, Any], TuningSettings],
 ) -> int:
     """Tune detection by gradient on pairs of scans; the result is a file for detect --config.
 
     Each pair is a folder with before.* and after.* (any format that detect reads), and truth_before.npy and
-    truth_after.npy as for "gmmjax evaluate pairs". On scans the verdict is tuned, by which a difference is a change;
-    pairs without truth can take part where nothing changed in them (--unchanged). Of clouds that fill volumes, and
-    where no pair has truth, settings of the mixture are tuned, without truth by the likelihood of held-out points. An
-    interrupted tuning is resumed by the same command.
+    truth_after.npy as for "gmmjax evaluate pairs". On scans the verdict is tuned, by which a difference is a change. Of
+    clouds that fill volumes, and where no pair has truth, settings of the mixture are tuned, without truth by the
+    likelihood of held-out points. The same command resumes an interrupted tuning.
 
     Args:
-        folder: folder that contains the folders of the pairs.
+        folder: folder that holds one folder for each pair.
         out: file for the settings; the course of the tuning is written next to it, as HTML, and so is a tuned verdict.
-        config: TOML file with the settings to start from; those that are not tuned are kept.
+        config: settings to start from; those that are not tuned are kept.
         unchanged: nothing changed in the pairs without truth: what is reported there is a false alarm.
         overwrite: replace the output files.
-        restart: start again instead of resuming an interrupted tuning.
+        restart: start again in place of resuming an interrupted tuning.
         quiet: print nothing but errors.
-        print_json: print the result as JSON and nothing else.
-        settings: of the tuning.
+        json: print the result as JSON and nothing else.
+        settings: settings of the tuning.
     """
     from gmmjax import tuning
     from gmmjax.reporting import console, tuning_files
 
-    chosen = TuningSettings(**dataclasses.asdict(settings))
-    given = DetectionConfig() if config is None else read_settings(config)
-    _check_out(out, overwrite)
+    chosen, given = TuningSettings(**settings), read_settings(config)
+    beside = (out.with_suffix(".html"), out.with_suffix(".verdict.json"))
+    check_output_file("--out", out, (".toml",), others=beside, overwrite=overwrite)
     use_compilation_cache()
     state_file = tuning_files.progress_file(out)
     with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
@@ -86,7 +76,7 @@ def tune(
         )
     page = tuning_files.write_tuned(out, result)
     state_file.unlink(missing_ok=True)
-    if print_json:
+    if json:
         console.print_tuning_json(result)
     elif not quiet:
         console.print_tuning(result, out, page)
@@ -104,16 +94,6 @@ def _checkpoint(file: Path, fingerprint: str, state: "TuningState | VerdictState
     from gmmjax.reporting import tuning_files
 
     tuning_files.write_state(file, state, fingerprint)
-
-
-def _check_out(out: Path, overwrite: bool) -> None:
-    if out.suffix != ".toml":
-        raise InputError(f"--out {out}: must end in .toml")
-    if not out.resolve().parent.is_dir():
-        raise InputError(f"--out {out}: there is no folder {out.parent}; make it first")
-    for file in (out, out.with_suffix(".html"), out.with_suffix(".verdict.json")):
-        if file.exists() and not overwrite:
-            raise InputError(f"--out {out}: {file} is there already; choose another name, or give --overwrite")
 
 
 def _fingerprint(pairs: "Sequence[ScanPair]", config: DetectionConfig, settings: TuningSettings) -> str:

@@ -1,11 +1,9 @@
 """`python -m gmmjax.learning`: simulates scenes, learns the verdict from their candidates, and writes its file."""
 
+import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
-
-import tyro
 
 from gmmjax.changes import Verdicts, write_verdicts
 from gmmjax.errors import InputError, check_choice
@@ -13,30 +11,22 @@ from gmmjax.learning.collection import LEARNED_FROM, Collected, collected, colle
 from gmmjax.learning.training import TrainingSettings, learned, left_out_table
 
 
-def main(
-    *,
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.json")] = None,
-    families: tuple[str, ...] = LEARNED_FROM,
-    seeds: int = 48,
-    first_seed: int = 0,
-    workers: int = 1,
-    rows: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None,
-    left_out: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None,
-) -> int:
-    """Learn the verdict on changes from simulated scenes, and print how families that were left out are judged.
-
-    Args:
-        out: write the parameters there.
-        families: of scenes.
-        seeds: scenes of every family.
-        first_seed: of each family.
-        workers: processes; the result does not depend on it.
-        rows: keep the candidates of each family in a file there; those that are there are read in place of simulating
-            scenes, so that an interrupted run goes on.
-        left_out: write the verdict learned without a family to FAMILY.json there, for each of them.
-    """
+def main() -> int:
+    """Learns the verdict on changes from simulated scenes, and prints how families that were left out are judged."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--out", type=Path, metavar="FILE.json", help="write the parameters there")
+    parser.add_argument("--families", nargs="+", default=LEARNED_FROM, help="families of scenes")
+    parser.add_argument("--seeds", type=int, default=48, help="scenes of every family")
+    parser.add_argument("--first-seed", type=int, default=0, help="of each family")
+    parser.add_argument("--workers", type=int, default=1, help="processes; the result does not depend on it")
+    text = "keep the candidates of each family in a file there; those that are there are read again"
+    parser.add_argument("--rows", type=Path, metavar="FOLDER", help=text)
+    text = "write the verdict learned without a family to FAMILY.json there, for each of them"
+    parser.add_argument("--left-out", type=Path, metavar="FOLDER", help=text)
+    options = parser.parse_args()
+    seeds, first_seed, out, left_out = options.seeds, options.first_seed, options.out, options.left_out
     try:
-        found = _rows(families, range(first_seed, first_seed + seeds), workers, rows)
+        found = _rows(tuple(options.families), range(first_seed, first_seed + seeds), options.workers, options.rows)
         verdicts, penalties = _learned(found)
         if out is not None:
             write_verdicts(out, verdicts, {"families": list(found.families), "seeds": seeds, "first_seed": first_seed})
@@ -86,4 +76,4 @@ def _progress(stage: str, share: float) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(tyro.cli(main))
+    sys.exit(main())

@@ -16,12 +16,12 @@ from gmmjax.batch import (
     compared_epochs,
     object_histories,
     object_rows,
+    write_file,
     write_table,
     write_tables,
 )
 from gmmjax.changes import Changes, presented
-from gmmjax.clouds import atomic_write, read_cloud
-from gmmjax.errors import InputError
+from gmmjax.clouds import read_cloud
 from gmmjax.pair import Pair
 from gmmjax.reporting.batch_index import batch_index_html
 from gmmjax.reporting.pictures import write_thumbnails
@@ -118,7 +118,7 @@ def write_summary(folder: RunFolder, names: Sequence[str]) -> Summary:
     summary = summary_of(folder, names)
     write_tables(folder.path, summary.pairs, summary.changes, summary.convergence)
     page = batch_index_html(folder.path.name, summary.pairs, summary.changes, missing=summary.missing)
-    _write_page(folder.path / INDEX_FILE, page)
+    write_file(folder.path / INDEX_FILE, page.encode())
     return summary
 
 
@@ -138,7 +138,7 @@ def write_history(folder: RunFolder) -> list[ObjectHistory]:
     histories = object_histories(record.epochs, comparisons)
     write_table(folder.path, OBJECTS, ObjectRow, object_rows(histories))
     page = timeline_html(folder.path.name, record.epochs, histories, against=record.series, pair_names=pairs)
-    _write_page(folder.path / TIMELINE_FILE, page)
+    write_file(folder.path / TIMELINE_FILE, page.encode())
     return histories
 
 
@@ -147,11 +147,3 @@ def _comparison(folder: RunFolder, epochs: tuple[int, int], name: str) -> Compar
     assert result is not None and result.pair.before is not None and result.pair.after is not None
     clouds = Pair(read_cloud(result.pair.before), read_cloud(result.pair.after))
     return Comparison.of(*epochs, Changes.load(folder.pair(name)), clouds)
-
-
-def _write_page(path: Path, page: str) -> None:
-    try:
-        with atomic_write(path) as file:
-            file.write(page.encode())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error}); free some space") from error

@@ -192,12 +192,17 @@ def print_batch(summary: "Summary", *, heading: str | None = None, most: int = 1
         console.print(table)
     if len(changed) > most:
         console.print(f"  and {len(changed) - most} more pairs with changes", style="dim", highlight=False)
-    if summary.failed:
-        console.print(f"\n{len(summary.failed)} failed", style="bold", highlight=False)
-    for row in summary.failed[:most]:
-        _print_entry(f"{row.name}: {row.error}")
-    if len(summary.failed) > most:
-        console.print(f"  and {len(summary.failed) - most} more, in pairs.csv", style="dim", highlight=False)
+    warned = [row for row in summary.done if row.warnings]
+    for what, entries in (
+        ("with warnings", [f"{row.name}: {'; '.join(row.warnings.splitlines())}" for row in warned]),
+        ("failed", [f"{row.name}: {row.error}" for row in summary.failed]),
+    ):
+        if entries:
+            console.print(f"\n{len(entries)} {what}", style="bold", highlight=False)
+        for text in entries[:most]:
+            _print_entry(text)
+        if len(entries) > most:
+            console.print(f"  and {len(entries) - most} more, in pairs.csv", style="dim", highlight=False)
 
 
 def _print_entry(text: str) -> None:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from gmmjax._lazy_names import lazy_names
 
 if TYPE_CHECKING:
+    from gmmjax.batch import Workers as Workers
     from gmmjax.tiling.cloud_distances import DistanceSettings as DistanceSettings
     from gmmjax.tiling.cloud_distances import TiledDistances as TiledDistances
     from gmmjax.tiling.cloud_distances import block_distances as block_distances
@@ -25,6 +26,5 @@ if TYPE_CHECKING:
     from gmmjax.tiling.tiles import TileSettings as TileSettings
     from gmmjax.tiling.tiles import tiles_of as tiles_of
     from gmmjax.tiling.worker import BlockTask as BlockTask
-    from gmmjax.tiling.workers import Workers as Workers
 
 __getattr__, __dir__ = lazy_names(__name__)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial import cKDTree
 
+from gmmjax.batch import Workers
 from gmmjax.changes import M3C2Settings, common_unit, m3c2_distances
 from gmmjax.clouds import (
     AbstractBlockStore,
@@ -29,7 +30,6 @@ from gmmjax.tiling.disk_store import temporary_block_store
 from gmmjax.tiling.records import BlockResult
 from gmmjax.tiling.row_columns import RowColumns
 from gmmjax.tiling.tiles import TileSettings, tiles_of
-from gmmjax.tiling.workers import Workers
 
 
 @dataclasses.dataclass(frozen=True)

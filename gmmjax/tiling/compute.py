@@ -31,7 +31,7 @@ from typing import Any
 
 import numpy as np
 
-from gmmjax.batch import AbstractPool, died
+from gmmjax.batch import AbstractPool, Workers, died
 from gmmjax.clouds import AbstractBlockStore, Block
 from gmmjax.errors import ComputationError
 from gmmjax.pair import Pair, each
@@ -40,7 +40,6 @@ from gmmjax.tiling.records import BlockRecords, BlockResult, RecordPlace
 from gmmjax.tiling.row_columns import FilledInBatches, RowColumns
 from gmmjax.tiling.tiles import Tile, TileSettings, tiles_of
 from gmmjax.tiling.worker import BlockTask, compute_tile
-from gmmjax.tiling.workers import Workers
 
 logger = logging.getLogger(__name__)
 
@@ -140,7 +139,7 @@ def _new_folder(parent: Path, name: str) -> Path:
 
 def _results(tiles: list[Tile], call: tuple[Any, ...], workers: Workers | AbstractPool) -> Iterator[list[RecordPlace]]:
     """The results of tiles as they are done."""
-    pool = workers if isinstance(workers, AbstractPool) else workers.pool(len(tiles))
+    pool = workers if isinstance(workers, AbstractPool) else workers.pool(len(tiles), share_cores=False)
     driver = _Driver(tiles, call, pool)
     at_once = True
     try:

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from gmmjax.batch import Workers
 from gmmjax.changes import (
     NAMES,
     Changes,
@@ -37,7 +38,6 @@ from gmmjax.tiling.point_clouds import all_points, with_colors
 from gmmjax.tiling.row_columns import RowColumns
 from gmmjax.tiling.row_results import MISSING, RowResults, fill_rows_of_points
 from gmmjax.tiling.tiles import tiles_of
-from gmmjax.tiling.workers import Workers
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

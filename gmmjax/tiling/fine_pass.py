@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from gmmjax._memory import release_freed_memory
-from gmmjax.batch import AbstractPool
+from gmmjax.batch import AbstractPool, Workers
 from gmmjax.changes import (
     NAMES,
     AlignedScans,
@@ -40,7 +40,6 @@ from gmmjax.tiling.row_results import MISSING, RowResults, fill_rows
 from gmmjax.tiling.seen_first import Looks, block_seen_first, seen_first_of_blocks
 from gmmjax.tiling.tiles import TileSettings, tiles_of
 from gmmjax.tiling.worker import BlockTask
-from gmmjax.tiling.workers import Workers
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -65,7 +64,7 @@ class Tiles:
         if isinstance(self.workers, AbstractPool):
             yield self
             return
-        pool = self.workers.pool(len(tiles_of(self.store.tree, self.tile_size, self.settings)))
+        pool = self.workers.pool(len(tiles_of(self.store.tree, self.tile_size, self.settings)), share_cores=False)
         try:
             yield dataclasses.replace(self, workers=pool)
         finally:

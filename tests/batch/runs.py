@@ -4,6 +4,7 @@ import atexit
 import contextlib
 import csv
 import functools
+import io
 import os
 import signal
 import subprocess
@@ -15,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gmmjax.cli import main
 from gmmjax.clouds import write_ply
 
 ROOT = Path(__file__).parents[2]
@@ -59,7 +61,15 @@ def environment():
     return {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)}
 
 
-def run(*words, before=()):
+def run(*words):
+    """What the command does, in this process; only its workers are others."""
+    output, errors = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
+        status = main(["batch", *map(str, words)])
+    return subprocess.CompletedProcess(words, status, output.getvalue(), errors.getvalue())
+
+
+def run_process(*words, before=()):
     words = [*before, *command(*words)]
     return subprocess.run(words, env=environment(), capture_output=True, text=True, timeout=300)
 

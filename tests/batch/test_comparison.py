@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gmmjax.batch import Comparison, ComparisonSettings
+from gmmjax.batch import Comparison
 from gmmjax.changes import Changes, DetectionConfig, Registration, change_of
 from gmmjax.clouds import PointCloud
 from gmmjax.errors import InputError
@@ -54,9 +54,10 @@ def test_each_change_has_its_points_in_the_frame_of_the_before_cloud(clouds, cha
         np.testing.assert_array_equal(points, expected)
 
 
-def test_points_are_thinned_evenly_and_the_same_way_each_time(clouds, changes):
-    settings = ComparisonSettings(change_points=20, coverage_points=40)
-    comparison, again = (Comparison.of(0, 1, changes, clouds, settings) for _ in range(2))
+def test_points_are_thinned_evenly_and_the_same_way_each_time(clouds, changes, monkeypatch):
+    monkeypatch.setattr("gmmjax.batch.comparison.CHANGE_POINTS", 20)
+    monkeypatch.setattr("gmmjax.batch.comparison.COVERAGE_POINTS", 40)
+    comparison, again = (Comparison.of(0, 1, changes, clouds) for _ in range(2))
     assert [len(points) for points in comparison.points] == [20, 20, 20]
     np.testing.assert_array_equal(comparison.points[2], again.points[2])
     np.testing.assert_array_equal(comparison.points[2][[0, -1]], clouds.before.points[[0, 49]])
@@ -67,8 +68,6 @@ def test_points_are_thinned_evenly_and_the_same_way_each_time(clouds, changes):
 def test_of_a_cloud_that_was_observed_completely_no_coverage_is_kept(clouds, changes):
     comparison = Comparison.of(0, 1, changes, clouds)
     assert len(comparison.coverage.after.points) == 0
-    none = Comparison.of(0, 1, changes, clouds, ComparisonSettings(coverage_points=0))
-    assert len(none.coverage.before.points) == 0
 
 
 def test_a_change_without_points_is_at_its_mean(clouds, changes):
@@ -83,7 +82,3 @@ def test_bad_input(clouds, changes):
     for epochs in ((1, 1), (2, 1), (-1, 1)):
         with pytest.raises(InputError, match="must be of an earlier epoch"):
             Comparison.of(*epochs, changes, clouds)
-    with pytest.raises(InputError, match="change_points 0"):
-        ComparisonSettings(change_points=0)
-    with pytest.raises(InputError, match="coverage_points -1"):
-        ComparisonSettings(coverage_points=-1)

@@ -130,7 +130,7 @@ def test_more_restarts_are_added_to_those_that_are_there(scans, finished, copy, 
     rewritten = record(copy)
     from gmmjax.batch.fingerprint import Fingerprint
 
-    rewritten["files"]["fits.npz"] = Fingerprint.of(pair / "fits.npz").to_dict()
+    rewritten["files"]["fits.npz"] = dataclasses.asdict(Fingerprint.of(pair / "fits.npz"))
     (pair / "pair.json").write_text(json.dumps(rewritten))
     detect(scans, copy, dataclasses.replace(CONFIG, restarts=6))
     steps = RestartFits.load(pair / "fits.npz").arrays["steps"]

@@ -4,7 +4,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, Future
 
 import pytest
 
-from gmmjax.batch.driver import DIED_TWICE, DriverSettings, results_of
+from gmmjax.batch.driver import DIED_TWICE, results_of
 from gmmjax.batch.pair_record import PairRecord, Request
 from gmmjax.batch.pools import AbstractPool
 from gmmjax.batch.rows import PairRow
@@ -98,7 +98,7 @@ def test_tasks_are_taken_only_as_workers_get_free():
 def test_quick_pairs_come_in_larger_chunks():
     pool = FakePool(capacity=1)
     quick = lambda chunk: [result(task, seconds=0.01) for task in chunk]  # noqa: E731
-    list(results_of(tasks(300), pool, quick, DriverSettings(chunk_seconds=1.0, largest_chunk=32)))
+    list(results_of(tasks(300), pool, quick, chunk_seconds=1.0, largest_chunk=32))
     sizes = [len(chunk) for chunk in pool.chunks]
     assert sizes[0] == 1
     assert max(sizes) == 32

@@ -18,6 +18,7 @@ from tests.batch.runs import (
     is_alive,
     kill,
     run,
+    run_process,
     start,
     wait_for,
     workers_of,
@@ -118,7 +119,7 @@ def test_a_full_disk(scans, undisturbed, tmp_path):
 
     # A limit on the size of files stands for a disk without space: writing fails in the middle.
     limited = ["sh", "-c", 'ulimit -f 16; exec "$@"', "sh"]
-    done = run(scans, "--out", folder, "--workers", "1", *FLAGS, before=limited)
+    done = run_process(scans, "--out", folder, "--workers", "1", *FLAGS, before=limited)
     assert done.returncode == 1
     assert "cannot be written" in done.stderr and "start the same command again" in done.stderr
     assert not done_pairs(folder) and not list((folder / "errors").iterdir())

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gmmjax import detect_changes
-from gmmjax.batch import Comparison, HistorySettings, epoch_trees, object_histories, object_rows
+from gmmjax.batch import Comparison, epoch_trees, object_histories, object_rows
 from gmmjax.changes import Registration
 from gmmjax.errors import InputError
 from gmmjax.geometry import transformed
@@ -131,16 +131,6 @@ def test_what_comes_in_another_shape_is_another_object():
     assert not any(event.returned for history in histories for event in history.events)
 
 
-def test_with_the_setting_off_what_returns_is_new():
-    histories = object_histories(EPOCHS[:3], chain([BoxAt((HERE, None, HERE))]), HistorySettings(same_shape=1.5))
-    assert story(histories) == [(("came", 2),), (("went", 1),)]
-
-
-def test_without_links_each_change_is_an_object():
-    histories = object_histories(EPOCHS[:3], chain([BoxAt((None, HERE, None))]), HistorySettings(same_object=1.0))
-    assert len(histories) == 2
-
-
 def test_an_epoch_that_failed_leaves_open_when_it_happened():
     frame = frames(5)
     things = [BoxAt((None, HERE, HERE, HERE, HERE)), BoxAt((*[(0.5, 2.0, 0.0)] * 3, None, None))]
@@ -197,14 +187,6 @@ def test_after_it_was_out_of_sight_an_object_is_known_again_where_a_change_shows
         ]
         (history,) = object_histories([f"e{epoch}" for epoch in range(6)], comparisons)
         assert history.presence == presence
-
-
-def test_with_the_setting_off_what_was_not_observed_has_gone():
-    frame = frames(4)
-    things = [BoxAt((None, HERE, HERE, HERE))]
-    comparisons = [compared(things, 0, epoch, frame, hidden=(0.0, 1.0) if epoch == 2 else ()) for epoch in range(1, 4)]
-    (history,) = object_histories(EPOCHS[:4], comparisons, HistorySettings(unobserved=1.0))
-    assert history.presence == (False, True, False, True)
 
 
 def test_a_missed_change_leaves_open_when_it_happened():
@@ -322,10 +304,6 @@ def test_bad_input():
         object_histories(["Mon"], [comparison])
     with pytest.raises(InputError, match="'Wed' is compared with 'Mon' and with 'Tue'; give one"):
         object_histories(EPOCHS, [dataclasses.replace(comparison, epochs=Pair(before, 2)) for before in (0, 1)])
-    with pytest.raises(InputError, match="is a share: from 0 to 1"):
-        HistorySettings(same_object=2.0)
-    with pytest.raises(InputError, match="spacings nan must be positive"):
-        HistorySettings(spacings=float("nan"))
 
 
 @pytest.mark.slow

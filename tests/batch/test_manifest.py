@@ -92,6 +92,22 @@ def test_what_is_wrong_with_a_table(as_users, folder, text, says):
     assert "m.csv" in str(caught.value)
 
 
+def test_all_that_is_wrong_is_said_at_once(as_users, folder):
+    """Up to ten, what is wrong in many lines once, and the files that are not there."""
+    rows = "x,a.ply,b.ply,2\n,a.ply,b.ply,2\ny,a.ply,no.ply,2\nX,a.ply,b.ply,many\nz,,b.ply,2\n,a.ply,b.ply,2\n"
+    path = write(folder, "m.csv", f"name,before,after,restarts\n{rows}")
+    with pytest.raises(InputError) as caught:
+        read_manifest(path)
+    told = str(caught.value).removeprefix(f"{path}: ").split("; ")
+    assert told[0].startswith("4 errors: line 3: has no name")
+    assert told[1].endswith("(the same in 1 more)")
+    assert told[2].startswith("line 5: restarts='many' must be a whole number")
+    assert told[3].startswith("line 6: has no before") and told[5].startswith("1 of its 4 files do not exist: y: after")
+    path.write_text("name,before,after,restarts\n" + "".join(f"x,a.ply,b.ply,{'a' * n}\n" for n in range(1, 14)))
+    with pytest.raises(InputError, match=r"13 errors: line 2: restarts='a'.* line 11: .*; and 3 more$"):
+        read_manifest(path)
+
+
 @pytest.mark.parametrize(
     ("line", "says"),
     [

@@ -7,7 +7,7 @@ from multiprocessing import get_context
 
 import pytest
 
-from gmmjax.batch.pools import ExecutorPool, LocalPool, check_workers, died, local_pool
+from gmmjax.batch.pools import ExecutorPool, LocalPool, Workers, died
 from gmmjax.errors import ComputationError, InputError
 from tests.batch.runs import is_alive, kill, wait_for
 
@@ -54,10 +54,10 @@ def test_workers_use_their_share_of_the_cores():
 
 
 def test_there_are_no_more_workers_than_pairs():
-    assert local_pool(None, 1).capacity == 1
-    assert local_pool(3, 100).capacity == 3
+    assert Workers().pool(1).capacity == 1
+    assert Workers(3).pool(100).capacity == Workers(3).pool(None).capacity == 3
     with pytest.raises(InputError, match="workers=0 must be at least 1"):
-        check_workers(0)
+        Workers(0)
 
 
 def test_a_foreign_executor_computes_and_is_not_ended():

@@ -1,8 +1,6 @@
-"""What is sent to workers and back is the same there: by the standard library's pickle, and by Dask's."""
+"""What is sent to workers of Dask and back is the same there. (Other tests send pairs to spawned processes.)"""
 
 import hashlib
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
 import jax
 import numpy as np
@@ -58,19 +56,7 @@ def made():
     return records()
 
 
-@pytest.fixture(scope="module")
-def process():
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        yield pool
-
-
 NAMES = ("PointCloud", "SensorViews", "DetectionConfig", "GaussianMixture", "Changes", "Consensus", "PairTask")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-def test_a_spawned_process_needs_no_setting(made, process, name):
-    assert process.submit(content_of, made[name]).result() == content_of(made[name])
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -24,7 +24,7 @@ from typing import Any, get_args, get_type_hints
 
 import numpy as np
 
-from gmmjax.batch.driver import DriverSettings, results_of
+from gmmjax.batch.driver import results_of
 from gmmjax.batch.fingerprint import Fingerprint
 from gmmjax.batch.pair_record import PairRecord
 from gmmjax.batch.pools import AbstractPool, ClusterPool, LocalPool
@@ -189,13 +189,12 @@ def read(log: Path) -> list[dict[str, Any]]:
 
 def timed(pool: str, size: int, chunk: str, pairs: int, repeats: int) -> dict[str, Any]:
     """Pairs a second when every worker has started and all messages are out; CPU seconds of this process a pair."""
-    settings = DriverSettings(largest_chunk=CHUNKS[chunk])
     work = no_work if pool == "driver alone" else empty_work
     rates, cpus, sent, before = [], [], [], load()
     for _ in range(repeats):
         with POOLS[pool](size) as opened:
             # Without end, so that the pool is full all the time.
-            results = results_of(map(task, itertools.count()), opened, work, settings)
+            results = results_of(map(task, itertools.count()), opened, work, largest_chunk=CHUNKS[chunk])
             # Until every worker has answered, and what is out has grown from one pair to whole chunks.
             skipped = opened.capacity + 10 * CHUNKS[chunk]
             collections.deque(itertools.islice(results, skipped), maxlen=0)

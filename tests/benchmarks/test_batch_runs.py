@@ -12,7 +12,7 @@ import jax
 import numpy as np
 import pytest
 
-from gmmjax.batch.driver import DriverSettings, results_of
+from gmmjax.batch.driver import results_of
 from gmmjax.clouds import read_cloud
 from tests.benchmarks import batch_ceiling, batch_compare, batch_mapping, batch_memory, batch_pairs, mapped_work, page
 from tests.benchmarks.batch_compare import ALL_CORES, LOOP, ONE_CORE, WARM_UP, WHOLE
@@ -108,8 +108,8 @@ def test_pairs_are_written_once(tmp_path):
 
 def test_the_driver_hands_out_all_pairs_where_nothing_is_computed():
     tasks = (batch_ceiling.task(number) for number in range(50))
-    pool, settings = batch_ceiling.FullPool(1), DriverSettings(largest_chunk=4)
-    names = [result.name for result in results_of(tasks, pool, batch_ceiling.empty_work, settings)]
+    pool = batch_ceiling.FullPool(1)
+    names = [result.name for result in results_of(tasks, pool, batch_ceiling.empty_work, largest_chunk=4)]
     assert names == [f"station-{number:05}" for number in range(50)]
     # Of a pool that holds back as many as it may.
     endless = results_of(map(batch_ceiling.task, itertools.count()), batch_ceiling.FullPool(8), batch_ceiling.no_work)

@@ -1,5 +1,6 @@
-"""Ctrl-C while the program is still being imported."""
+"""What the process does while the program is imported: it searches for no garbage, and Ctrl-C ends it at once."""
 
+import gc
 import os
 import signal
 import threading
@@ -10,6 +11,34 @@ from typing import Any
 # What a shell reports for a program that SIGINT ended.
 INTERRUPTED = 130
 INTERRUPTION = "interrupted"
+
+
+@contextmanager
+def no_search_of_imports(*, own_process: bool) -> Iterator[Callable[[], None]]:
+    """Searches for no garbage while modules are imported, nor among them later, nor at the end of the process.
+
+    Python finds none there, and takes a third of the start for it.
+
+    Args:
+        own_process: whether the process ends with the block; otherwise nothing is changed.
+
+    Yields:
+        A function to be called when all is imported, from where on the search is Python's usual one.
+    """
+    if not own_process:
+        yield lambda: None
+        return
+    gc.disable()
+    try:
+        yield _search_again
+    finally:
+        gc.disable()
+        gc.freeze()
+
+
+def _search_again() -> None:
+    gc.freeze()
+    gc.enable()
 
 
 @contextmanager
@@ -27,15 +56,15 @@ def interruptions() -> Iterator[Callable[[], None]]:
     ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is python_way
     if ours:
         signal.signal(signal.SIGINT, _end)
-
-    def loaded() -> None:
-        if ours and signal.getsignal(signal.SIGINT) is _end:
-            signal.signal(signal.SIGINT, python_way)
-
     try:
-        yield loaded
+        yield _python_way
     finally:
-        loaded()
+        _python_way()
+
+
+def _python_way() -> None:
+    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is _end:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _end(number: int, frame: Any) -> None:
