@@ -1,13 +1,12 @@
 """Kinds of held-out scenes indoors: rooms, a corridor, a hall, and things that are turned, shifted and opened."""
 
-import functools
 from collections.abc import Sequence
 
 import numpy as np
 
 from gmmjax.pair import Pair, each
 from tests.benchmarks.held_out import meshes
-from tests.benchmarks.held_out.casting import Thing
+from tests.benchmarks.held_out.casting import Body
 from tests.benchmarks.held_out.interiors import Ground, furnish, outside, portable, rearrange, shell
 from tests.benchmarks.held_out.sensors import Sensor, camera, looking, scanner
 from tests.benchmarks.held_out.surveys import Rig, Stage, Staged, motion_about, rig_of, shaken
@@ -30,7 +29,7 @@ def room(
     sensor = _fused_camera(random, hard=lost > 0)
     dropped = _dropped_runs(random, lost)
 
-    def rig(things: list[Thing], dropped: frozenset[int]) -> Rig:
+    def rig(things: list[Body], dropped: frozenset[int]) -> Rig:
         poses = [pose for number, pose in enumerate(_round(random, floor, things)) if number not in dropped]
         return rig_of(sensor, poses, random, off=(0.003, 0.1), thinned=0.02)
 
@@ -70,24 +69,22 @@ def single_frame(random: np.random.Generator, changed: bool) -> Staged:
 
 def station(random: np.random.Generator, changed: bool) -> Staged:
     """A module of a space station: racks on all four sides, handrails, bags that float, and a camera that flies."""
-    u, stage = random.uniform, Stage()
+    u, stage = random.uniform, Stage(changed)
     length, half, wall = u(4.0, 5.5), u(0.95, 1.1), 0.1
     for side in range(4):
-        plane = meshes.shifted(meshes.box(length, 2 * half, wall), (0, 0, half))
+        plane = meshes.box(length, 2 * half, wall, (0, 0, half))
         racks = [_rack(random, x, half) for x in np.arange(-length / 2 + 0.5, length / 2 - 0.4, 1.0)]
         rail = np.array([(x, 0.0, 0.0) for x in (-0.25, 0.0, 0.25)]) + np.array(
             [u(-1.5, 1.5), u(-0.6, 0.6), half - 0.07]
         )
         for part in (plane, *racks, meshes.tube(rail, 0.015)):
             stage.stays(_rolled(part, 90.0 * side))
-    caps = [
-        _rolled(meshes.shifted(meshes.box(wall, 2 * half, 2 * half), (s * length / 2, 0, -half)), 0) for s in (-1, 1)
-    ]
+    caps = [_rolled(meshes.box(wall, 2 * half, 2 * half, (s * length / 2, 0, -half)), 0) for s in (-1, 1)]
     stage.stays(*caps)
-    _bags(stage, random, length, half, changed)
+    _bags(stage, random, length, half)
     sensor = camera(80, 60, 76.0, 4.0, (0.003, 0.0, u(0.001, 0.002)), quantum=4e-4, blur=0.7, lost=0.03)
 
-    def rig(things: list[Thing]) -> Rig:
+    def rig(things: list[Body]) -> Rig:
         poses = []
         for number in range(20):
             # To and fro through the module, looking ahead and aside.
@@ -102,14 +99,14 @@ def station(random: np.random.Generator, changed: bool) -> Staged:
 
 def corridor(random: np.random.Generator, changed: bool) -> Staged:
     """A corridor that a walking robot goes through with a spinning lidar; its heading drifts to 0.3 degrees."""
-    u, stage = random.uniform, Stage()
+    u, stage = random.uniform, Stage(changed)
     length, width, height = u(12, 16), u(2.0, 2.6), u(2.5, 2.9)
     stage.stays(*shell(length, width, height, ceiling=True))
     for x in np.arange(-length / 2 + 1.5, length / 2 - 1, u(2.5, 3.5)):
         side = random.choice([-1, 1])
-        stage.stays(meshes.shifted(meshes.box(0.9, 0.06, 2.0), (x, side * width / 2, 0)))
+        stage.stays(meshes.box(0.9, 0.06, 2.0, (x, side * width / 2, 0)))
         if random.random() < 0.6:
-            stage.stays(meshes.shifted(meshes.box(0.35, 0.3, height), (x + 0.9, -side * (width / 2 - 0.15), 0)))
+            stage.stays(meshes.box(0.35, 0.3, height, (x + 0.9, -side * (width / 2 - 0.15), 0)))
         if random.random() < 0.5:
             stage.stays(meshes.shifted(meshes.cylinder(0.08, 0.5), (x + 0.7, side * (width / 2 - 0.12), 0.4)))
     lane = 0.45
@@ -119,7 +116,7 @@ def corridor(random: np.random.Generator, changed: bool) -> Staged:
         stage.stays(
             meshes.placed(thing, sides[int(random.integers(2))].take(meshes.footprint(thing), random), u(0, 360))
         )
-    rearrange(stage, sides, random, changed=changed, size=1.7)
+    rearrange(stage, sides, random, size=1.7)
     columns = 360
     azimuth = np.linspace(-180, 180, columns, endpoint=False)
     elevations = np.linspace(-22, 22, 24)
@@ -165,11 +162,11 @@ def two_sensors(random: np.random.Generator, changed: bool) -> Staged:
 
 def half_overlap(random: np.random.Generator, changed: bool) -> Staged:
     """A long hall; the one survey covers the one two thirds of it, the other the other."""
-    u, stage = random.uniform, Stage()
+    u, stage = random.uniform, Stage(changed)
     length, width = u(9, 11), u(3.2, 4.2)
     stage.stays(*shell(length, width, 2.6, ceiling=False))
     middle = Ground((0, 0, 0), length / 4, width - 0.6)
-    rearrange(stage, [middle], random, changed=changed, size=1.1)
+    rearrange(stage, [middle], random, size=1.1)
     for side in (-1, 1):
         furnish(stage, Ground((side * length / 3, 0, 0), length / 3, width), random, pieces=4)
     sensor = camera(88, 66, 74.0, 4.2, (0.003, 0.0, u(0.001, 0.0018)), quantum=4e-4, blur=0.7)
@@ -191,7 +188,7 @@ def half_overlap(random: np.random.Generator, changed: bool) -> Staged:
 
 def turned_chair(random: np.random.Generator, changed: bool) -> Staged:
     """A desk with chairs, one of which is turned by 30 degrees where it stands."""
-    u, stage = random.uniform, Stage()
+    u, stage = random.uniform, Stage(changed)
     floor = _corner(stage, random)
     stage.stays(meshes.placed(meshes.table(1.4, 0.7, 0.73), (0.3, 0.75, 0)))
     size, at, heading = (
@@ -199,21 +196,21 @@ def turned_chair(random: np.random.Generator, changed: bool) -> Staged:
         np.array([u(-0.4, 0.2), -0.1, 0]),
         u(-40, 40),
     )
-    turn = 30.0 * random.choice([-1, 1]) if changed else 0.0
-    _put(stage, meshes.placed(size, at, heading), meshes.placed(size, at, heading + turn), changed)
+    turn = 30.0 * random.choice([-1, 1])
+    stage.moves(meshes.placed(size, at, heading), meshes.placed(size, at, heading + turn))
     stage.stays(meshes.placed(meshes.chair(), (0.85, -0.25, 0), u(0, 360)))
     return _close_up(stage, floor, random, reach=1.7, columns=120)
 
 
 def shifted_box(random: np.random.Generator, changed: bool, *, metres: float) -> Staged:
     """Boxes on the floor of a corner of a room, one of which is shifted."""
-    u, stage = random.uniform, Stage()
+    u, stage = random.uniform, Stage(changed)
     floor = _corner(stage, random)
     ground = Ground((0, 0.1, 0), 1.8, 1.5)
     own = meshes.box(u(0.25, 0.45), u(0.25, 0.4), u(0.2, 0.4))
     at, heading, direction = ground.take(meshes.footprint(own) + metres, random), u(0, 360), u(0, 2 * np.pi)
     by = metres * np.array([np.cos(direction), np.sin(direction), 0])
-    _put(stage, meshes.placed(own, at, heading), meshes.placed(own, at + by, heading), changed)
+    stage.moves(meshes.placed(own, at, heading), meshes.placed(own, at + by, heading))
     for _ in range(3):
         other = portable(random, 0.9)
         stage.stays(meshes.placed(other, ground.take(meshes.footprint(other), random), u(0, 360)))
@@ -222,9 +219,9 @@ def shifted_box(random: np.random.Generator, changed: bool, *, metres: float) ->
 
 def laid_table(random: np.random.Generator, changed: bool) -> Staged:
     """A table of cups, bowls, plates and bottles, one or two of which come or go, seen from near by."""
-    u, stage = random.uniform, Stage()
-    stage.stays(meshes.shifted(meshes.box(4, 4, 0.05), (0, 0, -0.05)), meshes.table(1.2, 0.8, 0.72))
-    stage.stays(meshes.shifted(meshes.box(4, 0.1, 2), (0, 1.2, 0)))
+    u, stage = random.uniform, Stage(changed)
+    stage.stays(meshes.box(4, 4, 0.05, (0, 0, -0.05)), meshes.table(1.2, 0.8, 0.72))
+    stage.stays(meshes.box(4, 0.1, 2, (0, 1.2, 0)))
     top = Ground((0, 0, 0.72), 1.0, 0.6)
     crockery = (
         lambda: meshes.cup(u(0.035, 0.045), u(0.08, 0.11)),
@@ -255,26 +252,26 @@ def laid_table(random: np.random.Generator, changed: bool) -> Staged:
 
 def opened_door(random: np.random.Generator, changed: bool) -> Staged:
     """A door of a room is opened; what is behind it comes into sight."""
-    u, stage = random.uniform, Stage()
+    u, stage = random.uniform, Stage(changed)
     width, depth, doorway = u(3, 4), u(2.8, 3.4), u(0.8, 0.95)
     stage.stays(*shell(width, depth, 2.4, ceiling=False, doorway=doorway))
-    beyond = meshes.shifted(meshes.box(width, 1.4, 0.1), (0, depth / 2 + 0.8, -0.1))
-    stage.stays(beyond, meshes.shifted(meshes.box(width, 0.1, 2.4), (0, depth / 2 + 1.5, 0)))
-    leaf = meshes.shifted(meshes.box(doorway - 0.02, 0.04, 1.98), (doorway / 2, 0, 0.01))
+    beyond = meshes.box(width, 1.4, 0.1, (0, depth / 2 + 0.8, -0.1))
+    stage.stays(beyond, meshes.box(width, 0.1, 2.4, (0, depth / 2 + 1.5, 0)))
+    leaf = meshes.box(doorway - 0.02, 0.04, 1.98, (doorway / 2, 0, 0.01))
     handle = meshes.shifted(
         meshes.tube(np.array([(0.0, 0, 0), (0, -0.06, 0), (0.1, -0.06, 0)]), 0.012, 6), (doorway - 0.12, -0.02, 1)
     )
     hinge, first = np.array([-doorway / 2, depth / 2 + 0.03, 0]), u(0, 5)
-    angles = (first, first + u(25, 80)) if changed else (first, first)
+    angles = (first, first + u(25, 80))
     if random.random() < 0.5:
         angles = angles[::-1]
     door = meshes.joined(leaf, handle)
-    _put(stage, *(meshes.placed(door, hinge, -angle) for angle in angles), changed=changed)
+    stage.moves(*(meshes.placed(door, hinge, -angle) for angle in angles))
     floor = Ground((0, -0.5, 0), width, depth - 1.2)
     furnish(stage, floor, random, pieces=2)
     sensor = camera(96, 72, 70.0, 5.5, (0.002, 0.0, u(0.001, 0.0015)), quantum=4e-4, blur=0.7)
 
-    def rig(things: list[Thing]) -> Rig:
+    def rig(things: list[Body]) -> Rig:
         poses = [
             looking(
                 (u(-0.35, 0.35) * width, u(-0.35, 0.0) * depth, u(1.3, 1.7)), (u(-0.7, 0.7), depth / 2, u(0.3, 1.5))
@@ -289,25 +286,24 @@ def opened_door(random: np.random.Generator, changed: bool) -> Staged:
 
 def pulled_drawer(random: np.random.Generator, changed: bool) -> Staged:
     """A drawer of a chest is pulled out."""
-    u, stage = random.uniform, Stage()
+    u, stage = random.uniform, Stage(changed)
     floor = _corner(stage, random)
     width, depth, height, number = u(0.7, 0.9), 0.45, u(0.7, 0.9), int(random.integers(3, 5))
     chest, back = np.array([u(-0.3, 0.3), 0.0, 0]), 1.2 - depth / 2
     each_height, wall = (height - 0.06) / number, 0.02
-    sides = [meshes.shifted(meshes.box(wall, depth, height), (s * (width - wall) / 2, 0, 0)) for s in (-1, 1)]
-    boards = [meshes.shifted(meshes.box(width, depth, wall), (0, 0, z)) for z in (0.02, height)]
+    sides = [meshes.box(wall, depth, height, (s * (width - wall) / 2, 0, 0)) for s in (-1, 1)]
+    boards = [meshes.box(width, depth, wall, (0, 0, z)) for z in (0.02, height)]
     stage.stays(meshes.shifted(meshes.joined(*sides, *boards), chest + np.array([0, back, 0])))
     which = int(random.integers(1, number))
     for level in range(number):
         drawer = meshes.joined(
             meshes.open_box(width - 2 * wall - 0.01, depth - 0.04, each_height - 0.05),
-            meshes.shifted(meshes.box(width, 0.02, each_height - 0.01), (0, -depth / 2, 0)),
+            meshes.box(width, 0.02, each_height - 0.01, (0, -depth / 2, 0)),
         )
         place = chest + np.array([0, back, 0.05 + level * each_height])
         if level == which:
             pulled = meshes.shifted(drawer, place - (0, u(0.12, 0.3), 0))
-            closed = meshes.shifted(drawer, place)
-            _put(stage, *((closed, pulled) if changed else (closed, closed)), changed=changed)
+            stage.moves(meshes.shifted(drawer, place), pulled)
         else:
             stage.stays(meshes.shifted(drawer, place))
     thing = portable(random, 0.7)
@@ -317,13 +313,13 @@ def pulled_drawer(random: np.random.Generator, changed: bool) -> Staged:
 
 def _furnished(random: np.random.Generator, changed: bool, *, front: bool = True) -> tuple[Stage, Ground]:
     """A room with furniture; without its wall at -y a single frame can look in."""
-    stage = Stage()
+    stage = Stage(changed)
     width, depth = random.uniform(3.0, 4.0), random.uniform(2.8, 3.6)
     walls = shell(width, depth, random.uniform(2.2, 2.5), ceiling=False)
     stage.stays(*(wall for wall in walls if front or wall[..., 1].max() > -depth / 2 + 0.01))
     floor = Ground((0, 0, 0), width, depth)
     tops = furnish(stage, floor, random, pieces=int(random.integers(4, 7)))
-    rearrange(stage, [floor, *tops], random, changed=changed)
+    rearrange(stage, [floor, *tops], random)
     return stage, floor
 
 
@@ -351,7 +347,7 @@ def _dropped_runs(random: np.random.Generator, share: float) -> Pair[frozenset[i
     return Pair(start, second).map(lambda first: frozenset((first + step) % FRAMES for step in range(number)))
 
 
-def _round(random: np.random.Generator, floor: Ground, things: Sequence[Thing]) -> list[np.ndarray]:
+def _round(random: np.random.Generator, floor: Ground, things: Sequence[Body]) -> list[np.ndarray]:
     """Frames from a round through the room: most look across it and down, every third one along the walls."""
     poses, start = [], random.uniform(0, 2 * np.pi)
     for number in range(FRAMES):
@@ -368,7 +364,7 @@ def _round(random: np.random.Generator, floor: Ground, things: Sequence[Thing]) 
     return poses
 
 
-def _stand(floor: Ground, things: Sequence[Thing], random: np.random.Generator, side: int, height: float) -> np.ndarray:
+def _stand(floor: Ground, things: Sequence[Body], random: np.random.Generator, side: int, height: float) -> np.ndarray:
     for _ in range(50):
         at = np.array(
             [side * random.uniform(0.3, 0.6) * floor.half[0], random.uniform(-0.5, 0.5) * floor.half[1], height]
@@ -378,7 +374,7 @@ def _stand(floor: Ground, things: Sequence[Thing], random: np.random.Generator, 
     return at
 
 
-def _free_place(things: Sequence[Thing], random: np.random.Generator, x: float, half: float) -> np.ndarray:
+def _free_place(things: Sequence[Body], random: np.random.Generator, x: float, half: float) -> np.ndarray:
     for _ in range(50):
         at = np.array([x + random.normal(0, 0.15), *random.uniform(-half, half, 2)])
         if outside(things, at, 0.25):
@@ -389,7 +385,7 @@ def _free_place(things: Sequence[Thing], random: np.random.Generator, x: float, 
 def _rack(random: np.random.Generator, x: float, half: float) -> np.ndarray:
     """One that stands off a wall at z = half, by a few centimetres."""
     width, depth, height = random.uniform(0.6, 0.9), random.uniform(0.8, 1.4), random.uniform(0.03, 0.16)
-    return meshes.shifted(meshes.box(width, depth, height), (x, random.uniform(-0.2, 0.2), half - height))
+    return meshes.box(width, depth, height, (x, random.uniform(-0.2, 0.2), half - height))
 
 
 def _rolled(triangles: np.ndarray, degrees: float) -> np.ndarray:
@@ -398,7 +394,7 @@ def _rolled(triangles: np.ndarray, degrees: float) -> np.ndarray:
     return triangles @ np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
 
 
-def _bags(stage: Stage, random: np.random.Generator, length: float, half: float, changed: bool) -> None:
+def _bags(stage: Stage, random: np.random.Generator, length: float, half: float) -> None:
     """Cargo bags and other things, turned any way; some of them come, go and drift elsewhere."""
     ground = Ground((0, 0, 0), length - 1.0, 2 * half - 0.5)
 
@@ -412,7 +408,7 @@ def _bags(stage: Stage, random: np.random.Generator, length: float, half: float,
         u = random.uniform
         if random.random() < 0.6:
             size = (0.42, 0.5, 0.25) if random.random() < 0.5 else (0.25, 0.42, 0.25)
-            return meshes.shifted(meshes.box(*size), (0, 0, -size[2] / 2))
+            return meshes.box(*size, (0, 0, -size[2] / 2))
         extent = (u(0.25, 0.4), u(0.2, 0.3), u(0.2, 0.3))
         return meshes.shifted(meshes.ellipsoid(*extent), (0, 0, -extent[2] / 2))
 
@@ -420,9 +416,7 @@ def _bags(stage: Stage, random: np.random.Generator, length: float, half: float,
         stage.stays(floating(bag()))
     for fate in ("comes", "goes", "moves")[: int(random.integers(1, 4))]:
         own = bag()
-        if not changed:
-            stage.stays(floating(own))
-        elif fate == "moves":
+        if fate == "moves":
             stage.moves(floating(own), floating(own))
         else:
             getattr(stage, fate)(floating(own))
@@ -439,17 +433,10 @@ def _turn_about(centre: np.ndarray, degrees: float) -> np.ndarray:
 
 def _corner(stage: Stage, random: np.random.Generator) -> Ground:
     """A floor, a wall at +y and one at +x."""
-    stage.stays(meshes.shifted(meshes.box(5, 5, 0.1), (0, 0, -0.1)))
-    stage.stays(meshes.shifted(meshes.box(5, 0.1, 2.2), (0, 1.25, 0)))
-    stage.stays(meshes.shifted(meshes.box(0.1, 5, 2.2), (random.uniform(1.4, 1.8), 0, 0)))
+    stage.stays(meshes.box(5, 5, 0.1, (0, 0, -0.1)))
+    stage.stays(meshes.box(5, 0.1, 2.2, (0, 1.25, 0)))
+    stage.stays(meshes.box(0.1, 5, 2.2, (random.uniform(1.4, 1.8), 0, 0)))
     return Ground((0, 0, 0), 2.4, 2.4)
-
-
-def _put(stage: Stage, before: np.ndarray, after: np.ndarray, changed: bool) -> None:
-    if changed:
-        stage.moves(before, after)
-    else:
-        stage.stays(before)
 
 
 def _close_up(stage: Stage, floor: Ground, random: np.random.Generator, *, reach: float, columns: int) -> Staged:
@@ -470,8 +457,3 @@ def _close_up(stage: Stage, floor: Ground, random: np.random.Generator, *, reach
 
     centre = (*floor.centre[:2], 0.3)
     return Staged(stage, stage.worlds.map(rig), motion_about(random, u(0.004, 0.01), u(0, 0.3), centre), slack=0.02)
-
-
-hard_room = functools.partial(room, lost=0.25)
-box_by_3_cm = functools.partial(shifted_box, metres=0.03)
-box_by_10_cm = functools.partial(shifted_box, metres=0.10)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tests.benchmarks.held_out import meshes
-from tests.benchmarks.held_out.casting import Thing
+from tests.benchmarks.held_out.casting import Body, Thing
 from tests.benchmarks.held_out.surveys import Stage
 
 
@@ -51,18 +51,18 @@ def portable(random: np.random.Generator, size: float = 1.0) -> np.ndarray:
 def shell(width: float, depth: float, height: float, *, ceiling: bool, doorway: float = 0.0) -> list[np.ndarray]:
     """Floor, walls and ceiling of a room about the origin; with a doorway of this width in the wall at +y."""
     x, y, wall = width / 2, depth / 2, 0.1
-    parts = [meshes.shifted(meshes.box(width + 0.2, depth + 0.2, wall), (0, 0, -wall))]
-    parts += [meshes.shifted(meshes.box(wall, depth, height), (s * (x + wall / 2), 0, 0)) for s in (-1, 1)]
-    parts.append(meshes.shifted(meshes.box(width, wall, height), (0, -y - wall / 2, 0)))
+    parts = [meshes.box(width + 0.2, depth + 0.2, wall, (0, 0, -wall))]
+    parts += [meshes.box(wall, depth, height, (s * (x + wall / 2), 0, 0)) for s in (-1, 1)]
+    parts.append(meshes.box(width, wall, height, (0, -y - wall / 2, 0)))
     if doorway:
         side = (width - doorway) / 2
         at = [-(doorway + side) / 2, (doorway + side) / 2]
-        parts += [meshes.shifted(meshes.box(side, wall, height), (each, y + wall / 2, 0)) for each in at]
-        parts.append(meshes.shifted(meshes.box(doorway, wall, height - 2.0), (0, y + wall / 2, 2.0)))
+        parts += [meshes.box(side, wall, height, (each, y + wall / 2, 0)) for each in at]
+        parts.append(meshes.box(doorway, wall, height - 2.0, (0, y + wall / 2, 2.0)))
     else:
-        parts.append(meshes.shifted(meshes.box(width, wall, height), (0, y + wall / 2, 0)))
+        parts.append(meshes.box(width, wall, height, (0, y + wall / 2, 0)))
     if ceiling:
-        parts.append(meshes.shifted(meshes.box(width + 0.2, depth + 0.2, wall), (0, 0, height)))
+        parts.append(meshes.box(width + 0.2, depth + 0.2, wall, (0, 0, height)))
     return parts
 
 
@@ -87,9 +87,7 @@ def furnish(stage: Stage, floor: Ground, random: np.random.Generator, *, pieces:
         elif kind == 3:
             width, depth = u(1.2, 1.7), u(0.7, 0.8)
             at = floor.occupy((x - depth / 2, max(y - 0.9, 0) * u(-1, 1)), width / 2)
-            seat = meshes.joined(
-                meshes.box(depth, width, 0.42), meshes.shifted(meshes.box(0.2, width, 0.75), (depth / 2 - 0.1, 0, 0))
-            )
+            seat = meshes.joined(meshes.box(depth, width, 0.42), meshes.box(0.2, width, 0.75, (depth / 2 - 0.1, 0, 0)))
             cushion = meshes.shifted(meshes.ellipsoid(0.2, 0.45, 0.4), (0.05, u(-0.3, 0.3), 0.42))
             stage.stays(meshes.shifted(seat, at), meshes.shifted(cushion, at))
         else:
@@ -102,9 +100,7 @@ def furnish(stage: Stage, floor: Ground, random: np.random.Generator, *, pieces:
     return tops
 
 
-def rearrange(
-    stage: Stage, grounds: Sequence[Ground], random: np.random.Generator, *, changed: bool, size: float = 1.0
-) -> None:
+def rearrange(stage: Stage, grounds: Sequence[Ground], random: np.random.Generator, *, size: float = 1.0) -> None:
     """One to four portable things come, go and move; in an unchanged scene they stay."""
 
     def somewhere(thing: np.ndarray) -> np.ndarray:
@@ -116,9 +112,7 @@ def rearrange(
     appear, vanish, move = (int(number) for number in random.integers(0, (3, 3, 2)))
     for kind in ("come",) * max(appear, 1 - vanish - move) + ("go",) * vanish + ("move",) * move:
         thing = portable(random, size)
-        if not changed:
-            stage.stays(somewhere(thing))
-        elif kind == "come":
+        if kind == "come":
             stage.comes(somewhere(thing))
         elif kind == "go":
             stage.goes(somewhere(thing))
@@ -126,10 +120,7 @@ def rearrange(
             stage.moves(somewhere(thing), somewhere(thing))
 
 
-def outside(things: Sequence[Thing], at: np.ndarray, margin: float = 0.1) -> bool:
-    """Whether a place is in nothing's bounding box."""
-    for thing in things:
-        corners = thing.triangles.reshape(-1, 3)
-        if (at > corners.min(axis=0) - margin).all() and (at < corners.max(axis=0) + margin).all():
-            return False
-    return True
+def outside(bodies: Sequence[Body], at: np.ndarray, margin: float = 0.1) -> bool:
+    """Whether a place is in the bounding box of no mesh."""
+    corners = [body.triangles.reshape(-1, 3) for body in bodies if isinstance(body, Thing)]
+    return not any((at > own.min(axis=0) - margin).all() and (at < own.max(axis=0) + margin).all() for own in corners)

@@ -1,4 +1,4 @@
-"""The data of the benchmarks: clouds of Gaussians, planes, batches of mixtures."""
+"""The data of the benchmarks: clouds of Gaussians, scans of a hall, batches of mixtures."""
 
 import equinox as eqx
 import jax
@@ -49,15 +49,6 @@ def _hall(random, size, boxes):
             points[:, axis] = side
             parts.append(points + corner)
     return np.concatenate(parts)
-
-
-def planes(thickness, size=6000, seed=0):
-    """A corner of three planes of 2 m, with Gaussian noise of the standard deviation thickness / 2, metres."""
-    random = np.random.default_rng(seed)
-    points = random.uniform(0, 2, (size, 3))
-    axis = np.arange(size) % 3
-    points[np.arange(size), axis] = random.normal(0, thickness / 2, size)
-    return points
 
 
 def noise_floor(points):
