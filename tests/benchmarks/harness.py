@@ -124,17 +124,19 @@ def run(words: Sequence[str], cores: Sequence[int] | None = None, **environment:
     Raises:
         SystemExit: it failed, with what it said.
     """
-    chosen = None if cores is None else (lambda: os.sched_setaffinity(0, set(cores)))
-    wall = time.perf_counter()
+    own, wall = os.sched_getaffinity(0), time.perf_counter()
+    # It inherits what this process may use.
+    os.sched_setaffinity(0, own if cores is None else set(cores))
     process = subprocess.Popen(
         [sys.executable, *words],
         env={**os.environ, "OMP_NUM_THREADS": "1", **environment},
         stdout=subprocess.PIPE,
-        preexec_fn=chosen,
         text=True,
     )
+    os.sched_setaffinity(0, own)
     assert process.stdout is not None
-    said = process.stdout.read()
+    with process.stdout as output:
+        said = output.read()
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
