@@ -23,7 +23,6 @@ from tests.benchmarks import (
     repeatability,
     transport,
 )
-
 from tests.evaluation.scenes import box_pair, source
 
 

@@ -5,9 +5,25 @@ from collections.abc import Sequence
 import numpy as np
 
 from gmmjax.pair import Pair, each
-from tests.benchmarks.held_out import meshes
 from tests.benchmarks.held_out.casting import Body
 from tests.benchmarks.held_out.interiors import Ground, furnish, outside, portable, rearrange, shell
+from tests.benchmarks.held_out.meshes import (
+    bottle,
+    bowl,
+    box,
+    chair,
+    cup,
+    cylinder,
+    ellipsoid,
+    footprint,
+    joined,
+    open_box,
+    placed,
+    plate,
+    shifted,
+    table,
+    tube,
+)
 from tests.benchmarks.held_out.sensors import Sensor, camera, looking, scanner
 from tests.benchmarks.held_out.surveys import Rig, Stage, Staged, motion_about, rig_of, shaken
 
@@ -45,17 +61,8 @@ def misregistered_room(random: np.random.Generator, changed: bool) -> Staged:
 def single_frame(random: np.random.Generator, changed: bool) -> Staged:
     """One frame of a depth camera from nearly the same place."""
     stage, floor = _furnished(random, changed, front=False)
-    sensor = camera(
-        176,
-        132,
-        66.0,
-        6.0,
-        (0.001, 0.0, random.uniform(0.001, 0.002)),
-        quantum=4e-4,
-        blur=0.7,
-        mixed=0.06,
-        edge_lost=0.3,
-    )
+    noise = (0.001, 0.0, random.uniform(0.001, 0.002))
+    sensor = camera(176, 132, 66.0, 6.0, noise, quantum=4e-4, blur=0.7, mixed=0.06, edge_lost=0.3)
     stand = np.array([random.uniform(-0.3, 0.3), -floor.half[1] + 0.1, random.uniform(1.5, 1.9)])
     target = np.array([0, random.uniform(0.3, 0.7), 0.2])
 
@@ -72,14 +79,14 @@ def station(random: np.random.Generator, changed: bool) -> Staged:
     u, stage = random.uniform, Stage(changed)
     length, half, wall = u(4.0, 5.5), u(0.95, 1.1), 0.1
     for side in range(4):
-        plane = meshes.box(length, 2 * half, wall, (0, 0, half))
+        plane = box(length, 2 * half, wall, (0, 0, half))
         racks = [_rack(random, x, half) for x in np.arange(-length / 2 + 0.5, length / 2 - 0.4, 1.0)]
         rail = np.array([(x, 0.0, 0.0) for x in (-0.25, 0.0, 0.25)]) + np.array(
             [u(-1.5, 1.5), u(-0.6, 0.6), half - 0.07]
         )
-        for part in (plane, *racks, meshes.tube(rail, 0.015)):
+        for part in (plane, *racks, tube(rail, 0.015)):
             stage.stays(_rolled(part, 90.0 * side))
-    caps = [_rolled(meshes.box(wall, 2 * half, 2 * half, (s * length / 2, 0, -half)), 0) for s in (-1, 1)]
+    caps = [_rolled(box(wall, 2 * half, 2 * half, (s * length / 2, 0, -half)), 0) for s in (-1, 1)]
     stage.stays(*caps)
     _bags(stage, random, length, half)
     sensor = camera(80, 60, 76.0, 4.0, (0.003, 0.0, u(0.001, 0.002)), quantum=4e-4, blur=0.7, lost=0.03)
@@ -104,18 +111,16 @@ def corridor(random: np.random.Generator, changed: bool) -> Staged:
     stage.stays(*shell(length, width, height, ceiling=True))
     for x in np.arange(-length / 2 + 1.5, length / 2 - 1, u(2.5, 3.5)):
         side = random.choice([-1, 1])
-        stage.stays(meshes.box(0.9, 0.06, 2.0, (x, side * width / 2, 0)))
+        stage.stays(box(0.9, 0.06, 2.0, (x, side * width / 2, 0)))
         if random.random() < 0.6:
-            stage.stays(meshes.box(0.35, 0.3, height, (x + 0.9, -side * (width / 2 - 0.15), 0)))
+            stage.stays(box(0.35, 0.3, height, (x + 0.9, -side * (width / 2 - 0.15), 0)))
         if random.random() < 0.5:
-            stage.stays(meshes.shifted(meshes.cylinder(0.08, 0.5), (x + 0.7, side * (width / 2 - 0.12), 0.4)))
+            stage.stays(shifted(cylinder(0.08, 0.5), (x + 0.7, side * (width / 2 - 0.12), 0.4)))
     lane = 0.45
     sides = [Ground((0, s * (width / 2 + lane / 2) / 2, 0), length - 2, width / 2 - lane / 2) for s in (-1, 1)]
     for _ in range(4):
         thing = portable(random, 1.3)
-        stage.stays(
-            meshes.placed(thing, sides[int(random.integers(2))].take(meshes.footprint(thing), random), u(0, 360))
-        )
+        stage.stays(placed(thing, sides[int(random.integers(2))].take(footprint(thing), random), u(0, 360)))
     rearrange(stage, sides, random, size=1.7)
     columns = 360
     azimuth = np.linspace(-180, 180, columns, endpoint=False)
@@ -132,9 +137,8 @@ def corridor(random: np.random.Generator, changed: bool) -> Staged:
         poses, believed = [], []
         for x, degrees in zip(stations + random.normal(0, 0.15, len(stations)), drift, strict=True):
             at = np.array([x, random.normal(0, 0.06), 0.75 + random.normal(0, 0.02)])
-            pose = looking(
-                at, at + np.array([1, random.normal(0, 0.05), random.normal(0, 0.03)]), random.normal(0, 1.5)
-            )
+            ahead = np.array([1, random.normal(0, 0.05), random.normal(0, 0.03)])
+            pose = looking(at, at + ahead, random.normal(0, 1.5))
             poses.append(pose)
             start = np.array([stations[0], 0, 0.75])
             believed.append(shaken(_turn_about(start, float(degrees)) @ pose, random, 0.005, 0.03))
@@ -190,15 +194,12 @@ def turned_chair(random: np.random.Generator, changed: bool) -> Staged:
     """A desk with chairs, one of which is turned by 30 degrees where it stands."""
     u, stage = random.uniform, Stage(changed)
     floor = _corner(stage, random)
-    stage.stays(meshes.placed(meshes.table(1.4, 0.7, 0.73), (0.3, 0.75, 0)))
-    size, at, heading = (
-        meshes.chair(u(0.42, 0.5), u(0.42, 0.47), u(0.4, 0.5)),
-        np.array([u(-0.4, 0.2), -0.1, 0]),
-        u(-40, 40),
-    )
+    stage.stays(placed(table(1.4, 0.7, 0.73), (0.3, 0.75, 0)))
+    own = chair(u(0.42, 0.5), u(0.42, 0.47), u(0.4, 0.5))
+    at, heading = np.array([u(-0.4, 0.2), -0.1, 0]), u(-40, 40)
     turn = 30.0 * random.choice([-1, 1])
-    stage.moves(meshes.placed(size, at, heading), meshes.placed(size, at, heading + turn))
-    stage.stays(meshes.placed(meshes.chair(), (0.85, -0.25, 0), u(0, 360)))
+    stage.moves(placed(own, at, heading), placed(own, at, heading + turn))
+    stage.stays(placed(chair(), (0.85, -0.25, 0), u(0, 360)))
     return _close_up(stage, floor, random, reach=1.7, columns=120)
 
 
@@ -207,27 +208,27 @@ def shifted_box(random: np.random.Generator, changed: bool, *, metres: float) ->
     u, stage = random.uniform, Stage(changed)
     floor = _corner(stage, random)
     ground = Ground((0, 0.1, 0), 1.8, 1.5)
-    own = meshes.box(u(0.25, 0.45), u(0.25, 0.4), u(0.2, 0.4))
-    at, heading, direction = ground.take(meshes.footprint(own) + metres, random), u(0, 360), u(0, 2 * np.pi)
+    own = box(u(0.25, 0.45), u(0.25, 0.4), u(0.2, 0.4))
+    at, heading, direction = ground.take(footprint(own) + metres, random), u(0, 360), u(0, 2 * np.pi)
     by = metres * np.array([np.cos(direction), np.sin(direction), 0])
-    stage.moves(meshes.placed(own, at, heading), meshes.placed(own, at + by, heading))
+    stage.moves(placed(own, at, heading), placed(own, at + by, heading))
     for _ in range(3):
         other = portable(random, 0.9)
-        stage.stays(meshes.placed(other, ground.take(meshes.footprint(other), random), u(0, 360)))
+        stage.stays(placed(other, ground.take(footprint(other), random), u(0, 360)))
     return _close_up(stage, floor, random, reach=1.6, columns=140)
 
 
 def laid_table(random: np.random.Generator, changed: bool) -> Staged:
     """A table of cups, bowls, plates and bottles, one or two of which come or go, seen from near by."""
     u, stage = random.uniform, Stage(changed)
-    stage.stays(meshes.box(4, 4, 0.05, (0, 0, -0.05)), meshes.table(1.2, 0.8, 0.72))
-    stage.stays(meshes.box(4, 0.1, 2, (0, 1.2, 0)))
+    stage.stays(box(4, 4, 0.05, (0, 0, -0.05)), table(1.2, 0.8, 0.72))
+    stage.stays(box(4, 0.1, 2, (0, 1.2, 0)))
     top = Ground((0, 0, 0.72), 1.0, 0.6)
     crockery = (
-        lambda: meshes.cup(u(0.035, 0.045), u(0.08, 0.11)),
-        lambda: meshes.bowl(u(0.07, 0.11), u(0.05, 0.08)),
-        lambda: meshes.plate(u(0.09, 0.13)),
-        lambda: meshes.bottle(u(0.03, 0.045), u(0.18, 0.28)),
+        lambda: cup(u(0.035, 0.045), u(0.08, 0.11)),
+        lambda: bowl(u(0.07, 0.11), u(0.05, 0.08)),
+        lambda: plate(u(0.09, 0.13)),
+        lambda: bottle(u(0.03, 0.045), u(0.18, 0.28)),
     )
     # A plate is no thicker than the noise; cups, bowls and bottles change.
     fates = ["comes", "goes"][int(random.integers(2)) :] if changed else []
@@ -235,7 +236,7 @@ def laid_table(random: np.random.Generator, changed: bool) -> Staged:
         fate = fates[number] if number < len(fates) else "stays"
         kind = [0, 1, 3][int(random.integers(3))] if fate != "stays" else int(random.integers(4))
         thing = crockery[kind]()
-        getattr(stage, fate)(meshes.placed(thing, top.take(meshes.footprint(thing), random), u(0, 360)))
+        getattr(stage, fate)(placed(thing, top.take(footprint(thing), random), u(0, 360)))
     sensor = camera(190, 142, 56.0, 2.2, (0.0006, 0.0, u(0.0008, 0.0014)), quantum=3e-4, blur=0.7)
 
     def rig(_: object) -> Rig:
@@ -255,18 +256,17 @@ def opened_door(random: np.random.Generator, changed: bool) -> Staged:
     u, stage = random.uniform, Stage(changed)
     width, depth, doorway = u(3, 4), u(2.8, 3.4), u(0.8, 0.95)
     stage.stays(*shell(width, depth, 2.4, ceiling=False, doorway=doorway))
-    beyond = meshes.box(width, 1.4, 0.1, (0, depth / 2 + 0.8, -0.1))
-    stage.stays(beyond, meshes.box(width, 0.1, 2.4, (0, depth / 2 + 1.5, 0)))
-    leaf = meshes.box(doorway - 0.02, 0.04, 1.98, (doorway / 2, 0, 0.01))
-    handle = meshes.shifted(
-        meshes.tube(np.array([(0.0, 0, 0), (0, -0.06, 0), (0.1, -0.06, 0)]), 0.012, 6), (doorway - 0.12, -0.02, 1)
-    )
+    beyond = box(width, 1.4, 0.1, (0, depth / 2 + 0.8, -0.1))
+    stage.stays(beyond, box(width, 0.1, 2.4, (0, depth / 2 + 1.5, 0)))
+    leaf = box(doorway - 0.02, 0.04, 1.98, (doorway / 2, 0, 0.01))
+    bar = tube(np.array([(0.0, 0, 0), (0, -0.06, 0), (0.1, -0.06, 0)]), 0.012, 6)
+    handle = shifted(bar, (doorway - 0.12, -0.02, 1))
     hinge, first = np.array([-doorway / 2, depth / 2 + 0.03, 0]), u(0, 5)
     angles = (first, first + u(25, 80))
     if random.random() < 0.5:
         angles = angles[::-1]
-    door = meshes.joined(leaf, handle)
-    stage.moves(*(meshes.placed(door, hinge, -angle) for angle in angles))
+    door = joined(leaf, handle)
+    stage.moves(*(placed(door, hinge, -angle) for angle in angles))
     floor = Ground((0, -0.5, 0), width, depth - 1.2)
     furnish(stage, floor, random, pieces=2)
     sensor = camera(96, 72, 70.0, 5.5, (0.002, 0.0, u(0.001, 0.0015)), quantum=4e-4, blur=0.7)
@@ -291,23 +291,23 @@ def pulled_drawer(random: np.random.Generator, changed: bool) -> Staged:
     width, depth, height, number = u(0.7, 0.9), 0.45, u(0.7, 0.9), int(random.integers(3, 5))
     chest, back = np.array([u(-0.3, 0.3), 0.0, 0]), 1.2 - depth / 2
     each_height, wall = (height - 0.06) / number, 0.02
-    sides = [meshes.box(wall, depth, height, (s * (width - wall) / 2, 0, 0)) for s in (-1, 1)]
-    boards = [meshes.box(width, depth, wall, (0, 0, z)) for z in (0.02, height)]
-    stage.stays(meshes.shifted(meshes.joined(*sides, *boards), chest + np.array([0, back, 0])))
+    sides = [box(wall, depth, height, (s * (width - wall) / 2, 0, 0)) for s in (-1, 1)]
+    boards = [box(width, depth, wall, (0, 0, z)) for z in (0.02, height)]
+    stage.stays(shifted(joined(*sides, *boards), chest + np.array([0, back, 0])))
     which = int(random.integers(1, number))
     for level in range(number):
-        drawer = meshes.joined(
-            meshes.open_box(width - 2 * wall - 0.01, depth - 0.04, each_height - 0.05),
-            meshes.box(width, 0.02, each_height - 0.01, (0, -depth / 2, 0)),
+        drawer = joined(
+            open_box(width - 2 * wall - 0.01, depth - 0.04, each_height - 0.05),
+            box(width, 0.02, each_height - 0.01, (0, -depth / 2, 0)),
         )
         place = chest + np.array([0, back, 0.05 + level * each_height])
         if level == which:
-            pulled = meshes.shifted(drawer, place - (0, u(0.12, 0.3), 0))
-            stage.moves(meshes.shifted(drawer, place), pulled)
+            pulled = shifted(drawer, place - (0, u(0.12, 0.3), 0))
+            stage.moves(shifted(drawer, place), pulled)
         else:
-            stage.stays(meshes.shifted(drawer, place))
+            stage.stays(shifted(drawer, place))
     thing = portable(random, 0.7)
-    stage.stays(meshes.placed(thing, (-0.8, 0.0, 0), u(0, 360)))
+    stage.stays(placed(thing, (-0.8, 0.0, 0), u(0, 360)))
     return _close_up(stage, floor, random, reach=1.6, columns=120)
 
 
@@ -325,19 +325,8 @@ def _furnished(random: np.random.Generator, changed: bool, *, front: bool = True
 
 def _fused_camera(random: np.random.Generator, *, hard: bool) -> Sensor:
     noise = random.uniform(0.0018, 0.0024) if hard else random.uniform(0.0008, 0.0018)
-    return camera(
-        88,
-        66,
-        74.0,
-        4.5,
-        (0.002, 0.0, noise),
-        quantum=4e-4,
-        blur=0.7,
-        slanted=0.2,
-        mixed=0.06,
-        edge_lost=0.3,
-        lost=0.03,
-    )
+    settings = {"quantum": 4e-4, "blur": 0.7, "slanted": 0.2, "mixed": 0.06, "edge_lost": 0.3, "lost": 0.03}
+    return camera(88, 66, 74.0, 4.5, (0.002, 0.0, noise), **settings)
 
 
 def _dropped_runs(random: np.random.Generator, share: float) -> Pair[frozenset[int]]:
@@ -385,7 +374,7 @@ def _free_place(things: Sequence[Body], random: np.random.Generator, x: float, h
 def _rack(random: np.random.Generator, x: float, half: float) -> np.ndarray:
     """One that stands off a wall at z = half, by a few centimetres."""
     width, depth, height = random.uniform(0.6, 0.9), random.uniform(0.8, 1.4), random.uniform(0.03, 0.16)
-    return meshes.box(width, depth, height, (x, random.uniform(-0.2, 0.2), half - height))
+    return box(width, depth, height, (x, random.uniform(-0.2, 0.2), half - height))
 
 
 def _rolled(triangles: np.ndarray, degrees: float) -> np.ndarray:
@@ -402,15 +391,15 @@ def _bags(stage: Stage, random: np.random.Generator, length: float, half: float)
         reach = float(np.linalg.norm(bag, axis=2).max())
         at = ground.take(reach, random) + np.array([0, 0, random.uniform(-1, 1) * max(half - 0.2 - reach, 0.05)])
         axes = np.linalg.qr(random.standard_normal((3, 3)))[0]
-        return meshes.shifted(bag @ (axes * np.sign(np.linalg.det(axes))), at)
+        return shifted(bag @ (axes * np.sign(np.linalg.det(axes))), at)
 
     def bag() -> np.ndarray:
         u = random.uniform
         if random.random() < 0.6:
             size = (0.42, 0.5, 0.25) if random.random() < 0.5 else (0.25, 0.42, 0.25)
-            return meshes.box(*size, (0, 0, -size[2] / 2))
+            return box(*size, (0, 0, -size[2] / 2))
         extent = (u(0.25, 0.4), u(0.2, 0.3), u(0.2, 0.3))
-        return meshes.shifted(meshes.ellipsoid(*extent), (0, 0, -extent[2] / 2))
+        return shifted(ellipsoid(*extent), (0, 0, -extent[2] / 2))
 
     for _ in range(int(random.integers(1, 3))):
         stage.stays(floating(bag()))
@@ -433,9 +422,9 @@ def _turn_about(centre: np.ndarray, degrees: float) -> np.ndarray:
 
 def _corner(stage: Stage, random: np.random.Generator) -> Ground:
     """A floor, a wall at +y and one at +x."""
-    stage.stays(meshes.box(5, 5, 0.1, (0, 0, -0.1)))
-    stage.stays(meshes.box(5, 0.1, 2.2, (0, 1.25, 0)))
-    stage.stays(meshes.box(0.1, 5, 2.2, (random.uniform(1.4, 1.8), 0, 0)))
+    stage.stays(box(5, 5, 0.1, (0, 0, -0.1)))
+    stage.stays(box(5, 0.1, 2.2, (0, 1.25, 0)))
+    stage.stays(box(0.1, 5, 2.2, (random.uniform(1.4, 1.8), 0, 0)))
     return Ground((0, 0, 0), 2.4, 2.4)
 
 
