@@ -133,7 +133,9 @@ def accuracy_table(lines: Sequence[Line]) -> str:
         rows = [[kind, *_cells(own, groups[kind]), *(cell(own[name]) for name in peers)] for kind, own in found.items()]
         if len(found) > 1:
             total = {name: sum((own[name] for own in found.values()), Scores()) for name in ("gmmjax", *peers)}
-            rows.append(["all", *_cells(total, lines), *(cell(total[name]) for name in peers)])
+            rows.append(
+                ["all", *_cells(total, list(itertools.chain(*groups.values()))), *(cell(total[name]) for name in peers)]
+            )
         parts.append(f"*Poses {poses}*\n\n{table((*COLUMNS, *peers), rows)}")
     return "\n\n".join(parts)
 
