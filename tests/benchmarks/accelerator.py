@@ -6,12 +6,10 @@ Either has a process of its own, in which JAX has that one platform, and they ta
 because sums are in another order on another platform.
 """
 
-import argparse
 import itertools
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import jax
@@ -19,14 +17,12 @@ import numpy as np
 
 from gmmjax import detect_changes
 from gmmjax.mixtures import map_fits
-from tests.benchmarks import tasks
-from tests.benchmarks.conftest import seconds
-from tests.benchmarks.interleaved import Interleaved, load
-from tests.benchmarks.page import put
-from tests.benchmarks.scenes import gaussian_cloud, hall_pair, mixtures
-from tests.benchmarks.workers import worker
+from tests.benchmarks.clouds import gaussian_cloud, hall_pair, mixtures
+from tests.benchmarks.fits import MAX_COMPONENTS
+from tests.benchmarks.harness import Log, interleaved, options, put, seconds, table, worker
+from tests.benchmarks.transport import distances
 
-COLUMNS = ("what", "cores", "GPU", "cores / GPU", "compilation, cores", "GPU", "largest difference", "turns", "load")
+COLUMNS = ("what", "cores", "GPU", "cores / GPU", "compilation, cores", "GPU", "largest difference", "load")
 RESTARTS = 8
 
 
@@ -47,19 +43,18 @@ class Case(NamedTuple):
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__)
     parser.add_argument("--platform", default="cuda", help="of JAX, beside the CPU")
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--quick", action="store_true", help="small sizes, to try it")
-    parser.add_argument("--page", type=Path, help="Markdown file with a place for the table")
     arguments = parser.parse_args()
-    rows = ["| " + " | ".join(COLUMNS) + " |", "|---" * len(COLUMNS) + "|"]
+    log, rows = Log(arguments.log), []
     for case in cases(arguments.quick):
-        rows.append(row(case, arguments.platform, arguments.repeats))
+        line = log.measure({"what": case.what}, lambda own=case: measured(own, arguments.platform, arguments.repeats))
+        rows.append([case.what, *line["cells"], f"{line['load']:.1f}"])
         print(rows[-1], file=sys.stderr, flush=True)
     with worker(platform=arguments.platform) as on_platform:
         device = on_platform(device_kind).answer
-    put(arguments.page, "accelerator", "\n".join([f"The GPU is {device}.", "", *rows]))
+    put(arguments.page, "accelerator", f"The GPU is {device}.\n\n{table(COLUMNS, rows)}")
 
 
 def cases(quick: bool) -> Iterator[Case]:
@@ -69,7 +64,7 @@ def cases(quick: bool) -> Iterator[Case]:
         what = f"{number} clouds of {points:,} points x {RESTARTS} restarts, {precision}"
         yield Case(what, shortest_lengths, (number, points, precision), "nats of the shortest message length")
     for solver, number in itertools.product(("exact", "sinkhorn"), distances):
-        what = f"{number:,} distances of mixtures of {tasks.MAX_COMPONENTS} Gaussians, {solver}"
+        what = f"{number:,} distances of mixtures of {MAX_COMPONENTS} Gaussians, {solver}"
         yield Case(what, transported, (number, solver), "of the distance")
     size = 2_000 if quick else 20_000
     yield Case(f"detection, 2 x {size:,} points", probabilities, (size,), "of the probability")
@@ -84,14 +79,14 @@ def shortest_lengths(number: int, points: int, precision: Literal["float64", "fl
     """The shortest message length of each of so many clouds."""
     clouds = [gaussian_cloud(points, seed) for seed in range(number)]
     key = jax.random.key(0)
-    fits = map_fits(clouds, key=key, max_components=tasks.MAX_COMPONENTS, restarts=RESTARTS, precision=precision)
+    fits = map_fits(clouds, key=key, max_components=MAX_COMPONENTS, restarts=RESTARTS, precision=precision)
     return np.array([np.min(fit.message_length) for fit in fits])
 
 
 def transported(number: int, solver: str) -> np.ndarray:
     """So many distances, in float64."""
-    before, after = (mixtures(number, tasks.MAX_COMPONENTS, seed) for seed in range(2))
-    return tasks.batch_of_distances(before, after, solver)
+    before, after = (mixtures(number, MAX_COMPONENTS, seed) for seed in range(2))
+    return distances(before, after, solver)
 
 
 def probabilities(size: int) -> np.ndarray:
@@ -102,28 +97,17 @@ def probabilities(size: int) -> np.ndarray:
     return np.concatenate([found.probability_before, found.probability_after])
 
 
-def row(case: Case, platform: str, repeats: int) -> str:
-    """Wall seconds on the cores and on the platform, compilation apart."""
-    before = load()
+def measured(case: Case, platform: str, repeats: int) -> dict[str, Any]:
+    """Wall seconds on the cores and on the platform, compilation apart, and the largest difference."""
     with worker(platform="cpu") as on_cores, worker(platform=platform) as on_platform:
-        turns = Interleaved(
-            {
-                "cores": lambda: on_cores(case.function, *case.arguments),
-                "platform": lambda: on_platform(case.function, *case.arguments),
-            }
+        ways = {"cores": on_cores, "platform": on_platform}
+        timings = interleaved(
+            {name: lambda way=way: way(case.function, *case.arguments) for name, way in ways.items()}, repeats
         )
-        for _ in range(repeats + 1):
-            turns.turn()
-    both = turns.timings["cores"], turns.timings["platform"]
-    cells = [
-        case.what,
-        *(seconds(timing.wall) for timing in both),
-        f"{both[0].wall / both[1].wall:.2g} x",
-        *(seconds(timing.compilation) for timing in both),
-        f"{np.abs(both[0].answer - both[1].answer).max():.1g} {case.unit}",
-        *(str(len(both[0].walls)), f"{max(before, load()):.1f}"),
-    ]
-    return "| " + " | ".join(cells) + " |"
+    both = timings["cores"], timings["platform"]
+    cells = [*(seconds(own.wall) for own in both), f"{both[0].wall / both[1].wall:.2g} x"]
+    cells += [seconds(own.compilation) for own in both]
+    return {"cells": [*cells, f"{np.abs(both[0].answer - both[1].answer).max():.1g} {case.unit}"]}
 
 
 if __name__ == "__main__":

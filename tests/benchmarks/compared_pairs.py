@@ -10,20 +10,17 @@ measured again.
 
 import argparse
 import functools
+import itertools
 import json
-import os
 import statistics
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tests.benchmarks.interleaved import cpu_seconds, load
-from tests.benchmarks.page import put
+from tests.benchmarks.harness import Line, Log, cpu_seconds, options, put, run, table
 
 GAUSSIANS, POINTS = 5, 2_000
 METHODS = ("greedy", "transport", "joint")
@@ -42,65 +39,38 @@ COLUMNS = (
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--log", type=Path, required=True, help="JSON lines, one for each run")
+    parser = options(__doc__)
     parser.add_argument("--contenders", nargs="+", choices=CONTENDERS, default=[*CONTENDERS])
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=[*METHODS])
     parser.add_argument("--size", default="64x64", help="pairs x restarts")
     parser.add_argument("--part", default="4x8", help="the same of the loop over the peers, which takes long")
     parser.add_argument("--turns", type=int, default=3)
-    parser.add_argument("--page", type=Path, help="Markdown file with a place for the table")
     parser.add_argument("--run", nargs=2, metavar=("CONTENDER", "METHOD"), help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.run is not None:
-        print(json.dumps(run(*arguments.run, arguments.size, arguments.log)))
+        print(json.dumps(measured(*arguments.run, arguments.size, arguments.log)))
         return
-    lines = read(arguments.log)
-    done = {(line["contender"], line["method"], line["size"], line["turn"]) for line in lines}
-    for turn in range(arguments.turns):
-        for contender in arguments.contenders:
-            size = arguments.part if contender == PEERS else arguments.size
-            # Algorithm 1 is the only method that the peers' loop has.
-            for method in ["greedy"] if contender == PEERS else arguments.methods:
-                if (contender, method, size, turn) not in done:
-                    in_new_process(contender, method, size, turn, arguments.log)
-    put(arguments.page, "compared pairs", table(read(arguments.log)))
+    log, lines = Log(arguments.log), []
+    for turn, contender in itertools.product(range(arguments.turns), arguments.contenders):
+        size = arguments.part if contender == PEERS else arguments.size
+        # Algorithm 1 is the only method that the peers' loop has.
+        for method in ["greedy"] if contender == PEERS else arguments.methods:
+            key = {"contender": contender, "method": method, "size": size, "turn": turn}
+            given = contender, method, size, arguments.log
+            lines.append(log.measure(key, lambda given=given: in_new_process(*given)))
+    put(arguments.page, "compared pairs", compared_table(lines))
 
 
-def read(log: Path) -> list[dict[str, Any]]:
-    """What was measured already."""
-    return [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
+def in_new_process(contender: str, method: str, size: str, log: Path | None) -> dict[str, Any]:
+    """Runs a contender; seconds to its results count from the start of the process."""
+    words = ["-m", "tests.benchmarks.compared_pairs", "--run", contender, method, "--size", size]
+    began = time.time()
+    done = run([*words, *(["--log", str(log)] if log else [])], JAX_PLATFORMS="cpu")
+    found = json.loads(done.answer)
+    return {**found, "cpu": done.cpu, "finished": [own - began for own in found["finished"]]}
 
 
-def in_new_process(contender: str, method: str, size: str, turn: int, log: Path) -> None:
-    """Runs a contender, and writes a line of the log.
-
-    Raises:
-        SystemExit: it failed, with what it said.
-    """
-    words = ["-m", "tests.benchmarks.compared_pairs", "--run", contender, method, "--size", size, "--log", str(log)]
-    before, began = load(), time.time()
-    process = subprocess.Popen(
-        [sys.executable, *words],
-        env={**os.environ, "OMP_NUM_THREADS": "1", "JAX_PLATFORMS": "cpu"},
-        stdout=subprocess.PIPE,
-    )
-    assert process.stdout is not None
-    said = process.stdout.read()
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise SystemExit(f"{contender}, {method}, {size}: failed")
-    line = {
-        **{"contender": contender, "method": method, "size": size, "turn": turn, "load": [before, load()]},
-        **{"cpu": usage.ru_utime + usage.ru_stime, **json.loads(said)},
-    }
-    line["finished"] = [own - began for own in line["finished"]]
-    with log.open("a") as file:
-        file.write(json.dumps(line) + "\n")
-
-
-def run(contender: str, method: str, size: str, log: Path) -> dict[str, Any]:
+def measured(contender: str, method: str, size: str, log: Path | None) -> dict[str, Any]:
     """One contender in this process: when each pair was done, and wall and CPU seconds of a second call.
 
     `detect_many` starts new processes in each call: a second one would have the start again.
@@ -140,7 +110,7 @@ def _drawn(random: np.random.Generator, means: np.ndarray, factors: np.ndarray) 
 Scenes = list[tuple[np.ndarray, np.ndarray]]
 
 
-def by_compare_many(method: str, pairs: Scenes, restarts: int, log: Path, cached: bool = False) -> Iterator[Any]:
+def by_compare_many(method: str, pairs: Scenes, restarts: int, log: Path | None, cached: bool = False) -> Iterator[Any]:
     """A result for each pair."""
     import jax
 
@@ -148,11 +118,11 @@ def by_compare_many(method: str, pairs: Scenes, restarts: int, log: Path, cached
     from gmmjax.comparison import compare_many
 
     if cached:
-        use_compilation_cache(log.with_suffix(".programs"))
+        use_compilation_cache((log or Path("compared_pairs")).with_suffix(".programs"))
     yield from compare_many(pairs, key=jax.random.key(0), restarts=restarts, method=method)
 
 
-def by_detect_many(method: str, pairs: Scenes, restarts: int, log: Path) -> Iterator[Any]:
+def by_detect_many(method: str, pairs: Scenes, restarts: int, log: Path | None) -> Iterator[Any]:
     """Without registration and filters, which `compare` has not; every restart with every other, r x r."""
     from gmmjax.batch import BatchPair, detect_many
     from gmmjax.changes import DetectionConfig
@@ -163,7 +133,7 @@ def by_detect_many(method: str, pairs: Scenes, restarts: int, log: Path) -> Iter
     yield from detect_many([BatchPair(f"pair {n}", *pair) for n, pair in enumerate(pairs)], config=config)
 
 
-def by_vmap(method: str, pairs: Scenes, restarts: int, log: Path) -> Iterator[Any]:
+def by_vmap(method: str, pairs: Scenes, restarts: int, log: Path | None) -> Iterator[Any]:
     """All pairs and restarts as one program: all results at once."""
     import jax
 
@@ -187,12 +157,12 @@ def program(method: str) -> Callable[..., Any]:
     return jax.jit(lambda *given: jax.vmap(averaged)(jax.vmap(of_pair)(*given)))
 
 
-def by_peers(method: str, pairs: Scenes, restarts: int, log: Path) -> Iterator[Any]:
+def by_peers(method: str, pairs: Scenes, restarts: int, log: Path | None) -> Iterator[Any]:
     """Two fits of scikit-learn's with the true number of Gaussians, Algorithm 1 on POT, and the changed points."""
     from threadpoolctl import threadpool_limits
 
+    from tests.benchmarks.clouds import as_mixture
     from tests.benchmarks.peers import sklearn_fixed, thesis_detection
-    from tests.benchmarks.scenes import as_mixture
 
     def fit(points: np.ndarray, components: int, seed: int) -> Any:
         found = sklearn_fixed(points, components, seed)
@@ -213,10 +183,10 @@ CALLS: dict[str, Callable[..., Iterator[Any]]] = {
 }
 
 
-def table(lines: list[dict[str, Any]]) -> str:
+def compared_table(lines: Sequence[Line]) -> str:
     """A row for each contender, method and size: medians over the turns."""
-    rows = ["| " + " | ".join(COLUMNS) + " |", "|---" * len(COLUMNS) + "|"]
-    groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    rows = []
+    groups: dict[tuple[str, str, str], list[Line]] = {}
     for line in lines:
         groups.setdefault((line["size"], line["method"], line["contender"]), []).append(line)
     for (size, method, contender), group in sorted(groups.items()):
@@ -226,15 +196,14 @@ def table(lines: list[dict[str, Any]]) -> str:
         first = statistics.median(line["finished"][0] for line in counted)
         wall, cpu = (statistics.median(steady(line)[part] for line in counted) / restarts for part in (0, 1))
         until = [line["first_cpu"] for line in counted if line["first_cpu"] is not None]
-        loads = [own for line in counted for own in line["load"]]
         cells = [contender, method, size.replace("x", " x "), str(len(counted)), f"{first:.1f} s"]
         cells.append(f"{statistics.median(until):.1f} s" if until else "")
         cells += [f"{1e3 * wall:.1f} ms", f"{1e3 * cpu:.1f} ms", f"{3600 / wall / 64:,.0f}"]
-        rows.append("| " + " | ".join([*cells, f"{min(loads):.1f} to {max(loads):.1f}"]) + " |")
-    return "\n".join(rows)
+        rows.append([*cells, f"{max(line['load'] for line in counted):.1f}"])
+    return table(COLUMNS, rows)
 
 
-def steady(line: dict[str, Any]) -> tuple[float, float]:
+def steady(line: Line) -> tuple[float, float]:
     """Wall and CPU seconds a pair without start and compilation; of `detect_many` the CPU seconds are those of all."""
     finished = line["finished"]
     if line["again"] is None:

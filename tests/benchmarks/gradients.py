@@ -1,6 +1,11 @@
-"""Gradients of fits by their prior: implicit, and through the unrolled steps of EM; JIT-compiled, in float64."""
+"""What gradients of fits by their prior cost: `python -m tests.benchmarks.gradients --page docs/benchmarks.md`.
+
+The gradient is by all leaves of the prior together, in float64, with the fit and its polish. Unrolled is reverse mode
+through as many steps of EM, on the components that won. Memory is what the compiled programs say that they need.
+"""
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +14,54 @@ import numpy as np
 from gmmjax import FitSettings, Prior, fit_mixture
 from gmmjax.mixtures import FeatureChunks, WeightedPoints, expectation, fit_by_annihilation, initial_mixture
 from gmmjax.mixtures.expectation_maximisation import frozen_maximisation
-from tests.benchmarks.scenes import RELATIVE_NOISE_FLOOR, noise_floor
+from gmmjax.scenes import random_scene
+from tests.benchmarks.clouds import GAUSSIANS, RELATIVE_NOISE_FLOOR, gaussian_cloud, noise_floor
+from tests.benchmarks.fits import MAX_COMPONENTS
+from tests.benchmarks.harness import Log, interleaved, options, put, seconds, table
+
+COLUMNS = ("what", "this", "beside", "ratio", "load")
+
+
+def main() -> None:
+    arguments = options(__doc__).parse_args()
+    log, rows = Log(arguments.log), []
+    for scene in ("apart", "overlapping"):
+        line = log.measure(
+            {"scene": scene, "quick": arguments.quick}, lambda scene=scene: measured(scene, arguments.quick)
+        )
+        rows += [[*row, f"{line['load']:.1f}"] for row in line["rows"]]
+    put(arguments.page, "gradients", table(COLUMNS, rows))
+
+
+def measured(scene: str, quick: bool) -> dict[str, Any]:
+    """The rows of eight Gaussians that lie apart, or overlap."""
+    size, most, repeats = (500, 6, 1) if quick else (20_000, MAX_COMPONENTS, 5)
+    points = gaussian_cloud(size)
+    if scene == "apart":
+        points = random_scene(jax.random.key(0), start=GAUSSIANS, appeared=0, points=size // GAUSSIANS).before
+    fit, gradient = fit_and_gradient(points, most)
+    ways = Contenders(points, most)
+    few, many = (5, 20) if quick else (50, 800)
+    timings = interleaved(
+        {
+            "fit": fit,
+            "gradient": gradient,
+            "implicit": ways.gradient("implicit", 5000),
+            "unrolled": ways.gradient("unrolled", ways.steps),
+        },
+        repeats,
+    )
+    cpu = {name: timing.cpu for name, timing in timings.items()}
+    rows = [
+        [f"fit and gradient, fit alone, {len(points):,} points, {scene}", cpu["gradient"], cpu["fit"]],
+        [f"implicit, unrolled over {ways.steps} steps, {scene}", cpu["implicit"], cpu["unrolled"]],
+    ]
+    times = [[what, seconds(own), seconds(other), f"{own / other:.2g}"] for what, own, other in rows]
+    for kind in ("implicit", "unrolled"):
+        less, more = (ways.memory(kind, steps) / 1e6 for steps in (few, many))
+        what = f"memory, {kind}, {many} steps, {few} steps, {scene}"
+        times.append([what, f"{more:.3g} MB", f"{less:.3g} MB", f"{more / less:.2g}"])
+    return {"rows": times}
 
 
 def prior_of(points):
@@ -108,3 +160,7 @@ class Contenders:
 
 def _number(mixture):
     return jnp.sum(mixture.weights**2) + jnp.sum(mixture.means**2) + jnp.sum(mixture.covariances**2)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,10 +1,9 @@
-"""M3C2 beside py4dgeo's, in CPU time and figures: `python -m tests.benchmarks.m3c2`.
+"""M3C2 beside py4dgeo's, in CPU time and figures: `python -m tests.benchmarks.m3c2 --page docs/benchmarks.md`.
 
 A rugged slope of which half has been eroded, at the coordinates of a survey and at its own. Both get the same core
 points, normals, radii and depths, and both begin with the bare points: trees are a part of what is timed.
 """
 
-import argparse
 import contextlib
 import dataclasses
 import logging
@@ -16,8 +15,12 @@ import numpy as np
 
 from gmmjax.changes import M3C2Distances, M3C2Settings, m3c2_distances
 from gmmjax.pair import Pair
-from tests.benchmarks.interleaved import Interleaved, Timing, load
+from tests.benchmarks.harness import Log, Timing, interleaved, options, put, seconds, table
 
+COLUMNS = (
+    *("points", "core points", "radius / depth", "offset", "in a cylinder", "ours", "py4dgeo", "ratio"),
+    *("distance", "level of detection", "other counts", "load"),
+)
 REGISTRATION_ERROR = 0.005
 
 
@@ -101,7 +104,7 @@ def theirs(
     ).run()
 
 
-def timed(case: Case, turns: int, contenders: dict[str, Callable[..., Any]]) -> dict[str, Timing]:
+def measured(case: Case, repeats: int, contenders: dict[str, Callable[..., Any]]) -> dict[str, Timing]:
     """All of them, in turns."""
     clouds = Pair(slope(case.points, 0), slope(case.points, 1, eroded=0.1))
     core = clouds.before[np.random.default_rng(2).permutation(case.points)[: case.core_points]]
@@ -109,38 +112,35 @@ def timed(case: Case, turns: int, contenders: dict[str, Callable[..., Any]]) -> 
         core = (core + np.roll(core, 1, axis=0)) / 2
         core[:, 2] = surface(core[:, :2])
     given = clouds.map(lambda own: own + case.offset), core + case.offset, normals_of(core), case
-    measured = Interleaved({name: lambda run=run: run(*given) for name, run in contenders.items()})
-    for _ in range(turns + 1):
-        measured.turn()
-    return measured.timings
+    return interleaved({name: lambda run=run: run(*given) for name, run in contenders.items()}, repeats)
 
 
-def row(case: Case, timings: dict[str, Timing]) -> str:
-    """A row of the table: the largest differences are those where both count the same points."""
+def cells(timings: dict[str, Timing], radius: float) -> list[str]:
+    """What was measured; the largest differences are those where both count the same points."""
     found, (distance, uncertainty) = timings["ours"].answer, timings["py4dgeo"].answer
     counted = [found.count.before == uncertainty["num_samples1"], found.count.after == uncertainty["num_samples2"]]
     same, pairs = counted[0] & counted[1], [(found.distance, distance)]
     pairs += [(found.level_of_detection, uncertainty["lodetection"])]
     assert all((np.isnan(one) == np.isnan(other))[same].all() for one, other in pairs)
-    most = [f"{np.nanmax(np.abs(one - other)[same]) / case.radius:.0e}" for one, other in pairs]
-    times = [f"{1000 * timings[name].cpu:.0f} ms" for name in ("ours", "py4dgeo")]
+    most = [f"{np.nanmax(np.abs(one - other)[same]) / radius:.0e}" for one, other in pairs]
+    times = [seconds(timings[name].cpu) for name in ("ours", "py4dgeo")]
     ratio = f"{timings['py4dgeo'].cpu / timings['ours'].cpu:.1f} x"
-    counts = f"{np.median(found.count.before):.0f}", f"{(~same).sum()}"
-    return f"| {' | '.join([str(case), counts[0], *times, ratio, *most, counts[1]])} |"
+    return [f"{np.median(found.count.before):.0f}", *times, ratio, *most, str((~same).sum())]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--turns", type=int, default=5, help="after the first one, which is the warm-up")
-    options = parser.parse_args()
-    heading = ["points", "core points", "radius / depth", "offset", "in a cylinder", "ours", "py4dgeo", "ratio"]
-    heading += ["distance", "level of detection", "other counts"]
-    print(f"| {' | '.join(heading)} |\n|{'---|' * len(heading)}", flush=True)
+    arguments = options(__doc__).parse_args()
+    log, rows, page = Log(arguments.log), [], arguments.page and arguments.page.resolve()
+    contenders, repeats = {"ours": ours, "py4dgeo": theirs}, 1 if arguments.quick else 5
     # py4dgeo logs to a file in the working directory.
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        for case in CASES:
-            print(row(case, timed(case, options.turns, {"ours": ours, "py4dgeo": theirs})), flush=True)
-    print(f"\nload {load():.1f}")
+        for case in (Case(2_000, 200, 0.5, 1.2),) if arguments.quick else CASES:
+            line = log.measure(
+                {"case": str(case)},
+                lambda case=case: {"cells": cells(measured(case, repeats, contenders), case.radius)},
+            )
+            rows.append([*str(case).split(" | "), *line["cells"], f"{line['load']:.1f}"])
+    put(page, "m3c2", table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

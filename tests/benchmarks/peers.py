@@ -4,31 +4,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import ot
-from scipy.optimize import linprog
 from scipy.spatial.distance import cdist
-from sklearn.mixture import BayesianGaussianMixture
+from scipy.stats import multivariate_normal
 from sklearn.mixture import GaussianMixture as SklearnMixture
 
-from tests.benchmarks import numpy_figueiredo_jain
-from tests.benchmarks.scenes import as_mixture, noise_floor
-from tests.mixtures import plain_figueiredo_jain as oracle
+from tests.benchmarks.clouds import as_mixture, noise_floor
 
 # The tolerance of our fits, nats an observation: scikit-learn's bound is the same quantity.
 TOLERANCE = 1e-5
-
-
-def figueiredo_jain(points, max_components):
-    """FJ02 in NumPy, that computes nothing twice."""
-    return as_mixture(*numpy_figueiredo_jain.fit(points, max_components, noise_floor(points))[1])
-
-
-def plain_figueiredo_jain(points, max_components):
-    """FJ02 in plain NumPy, the oracle of the tests, from the same start."""
-    floor = noise_floor(points)
-    means, covariances = numpy_figueiredo_jain.start(points, max_components, floor)
-    weights, mass = np.full(max_components, 1 / max_components), np.ones(len(points))
-    mixture = oracle.fit(points, mass, weights, means, covariances, floor)[1]
-    return as_mixture(*(leaf[mixture[0] > 0] for leaf in mixture))
 
 
 def sklearn_grid(points, max_components):
@@ -42,13 +25,6 @@ def sklearn_fixed(points, components, seed=0):
     """One fit of scikit-learn's `GaussianMixture` with the number of components given."""
     settings = {"tol": TOLERANCE, "reg_covar": noise_floor(points) ** 2, "random_state": seed}
     return SklearnMixture(components, **settings).fit(points)
-
-
-def sklearn_bayesian(points, max_components):
-    """scikit-learn's Dirichlet process; its components are those that some point most probably belongs to."""
-    fit = BayesianGaussianMixture(n_components=max_components, max_iter=500, random_state=0).fit(points)
-    used = np.unique(fit.predict(points))
-    return as_mixture(fit.weights_[used] / fit.weights_[used].sum(), fit.means_[used], fit.covariances_[used])
 
 
 def gmmx_fit(points, components, max_steps=100, tolerance=TOLERANCE):
@@ -115,14 +91,6 @@ def _ott_distance(before, after, epsilon):
     return jnp.sum(solved.matrix * cost)
 
 
-def linear_programme(before, after):
-    """The same by SciPy's HiGHS."""
-    cost = cdist(before[1], after[1])
-    rows, columns = cost.shape
-    sums = np.concatenate([np.kron(np.eye(rows), np.ones(columns)), np.kron(np.ones(rows), np.eye(columns))])
-    return linprog(cost.ravel(), A_eq=sums, b_eq=np.concatenate([before[0], after[0]]), method="highs").fun
-
-
 def live_pairs(before, after):
     """The live weights and means of every pair in two stacks of mixtures."""
     stacks = []
@@ -158,7 +126,7 @@ def pot_greedy(before, after):
 
 
 def thesis_detection(before, after, max_components, fit):
-    """The thesis's algorithm, run once: a NumPy fit of each cloud, Algorithm 1 on POT, the changed points of each."""
+    """The thesis's algorithm, run once: a fit of each cloud, Algorithm 1 on POT, the changed points of each."""
     fits = [fit(points, max_components) for points in (before, after)]
     removed = pot_greedy(*((fit.weights, fit.means) for fit in fits))
     return [
@@ -169,8 +137,6 @@ def thesis_detection(before, after, max_components, fit):
 
 def most_probable(mixture, points):
     """The component of each point."""
-    joint = [
-        weight * numpy_figueiredo_jain.density(points, mean, covariance)
-        for weight, mean, covariance in zip(mixture.weights, mixture.means, mixture.covariances, strict=True)
-    ]
+    components = zip(mixture.weights, mixture.means, mixture.covariances, strict=True)
+    joint = [np.log(weight) + multivariate_normal(*shape).logpdf(points) for weight, *shape in components]
     return np.argmax(joint, axis=0)

@@ -22,9 +22,9 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax import Changes, read_cloud
 from gmmjax.scenes import laboratory_scene
+from tests.benchmarks.clouds import changed_pair
 from tests.benchmarks.displaced_scenes import Scene
 from tests.benchmarks.displacements import detected
-from tests.benchmarks.scenes import changed_pair
 
 REAL_PAIRS = ("split_milk_carton_removed", "mosd_test44_47", "split_room_sixpack_removed")
 MIRRORED_KIND = {"appeared": "disappeared", "disappeared": "appeared", "moved": "moved"}

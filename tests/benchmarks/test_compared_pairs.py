@@ -9,13 +9,13 @@ from tests.benchmarks.compared_pairs import CACHED, DETECT, MANY, PEERS
 
 def line(contender, *, size="4x8", first=5.0, again=(1.6, 3.2), turn=0):
     return {
-        **{"contender": contender, "method": "greedy", "size": size, "turn": turn, "load": [0.5, 1.0], "cpu": 64.0},
+        **{"contender": contender, "method": "greedy", "size": size, "turn": turn, "load": 1.0, "cpu": 64.0},
         **{"finished": [first, first + 1, first + 2, first + 3], "first_cpu": 2.0, "again": again},
     }
 
 
 def test_seconds_a_comparison_are_those_of_the_second_call():
-    row = compared_pairs.table([line(MANY)]).splitlines()[-1]
+    row = compared_pairs.compared_table([line(MANY)]).splitlines()[-1]
     assert row.startswith("| compare_many | greedy | 4 x 8 | 1 | 5.0 s | 2.0 s | 50.0 ms | 100.0 ms | 1,125 |")
 
 
@@ -24,7 +24,7 @@ def test_processes_are_measured_between_their_results():
 
 
 def test_the_run_that_fills_the_folder_of_programs_does_not_count():
-    rows = compared_pairs.table([line(CACHED, first=9.0), line(CACHED, first=3.0, turn=1)])
+    rows = compared_pairs.compared_table([line(CACHED, first=9.0), line(CACHED, first=3.0, turn=1)])
     assert "| 1 | 3.0 s |" in rows
 
 

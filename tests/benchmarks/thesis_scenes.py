@@ -19,7 +19,7 @@ from gmmjax import use_compilation_cache
 from gmmjax.comparison import ComparedPair, Method, compare_many
 from gmmjax.evaluation import LabelledPair, Scores, gaussian_sources, score_labelled_pair
 from gmmjax.mixtures import GaussianMixture
-from tests.benchmarks.page import put
+from tests.benchmarks.harness import put
 
 METHODS: tuple[Method, ...] = ("greedy", "transport", "joint")
 # One kind of change occurs, or both do.

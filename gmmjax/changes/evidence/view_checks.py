@@ -27,9 +27,8 @@ class ViewCheckSettings:
         most_hidden: fraction of the points that are covered together with their neighbours, by what is neither near the
             sensor nor seen at a grazing angle, at most, of a single view; of n views it is divided by the root of n,
             since what one of them misses another one sees. With it and the next one none of 280 surveys is refused with
-            its own views, and three quarters of those with views off by half their width are
-            (`tests.benchmarks.view_checks`). 1: views of another place are used; 0: one point that is covered is enough
-            to refuse all views.
+            its own views, and three quarters of those with views off by half their width are. 1: views of
+            another place are used; 0: one point that is covered is enough to refuse all views.
         most_hidden_sighted: the same where the scan's own lines of sight are looked at, which fill no gaps. 1 and 0:
             likewise.
         covered_bins: a point is covered where, of the nine bins of an image around its direction, so many show

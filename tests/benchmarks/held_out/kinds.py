@@ -10,14 +10,14 @@ import numpy as np
 
 from gmmjax.errors import check_choice
 from gmmjax.evaluation import LabelledCloud, PairSource
-from tests.benchmarks.held_out import indoors, outdoors
+from tests.benchmarks.held_out import halls, indoors, slopes
 from tests.benchmarks.held_out.surveys import HeldOutPair, Staged, labelled
 
 Poses = Literal["given", "unknown"]
 CHANGED, UNCHANGED = "changed", "unchanged"
-KINDS: Mapping[str, Callable[[np.random.Generator, bool], Staged]] = {
+ROOMS: Mapping[str, Callable[[np.random.Generator, bool], Staged]] = {
     "room": indoors.room,
-    "hard_room": indoors.hard_room,
+    "hard_room": functools.partial(indoors.room, lost=0.25),
     "single_frame": indoors.single_frame,
     "misregistered_room": indoors.misregistered_room,
     "station": indoors.station,
@@ -25,25 +25,27 @@ KINDS: Mapping[str, Callable[[np.random.Generator, bool], Staged]] = {
     "two_sensors": indoors.two_sensors,
     "half_overlap": indoors.half_overlap,
     "turned_chair": indoors.turned_chair,
-    "box_by_3_cm": indoors.box_by_3_cm,
-    "box_by_10_cm": indoors.box_by_10_cm,
+    "box_by_3_cm": functools.partial(indoors.shifted_box, metres=0.03),
+    "box_by_10_cm": functools.partial(indoors.shifted_box, metres=0.10),
     "laid_table": indoors.laid_table,
     "opened_door": indoors.opened_door,
     "pulled_drawer": indoors.pulled_drawer,
-    "airborne": outdoors.airborne,
-    "street": outdoors.street,
 }
+# Scenes of surveyors, of any number of points.
+SURVEYED: Mapping[str, Callable[[np.random.Generator, bool, int], Staged]] = {"hall": halls.hall, "slope": slopes.slope}
+KINDS = (*ROOMS, *SURVEYED)
 
 
 def held_out_sources(
-    kinds: Sequence[str] = tuple(KINDS), seeds: Sequence[int] = (0,), poses: Sequence[Poses] = ("unknown", "given")
+    kinds: Sequence[str], seeds: Sequence[int], poses: Sequence[Poses], points: int = 400_000
 ) -> list[PairSource]:
     """Scenes that changed and scenes that did not, of every kind and seed.
 
     Args:
-        kinds: keys of `KINDS`.
+        kinds: of `KINDS`.
         seeds: a scene of either condition for each.
         poses: whether the detectors are given the sensors' poses; the points are the same.
+        points: about so many a side, of `SURVEYED` kinds.
 
     Returns:
         Sources whose group is the kind with the poses, whose condition is "changed" or "unchanged".
@@ -52,26 +54,25 @@ def held_out_sources(
         InputError: an unknown kind.
     """
     for kind in kinds:
-        check_choice("kind", kind, tuple(KINDS))
+        check_choice("kind", kind, KINDS)
+    every = itertools.product(kinds, poses, (CHANGED, UNCHANGED), seeds)
     return [
         PairSource(
             f"{kind} {seed}",
             f"{kind}, poses {known}",
             condition,
-            functools.partial(held_out_pair, kind, seed, condition == CHANGED, known),
+            functools.partial(held_out_pair, kind, seed, condition == CHANGED, known, points),
         )
-        for kind in kinds
-        for known in poses
-        for condition in (CHANGED, UNCHANGED)
-        for seed in seeds
+        for kind, known, condition, seed in every
     ]
 
 
-def held_out_pair(kind: str, seed: int, changed: bool, poses: Poses = "given") -> HeldOutPair:
+def held_out_pair(kind: str, seed: int, changed: bool, poses: Poses = "given", points: int = 400_000) -> HeldOutPair:
     """One scene, drawn from the seed; where nobody can be asked to find any of its changes, another is drawn."""
     for attempt in itertools.count():
         random = np.random.default_rng([zlib.crc32(kind.encode()), seed, changed, *([attempt] if attempt else [])])
-        pair = labelled(f"{kind} {seed}", KINDS[kind](random, changed), random, given=poses == "given")
+        staged = SURVEYED[kind](random, changed, points) if kind in SURVEYED else ROOMS[kind](random, changed)
+        pair = labelled(f"{kind} {seed}", staged, random, given=poses == "given")
         if not changed or _findable(pair.before) or _findable(pair.after):
             break
     return pair

@@ -4,12 +4,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+Place = Sequence[float] | np.ndarray
 
-def box(width: float, depth: float, height: float) -> np.ndarray:
-    """A block about the z axis."""
+
+def box(width: float, depth: float, height: float, at: Place = (0, 0, 0)) -> np.ndarray:
+    """A block that stands on a place."""
     corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0, 1)]) * (width, depth, height)
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    return np.array([corners[[a, *pair]] for a, b, c, d in faces for pair in ((b, c), (c, d))])
+    triangles = np.array([corners[[a, *pair]] for a, b, c, d in faces for pair in ((b, c), (c, d))])
+    return triangles + np.asarray(at, float)
 
 
 def revolved(profile: Sequence[tuple[float, float]], segments: int = 20) -> np.ndarray:
@@ -57,41 +60,35 @@ def open_box(width: float, depth: float, height: float, wall: float = 0.015) -> 
     """Four walls and a bottom."""
     return joined(
         box(width, depth, wall),
-        *(shifted(box(wall, depth, height), (s * (width - wall) / 2, 0, 0)) for s in (-1, 1)),
-        *(shifted(box(width, wall, height), (0, s * (depth - wall) / 2, 0)) for s in (-1, 1)),
+        *(box(wall, depth, height, (s * (width - wall) / 2, 0, 0)) for s in (-1, 1)),
+        *(box(width, wall, height, (0, s * (depth - wall) / 2, 0)) for s in (-1, 1)),
     )
 
 
 def table(width: float, depth: float, height: float, leg: float = 0.05) -> np.ndarray:
     x, y = width / 2 - leg, depth / 2 - leg
-    legs = [shifted(box(leg, leg, height), (a * x, b * y, 0)) for a in (-1, 1) for b in (-1, 1)]
-    return joined(shifted(box(width, depth, 0.03), (0, 0, height - 0.03)), *legs)
+    legs = [box(leg, leg, height, (a * x, b * y, 0)) for a in (-1, 1) for b in (-1, 1)]
+    return joined(box(width, depth, 0.03, (0, 0, height - 0.03)), *legs)
 
 
 def chair(seat: float = 0.45, height: float = 0.45, back: float = 0.45) -> np.ndarray:
     """Four legs, a seat, and a back on the side of negative y."""
-    rest = shifted(box(seat, 0.04, back), (0, 0.02 - seat / 2, height))
+    rest = box(seat, 0.04, back, (0, 0.02 - seat / 2, height))
     return joined(table(seat, seat, height, 0.04), rest)
 
 
 def shelf(width: float, depth: float, height: float, boards: int) -> np.ndarray:
     """Two sides, a back on the side of positive y, and boards."""
-    sides = [shifted(box(0.03, depth, height), (s * (width - 0.03) / 2, 0, 0)) for s in (-1, 1)]
+    sides = [box(0.03, depth, height, (s * (width - 0.03) / 2, 0, 0)) for s in (-1, 1)]
     levels = np.linspace(0.05, height - 0.03, boards)
-    planks = [shifted(box(width, depth, 0.025), (0, 0, float(level))) for level in levels]
-    return joined(*sides, shifted(box(width, 0.02, height), (0, depth / 2, 0)), *planks)
+    planks = [box(width, depth, 0.025, (0, 0, float(level))) for level in levels]
+    return joined(*sides, box(width, 0.02, height, (0, depth / 2, 0)), *planks)
 
 
 def cup(radius: float, height: float) -> np.ndarray:
     """With a handle on the side of positive x."""
-    wall = [
-        (0, 0.004),
-        (0.8 * radius, 0),
-        (radius, height),
-        (radius - 0.004, height),
-        (0.75 * radius, 0.006),
-        (0, 0.006),
-    ]
+    inside = [(radius - 0.004, height), (0.75 * radius, 0.006), (0, 0.006)]
+    wall = [(0, 0.004), (0.8 * radius, 0), (radius, height), *inside]
     angle = np.linspace(-np.pi / 2, np.pi / 2, 7)
     bend = np.stack([0.6 * radius * np.cos(angle), 0 * angle, 0.28 * height * np.sin(angle)], axis=1)
     return joined(revolved(wall), tube(bend + np.array([0.95 * radius, 0, 0.5 * height]), 0.005, 6))
@@ -115,9 +112,8 @@ def bottle(radius: float, height: float) -> np.ndarray:
 
 def bin_of(radius: float, height: float) -> np.ndarray:
     """A round one, open at the top."""
-    return revolved(
-        [(0, 0), (0.8 * radius, 0), (radius, height), (0.97 * radius, height), (0.77 * radius, 0.02), (0, 0.02)]
-    )
+    inside = [(0.97 * radius, height), (0.77 * radius, 0.02), (0, 0.02)]
+    return revolved([(0, 0), (0.8 * radius, 0), (radius, height), *inside])
 
 
 def suitcase(width: float, depth: float, height: float) -> np.ndarray:
@@ -137,52 +133,11 @@ def plant(radius: float, height: float) -> np.ndarray:
     return joined(pot, stem, crown)
 
 
-def car(length: float, width: float, height: float) -> np.ndarray:
-    """A body, a narrower cabin, and four wheels."""
-    body = shifted(box(length, width, 0.5 * height), (0, 0, 0.18))
-    low, high = 0.5 * height + 0.18, height
-    lower = np.array([(-0.3 * length, 0.46 * width), (0.28 * length, 0.46 * width)])
-    upper = np.array([(-0.2 * length, 0.38 * width), (0.12 * length, 0.38 * width)])
-    ring = np.array(
-        [
-            [(x, y, z) for x, y in (rim[0], rim[1], rim[1] * (1, -1), rim[0] * (1, -1), rim[0])]
-            for rim, z in ((lower, low), (upper, high))
-        ]
-    )
-    roof = np.stack([ring[1, [0, 1]], ring[1, [3, 2]]])
-    disc = cylinder(0.32, 0.2, 12) @ np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
-    wheels = [shifted(disc, (a * length, b * width - 0.1, 0.32)) for a in (-0.32, 0.32) for b in (-0.45, 0.45)]
-    return joined(body, lattice(ring), lattice(roof), *wheels)
-
-
-def house(width: float, depth: float, eaves: float, ridge: float) -> np.ndarray:
-    """Walls and a gable roof whose ridge is along x; flat where the ridge is as high as the eaves."""
-    x, y = width / 2 + 0.3, depth / 2 + 0.3
-    left, top, right = ([(-x, s * y, z), (x, s * y, z)] for s, z in ((-1, eaves), (0, ridge), (1, eaves)))
-    ends = np.array(
-        [
-            [(e * width / 2, -depth / 2, eaves), (e * width / 2, depth / 2, eaves), (e * width / 2, 0, ridge)]
-            for e in (-1, 1)
-        ]
-    )
-    return joined(box(width, depth, eaves), lattice(np.array([left, top, right], float)), ends)
-
-
-def tree(radius: float, height: float, random: np.random.Generator) -> np.ndarray:
-    """A trunk and a crown of lumps."""
-    lumps = []
-    for _ in range(6):
-        size = radius * random.uniform(0.7, 1.2)
-        place = random.normal(0, 0.4 * radius, 3) + np.array([0, 0, height - radius - size / 2])
-        lumps.append(shifted(ellipsoid(size, size, size, 5, 8), place))
-    return joined(cylinder(0.15, height - radius, 8), *lumps)
-
-
 def joined(*parts: np.ndarray) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def shifted(triangles: np.ndarray, by: Sequence[float] | np.ndarray) -> np.ndarray:
+def shifted(triangles: np.ndarray, by: Place) -> np.ndarray:
     return triangles + np.asarray(by, float)
 
 
@@ -193,7 +148,7 @@ def turned(triangles: np.ndarray, degrees: float) -> np.ndarray:
     return triangles @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
 
 
-def placed(triangles: np.ndarray, position: Sequence[float] | np.ndarray, degrees: float = 0.0) -> np.ndarray:
+def placed(triangles: np.ndarray, position: Place, degrees: float = 0.0) -> np.ndarray:
     return shifted(turned(triangles, degrees), position)
 
 

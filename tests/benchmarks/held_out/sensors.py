@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from tests.benchmarks.held_out.casting import Thing, first_hits
+from tests.benchmarks.held_out.casting import Body, first_hits
 
 
 class Frame(NamedTuple):
@@ -16,12 +16,12 @@ class Frame(NamedTuple):
     Attributes:
         measured: points in the sensor's own coordinates [n, 3].
         places: where on the surfaces they truly are, in the world [n, 3].
-        thing: index of the thing that each belongs to; -1 for those between two of them.
+        change: id of the change that each is of; -1 for none, and for those between two surfaces.
     """
 
     measured: np.ndarray
     places: np.ndarray
-    thing: np.ndarray
+    change: np.ndarray
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -42,6 +42,7 @@ class Sensor:
         grazing: cosine below which a surface returns nothing.
         blocked: rays that the carrier is in the way of [rows, columns]; None: none.
         least_range: metres.
+        window: azimuths and elevations that are scanned, degrees; None: those of the field of view.
     """
 
     rays: np.ndarray
@@ -57,11 +58,12 @@ class Sensor:
     grazing: float = 0.1
     blocked: np.ndarray | None = None
     least_range: float = 0.2
+    window: tuple[tuple[float, float], tuple[float, float]] | None = None
 
-    def frame(self, things: Sequence[Thing], pose: np.ndarray, random: np.random.Generator) -> Frame:
+    def frame(self, bodies: Sequence[Body], pose: np.ndarray, random: np.random.Generator) -> Frame:
         """What it returns from a pose [4, 4], sensor to world."""
         shape, rays = self.rays.shape[:2], self.rays.reshape(-1, 3)
-        hits = first_hits(things, pose[:3, 3], rays @ pose[:3, :3].T)
+        hits = first_hits(bodies, pose[:3, 3], rays @ pose[:3, :3].T, random)
         ranges = np.where(np.isfinite(hits.ranges), hits.ranges, 4 * self.max_range)
         beyond = _beyond_edge(ranges.reshape(shape)).ravel()
         edge = beyond > ranges
@@ -75,23 +77,25 @@ class Sensor:
         kept = (ranges > self.least_range) & (measured > self.least_range) & (measured < self.max_range)
         kept &= (random.random(len(rays)) >= self.lost) & (hits.facing > self.grazing * random.uniform(0.5, 1.5))
         kept &= mixes | ~edge | (random.random(len(rays)) >= self.edge_lost)
-        kept &= hits.thing >= 0
+        kept &= np.isfinite(hits.ranges)
         if self.blocked is not None:
             kept &= ~self.blocked.ravel()
         places = pose[:3, 3] + (rays[kept] * ranges[kept, None]) @ pose[:3, :3].T
-        return Frame(rays[kept] * measured[kept, None], places, np.where(mixes, -1, hits.thing)[kept])
+        return Frame(rays[kept] * measured[kept, None], places, np.where(mixes, -1, hits.change)[kept])
 
-    def sees(self, points: np.ndarray, things: Sequence[Thing], pose: np.ndarray, slack: float) -> np.ndarray:
+    def sees(self, points: np.ndarray, bodies: Sequence[Body], pose: np.ndarray, slack: float) -> np.ndarray:
         """Which points of the world lie on the surfaces, or before the surfaces, that it observes from a pose."""
         x, y, z = own = ((points - pose[:3, 3]) @ pose[:3, :3]).T
-        wide = self.field_of_view[0] > 180
-        across, up = (np.radians(angle) / 2 for angle in self.field_of_view)
-        depth = np.hypot(x, z) if wide else z
+        across, up = (np.array([-angle, angle]) / 2 for angle in self.field_of_view)
+        if self.window:
+            across, up = map(np.array, self.window)
+        depth = np.hypot(x, z) if self.field_of_view[0] > 180 else z
         ranges = np.linalg.norm(own, axis=0)
-        inside = (np.abs(np.arctan2(x, z)) <= across) & (np.abs(np.arctan2(y, depth)) <= up)
+        azimuth, elevation = np.degrees(np.arctan2(x, z)), np.degrees(np.arctan2(-y, depth))
+        inside = (azimuth >= across[0]) & (azimuth <= across[1]) & (elevation >= up[0]) & (elevation <= up[1])
         rows = np.flatnonzero(inside & (ranges < self.max_range) & (ranges > self.least_range))
         directions = (points[rows] - pose[:3, 3]) / ranges[rows, None]
-        hits = first_hits(things, pose[:3, 3], directions)
+        hits = first_hits(bodies, pose[:3, 3], directions, lowered=slack)
         visible = np.zeros(len(points), bool)
         visible[rows] = hits.ranges > ranges[rows] - slack
         return visible
@@ -160,6 +164,17 @@ def looking(
     pose[:3, :3] = np.stack([c * right + s * down, c * down - s * right, forward], axis=1)
     pose[:3, 3] = position
     return pose
+
+
+def tripod(
+    rays: float, turn: tuple[float, float], rise: tuple[float, float], max_range: float, noise: tuple[float, ...]
+) -> Sensor:
+    """A terrestrial scanner with about so many rays, in equal steps of azimuth (`turn`) and elevation, degrees."""
+    step = np.sqrt((turn[1] - turn[0]) * (rise[1] - rise[0]) / rays)
+    a, e = np.meshgrid(*(np.radians(np.arange(low, high - step / 2, step)) for low, high in (turn, rise)))
+    directions = np.stack([np.cos(e) * np.sin(a), -np.sin(e), np.cos(e) * np.cos(a)], axis=-1)
+    settings = {"slanted": 0.15, "mixed": 0.15, "edge_lost": 0.01, "lost": 0.01, "grazing": 0.04, "least_range": 0.6}
+    return Sensor(directions, (360.0, 179.0), max_range, noise, **settings, window=(turn, rise))
 
 
 def _beyond_edge(image: np.ndarray) -> np.ndarray:

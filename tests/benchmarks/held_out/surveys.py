@@ -10,7 +10,7 @@ from gmmjax.clouds import SensorViews
 from gmmjax.evaluation import LabelledCloud, LabelledPair
 from gmmjax.geometry import least_squares_transform
 from gmmjax.pair import Pair, each
-from tests.benchmarks.held_out.casting import Thing
+from tests.benchmarks.held_out.casting import RIM, Body, Terrain, Thing
 from tests.benchmarks.held_out.sensors import Sensor
 
 # A change is counted where it has this many points, and less than this share of them out of the other survey's sight.
@@ -18,34 +18,50 @@ LEAST_POINTS, MOST_UNSEEN = 40, 0.5
 
 
 class Stage:
-    """What stands there at either time."""
+    """Takes meshes as they come, go, move or stay; where nothing changes, all of them stay.
 
-    def __init__(self) -> None:
-        self.worlds: Pair[list[Thing]] = Pair([], [])
+    Attributes:
+        worlds: what is there before and after.
+        motions: by the id of each object that moved its rigid motion [4, 4].
+    """
+
+    def __init__(self, changed: bool = True) -> None:
+        self.worlds: Pair[list[Body]] = Pair([], [])
         self.motions: dict[int, np.ndarray] = {}
+        self.changed = changed
         self._changes = 0
 
     def stays(self, *meshes: np.ndarray) -> None:
-        for mesh in meshes:
-            thing = Thing(mesh)
-            self.worlds.before.append(thing)
-            self.worlds.after.append(thing)
+        self.both(*map(Thing, meshes))
+
+    def both(self, *bodies: Body) -> None:
+        for side in self.worlds:
+            side.extend(bodies)
 
     def goes(self, mesh: np.ndarray) -> None:
-        self.worlds.before.append(Thing(mesh, self._next()))
+        self._one_side(self.worlds.before, mesh)
 
     def comes(self, mesh: np.ndarray) -> None:
-        self.worlds.after.append(Thing(mesh, self._next()))
+        self._one_side(self.worlds.after, mesh)
 
     def moves(self, before: np.ndarray, after: np.ndarray) -> None:
-        number = self._next()
+        if not self.changed:
+            self.stays(before)
+            return
+        number = self.next_number()
         self.motions[number] = least_squares_transform(before.reshape(-1, 3), after.reshape(-1, 3))
         self.worlds.before.append(Thing(before, number))
         self.worlds.after.append(Thing(after, number))
 
-    def _next(self) -> int:
+    def next_number(self) -> int:
         self._changes += 1
         return self._changes - 1
+
+    def _one_side(self, side: list[Body], mesh: np.ndarray) -> None:
+        if self.changed:
+            side.append(Thing(mesh, self.next_number()))
+        else:
+            self.stays(mesh)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -114,17 +130,17 @@ def labelled(name: str, staged: Staged, random: np.random.Generator, *, given: b
     unseen = each(lambda own, rig, world: ~_seen(own, rig, world, staged.slack), surveys, rigs.swapped, worlds.swapped)
     moved = Pair(np.eye(4), staged.misregistration)
 
-    def cloud(own: _Survey, unseen: np.ndarray, rig: Rig, world: list[Thing], motion: np.ndarray) -> LabelledCloud:
+    def cloud(own: _Survey, unseen: np.ndarray, rig: Rig, motion: np.ndarray) -> LabelledCloud:
         views = SensorViews(motion @ rig.believed, rig.sensor.field_of_view, rig.sensor.max_range)
         return LabelledCloud(
             own.points @ motion[:3, :3].T + motion[:3, 3],
             own.change,
             unseen,
             views if given else None,
-            _not_counted(world, own.change, unseen),
+            _not_counted(own.change, unseen),
         )
 
-    return HeldOutPair(name, *each(cloud, surveys, unseen, rigs, worlds, moved), staged.stage.motions)
+    return HeldOutPair(name, *each(cloud, surveys, unseen, rigs, moved), staged.stage.motions)
 
 
 def rig_of(
@@ -168,16 +184,15 @@ def motion_about(
     return motion
 
 
-def _surveyed(rig: Rig, world: Sequence[Thing], random: np.random.Generator) -> _Survey:
-    change = np.array([thing.change for thing in world] + [-1])
+def _surveyed(rig: Rig, world: Sequence[Body], random: np.random.Generator) -> _Survey:
     points, places, changes = [], [], []
     for pose, believed in zip(rig.poses, rig.believed, strict=True):
         frame = rig.sensor.frame(world, pose, random)
         points.append(frame.measured @ believed[:3, :3].T + believed[:3, 3])
         places.append(frame.places)
-        changes.append(change[frame.thing])
+        changes.append(frame.change)
     kept = _thin(np.concatenate(points), rig.thinned, random)
-    return _Survey(np.concatenate(points)[kept], np.concatenate(places)[kept], np.concatenate(changes)[kept])
+    return _Survey(*(np.concatenate(own)[kept] for own in (points, places, changes)))
 
 
 def _thin(points: np.ndarray, size: float, random: np.random.Generator) -> np.ndarray:
@@ -190,24 +205,23 @@ def _thin(points: np.ndarray, size: float, random: np.random.Generator) -> np.nd
     return np.sort(order[first])
 
 
-def _seen(own: _Survey, rig: Rig, world: Sequence[Thing], slack: float) -> np.ndarray:
-    """Which places of a survey another one observed; what moved does not hide its own former place."""
+def _seen(own: _Survey, rig: Rig, world: Sequence[Body], slack: float) -> np.ndarray:
+    """Which places of a survey another one observed; what moved or was displaced does not hide its former place."""
     visible = np.zeros(len(own.places), bool)
-    both = set(np.unique(own.change[own.change >= 0])) & {thing.change for thing in world}
+    depth = max((max(body.depths.values(), default=0.0) for body in world if isinstance(body, Terrain)), default=0.0)
+    both = set(np.unique(own.change[own.change >= 0])) & frozenset().union(*(body.changes for body in world))
     for change in (-1, *both):
-        others = [thing for thing in world if change < 0 or thing.change != change]
+        others = [body for body in world if body.changes != {change}]
         rows = np.flatnonzero(own.change == change if change in both else ~np.isin(own.change, list(both)))
         for pose in rig.poses:
             left = rows[~visible[rows]]
             if len(left):
-                visible[left] = rig.sensor.sees(own.places[left], others, pose, slack)
+                margin = slack + 2 * depth if change in both else slack
+                visible[left] = rig.sensor.sees(own.places[left], others, pose, margin)
     return visible
 
 
-def _not_counted(world: Sequence[Thing], change: np.ndarray, unseen: np.ndarray) -> frozenset[int]:
-    numbers = {thing.change for thing in world if thing.change >= 0}
-    return frozenset(
-        number
-        for number in numbers
-        if (change == number).sum() < LEAST_POINTS or unseen[change == number].mean() >= MOST_UNSEEN
-    )
+def _not_counted(change: np.ndarray, unseen: np.ndarray) -> frozenset[int]:
+    numbers = np.unique(change[change >= 0])
+    few = {int(n) for n in numbers if (change == n).sum() < LEAST_POINTS or unseen[change == n].mean() >= MOST_UNSEEN}
+    return frozenset(few | {RIM})
