@@ -162,7 +162,8 @@ def pair_hypotheses(
         compared = Compared(Pair(parts[i], parts[j]), surfaces, noise, Pair(planes[i], planes[j]))
         match = best_match(compared)
         if match is not None:
-            facts, situation = MatchFacts.of(match, compared.parts), "standing" if match.upright else "free"
+            situation: Situation = "standing" if match.upright else "free"
+            facts = MatchFacts.of(match, compared.parts)
             hypotheses[i, j] = PairHypothesis(compared, match.transform, facts, situation)
     return hypotheses
 
@@ -203,8 +204,8 @@ def _partners(hypotheses: dict[tuple[int, int], PairHypothesis]) -> dict[tuple[i
     for (i, j), found in hypotheses.items():
         table[gone.index(i), new.index(j)] = shipped_model()[found.situation].log_odds(found.facts)
     probabilities = pairing_probabilities(table)
-    found = zip(*np.nonzero(probabilities >= MOVED_THRESHOLD), strict=True)
-    return {(gone[row], new[column]): float(probabilities[row, column]) for row, column in found}
+    partners = np.argwhere(probabilities >= MOVED_THRESHOLD)
+    return {(gone[row], new[column]): float(probabilities[row, column]) for row, column in partners}
 
 
 def _joined(
