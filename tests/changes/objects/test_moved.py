@@ -2,6 +2,7 @@ import numpy as np
 
 from gmmjax.changes.objects import moved as moved_objects
 from gmmjax.changes.objects.cloud_changes import change_of
+from gmmjax.changes.objects.in_place import _hinged as hinged_motions
 from gmmjax.changes.objects.moved import with_moved
 from gmmjax.pair import Pair
 from tests.changes.scanned_objects import box, level, motion, placed, registered, standing
@@ -172,3 +173,13 @@ def test_a_door_that_was_closed_is_found_in_the_plane_of_its_wall():
     assert [change.kind for change in moved] == ["moved", "moved"]
     np.testing.assert_allclose(moved[0].transform, way, atol=0.03)
     assert (grown.before[: len(leaf)] >= 0).mean() > 0.6
+
+
+def test_two_panels_give_the_rotation_about_their_hinge():
+    x, z = (grid.ravel() for grid in np.meshgrid(np.arange(0.1, 0.8, 0.02), np.arange(0, 1.8, 0.02)))
+    leaf = np.stack([x, np.zeros_like(x), z], axis=1)
+    leaf += 0.002 * np.random.default_rng(0).standard_normal(leaf.shape)
+    way = motion(-0.7, [0.0, 0.0, 0.0])
+    turns = hinged_motions(Pair(leaf, placed(leaf, way)), 0.01)
+    assert min(np.abs(turn - way).max() for turn in turns) < 0.02
+    assert hinged_motions(Pair(leaf, leaf + 0.1), 0.01) == []
