@@ -83,12 +83,13 @@ if TYPE_CHECKING:
     from gmmjax.changes.objects.found import KINDS as KINDS
     from gmmjax.changes.objects.found import ObjectSettings as ObjectSettings
     from gmmjax.changes.objects.match import match_of as match_of
-    from gmmjax.changes.objects.match_facts import MatchFacts as MatchFacts
-    from gmmjax.changes.objects.moved import MovedSettings as MovedSettings
+    from gmmjax.changes.objects.moved import MOVED_THRESHOLD as MOVED_THRESHOLD
     from gmmjax.changes.objects.moved import PairHypothesis as PairHypothesis
     from gmmjax.changes.objects.moved import pair_hypotheses as pair_hypotheses
     from gmmjax.changes.objects.moved import place_hypotheses as place_hypotheses
+    from gmmjax.changes.objects.same_object import FARTHEST as FARTHEST
     from gmmjax.changes.objects.same_object import LogisticWeights as LogisticWeights
+    from gmmjax.changes.objects.same_object import MatchFacts as MatchFacts
     from gmmjax.changes.objects.same_object import SameObjectModel as SameObjectModel
     from gmmjax.changes.objects.same_object import Situation as Situation
     from gmmjax.changes.objects.surface_changes import SurfaceChangeSettings as SurfaceChangeSettings

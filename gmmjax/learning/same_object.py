@@ -4,8 +4,6 @@
 """
 
 import argparse
-import functools
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, get_args
@@ -16,9 +14,10 @@ from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
 from gmmjax.changes import (
+    FARTHEST,
+    MOVED_THRESHOLD,
     LogisticWeights,
     MatchFacts,
-    MovedSettings,
     PairHypothesis,
     SameObjectModel,
     Situation,
@@ -36,22 +35,11 @@ from gmmjax.scenes import FAMILIES
 # Of each fact whether more of it speaks for one object (1), against it (-1), or either (0): what the overlap and the
 # differences mean is known, so that noise in the examples cannot turn it round.
 SIGNS = MatchFacts(
-    covered_least=1,
-    covered_most=1,
+    covered=1,
     explained=1,
     contradicted=-1,
-    bare=-1,
-    residual=-1,
-    overhang_least=-1,
-    overhang_most=-1,
-    height_difference=-1,
-    outline_difference=-1,
-    tops_known=0,
-    tops_agree=1,
     observability=1,
-    width=1,
     thickness=0,
-    fewest_points=0,
     distance=-1,
 )
 
@@ -118,11 +106,7 @@ def _as_good(found: FoundScene, number: int, pair: PairHypothesis) -> bool:
     """Whether a transform brings a thing to where it is, or fits what was seen of it as well as the one that does."""
     if _misplaced(found, number, pair.transform) < RIGHT:
         return True
-    surfaces, noise = found.changes.pair.surfaces, found.changes.registration_error
-    fits, true = (
-        match_of(pair.parts, transform, surfaces, noise, footings=pair.footings).fit
-        for transform in (pair.transform, found.motion(number))
-    )
+    fits, true = (match_of(pair.compared, own).fit for own in (pair.transform, found.motion(number)))
     return fits >= true - AS_GOOD
 
 
@@ -168,13 +152,13 @@ def learned(given: Sequence[Example], settings: LearningSettings) -> SameObjectM
     Raises:
         InputError: too few examples of a situation.
     """
-    situations = {}
+    models = SameObjectModel()
     for situation in get_args(Situation):
         own = [example for example in given if example.situation == situation]
         if len({example.one_object for example in own}) < 2:
             raise InputError(f"the scenes have no two kinds of examples {situation!r}; learn from more scenes")
-        situations[situation] = _fitted(own, 1.0 if situation == "in place" else settings.others)
-    return SameObjectModel(situations)
+        models[situation] = _fitted(own, 1.0 if situation == "in place" else settings.others)
+    return models
 
 
 def _fitted(given: Sequence[Example], others: float) -> LogisticWeights:
@@ -182,9 +166,8 @@ def _fitted(given: Sequence[Example], others: float) -> LogisticWeights:
     facts = np.array([example.facts for example in given])
     truth = np.array([example.one_object for example in given], float)
     means, scales = facts.mean(axis=0), np.maximum(facts.std(axis=0), 1e-3)
-    farthest = SameObjectModel({}).farthest
     weights = np.where(truth > 0, 1.0, others)
-    rows = np.clip((facts - means) / scales, -farthest, farthest)
+    rows = np.clip((facts - means) / scales, -FARTHEST, FARTHEST)
 
     def loss(parameters: np.ndarray) -> tuple[float, np.ndarray]:
         log_odds = parameters[0] + rows @ parameters[1:]
@@ -211,7 +194,7 @@ def left_out_log_odds(given: Sequence[Example], settings: LearningSettings) -> F
         kind: learned([example for example in given if example.kind != kind], settings)
         for kind in {example.kind for example in given}
     }
-    return np.array([models[example.kind].log_odds(example.facts, example.situation) for example in given])
+    return np.array([models[example.kind][example.situation].log_odds(example.facts) for example in given])
 
 
 def summary(given: Sequence[Example], log_odds: Float64[np.ndarray, " e"], threshold: float) -> Iterator[str]:
@@ -247,8 +230,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     settings = LearningSettings(scenes=given.scenes)
     found = examples(given.seed, settings, given.workers)
     with atomic_write(given.output) as file:
-        file.write((json.dumps(learned(found, settings).to_dict(), indent=1, allow_nan=False) + "\n").encode())
-    print(*summary(found, left_out_log_odds(found, settings), MovedSettings().threshold), sep="\n")
+        file.write(learned(found, settings).to_json().encode())
+    print(*summary(found, left_out_log_odds(found, settings), MOVED_THRESHOLD), sep="\n")
 
 
 if __name__ == "__main__":

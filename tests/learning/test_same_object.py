@@ -28,7 +28,7 @@ def made_up():
     examples = []
     for scene in range(600):
         facts = random.uniform(size=len(MatchFacts._fields))
-        truth = random.random() < 1 / (1 + np.exp(-8 * (facts[0] - 0.5) - 4 * (facts[3] - 0.5)))
+        truth = random.random() < 1 / (1 + np.exp(-8 * (facts[0] - 0.5) - 4 * (facts[2] - 0.5)))
         situation, kind = ("standing", "free", "in place")[scene % 3], ("one", "another")[scene % 2]
         examples.append(Example(situation, MatchFacts(*facts), bool(truth), kind))
     return examples
@@ -36,14 +36,14 @@ def made_up():
 
 def test_what_tells_is_learned_and_no_weight_has_the_wrong_sign(made_up):
     model = learned(made_up, LearningSettings())
-    for own in model.situations.values():
+    for own in model.values():
         assert own.weights[0] == own.weights.max() > 1
         assert (own.weights * np.array(SIGNS) >= 0).all()
         assert own.weights[MatchFacts._fields.index("contradicted")] == 0
 
 
 def test_two_objects_that_weigh_more_are_thought_more_frequent(made_up):
-    usual, more = (learned(made_up, LearningSettings(others=others)).situations for others in (1.0, 4.0))
+    usual, more = (learned(made_up, LearningSettings(others=others)) for others in (1.0, 4.0))
     assert more["free"].intercept < usual["free"].intercept - 0.5
     assert more["in place"].intercept == usual["in place"].intercept
 

@@ -179,7 +179,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         items, labels = found.merged()
         clock.start("moved", "Looking for moved objects", 0.9)
         if not prepared.volumetric and self.config.kinds == "both":
-            items, labels = with_moved(items, labels, pair, found.registration_error, self.objects.moved)
+            items, labels = with_moved(items, labels, pair, found.registration_error)
             found = found.grown_to(items, labels)
         if not prepared.volumetric:
             error, measures = found.registration_error, self.objects.measures

@@ -17,7 +17,6 @@ from gmmjax.changes.fit.joint_fit import JointFits
 from gmmjax.changes.fit.joint_problem import JointProblem
 from gmmjax.changes.objects.cloud_changes import CloudChanges, merged, merged_rejected
 from gmmjax.changes.objects.measures import MeasureSettings
-from gmmjax.changes.objects.moved import MovedSettings
 from gmmjax.changes.objects.surface_changes import SurfaceChangeSettings, surface_changes
 from gmmjax.changes.objects.volumetric_changes import VolumetricChangeSettings, restart_weights, volumetric_changes
 from gmmjax.changes.prepare.checking import CheckedCloud
@@ -35,18 +34,16 @@ KINDS: Pair[Kind] = Pair("disappeared", "appeared")
 
 @dataclasses.dataclass(frozen=True)
 class ObjectSettings:
-    """What is a change, and which two changes are one moved object.
+    """What is a change, and how large it is.
 
     Attributes:
         surfaces: of scans.
         volumes: of clouds that fill volumes.
-        moved: which disappeared and appeared changes of scans are one object.
         measures: how large they are.
     """
 
     surfaces: SurfaceChangeSettings = SurfaceChangeSettings()
     volumes: VolumetricChangeSettings = VolumetricChangeSettings()
-    moved: MovedSettings = MovedSettings()
     measures: MeasureSettings = MeasureSettings()
 
 

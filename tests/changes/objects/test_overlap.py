@@ -50,16 +50,3 @@ def test_a_rigid_motion_of_both_changes_nothing():
     here, there = fits(one, other), fits(placed(one, way), placed(other, way))
     assert there.covered == pytest.approx(here.covered, abs=0.01)
     assert there.contradicted == pytest.approx(here.contradicted, abs=0.01)
-
-
-def test_what_reaches_beyond_the_other_object_is_measured_in_deviations_of_the_noise():
-    flat, tall = box(0, (0.4, 0.28, 0.1)), box(1, (0.4, 0.28, 0.3)) + np.array([0, 0, 0.1])
-    assert fits(tall, flat).overhang == pytest.approx(0.2 / NOISE, rel=0.15)
-    assert fits(flat, tall).overhang < 3
-
-
-def test_the_residual_of_what_fits_is_that_of_the_noise():
-    rough, smooth = (
-        fits(box(0, EXTENT, noise=noise), box(1, EXTENT, noise=noise)).residual for noise in (0.006, 0.001)
-    )
-    assert smooth < rough / 2

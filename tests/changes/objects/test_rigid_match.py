@@ -3,6 +3,7 @@ import pytest
 
 from gmmjax.changes.objects.rigid_match import rigid_matches
 from gmmjax.geometry.local_surface import LocalSurface
+from gmmjax.pair import Pair
 from tests.changes.scanned_objects import box, motion, placed
 
 NOISE = 0.003
@@ -13,9 +14,8 @@ NOISE = 0.003
 def test_one_of_the_motions_lays_an_object_onto_itself(yaw, faces):
     extent = (0.4, 0.28, 0.22)
     true = motion(yaw, [0.8, -0.3, 0.1])
-    motions = rigid_matches(
-        LocalSurface.of(box(0, extent)), LocalSurface.of(placed(box(1, extent, faces), true)), NOISE, 6
-    )
+    objects = Pair(box(0, extent), placed(box(1, extent, faces), true)).map(LocalSurface.of)
+    motions = rigid_matches(objects, NOISE, 6)
     assert len(motions) == 6
     corners = box(2, extent, noise=0)
     # A box is the same after half a turn about any of its axes: its points are compared, not the motions.
@@ -29,8 +29,8 @@ def test_one_of_the_motions_lays_an_object_onto_itself(yaw, faces):
 
 
 def test_motions_are_rigid():
-    one, other = LocalSurface.of(box(0, (0.3, 0.2, 0.2))), LocalSurface.of(box(1, (0.3, 0.3, 0.2)) + 1)
-    for way in rigid_matches(one, other, NOISE, 3):
+    objects = Pair(box(0, (0.3, 0.2, 0.2)), box(1, (0.3, 0.3, 0.2)) + 1).map(LocalSurface.of)
+    for way in rigid_matches(objects, NOISE, 3):
         np.testing.assert_allclose(way[:3, :3] @ way[:3, :3].T, np.eye(3), atol=1e-9)
         assert np.linalg.det(way[:3, :3]) == pytest.approx(1)
         np.testing.assert_array_equal(way[3], [0, 0, 0, 1])
