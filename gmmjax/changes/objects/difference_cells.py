@@ -156,6 +156,7 @@ class DifferenceCells(NamedTuple):
         background: Float64[np.ndarray, "b 3"],
         *,
         after: bool,
+        directed: bool = True,
     ) -> "DifferenceCells | None":
         """The cells of a change; None where there are none that are not of other changes.
 
@@ -166,6 +167,7 @@ class DifferenceCells(NamedTuple):
             others: the points of other changes among these.
             background: the points of no change in the scan that the change is in.
             after: whether that is the after scan.
+            directed: whether the normal is known to point to the outer side: of a pit its scan shows nothing behind it.
         """
         own, every = points.map(grid.heights), clouds.map(grid.heights)
         count = own.before.count + own.after.count
@@ -185,8 +187,9 @@ class DifferenceCells(NamedTuple):
         difference = (surfaces.after - surfaces.before) * np.where(sides, 0.5, 1.0)
         rough = (every.before.spread > grid.edge) | (every.after.spread > grid.edge)
         mine, other = (own.after, surfaces.before) if after else (own.before, surfaces.after)
-        shown = _filled(grid.heights(background).mean, changed, passes)
-        behind = (np.abs(shown - other) < np.abs(shown - mine.mean)) & (np.abs(difference) > grid.edge)
+        shown = _filled(grid.heights(background).mean, changed, 1)
+        rise = mine.mean - other if directed else np.abs(mine.mean - other)
+        behind = (np.abs(shown - other) < np.abs(shown - mine.mean)) & (rise > grid.edge)
         inner = ndimage.binary_erosion(changed, SQUARE)
         return cls(
             grid.edge,

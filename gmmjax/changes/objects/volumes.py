@@ -52,6 +52,7 @@ class _Place(NamedTuple):
         outward: unit normal of the surface, to its outer side.
         spacing: of the points; 0 where they are repeated.
         stands: whether it rises from its support plane.
+        directed: whether it is known that the normal points to the outer side.
     """
 
     item: Change
@@ -61,6 +62,7 @@ class _Place(NamedTuple):
     outward: Float64[np.ndarray, " 3"]
     spacing: float
     stands: bool
+    directed: bool
 
 
 def with_volumes(
@@ -116,7 +118,9 @@ def _placed(
         outward, rises = part.plane.up, bool(np.median(part.plane.above(sample)) > 2 * spacing)
     inward = bool((normals @ outward).sum() < 0) and not (rises and outer_side == "unknown")
     below = other.points[other.nearest(sample)] - item.mean
-    return _Place(item, part, sample - item.mean, below, -outward if inward else outward, spacing, rises and not inward)
+    outward = -outward if inward else outward
+    directed = outer_side == "sensor" or (outer_side == "up" and abs(outward[2]) >= np.sqrt(0.5))
+    return _Place(item, part, sample - item.mean, below, outward, spacing, rises and not inward, directed)
 
 
 def _normals(
@@ -210,10 +214,8 @@ def _side_is_known(place: _Place, pair: AlignedPair, outer_side: OuterSide) -> b
 
     Height tells it of what is more level than upright, unless most of its scan goes on beneath: that may be a ceiling.
     """
-    if outer_side == "sensor":
-        return True
-    if outer_side == "unknown" or abs(place.outward[2]) < np.sqrt(0.5):
-        return False
+    if outer_side == "sensor" or not place.directed:
+        return place.directed
     own, scan = place.part.points + place.item.mean, pair.points.after if place.part.after else pair.points.before
     lower, upper = own.min(axis=0), own.max(axis=0)
     beneath = within_box(scan, np.append(lower[:2], -np.inf), np.append(upper[:2], lower[2] - place.spacing))
@@ -249,4 +251,6 @@ def _cells(
     unlabelled = each(lambda own, of: own[of < 0], clouds, label)
     grid = Grid.about(lead.sample, lead.outward, lead.spacing, points, reach)
     background = unlabelled.after if lead.part.after else unlabelled.before
-    return DifferenceCells.of(grid, changed, clouds, np.concatenate([*others]), background, after=lead.part.after)
+    return DifferenceCells.of(
+        grid, changed, clouds, np.concatenate([*others]), background, after=lead.part.after, directed=lead.directed
+    )
