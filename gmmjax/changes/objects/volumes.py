@@ -119,7 +119,7 @@ def _placed(
     inward = bool((normals @ outward).sum() < 0) and not (rises and outer_side == "unknown")
     below = other.points[other.nearest(sample)] - item.mean
     outward = -outward if inward else outward
-    directed = outer_side == "sensor" or (outer_side == "up" and abs(outward[2]) >= np.sqrt(0.5))
+    directed = outer_side == "sensor" or (outer_side == "up" and bool(abs(outward[2]) >= np.sqrt(0.5)))
     return _Place(item, part, sample - item.mean, below, outward, spacing, rises and not inward, directed)
 
 
