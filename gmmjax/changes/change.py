@@ -99,12 +99,11 @@ class Change:
             of the unit of the clouds. None where it was not measured.
         volume: in the cube of the unit of the clouds; not negative. None where it was not measured, or is that of
             another change.
-        volume_error: half-width of the 95 % interval of the volume. It is of one object: in the volume between two
-            surfaces also that of places that one of the surveys did not see, of a closed object that of sides that were
-            not seen.
+        volume_error: half-width of the 95 % interval of the volume between two surfaces. None for that of a hull:
+            nothing tells how much of it an object fills.
         volume_registration_error: the part of `volume_error`, half-width likewise, that is due to registration. It is
             common to all points of the change and does not average out; sums of volumes add it up linearly.
-        volume_method: "surface", between the surfaces of both scans, its thin rim included, for what lies on a surface
+        volume_method: "surface", between the surfaces of both scans, its thin edge included, for what lies on a surface
             or was taken from it; "hull", of the convex hull down to what it stands on, for a closed object.
         gain_or_loss: whether there is more ("gain") or less ("loss") now in the place of the change; a moved object is
             lost in one place and gained in the other. None where no volume was measured, and of a surface that was

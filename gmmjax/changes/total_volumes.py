@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 class VolumeTotals(NamedTuple):
     """What was gained and lost, in the cube of the unit of the clouds, with the half-widths of the 95 % intervals.
 
-    The registration error is common to all changes and adds up; the rest of their errors is independent.
+    The registration error is common to all changes and adds up; the rest of their errors is independent. A sum with the
+    volume of a hull in it has no interval.
 
     Attributes:
         gained: the volume of all that there is more of.
@@ -26,13 +27,13 @@ class VolumeTotals(NamedTuple):
     """
 
     gained: float
-    gained_error: float
+    gained_error: float | None
     lost: float
-    lost_error: float
+    lost_error: float | None
     net: float
-    net_error: float
+    net_error: float | None
     unsigned: float = 0.0
-    unsigned_error: float = 0.0
+    unsigned_error: float | None = 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """The totals by name."""
@@ -57,8 +58,8 @@ class _Volume(NamedTuple):
 
     gained: bool | None
     volume: float
-    error: float
-    registration_error: float
+    error: float | None
+    registration_error: float | None
 
 
 def _volumes(change: "Change") -> list[_Volume]:
@@ -66,14 +67,16 @@ def _volumes(change: "Change") -> list[_Volume]:
     if change.volume is None:
         return []
     gained = None if change.gain_or_loss is None else change.gain_or_loss == "gain"
-    found = [_Volume(gained, change.volume, change.volume_error or 0.0, change.volume_registration_error or 0.0)]
+    found = [_Volume(gained, change.volume, change.volume_error, change.volume_registration_error)]
     if change.opposite_volume is not None:
-        errors = change.opposite_volume_error or 0.0, change.opposite_volume_registration_error or 0.0
+        errors = change.opposite_volume_error, change.opposite_volume_registration_error
         found.append(_Volume(None if gained is None else not gained, change.opposite_volume, *errors))
     return found
 
 
-def _error(volumes: Sequence[_Volume]) -> float:
+def _error(volumes: Sequence[_Volume]) -> float | None:
+    if any(own.error is None for own in volumes):
+        return None
     total = np.array([own.error for own in volumes])
-    common = np.array([own.registration_error for own in volumes])
+    common = np.array([own.registration_error or 0.0 for own in volumes])
     return float(np.sqrt(np.maximum(total**2 - common**2, 0).sum() + common.sum() ** 2))

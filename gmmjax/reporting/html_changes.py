@@ -126,8 +126,8 @@ def _volume(row: ObjectRow, change: Change) -> str:
     """With how it was measured."""
     if change.volume_counted_in is not None:
         return f"counted in change {change.volume_counted_in}, the other surface of the same place"
-    how = {"surface": "between both surfaces", "hull": "convex hull", None: ""}[change.volume_method]
-    return f"{row.volume}, {how}" if row.volume and how else row.volume
+    surface = row.volume and change.volume_method == "surface"
+    return f"{row.volume}, between both surfaces" if surface else row.volume
 
 
 def _significance(change: Change) -> str:

@@ -133,7 +133,7 @@ def unobserved_text(changes: Changes) -> str | None:
 
 
 def own_volume_text(changes: Changes, change: Change, *, signed: bool = True) -> str:
-    """The volume of a change, "+17.3 ± 0.4 m³" or "in 3" where it is that of another one; empty where it is not known.
+    """The volume of a change, "+17.3 ± 0.4 m³", "+0.03 m³ (hull)", or "in 3" where it is another one's; "": not known.
 
     Of a change of which a part was gained and the rest lost it is both: "−170 ± 4 m³, +96 ± 2 m³". It has no sign
     where nothing tells which of them was gained.
@@ -148,7 +148,8 @@ def own_volume_text(changes: Changes, change: Change, *, signed: bool = True) ->
     if change.volume is None:
         return ""
     sign = {"gain": "+", "loss": "−", None: ""}[change.gain_or_loss if signed else None]
-    text = f"{sign}{_volume_text(changes, change.volume, change.volume_error)}"
+    of_hull = " (hull)" if change.volume_method == "hull" else ""
+    text = f"{sign}{_volume_text(changes, change.volume, change.volume_error)}{of_hull}"
     if change.opposite_volume is None or not signed:
         return text
     opposite = _volume_text(changes, change.opposite_volume, change.opposite_volume_error)
@@ -166,8 +167,8 @@ def measures_text(changes: Changes, change: Change) -> str | None:
         return f"the other surface of change {change.volume_counted_in}, whose volume it is"
     if change.area is None or change.volume is None:
         return None
-    how = "between both surfaces" if change.volume_method == "surface" else "of the convex hull"
-    return f"area {area_text(change.area, changes.unit)}, volume {own_volume_text(changes, change)} {how}"
+    how = " between both surfaces" if change.volume_method == "surface" else ""
+    return f"area {area_text(change.area, changes.unit)}, volume {own_volume_text(changes, change)}{how}"
 
 
 def volumes_text(changes: Changes) -> str | None:
@@ -188,7 +189,11 @@ def volumes_text(changes: Changes) -> str | None:
     if not parts:
         return None
     height = "; z taken for the height" if changes.diagnostics.get("outer_side") == "up" else ""
-    text = f"Volume: {', '.join(parts)} (95 % interval{'s' * (len(parts) > 1)}{height})."
+    if any(change.volume is not None and change.volume_error is None for change in changes):
+        interval = "without an interval where a hull is in it"
+    else:
+        interval = f"95 % interval{'s' * (len(parts) > 1)}"
+    text = f"Volume: {', '.join(parts)} ({interval}{height})."
     return f"{text} {_why_unsigned(changes)}" if totals.unsigned else text
 
 

@@ -24,6 +24,11 @@ def test_registration_errors_add_up_and_the_others_do_not():
     assert (totals.gained_error, totals.lost_error) == (3.0, 4.0)
 
 
+def test_a_sum_with_a_volume_that_has_no_interval_has_none():
+    totals = volume_totals([measured(10.0, None, None, "gain"), measured(20.0, 4.0, 0.0, "loss")])
+    assert (totals.gained, totals.gained_error, totals.lost_error, totals.net_error) == (10.0, None, 4.0, None)
+
+
 def test_a_volume_that_is_counted_in_another_change_is_counted_once():
     other = dataclasses.replace(measured(None, None, None, None), volume_counted_in=0)
     assert volume_totals([measured(10.0, 3.0, 1.0, "loss"), other]).lost == 10.0

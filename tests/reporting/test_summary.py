@@ -126,6 +126,13 @@ def test_all_volumes_have_one_unit(pair):
     assert [row.volume for row in object_rows(alone)] == ["+8,000 ± 6,000 cm³"]
 
 
+def test_the_volume_of_a_hull_says_that_it_is_one_and_has_no_interval(pair):
+    hull = dataclasses.replace(measured(pair[2].items[0], 0.25, 0.0, "gain"), volume_method="hull", volume_error=None)
+    record = dataclasses.replace(pair[2], items=(hull,), unit="m")
+    assert [row.volume for row in object_rows(record)] == ["+0.25 m³ (hull)"]
+    assert volumes_text(record) == "Volume: 0.25 m³ gained (without an interval where a hull is in it)."
+
+
 def test_no_change(pair):
     assert answer(dataclasses.replace(pair[2], items=())) == "No change found"
 

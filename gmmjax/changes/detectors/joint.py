@@ -183,9 +183,8 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             found = found.grown_to(items, labels)
         if not prepared.volumetric:
             error, measures = found.registration_error, self.objects.measures
-            distance = prepared.figures.map(lambda own: own.distance)
             sides = prepared.sensors, prepared.outer_side
-            items = with_measures(items, labels, pair, error, distance, *sides, measures)
+            items = with_measures(items, labels, pair, error, *sides, measures)
         clock.stop()
         emd, diagnostics = mixtures_distance(joint), joint_diagnostics(prepared, joint, clock)
         changes = found.record(prepared.checked, items, labels, emd, self.config, diagnostics, pair.registration)

@@ -1,247 +1,304 @@
-"""Differences between two surfaces, cell by cell: their noise, the cells without one, and what is hidden from view."""
+"""The cells that the volume between two surfaces is summed over: a DEM of difference in the plane of the change."""
 
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 from scipy import ndimage
-from scipy.interpolate import LinearNDInterpolator
-from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
+from scipy.spatial import cKDTree
 
-from gmmjax.geometry import nearest_neighbours
+from gmmjax.geometry import evenly_chosen, nearest_neighbours, within_box
+from gmmjax.pair import Pair, each
 
-# The four neighbours of a cell.
-CROSS = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], float)
+# Edge of a cell in point spacings. Points at random lie in as many cells beyond an outline as they miss within it;
+# larger cells make a change wider than it is.
+CELL = 1.25
+# Half-width of a 95 % interval in standard errors.
+QUANTILE = 1.96
+# Points by which a spacing is measured, and cells, at most: bounds on time and memory.
+SAMPLE, MAX_CELLS = 1000, 1_000_000
 SQUARE = np.ones((3, 3), bool)
+RING = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], float)
 
 
-def smoothed(difference: Float64[np.ndarray, "r c"]) -> Float64[np.ndarray, "r c"]:
-    """The median of each cell and its eight neighbours; NaN where none is known."""
-    padded = np.pad(difference, 1, constant_values=np.nan)
-    rows, columns = difference.shape
-    shifted = [padded[row : row + rows, column : column + columns] for row in range(3) for column in range(3)]
-    # Sorted, NaN comes last: the middle of those that are known.
-    ordered = np.sort(np.stack(shifted), axis=0)
-    known = np.isfinite(ordered).sum(axis=0)
-    lower, upper = np.maximum(known - 1, 0) // 2, known // 2
-    values = [np.take_along_axis(ordered, place[None], axis=0)[0] for place in (lower, np.minimum(upper, 8))]
-    return np.where(known > 0, (values[0] + values[1]) / 2, np.nan)
+def spacing_of(points: Float64[np.ndarray, "n 3"]) -> float:
+    """Spacing of points on a surface, of which k fill a disc of k spacings squared; 0 for fewer than two."""
+    count = min(16, len(points) - 1)
+    if count < 1:
+        return 0.0
+    near = nearest_neighbours(cKDTree(points), points[evenly_chosen(len(points), SAMPLE)], count + 1)[0][:, -1]
+    return float(np.median(near) * np.sqrt(np.pi / count))
 
 
-def filled(
-    thickness: Float64[np.ndarray, "r c"],
-    crests: Float64[np.ndarray, "r c"],
-    footprint: Bool[np.ndarray, "r c"],
-    shown: Bool[np.ndarray, "r c"],
-    count: int = 8,
-) -> tuple[Float64[np.ndarray, "r c"], float]:
-    """The cells of a change without points by those about them, and the variance of their sum.
-
-    Args:
-        thickness: by how much the higher surface is above the lower one in each cell.
-        crests: likewise where upright sides end in it: between these an object whose top nobody saw is as high.
-        footprint: the cells of the change, one of which at least is known.
-        shown: the cells where the scan with the higher surface has points.
-        count: of the nearest cells, whose mean is taken where the gap is not enclosed.
-    """
-    missing = footprint & ~np.isfinite(thickness)
-    if not missing.any():
-        return thickness, 0.0
-    near, between = _nearest_known(thickness, footprint, missing, count), _interpolated(thickness, missing)
-    covered = ~shown[missing]
-    if covered.any():
-        near[covered] = _nearest_known(crests, footprint, missing & ~shown, count)
-        between[covered] = _interpolated(crests, missing)[covered]
-    gaps, means = ndimage.label(missing, SQUARE)[0][missing], near.mean(axis=1)
-    values = np.where(np.isfinite(between), between, means)
-    spread = np.maximum(near.std(axis=1), np.abs(values - means))
-    # What the rim of a pit hides lies below the line of sight, on which the differences fall evenly.
-    room = np.where(covered, 0, np.maximum(_thickest(near, gaps) - values, 0))
-    whole = thickness.copy()
-    whole[missing] = values + room / 2
-    # Of one gap all is wrong together: by how its neighbours differ, or it from them.
-    of_gaps = np.bincount(gaps, np.maximum(spread, room / np.sqrt(12)))
-    return whole, float((of_gaps**2).sum())
+def plane_axes(outward: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, "2 3"]:
+    """Two unit vectors along the plane of a normal."""
+    return np.asarray(np.linalg.svd(outward[None])[2][1:])
 
 
-def _nearest_known(
-    thickness: Float64[np.ndarray, "r c"],
-    footprint: Bool[np.ndarray, "r c"],
-    cells: Bool[np.ndarray, "r c"],
-    count: int,
-) -> Float64[np.ndarray, "m k"]:
-    """For each of some cells the nearest ones of a footprint that have points."""
-    known = np.argwhere(footprint & np.isfinite(thickness))
-    near = nearest_neighbours(cKDTree(known), np.argwhere(cells).astype(float), count)[1]
-    return np.asarray(thickness[tuple(known.T)][near])
-
-
-def _thickest(near: Float64[np.ndarray, "m k"], gaps: Int[np.ndarray, " m"]) -> Float64[np.ndarray, " m"]:
-    """For each missing cell the middle of the thickest half of what lies about its gap."""
-    found = np.zeros(len(near))
-    for gap in np.unique(gaps):
-        own = gaps == gap
-        found[own] = np.quantile(near[own], 0.75)
-    return found
-
-
-def _interpolated(
-    difference: Float64[np.ndarray, "r c"], missing: Bool[np.ndarray, "r c"]
-) -> Float64[np.ndarray, " m"]:
-    """The missing cells by linear interpolation between those about them; NaN where they are not enclosed."""
-    border = ndimage.binary_dilation(missing, SQUARE, iterations=2) & np.isfinite(difference)
-    try:
-        return np.asarray(LinearNDInterpolator(np.argwhere(border), difference[border])(np.argwhere(missing)))
-    except (QhullError, ValueError):
-        return np.full(int(missing.sum()), np.nan)
-
-
-class Hidden(NamedTuple):
-    """What nobody saw behind a change, in areas of a cell times the unit of the differences.
+class Grid(NamedTuple):
+    """Cells of the plane across a normal.
 
     Attributes:
-        volume: to be added for it; of the other sign where the last cells count too much.
-        error: its standard error.
+        axes: two unit vectors along the cells, and the normal.
+        lower: corner of the first cell.
+        edge: of each cell.
+        shape: number of rows and of columns.
     """
 
-    volume: float
+    axes: Float64[np.ndarray, "3 3"]
+    lower: Float64[np.ndarray, " 2"]
+    edge: float
+    shape: tuple[int, int]
+
+    @classmethod
+    def about(
+        cls,
+        sample: Float64[np.ndarray, "s 3"],
+        outward: Float64[np.ndarray, " 3"],
+        spacing: float,
+        points: Float64[np.ndarray, "n 3"],
+        reach: float,
+    ) -> "Grid":
+        """Cells that reach over points and about them, turned by half a radian from the longest extent of a sample.
+
+        So a straight edge lies along no row of cells, and the cells turn with the change.
+
+        Args:
+            sample: points of the change.
+            outward: unit normal.
+            spacing: of the points of the change.
+            points: that are in cells.
+            reach: how far the cells reach beyond them.
+        """
+        plan = (sample - sample.mean(axis=0)) @ plane_axes(outward).T
+        longest = np.linalg.eigh(plan.T @ plan)[1][:, -1]
+        # Of the two senses that towards the longer tail.
+        first = np.sign((((plan @ longest) ** 3).sum()) or 1.0) * longest @ plane_axes(outward)
+        first = np.cos(0.5) * first + np.sin(0.5) * np.cross(outward, first)
+        axes = np.stack([first, np.cross(outward, first), outward])
+        plan = points @ axes[:2].T
+        size = np.ptp(plan, axis=0) + 2 * reach
+        edge = max(CELL * spacing, float(np.sqrt(size.prod() / MAX_CELLS)))
+        rows, columns = np.ceil(size / edge).astype(int).tolist()
+        return cls(axes, plan.min(axis=0) - reach, edge, (rows, columns))
+
+    def heights(self, points: Float64[np.ndarray, "n 3"]) -> "Heights":
+        """The heights of the points of each cell."""
+        places = points @ self.axes.T
+        indices = np.floor((places[:, :2] - self.lower) / self.edge).astype(int)
+        inside = ((indices >= 0) & (indices < self.shape)).all(axis=1)
+        cells, values = indices[inside] @ [self.shape[1], 1], places[inside, 2]
+        count = np.bincount(cells, minlength=self.shape[0] * self.shape[1])
+        with np.errstate(invalid="ignore"):
+            mean, square = (np.bincount(cells, own, count.size) / count for own in (values, values**2))
+        spread = np.sqrt(np.maximum(square - mean**2, 0))
+        return Heights(*(own.reshape(self.shape) for own in (count, mean, np.nan_to_num(spread))))
+
+
+class Heights(NamedTuple):
+    """The points in each cell along the normal.
+
+    Attributes:
+        count: of the points.
+        mean: of their heights; NaN where there are none.
+        spread: their standard deviation; 0 where there are none.
+    """
+
+    count: Int[np.ndarray, "r c"]
+    mean: Float64[np.ndarray, "r c"]
+    spread: Float64[np.ndarray, "r c"]
+
+
+class SurfaceVolume(NamedTuple):
+    """A volume between two surfaces.
+
+    Attributes:
+        gain: what the after surface lies above the before surface; negative where it was lost.
+        error: half-width of its 95 % interval.
+        registration_error: the part of it, likewise, that is common to all cells.
+    """
+
+    gain: float
     error: float
+    registration_error: float
 
 
-def hidden(
-    thickness: Float64[np.ndarray, "r c"],
-    shown: Bool[np.ndarray, "r c"],
-    footprint: Bool[np.ndarray, "r c"],
-    beside: Bool[np.ndarray, "r c"],
-    least: float,
-) -> Hidden:
-    """What may be hidden behind a change: between its outline and the surface that is seen behind it.
+class DifferenceCells(NamedTuple):
+    """The differences between both scans in the cells of a change.
 
-    What a steep side hides lies below the line of sight, on which the differences fall evenly to those behind. Of an
-    object that line is the most: at the least it ends where the last cells that were seen begin. Of a pit it is the
-    least: at the most all that its rim hides is as deep as what is seen. The volume is uniform between both.
-
-    Args:
-        thickness: by how much the higher surface is above the lower one in each cell.
-        shown: the cells where the scan with the higher surface has points: there the lower one is hidden, by the rim of
-            a pit; elsewhere the higher one, by the crest of an object.
-        footprint: the cells of the change.
-        beside: the cells that may hide a part of it.
-        least: thickness on the line of sight, at least; below it a cell without points hides nothing.
+    Attributes:
+        edge: of a cell.
+        changed: the cells of its points, with the gaps between them closed.
+        beside: those that its thin edge may be in: both scans have one surface there, and no other change.
+        difference: by how much the after scan is above the before scan; NaN where one of them shows nothing.
+        measured: the cells in which both have points of a surface.
+        sides: the cells that an upright side of the change runs through, the half of which is of the change.
+        upright: fraction of the cells with its points that are such.
+        behind: fraction of the cells in which its own scan shows the other scan's surface behind it.
     """
-    shadow = _beside(footprint, beside & ~np.isfinite(thickness) & ~footprint)
-    line = np.zeros(thickness.shape)
-    line[shadow] = np.nan_to_num(_interpolated(thickness, shadow))
-    shadow = shadow & (line > least)
-    behind_crest = _behind_crest(thickness, line, footprint, shadow & ~shown)
-    below_rim = _below_rim(thickness, line, footprint, shadow & shown)
-    return Hidden(behind_crest.volume + below_rim.volume, float(np.hypot(behind_crest.error, below_rim.error)))
+
+    edge: float
+    changed: Bool[np.ndarray, "r c"]
+    beside: Bool[np.ndarray, "r c"]
+    difference: Float64[np.ndarray, "r c"]
+    measured: Bool[np.ndarray, "r c"]
+    sides: Bool[np.ndarray, "r c"]
+    upright: float
+    behind: float
+
+    @classmethod
+    def of(
+        cls,
+        grid: Grid,
+        points: Pair[Float64[np.ndarray, "_ 3"]],
+        clouds: Pair[Float64[np.ndarray, "_ 3"]],
+        others: Float64[np.ndarray, "m 3"],
+        background: Float64[np.ndarray, "b 3"],
+        *,
+        after: bool,
+        directed: bool = True,
+    ) -> "DifferenceCells | None":
+        """The cells of a change; None where there are none that are not of other changes.
+
+        Args:
+            grid: the cells.
+            points: of the change in either scan.
+            clouds: all points of both scans about it, at its level.
+            others: the points of other changes among these.
+            background: the points of no change in the scan that the change is in.
+            after: whether that is the after scan.
+            directed: whether the normal is known to point to the outer side: of a pit its scan shows nothing behind it.
+        """
+        own, every = points.map(grid.heights), clouds.map(grid.heights)
+        count = own.before.count + own.after.count
+        # A cell on the border of two changes is of the one that has more points there.
+        foreign = grid.heights(others).count > count
+        changed = ndimage.binary_fill_holes(ndimage.binary_closing((count > 0) & ~foreign, SQUARE)) & ~foreign
+        if not changed.any():
+            return None
+        steep = each(lambda of: of.spread > grid.edge, own)
+        heights = each(
+            lambda of, all, up: np.where(up, np.nan, np.where(of.count > 0, of.mean, all.mean)), own, every, steep
+        )
+        # The sparser scan has points in some of the cells only.
+        passes = 1 + int(min(np.ceil(_sparsest(points, clouds) * CELL / grid.edge), 8))
+        surfaces = heights.map(lambda of: _filled(_filled(of, changed, passes), ~changed, passes - 1))
+        sides = (steep.before | steep.after) & changed
+        difference = (surfaces.after - surfaces.before) * np.where(sides, 0.5, 1.0)
+        rough = (every.before.spread > grid.edge) | (every.after.spread > grid.edge)
+        mine, other = (own.after, surfaces.before) if after else (own.before, surfaces.after)
+        shown = _filled(grid.heights(background).mean, changed, 1)
+        rise = mine.mean - other if directed else np.abs(mine.mean - other)
+        behind = (np.abs(shown - other) < np.abs(shown - mine.mean)) & (rise > grid.edge)
+        inner = ndimage.binary_erosion(changed, SQUARE)
+        return cls(
+            grid.edge,
+            changed,
+            ~changed & ~foreign & ~rough & np.isfinite(difference),
+            difference,
+            np.isfinite(heights.after - heights.before),
+            sides,
+            upright=float(sides[changed & (count > 0)].mean()),
+            behind=float(behind[inner].mean()) if inner.any() else 0.0,
+        )
+
+    @property
+    def closed(self) -> bool:
+        """Whether the change is an object off the other scan's surface, or its distance to that is known nowhere."""
+        known = np.isfinite(self.difference[self.changed]).mean()
+        return bool(self.behind > 0.5 or self.upright > 0.5 or known < 0.5)
+
+    @property
+    def area(self) -> float:
+        """Area of the changed cells."""
+        return float(self.changed.sum() * self.edge**2)
+
+    def volumes(self, registration_error: float, *, whole: bool) -> list[SurfaceVolume]:
+        """The volume, or both of a change of which a part was surely gained and the rest lost, the larger one first.
+
+        Args:
+            registration_error: of the pair, standard deviation.
+            whole: whether it is one object, of which no part is gained where another one is lost.
+        """
+        single = self._volume(registration_error)
+        smooth = ndimage.median_filter(np.nan_to_num(self.difference), 3)
+        against = ndimage.binary_opening(self.changed & (np.sign(single.gain) * smooth < 0), SQUARE)
+        if whole or not against.any():
+            return [single]
+        nearest = ndimage.distance_transform_edt(~self.changed, return_distances=False, return_indices=True)
+        opposite = against[tuple(nearest)]
+        parts = [
+            self._replace(changed=self.changed & own, beside=self.beside & own)._volume(registration_error)
+            for own in (opposite, ~opposite)
+        ]
+        if parts[0].gain * parts[1].gain >= 0 or any(abs(part.gain) <= part.error for part in parts):
+            return [single]
+        return sorted(parts, key=lambda part: -abs(part.gain))
+
+    def _volume(self, registration_error: float) -> SurfaceVolume:
+        if not np.isfinite(self.difference[self.changed]).any():
+            return SurfaceVolume(0.0, np.inf, 0.0)
+        rim = self._thin_edge(registration_error)
+        cells = self.changed | rim
+        # Cells of the change in which a scan shows nothing are as thick as the others.
+        total = np.nanmean(self.difference[self.changed]) * self.changed.sum() + self.difference[rim].sum()
+        known = np.where(self.measured, self.difference, np.nan)
+        mean, number = _mean_of_neighbours(known)
+        deviations = (known - mean)[ndimage.binary_dilation(cells, SQUARE)]
+        number = number[ndimage.binary_dilation(cells, SQUARE)]
+        noise = np.sqrt(np.nansum(deviations**2 * number / (number + 1)))
+        noise *= cells.sum() / max((cells & self.measured).sum(), 1)
+        # The outline is anywhere in its cells, uniformly, and common to the cells of each of four sides.
+        outline = self.changed & ~ndimage.binary_erosion(self.changed, SQUARE)
+        thickness = np.abs(np.nan_to_num(self.difference)) * np.where(self.sides, 2, 1)
+        noise = np.hypot(noise, thickness[outline].sum() / (2 * np.sqrt(12)))
+        common = cells.sum() * registration_error
+        scaled = (total, QUANTILE * np.hypot(noise, common), QUANTILE * common)
+        return SurfaceVolume(*(float(self.edge**2 * own) for own in scaled))
+
+    def _thin_edge(self, registration_error: float) -> Bool[np.ndarray, "r c"]:
+        """The cells about the change, ring by ring, while their mean difference can be told from none."""
+        inside = self.difference[self.changed]
+        sense, most = np.sign(np.nanmean(inside)), np.nanmax(np.abs(inside))
+        distance = ndimage.distance_transform_edt(~self.changed)
+        with np.errstate(invalid="ignore"):
+            usable = self.beside & (np.abs(self.difference) <= most)
+        # Upright sides have no thin edge.
+        widest = 0 if self.upright > 0.1 else max(1, round(np.sqrt(self.changed.sum() / np.pi)))
+        for ring in range(1, widest + 1):
+            values = sense * self.difference[usable & (distance > ring - 1) & (distance <= ring)]
+            error = (
+                np.hypot(values.std(ddof=1) / np.sqrt(len(values)), registration_error) if len(values) > 1 else np.inf
+            )
+            if len(values) < 2 or values.mean() <= error:
+                return usable & (distance <= ring - 1)
+        return usable & (distance <= widest)
 
 
-def between_sides(
-    crests: Float64[np.ndarray, "r c"],
-    sides: Bool[np.ndarray, "r c"],
-    cells: Bool[np.ndarray, "r c"],
-    count: int = 4,
-) -> tuple[Hidden, Bool[np.ndarray, "r c"]]:
-    """What nobody saw between the upright sides of an object, of which a part was not seen either, and where that is.
-
-    An object fills the convex hull of its sides; walls that meet leave it empty. The volume is uniform between all and
-    the share of the hull's outline that is known to be a side.
-
-    Args:
-        crests: thickness of the object where its sides end.
-        sides: the cells that have one.
-        cells: those where nothing was seen.
-        count: of the nearest sides, whose mean height is taken.
-
-    Returns:
-        What is hidden, and the cells in the hull.
-    """
-    hull, corners = np.zeros_like(cells), np.argwhere(sides)
-    try:
-        # The hull of its vertices is the same, and has few triangles.
-        triangles = Delaunay(corners[ConvexHull(corners).vertices])
-    except (QhullError, ValueError):
-        # One straight wall, if any.
-        return Hidden(0.0, 0.0), hull
-    hull[:] = (triangles.find_simplex(np.argwhere(np.ones_like(cells)), tol=1e-6) >= 0).reshape(hull.shape)
-    inside = hull & cells
-    if not inside.any():
-        return Hidden(0.0, 0.0), inside
-    whole = float(_nearest_known(crests, sides, inside, count).mean(axis=1).sum())
-    known = float(ndimage.binary_dilation(sides, SQUARE)[hull & ~ndimage.binary_erosion(hull, SQUARE)].mean())
-    return Hidden(whole * (1 + known) / 2, whole * (1 - known) / np.sqrt(12)), inside
+def _sparsest(points: Pair[Float64[np.ndarray, "_ 3"]], clouds: Pair[Float64[np.ndarray, "_ 3"]]) -> float:
+    """The spacing of the sparser scan within the bounds of a change."""
+    change = np.concatenate([*points])
+    lower, upper = change.min(axis=0), change.max(axis=0)
+    lower, upper = lower - (upper - lower).max() / 2, upper + (upper - lower).max() / 2
+    return max(spacing_of(cloud[within_box(cloud, lower, upper)]) for cloud in clouds)
 
 
-def with_sides(
-    thickness: Float64[np.ndarray, "r c"], crests: Float64[np.ndarray, "r c"], covered: Bool[np.ndarray, "r c"]
-) -> tuple[Float64[np.ndarray, "r c"], float]:
-    """The thickness with half of the height of upright sides beside what nobody saw of an object, and its error.
-
-    The floor before a side was seen, what is behind it was not. A side may be anywhere in its cells, uniformly, and is
-    at the same place in all of them, because the grid is aligned with the object. The standard error of the sum is that
-    of an object of four sides that are independent.
-
-    Args:
-        thickness: by how much the higher surface is above the lower one in each cell.
-        crests: likewise where upright sides end in it.
-        covered: the cells of the object in which nothing was seen.
-    """
-    sides = (crests > thickness) & ndimage.binary_dilation(covered, SQUARE)
-    return np.where(sides, np.maximum(thickness, crests / 2), thickness), float(crests[sides].sum() / (2 * np.sqrt(12)))
+def _filled(
+    values: Float64[np.ndarray, "r c"], mask: Bool[np.ndarray, "r c"], passes: int
+) -> Float64[np.ndarray, "r c"]:
+    """Values, in the cells of a mask that have none by the mean of the neighbours in it that have one."""
+    for _ in range(passes):
+        mean, _number = _mean_of_neighbours(np.where(mask, values, np.nan))
+        values = np.where(mask & np.isnan(values), mean, values)
+    return values
 
 
-def _beside(footprint: Bool[np.ndarray, "r c"], cells: Bool[np.ndarray, "r c"]) -> Bool[np.ndarray, "r c"]:
-    """Those of the cells that are connected to the footprint."""
-    return np.asarray(ndimage.binary_propagation(ndimage.binary_dilation(footprint, SQUARE) & cells, mask=cells))
-
-
-def _behind_crest(
-    thickness: Float64[np.ndarray, "r c"],
-    line: Float64[np.ndarray, "r c"],
-    footprint: Bool[np.ndarray, "r c"],
-    shadow: Bool[np.ndarray, "r c"],
-) -> Hidden:
-    """What an object may hide of itself, below the line of sight."""
-    last = footprint & np.isfinite(thickness) & ndimage.binary_dilation(shadow, CROSS > 0)
-    room, of_last = line[shadow].sum(), np.maximum(thickness[last], 0).sum()
-    return Hidden(float((room - of_last) / 2), float((room + of_last) / np.sqrt(12)))
-
-
-def _below_rim(
-    thickness: Float64[np.ndarray, "r c"],
-    line: Float64[np.ndarray, "r c"],
-    footprint: Bool[np.ndarray, "r c"],
-    shadow: Bool[np.ndarray, "r c"],
-    count: int = 8,
-) -> Hidden:
-    """What the near rim of a pit hides of it, below the line of sight."""
-    if not shadow.any():
-        return Hidden(0.0, 0.0)
-    near = _nearest_known(thickness, footprint, shadow, count)
-    thickest = _thickest(near, ndimage.label(shadow, SQUARE)[0][shadow])
-    below = np.maximum(thickest - line[shadow], 0).sum()
-    return Hidden(float(line[shadow].sum() + below / 2), float(below / np.sqrt(12)))
-
-
-def noise(difference: Float64[np.ndarray, "r c"], footprint: Bool[np.ndarray, "r c"]) -> float:
-    """The variance of the sum over the cells by how each differs from its neighbours: noise, and the steep rim."""
-    known = np.isfinite(difference)
-    values = np.where(known, difference, 0.0)
-    number = ndimage.convolve(known.astype(float), CROSS, mode="constant")
-    mean = np.divide(
-        ndimage.convolve(values, CROSS, mode="constant"), number, out=np.zeros(values.shape), where=number > 0
-    )
-    chosen = footprint & known & (number > 0)
-    return float(((values - mean)[chosen] ** 2 * number[chosen] / (number[chosen] + 1)).sum())
-
-
-def steepness(thickness: Float64[np.ndarray, "r c"], footprint: Bool[np.ndarray, "r c"]) -> float:
-    """What a volume gains when its steep sides are a cell further out: the thickness along these.
-
-    Slopes count by how much of the whole thickness they rise in a cell: gentle ones not at all.
-    """
-    inside = np.where(footprint, np.nan_to_num(thickness), 0.0)
-    slopes = np.hypot(*np.gradient(inside))
-    return float((slopes**2).sum() / max(inside.max(), np.finfo(float).tiny))
+def _mean_of_neighbours(
+    values: Float64[np.ndarray, "r c"],
+) -> tuple[Float64[np.ndarray, "r c"], Float64[np.ndarray, "r c"]]:
+    """The mean of the eight values about each cell, NaN where there are none, and how many there are."""
+    known = np.isfinite(values)
+    number = ndimage.convolve(known.astype(float), RING, mode="constant")
+    total = ndimage.convolve(np.where(known, values, 0.0), RING, mode="constant")
+    with np.errstate(invalid="ignore"):
+        return total / number, number

@@ -3,15 +3,13 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float, Float64, Int
+from jaxtyping import Float64, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.change import Box, Change
-from gmmjax.changes.objects.placed_change import MeasuredPart
 from gmmjax.changes.objects.support_plane import SupportPlane, SupportPlaneSettings, support_planes
-from gmmjax.changes.objects.volume_settings import VolumeSettings
-from gmmjax.changes.objects.volumes import with_volumes
+from gmmjax.changes.objects.volumes import MeasuredPart, with_volumes
 from gmmjax.changes.signed_distance import OuterSide
 from gmmjax.geometry import (
     LocalSurface,
@@ -42,7 +40,6 @@ class MeasureSettings:
         faces: number of faces of the convex hull of a change without a support plane that a box is tried on. Fewer:
             faster, and round objects get larger boxes.
         support: what a change stands on.
-        volumes: how its area and its volume are measured.
     """
 
     sample: int = 2500
@@ -52,7 +49,6 @@ class MeasureSettings:
     least_part: float = 0.1
     faces: int = 24
     support: SupportPlaneSettings = SupportPlaneSettings()
-    volumes: VolumeSettings = VolumeSettings()
 
 
 def with_measures(
@@ -60,7 +56,6 @@ def with_measures(
     labels: Pair[Int[np.ndarray, " _"]],
     pair: AlignedPair,
     noise: float,
-    distance: Pair[Float[np.ndarray, " _"]],
     sensors: Pair[Float64[np.ndarray, "_ 3"] | None],
     outer_side: OuterSide,
     settings: MeasureSettings = MeasureSettings(),
@@ -75,7 +70,6 @@ def with_measures(
         labels: the change of each point of the clouds, or -1.
         pair: both clouds, registered.
         noise: standard deviation of the offset between local means of one surface.
-        distance: signed distance of each point to the other surface; NaN where there is none.
         sensors: where those of each survey stood; None: not known.
         outer_side: what tells from which side surfaces were seen.
         settings: how they are measured.
@@ -91,7 +85,7 @@ def with_measures(
     boxed = [_boxed(item, own, plane, settings) for item, own, plane in zip(items, kept, planes, strict=True)]
     sides = [bool((labels.after == index).any()) for index in range(len(items))]
     measured = [MeasuredPart(*part) for part in zip(kept, sides, planes, strict=True)]
-    return with_volumes(boxed, measured, labels, pair, distance, sensors, outer_side, noise, settings.volumes)
+    return with_volumes(boxed, measured, labels, pair, sensors, outer_side, noise)
 
 
 def _points_of(

@@ -1,64 +1,89 @@
-"""Measures the volumes of simulated changes: `python -m tests.benchmarks.volumes [--development] [--scenes N]`.
+"""Measures the volumes of simulated changes: `python -m tests.benchmarks.volumes [--scenes N] [--kinds KIND ...]`.
 
-A scene counts by the sum of the volumes of the changes in its place, as `Changes.volume_totals` adds them up. The
-figures of docs/results.md are of the kinds and seeds that nothing was developed on.
+What was gained and what was lost in the place of a scene's change are each beside their true volumes, as
+`Changes.volume_totals` adds them up.
 """
 
 import argparse
 import json
 import sys
 import warnings
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from gmmjax import DetectionConfig, InputWarning, detect_changes
 from gmmjax.changes import volume_totals
-from tests.benchmarks.volumes.results import Result, table
-from tests.benchmarks.volumes.scenes import HELD_OUT, KINDS, TALL, VolumeScene, scene_of
-
-DEVELOPMENT_SEED, REPORTED_SEED = 1000, 80_000
+from tests.benchmarks.volumes.scenes import KINDS, VolumeScene, scene_of
 
 
-def measured(scene: VolumeScene, seed: int) -> Result:
-    """The volume of the changes in the place of a scene."""
+class Result(NamedTuple):
+    """What was gained or lost in a scene beside its truth.
+
+    Attributes:
+        kind: of change.
+        seed: of the scene.
+        ratio: measured by true volume; 0 where no change has one.
+        error: half-width of the interval by the true volume; None where there is none.
+    """
+
+    kind: str
+    seed: int
+    ratio: float
+    error: float | None
+
+
+def measured(scene: VolumeScene, seed: int) -> Iterator[Result]:
+    """The volumes of the changes in the place of a scene."""
     clouds, views = scene.survey.clouds, scene.survey.views
     config = DetectionConfig(registration=scene.registration)
     changes = detect_changes(*clouds, config=config, views_before=views.before, views_after=views.after)
-    own = [change for change in changes if np.linalg.norm(change.box.centre - scene.place) <= scene.reach]
-    if not any(change.volume is not None for change in own):
-        return Result(scene.kind, seed, False)
-    totals = volume_totals(own)
-    return Result(scene.kind, seed, True, totals.net / scene.volume, totals.net_error / abs(scene.volume))
+    totals = volume_totals([one for one in changes if np.linalg.norm(one.box.centre - scene.place) <= scene.reach])
+    both = bool(scene.gained and scene.lost)
+    sides = ("gained", totals.gained, totals.gained_error), ("lost", totals.lost, totals.lost_error)
+    for (side, found, error), true in zip(sides, (scene.gained, scene.lost), strict=True):
+        if true:
+            name = f"{scene.kind}: {side}" if both else scene.kind
+            yield Result(name, seed, found / true, None if error is None else error / true)
 
 
-def results_of(kinds: Sequence[str], seeds: range) -> list[Result]:
-    """One scene after the other, each of the next kind; what was found is printed as it comes."""
-    found = []
-    for seed in seeds:
-        kind = kinds[seed % len(kinds)]
-        result = measured(scene_of(kind, seed), seed)
-        print(json.dumps(result._asdict()), file=sys.stderr, flush=True)
-        found.append(result)
-    return found
+def row(name: str, results: Sequence[Result]) -> str:
+    """A row of the table."""
+    found = [result for result in results if result.ratio]
+    sure = [result for result in found if result.error is not None]
+    cells = [name, str(len(results)), str(len(found))]
+    if found:
+        ratios = np.array([result.ratio for result in found])
+        cells += [f"{100 * np.median(np.abs(ratios - 1)):.1f} %", f"{100 * (ratios.mean() - 1):+.1f} %"]
+    if sure:
+        holds = np.mean([abs(result.ratio - 1) <= result.error for result in sure if result.error is not None])
+        cells += [f"{100 * np.median([result.error for result in sure]):.1f} %", f"{100 * holds:.0f} %"]
+    return f"| {' | '.join(cells + [''] * (7 - len(cells)))} |"
+
+
+def table(results: Sequence[Result]) -> str:
+    """The results of each kind."""
+    names = ("change", "scenes", "found", "median error", "mean error", "half-width", "interval holds")
+    heading = f"| {' | '.join(names)} |\n|{'---|' * len(names)}"
+    kinds = dict.fromkeys(result.kind for result in results)
+    return "\n".join([heading, *(row(kind, [one for one in results if one.kind == kind]) for kind in kinds)])
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", type=int, default=104, help="how many, of all kinds in turn")
-    parser.add_argument("--seed", type=int, help="of the first one")
-    parser.add_argument("--development", action="store_true", help="the kinds and seeds of development")
-    parser.add_argument("--kinds", nargs="+", choices=[*KINDS, *HELD_OUT, *TALL], help="these in turn in place of all")
-    parser.add_argument("--out", type=Path, help="a file for the results as JSON")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", type=int, default=7, help="of each kind")
+    parser.add_argument("--seed", type=int, default=100, help="of the first one")
+    parser.add_argument("--kinds", nargs="+", choices=list(KINDS), default=list(KINDS))
     options = parser.parse_args()
-    kinds = options.kinds or list(KINDS if options.development else HELD_OUT)
-    first = options.seed if options.seed is not None else DEVELOPMENT_SEED if options.development else REPORTED_SEED
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", InputWarning)
-        results = results_of(kinds, range(first, first + options.scenes))
-    if options.out is not None:
-        options.out.write_text(json.dumps([result._asdict() for result in results]))
+    results = []
+    for seed in range(options.seed, options.seed + options.scenes):
+        for kind in options.kinds:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", InputWarning)
+                found = list(measured(scene_of(kind, seed), seed))
+            print(*(json.dumps(result._asdict()) for result in found), sep="\n", file=sys.stderr, flush=True)
+            results += found
     print(table(results))
 
 

@@ -7,14 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.align.alignment import aligned
-from gmmjax.changes.explanation import Contribution, Explanation
 from gmmjax.changes.objects.cloud_changes import change_of
-from gmmjax.changes.objects.height_maps import HeightMapSettings
-from gmmjax.changes.objects.hull_volume import HullVolumeSettings
 from gmmjax.changes.objects.measures import MeasureSettings, with_measures
 from gmmjax.changes.objects.support_plane import SupportPlaneSettings
-from gmmjax.changes.objects.surface_volume import SurfaceVolumeSettings
-from gmmjax.changes.objects.volume_settings import VolumeSettings
 from gmmjax.changes.total_volumes import volume_totals
 from gmmjax.pair import Pair
 
@@ -58,8 +53,7 @@ def measured_crate(crate, motion=np.eye(3), shift=np.zeros(3), settings=MeasureS
     pair = aligned(Pair(before, np.concatenate([floor, points])), "never")
     labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(floor), len(points)]))
     change = change_of(points, "appeared", 0.9, 5.0)
-    nowhere = labels.map(lambda own: np.full(len(own), np.nan, np.float32))
-    return with_measures((change,), labels, pair, 0.001, nowhere, Pair(None, None), "up", settings)[0]
+    return with_measures((change,), labels, pair, 0.001, Pair(None, None), "up", settings)[0]
 
 
 def test_a_crate_that_three_sides_were_seen_of_has_its_size_and_its_volume(crate):
@@ -71,18 +65,13 @@ def test_a_crate_that_three_sides_were_seen_of_has_its_size_and_its_volume(crate
     assert (found.volume_method, found.gain_or_loss) == ("surface", "gain")
 
 
-def test_of_an_object_whose_ground_nobody_saw_the_hull_is_measured(crate):
+def test_of_an_object_whose_ground_nobody_saw_the_hull_is_measured_and_no_interval_is_made_up(crate):
     """The other scan has nothing below it: as a change in a gap of that scan."""
-    hull = MeasureSettings(volumes=VolumeSettings(on_surface=1.1))
-    found = measured_crate(crate, settings=hull)
+    before, floor, points = crate
+    found = measured_crate([before[(np.abs(before[:, :2]) > 0.7).any(axis=1)], floor, points])
     assert found.volume == pytest.approx(np.prod(CRATE), rel=0.1)
-    assert abs(found.volume - np.prod(CRATE)) < found.volume_error
-    assert (found.volume_method, found.gain_or_loss) == ("hull", "gain")
+    assert (found.volume_method, found.volume_error, found.gain_or_loss) == ("hull", None, "gain")
     assert found.area == pytest.approx(CRATE[0] * CRATE[1], rel=0.1)
-    # Two sides and the bottom were not seen: with only a side of it seen, less is known.
-    nothing_unseen = dataclasses.replace(hull.volumes, hulls=HullVolumeSettings(seen=1e6))
-    sure = measured_crate(crate, settings=MeasureSettings(volumes=nothing_unseen))
-    assert sure.volume_error < found.volume_error
 
 
 def test_size_and_volume_do_not_depend_on_the_frame(crate):
@@ -91,7 +80,8 @@ def test_size_and_volume_do_not_depend_on_the_frame(crate):
     found, moved = measured_crate(crate), measured_crate(crate, tilt, shift)
     np.testing.assert_allclose(moved.box.extent, found.box.extent, atol=1e-6)
     np.testing.assert_allclose(moved.box.centre, tilt @ found.box.centre + shift, atol=1e-6)
-    assert moved.volume == pytest.approx(found.volume, rel=1e-6)
+    # Cells lie elsewhere where another side is the outer one.
+    assert moved.volume == pytest.approx(found.volume, rel=0.02)
 
 
 def test_outliers_do_not_enlarge_a_change(crate):
@@ -123,49 +113,15 @@ def test_nothing_else_of_the_change_is_altered(crate):
         np.testing.assert_equal(getattr(found, name), getattr(before, name))
 
 
-def in_rack(crate, above, beside):
-    """The crate in a rack, this far below a shelf and between two uprights this far from it."""
-    random = np.random.default_rng(1)
-    shelf = np.insert(sheet(2.0, 2.0) - 1, 2, CRATE[2] + above, axis=1)
-    uprights = [np.insert(sheet(1.6, 1.2) - [0.8, 0], 1, side * (CRATE[1] / 2 + beside), axis=1) for side in (-1, 1)]
-    rack = np.concatenate([shelf, *uprights]) @ ROTATION.T
-    rack += random.normal(0, 0.001, rack.shape)
-    before, floor, points = crate
-    return np.concatenate([before, rack]), np.concatenate([floor, rack]), points
-
-
-def test_what_stands_in_a_rack_is_measured_down_to_the_floor_and_not_to_the_shelf_above_it(crate):
-    shelved = in_rack(crate, 0.15, 0.15)
-    found = measured_crate(shelved)
-    assert (found.volume_method, found.gain_or_loss) == ("surface", "gain")
-    assert found.volume == pytest.approx(np.prod(CRATE), rel=0.1)
-    assert abs(found.volume - np.prod(CRATE)) < found.volume_error < 0.2 * np.prod(CRATE)
-    # By what is nearest, most of which is of the rack, it is not even half of it.
-    nearest = MeasureSettings(volumes=VolumeSettings(nearest=np.inf))
-    assert measured_crate(shelved, settings=nearest).volume < 0.5 * np.prod(CRATE)
-
-
-def test_of_what_touches_a_rack_and_has_no_support_plane_the_hull_is_measured(crate):
-    found = measured_crate(in_rack(crate, 0.12, 0.1))
-    assert (found.volume_method, found.gain_or_loss) == ("hull", "gain")
-    assert found.volume == pytest.approx(np.prod(CRATE), rel=0.2)
-    assert abs(found.volume - np.prod(CRATE)) < found.volume_error < np.prod(CRATE)
-
-
-def test_what_lies_far_above_a_part_of_a_change_is_no_surface_below_it(crate):
-    """A shelf in both scans, above one end of the crate, by more than the crate is high."""
+def test_what_lies_far_above_a_change_is_no_surface_below_it(crate):
+    """A shelf in both scans, above one end of the crate."""
     random = np.random.default_rng(2)
     shelf = np.insert(sheet(0.8, 2.0) + np.array([0.15, -1.0]), 2, 2.5 * CRATE[2], axis=1) @ ROTATION.T
     shelf += random.normal(0, 0.001, shelf.shape)
     before, floor, points = crate
-    below_shelf = np.concatenate([before, shelf]), np.concatenate([floor, shelf]), points
-    found = measured_crate(below_shelf)
+    found = measured_crate([np.concatenate([before, shelf]), np.concatenate([floor, shelf]), points])
     assert (found.volume_method, found.gain_or_loss) == ("surface", "gain")
     assert found.volume == pytest.approx(measured_crate(crate).volume, rel=0.05)
-    every_level = MeasureSettings(
-        volumes=VolumeSettings(surfaces=SurfaceVolumeSettings(heights=HeightMapSettings(beyond=np.inf)))
-    )
-    assert abs(measured_crate(below_shelf, settings=every_level).volume - found.volume) > 0.2 * found.volume
 
 
 def in_shadow(points, station):
@@ -182,10 +138,10 @@ def test_the_shadow_of_a_crate_is_not_of_the_crate(crate):
     shaded = before, floor[~in_shadow(floor, np.array([-2.0, -2.0, 1.5]))], points
     found = measured_crate(shaded)
     assert found.volume == pytest.approx(np.prod(CRATE), rel=0.1)
-    assert measured_crate(crate).volume_error < found.volume_error < 0.3 * np.prod(CRATE)
+    assert abs(found.volume - np.prod(CRATE)) < found.volume_error < 0.3 * np.prod(CRATE)
 
 
-def pit_wall(unreached, seen_through):
+def test_the_wall_of_a_pit_alone_has_no_volume_and_is_no_gain():
     """The far wall of a pit in a slope, seen from the foot of it: that is all that is labelled."""
     random = np.random.default_rng(1)
     before, after = (random.uniform([-4, -4, 0], [4, 4, 0], (12_000, 3)) for _ in range(2))
@@ -198,27 +154,18 @@ def pit_wall(unreached, seen_through):
     before, after, wall = ((own + random.normal(0, 0.004, own.shape)) @ slope for own in (before, after, wall))
     pair = aligned(Pair(before, np.concatenate([after, wall])), "never")
     labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(after), len(wall)]))
-    facts = (Contribution("unreached", unreached, 0.0, ""), Contribution("seen_through", seen_through, 0.0, ""))
-    change = dataclasses.replace(change_of(wall, "appeared", 0.9, 5.0), explanation=Explanation(1.0, 0.0, 0.0, facts))
-    nowhere = labels.map(lambda own: np.full(len(own), np.nan, np.float32))
+    change = change_of(wall, "appeared", 0.9, 5.0)
     station = np.array([[0.0, -12.0, -4.0]])
-    return with_measures((change,), labels, pair, 0.001, nowhere, Pair(station, station), "sensor")[0]
-
-
-def test_the_wall_of_a_pit_came_to_light_by_a_loss():
-    assert pit_wall(unreached=0.4, seen_through=0.0).gain_or_loss == "loss"
-
-
-def test_what_stands_where_the_other_survey_saw_through_came():
-    assert pit_wall(unreached=0.0, seen_through=0.9).gain_or_loss == "gain"
+    found = with_measures((change,), labels, pair, 0.001, Pair(station, station), "sensor")[0]
+    assert (found.volume, found.gain_or_loss) == (None, None)
 
 
 @pytest.mark.parametrize(
     ("kind", "station", "expected"),
-    [("moved", None, "loss"), ("disappeared", None, None), ("moved", (0.0, -5.0, 0.5), "gain")],
+    [("moved", None, "loss"), ("disappeared", None, None), ("disappeared", (0.0, -5.0, 0.5), "loss")],
 )
 def test_what_moved_without_known_poses_left_less_behind(kind, station, expected):
-    """The front of a box before a wall, with signed distances by the far side of the wall as the outer one."""
+    """The front of a box before a wall."""
     random = np.random.default_rng(2)
     wall = random.uniform([-1, 0, -1], [1, 0, 1], (6000, 3))
     front = random.uniform([-0.2, -0.2, -0.2], [0.2, -0.2, 0.2], (600, 3))
@@ -226,13 +173,11 @@ def test_what_moved_without_known_poses_left_less_behind(kind, station, expected
     before, after = (own + random.normal(0, 0.001, own.shape) for own in (np.concatenate([bare, front]), wall))
     pair = aligned(Pair(before, after), "never")
     labels = Pair(np.repeat([-1, 0], [len(bare), len(front)]), np.full(len(after), -1))
-    distance = Pair(np.repeat([0.0, 0.2], [len(bare), len(front)]), np.zeros(len(after)))
     sensors = None if station is None else np.array([station])
     change = change_of(before[len(bare) :], kind, 0.9, 5.0)
     side = "up" if station is None else "sensor"
-    found = with_measures((change,), labels, pair, 0.001, distance, Pair(sensors, sensors), side)[0]
+    found = with_measures((change,), labels, pair, 0.001, Pair(sensors, sensors), side)[0]
     assert found.gain_or_loss == expected
-    # Where its sides were, nothing was seen: half of what is between the front and the wall counts there.
     assert found.volume == pytest.approx(0.2 * 0.4**2, rel=0.15)
 
 
@@ -253,9 +198,8 @@ def board(gap, *, hides):
     before, wall, points = (own + random.normal(0, 0.001, own.shape) for own in (*walls, points))
     pair = aligned(Pair(before, np.concatenate([wall, points])), "never")
     labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(wall), len(points)]))
-    nowhere = labels.map(lambda own: np.full(len(own), np.nan, np.float32))
     change = change_of(points, "appeared", 0.9, 5.0)
-    return with_measures((change,), labels, pair, 0.001, nowhere, Pair(None, None), "up")[0]
+    return with_measures((change,), labels, pair, 0.001, Pair(None, None), "up")[0]
 
 
 def test_between_what_hangs_and_the_wall_behind_it_nothing_was_gained():
@@ -263,18 +207,11 @@ def test_between_what_hangs_and_the_wall_behind_it_nothing_was_gained():
     found = board(0.4, hides=False)
     assert (found.volume_method, found.gain_or_loss) == ("hull", "gain")
     assert abs(found.volume - volume) < 0.1 * volume
-    # How far it reaches towards the wall nobody saw.
-    assert abs(found.volume - volume) < found.volume_error
 
 
 def test_what_hides_the_wall_behind_it_reaches_to_the_wall():
     assert board(0.4, hides=True).volume == pytest.approx(0.6 * 0.4 * 0.5, rel=0.15)
     assert board(0.0, hides=True).volume_method == "surface"
-
-
-def test_what_touches_the_wall_lies_on_it_although_the_wall_is_seen_around_it():
-    found = board(0.0, hides=False)
-    assert found.volume_method == "surface" and found.volume == pytest.approx(0.6 * 0.4 * 0.1, rel=0.25)
 
 
 def cut_and_fill(before_shows, after_shows):
@@ -300,10 +237,7 @@ def cut_and_fill(before_shows, after_shows):
         change_of(own[label >= 0], kind, 0.9, 5.0)
         for own, label, kind in zip((before, after), labels, ("disappeared", "appeared"), strict=True)
     ]
-    distance = Pair(*(np.where(np.abs(own[:, 0]) < 1.5, 0.2 * np.sign(own[:, 0]), 0.0) for own in (before, after)))
-    return with_measures(
-        tuple(changes), labels, aligned(Pair(before, after), "never"), 0.001, distance, Pair(None, None), "up"
-    )
+    return with_measures(tuple(changes), labels, aligned(Pair(before, after), "never"), 0.001, Pair(None, None), "up")
 
 
 @pytest.mark.parametrize("parts", [((-1.5, 1.2), (-1.2, 1.5)), ((-1.5, 1.5), (-0.2, 1.5))])
@@ -314,17 +248,3 @@ def test_cut_and_fill_that_both_scans_show_has_both_volumes_once(parts):
     for found, error in ((totals.gained, totals.gained_error), (totals.lost, totals.lost_error)):
         assert found == pytest.approx(1.5 * 2 * 0.2, rel=0.1)
         assert error < 0.2 * found
-
-
-def test_what_leans_over_the_floor_in_front_of_it_stands_there():
-    """The front of a box, seen from 0.1 m above the floor upwards, which leans over floor that is seen."""
-    random = np.random.default_rng(6)
-    before, floor = (random.uniform([-1, -1, 0], [1, 1, 0], (30_000, 3)) for _ in range(2))
-    front = random.uniform([-0.3, 0, 0.1], [0.3, 0, 0.6], (900, 3))
-    front[:, 1] = 0.25 - 0.4 * front[:, 2]
-    before, floor, front = (own + random.normal(0, 0.001, own.shape) for own in (before, floor, front))
-    pair = aligned(Pair(before, np.concatenate([floor, front])), "never")
-    labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(floor), len(front)]))
-    nowhere = labels.map(lambda own: np.full(len(own), np.nan, np.float32))
-    change = change_of(front, "appeared", 0.9, 5.0)
-    assert with_measures((change,), labels, pair, 0.001, nowhere, Pair(None, None), "up")[0].volume_method == "surface"
