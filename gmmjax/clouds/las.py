@@ -124,8 +124,8 @@ def read_header(file: Path, size: int, *, whole: bool = False) -> "LasHeader":
     # laspy lets through whatever its parsing raises: of text, dates, numbers and types.
     except Exception as error:
         raise InputError(
-            f"{file}: laspy cannot read its header ({type(error).__name__}: {one_line(error)}); copy or export it again, "
-            "with all names in UTF-8"
+            f"{file}: laspy cannot read its header ({type(error).__name__}: {one_line(error)}); copy or export it "
+            "again, with all names in UTF-8"
         ) from error
 
 
