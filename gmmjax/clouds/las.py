@@ -14,6 +14,7 @@ from jaxtyping import Float64
 from gmmjax.clouds.cloud_file import Bounds, CloudFile, RowBlock
 from gmmjax.clouds.decoder_process import DecoderProcess, DecodingError, Request
 from gmmjax.clouds.files import require_file
+from gmmjax.clouds.number_table import cut_off
 from gmmjax.clouds.records import stored_records
 from gmmjax.clouds.reference_system import GEOTIFF_TEXTS, ReferenceSystem, of_geotiff_keys, of_wkt
 from gmmjax.clouds.source_file import SourceFile
@@ -235,4 +236,4 @@ def _check_points(header: "LasHeader", size: int, file: Path) -> None:
         raise InputError(f"{file}: is compressed and has no record of LASzip; {DAMAGED}")
     available = (size - header.offset_to_point_data) // header.point_format.dtype().itemsize
     if not header.are_points_compressed and available < count:
-        raise InputError(f"{file}: declares {count} points, {available} are there; the file is cut off, copy it again")
+        raise cut_off(count, available, "points", str(file))

@@ -20,7 +20,7 @@ from gmmjax.clouds.columns import (
     require_axes,
 )
 from gmmjax.clouds.files import read_bytes, require_file
-from gmmjax.clouds.number_table import NumberedLines, parse_table
+from gmmjax.clouds.number_table import NumberedLines, cut_off, parse_table
 from gmmjax.clouds.ordered_frame import AT_ORIGIN, frame_views, pose_of
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.clouds.records import stored_records
@@ -164,7 +164,7 @@ def open_pcd(path: str | os.PathLike[str]) -> PcdFile | PointCloud:
     if header.encoding == "binary":
         available = max(written.size - header.body, 0) // header.point_size
         if available < header.points:
-            raise _cut_off(header.points, available, source)
+            raise cut_off(header.points, available, "points", source)
         return PcdFile(path=file, source=written, count=header.points, header=header)
     blocks_of = _ascii_blocks if header.encoding == "ascii" else _compressed_blocks
     blocks = blocks_of(read_bytes(file), header, source)
@@ -293,15 +293,7 @@ def _viewpoint(values: list[str]) -> tuple[float, ...]:
 def _ascii_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.ndarray]:
     lines = NumberedLines(data[header.body :], first=header.lines + 1, comments=(b"#",))
     width = sum(field.count for field in header.fields)
-    try:
-        table = parse_table(lines, width, source, count=header.points)
-    except InputError as error:
-        available = sum(1 for _ in lines)
-        if available >= header.points:
-            raise
-        raise InputError(f"{_cut_off(header.points, available, source)} ({error})") from error
-    if len(table) < header.points:
-        raise _cut_off(header.points, len(table), source)
+    table = parse_table(lines, width, source, count=header.points, what="points")
     ends = np.cumsum([field.count for field in header.fields])
     blocks = np.split(table, ends[:-1], axis=1)
     return [
@@ -314,7 +306,7 @@ def _ascii_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.ndarra
 def _compressed_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.ndarray]:
     """Blocks of one field each; writers other than the Point Cloud Library's may store the padding too."""
     if len(data) < header.body + 8:
-        raise _cut_off(header.points, 0, source)
+        raise cut_off(header.points, 0, "points", source)
     compressed, size = (int(number) for number in np.frombuffer(data, "<u4", 2, header.body))
     start = header.body + 8
     if len(data) - start < compressed:
@@ -398,9 +390,3 @@ def _split_bytes(rows: UInt8[np.ndarray, "n size"], fields: tuple[Field, ...]) -
         rows[:, end - field.size : end].reshape(-1).view(field.dtype).reshape(len(rows), field.count)
         for field, end in zip(fields, ends, strict=True)
     ]
-
-
-def _cut_off(declared: int, available: int, source: str) -> InputError:
-    return InputError(
-        f"{source}: declares {declared} points, {available} are there; the file is cut off, copy or export it again"
-    )
