@@ -33,13 +33,11 @@ class NpyFile(CloudFile):
         dtype: of the numbers.
         columns: how many a point has.
         offset: bytes before them.
-        by_column: whether they lie column by column (Fortran's order), as in a transposed array.
     """
 
     dtype: np.dtype
     columns: int
     offset: int
-    by_column: bool
 
     def blocks(self) -> Iterator[RowBlock]:
         """All points, some at a time.
@@ -47,23 +45,11 @@ class NpyFile(CloudFile):
         Raises:
             InputError: the file is cut off.
         """
-        for table in self._tables():
+        row_type = np.dtype((np.void, self.columns * self.dtype.itemsize))
+        for rows in stored_records(self.path, self.offset, row_type, self.count):
+            table = rows.view(self.dtype).reshape(len(rows), self.columns)
             points = as_points(table[:, :3], f"{self.path}: points")
             yield RowBlock(points, {f"column_{index}": table[:, index] for index in range(3, self.columns)})
-
-    def _tables(self) -> Iterator[np.ndarray]:
-        if not self.by_column:
-            row_type = np.dtype((np.void, self.columns * self.dtype.itemsize))
-            blocks = stored_records(self.path, self.offset, row_type, self.count)
-            yield from (rows.view(self.dtype).reshape(len(rows), self.columns) for rows in blocks)
-            return
-        length = self.count * self.dtype.itemsize
-        columns = [
-            stored_records(self.path, self.offset + index * length, self.dtype, self.count, self.columns)
-            for index in range(self.columns)
-        ]
-        for parts in zip(*columns, strict=True):
-            yield np.stack(parts, axis=1)
 
 
 def open_npy(path: str | os.PathLike[str]) -> NpyFile | PointCloud:
@@ -74,7 +60,7 @@ def open_npy(path: str | os.PathLike[str]) -> NpyFile | PointCloud:
             [H, W, 3], which is flattened row by row.
 
     Returns:
-        The file, of which the header is read; or, where it is an ordered cloud that lies column by column, its points.
+        The file, of which the header is read; or, where the numbers lie column by column (Fortran's order), its points.
 
     Raises:
         InputError: the file cannot be read, holds pickled objects, or has another shape.
@@ -83,18 +69,10 @@ def open_npy(path: str | os.PathLike[str]) -> NpyFile | PointCloud:
     written = SourceFile.of(file)
     layout = _array_layout(file)
     if layout is not None:
-        shape, by_column, dtype, offset = layout
+        shape, dtype, offset = layout
         count = math.prod(shape[:-1])
-        if offset + count * shape[-1] * dtype.itemsize <= written.size and not (by_column and len(shape) == 3):
-            return NpyFile(
-                path=file,
-                source=written,
-                count=count,
-                dtype=dtype,
-                columns=shape[-1],
-                offset=offset,
-                by_column=by_column,
-            )
+        if offset + count * shape[-1] * dtype.itemsize <= written.size:
+            return NpyFile(path=file, source=written, count=count, dtype=dtype, columns=shape[-1], offset=offset)
     # NumPy says what is wrong with all others.
     loaded = load_arrays(file)
     if isinstance(loaded, dict):
@@ -102,8 +80,8 @@ def open_npy(path: str | os.PathLike[str]) -> NpyFile | PointCloud:
     return _cloud(loaded, file, {})
 
 
-def _array_layout(file: Path) -> tuple[tuple[int, ...], bool, np.dtype, int] | None:
-    """Shape, order by columns, type and offset of an array of points; None where the header is of nothing such."""
+def _array_layout(file: Path) -> tuple[tuple[int, ...], np.dtype, int] | None:
+    """Shape, type and offset of an array of points that lie row by row; None where the header is of nothing such."""
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     with file.open("rb") as stream, warnings.catch_warnings():
         # NumPy warns of headers of Python 2 and of numbers in them that no Python writes.
@@ -113,10 +91,15 @@ def _array_layout(file: Path) -> tuple[tuple[int, ...], bool, np.dtype, int] | N
         # A damaged header may raise whatever Python's parser does.
         except Exception:
             return None
-        usual = dtype.kind in "fiu" and len(shape) in (2, 3) and all(isinstance(size, int) for size in shape)
+        usual = (
+            dtype.kind in "fiu"
+            and not by_column
+            and len(shape) in (2, 3)
+            and all(isinstance(size, int) for size in shape)
+        )
         if not usual or min(shape) < 0 or not 3 <= shape[-1] <= MOST_COLUMNS:
             return None
-        return shape, by_column, dtype, stream.tell()
+        return shape, dtype, stream.tell()
 
 
 def read_npz(path: str | os.PathLike[str]) -> PointCloud:

@@ -2,15 +2,14 @@
 
 import abc
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from gmmjax.clouds.blocks import Block, BlockTree
-from gmmjax.clouds.placed_clouds import PlacedClouds, StoredPoints
-from gmmjax.clouds.read_both import read_both
+from gmmjax.clouds.placed_clouds import StoredPoints
 from gmmjax.geometry import within_box
 from gmmjax.pair import Pair, each
 
@@ -81,39 +80,6 @@ class AbstractBlockStore(abc.ABC):
         return each(lambda own, others: _with_margin((own, *others.parts)), self.inside(block.number), around)
 
 
-class MemoryBlockStore(AbstractBlockStore):
-    """The points of two clouds in memory."""
-
-    def __init__(self, clouds: PlacedClouds, tree: BlockTree):
-        """Sorts the points into blocks.
-
-        Args:
-            clouds: whose points are taken.
-            tree: their blocks, as of `tree_of`.
-        """
-        self._tree = tree
-        self._row_counts = clouds.row_counts
-        self._points = read_both(lambda own: _by_block(own, self._tree), clouds.chunks(self._tree.lattice))
-        self._ends = self._tree.counts.map(np.cumsum)
-
-    @property
-    def tree(self) -> BlockTree:
-        """The blocks."""
-        return self._tree
-
-    @property
-    def row_counts(self) -> Pair[int]:
-        """The number of rows of either cloud."""
-        return self._row_counts
-
-    def inside(self, number: int) -> Pair[StoredPoints]:
-        """The points in a block; see `AbstractBlockStore`."""
-        places = each(
-            lambda ends, counts: slice(ends[number] - counts[number], ends[number]), self._ends, self._tree.counts
-        )
-        return each(lambda points, place: points.part(place), self._points, places)
-
-
 class _Around:
     """Points of one cloud around a block: all of them, or every second, fourth, ... where there are too many.
 
@@ -143,9 +109,3 @@ def _every(step: int, points: StoredPoints, first: int = 0) -> StoredPoints:
 def _with_margin(parts: tuple[StoredPoints, ...]) -> BlockPoints:
     points, rows = (np.concatenate(own) for own in zip(*parts, strict=True))
     return BlockPoints(points, rows, np.arange(len(points)) < len(parts[0].points))
-
-
-def _by_block(chunks: Iterable[StoredPoints], tree: BlockTree) -> StoredPoints:
-    """All points of a cloud, in the order of the blocks, and in each in the order of their rows."""
-    points, rows = (np.concatenate(own) for own in zip(*chunks, strict=True))
-    return StoredPoints(points, rows).part(np.argsort(tree.blocks_of(points), kind="stable"))

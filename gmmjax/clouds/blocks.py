@@ -17,6 +17,13 @@ from gmmjax.clouds.cell_counts import CellCounts, Lattice
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair, each
 
+# Of a cloud, for voxels of this size. 1: the noise of single points is in the voxels; many: changes of few points are
+# averaged away.
+POINTS_PER_VOXEL = 4.0
+# Share of a cloud's cells with so many points from which on the cloud supports a voxel size. 0: the densest cell does;
+# 1: a single cell at a rim with few points keeps the voxels large.
+DENSE = 0.5
+
 
 @dataclasses.dataclass(frozen=True)
 class BlockSettings:
@@ -25,10 +32,6 @@ class BlockSettings:
     Attributes:
         voxels: along the edge of a block that has voxels of its own. Few: more blocks, each with much margin for its
             size; many: a block that is partly dense has voxels for its sparser part.
-        points_per_voxel: of a cloud, for voxels of this size. 1: the noise of single points is in the voxels; many:
-            changes of few points are averaged away.
-        dense: share of a cloud's cells with so many points from which on the cloud supports a voxel size. 0: the
-            densest cell does; 1: a single cell at a rim with few points keeps the voxels large.
         covered: share of a plane across a block that a cloud covers with so many points, at least. 0: the blocks get
             ever smaller about a few points that are close together.
         least_points: in a cube, of which a density follows. Fewer of a cloud whose spacing around is small enough,
@@ -42,19 +45,15 @@ class BlockSettings:
         cell_points: of the cells in which a cloud is counted, on average, at least. 1: time and memory for cells of
             single points, of which nothing follows; many: where a cloud is much denser than on average, the blocks are
             too large.
-        most_cells: in which a cloud is counted. Fewer: less memory, and blocks no smaller than a cell.
     """
 
     voxels: int = 64
-    points_per_voxel: float = 4.0
-    dense: float = 0.5
     covered: float = 0.1
     least_points: int = 64
     cells: int = 8
     finest_voxel: float = 0.0
     most_points: float = 1e6
     cell_points: float = 8.0
-    most_cells: int = 1_000_000
 
 
 class Block(NamedTuple):
@@ -175,7 +174,7 @@ def block_tree(counts: CellCounts, lattice: Lattice, settings: BlockSettings = B
     """The blocks of two clouds, by the number of points in fine cells.
 
     A cube of the octree has voxels of its own where each cloud that is present in it has enough points for them:
-    `points_per_voxel`, as on a surface, in most of the cells that it is in. A cloud that is dense around the cube and
+    `POINTS_PER_VOXEL`, as on a surface, in most of the cells that it is in. A cloud that is dense around the cube and
     not in it, behind an obstacle or beyond its range, leaves that to the other one.
 
     A cube is divided where any part of it has voxels of its own, or where it has too many points; a part that has none
@@ -261,7 +260,7 @@ def _size_of_cube(pyramid: list[CellCounts], lattice: Lattice, settings: BlockSe
         for own in cells.points
     )
     own = lattice.edge / settings.voxels
-    doublings = np.ceil(np.log2(np.sqrt(settings.points_per_voxel) * widest / own)) if widest > 0 else 0.0
+    doublings = np.ceil(np.log2(np.sqrt(POINTS_PER_VOXEL) * widest / own)) if widest > 0 else 0.0
     return float(own * 2 ** np.clip(doublings, 0, np.log2(settings.voxels)))
 
 
@@ -269,7 +268,7 @@ def _supported(pyramid: list[CellCounts], lattice: Lattice, settings: BlockSetti
     """Which cubes of each level have points enough for voxels of their own."""
     sides = Pair([own.points.before for own in pyramid], [own.points.after for own in pyramid])
     by_cloud = sides.map(lambda points: _supported_by(points, pyramid, lattice, settings))
-    least = settings.covered * settings.points_per_voxel * settings.voxels**2
+    least = settings.covered * POINTS_PER_VOXEL * settings.voxels**2
     supported = []
     for cubes, before, after in zip(pyramid, *by_cloud, strict=True):
         fine_enough = lattice.edge_of(cubes.level) / settings.voxels >= settings.finest_voxel
@@ -289,15 +288,15 @@ def _supported_by(
     for level, cubes in enumerate(pyramid):
         cells, own = _cells_of(level, pyramid, settings), points[level]
         parents = _parents(cells, cubes)
-        enough = settings.points_per_voxel * (settings.voxels / 2 ** (cells.level - level)) ** 2
+        enough = POINTS_PER_VOXEL * (settings.voxels / 2 ** (cells.level - level)) ** 2
         dense = np.bincount(parents, weights=points[cells.level] >= enough, minlength=len(own))
         occupied = np.bincount(parents, weights=points[cells.level] > 0, minlength=len(own))
         few = own < max(settings.least_points, 1)
         around = spacing[_parents(cubes, pyramid[max(level - 1, 0)])]
         spacing = np.where(few, around, _spacing(occupied, own, lattice.edge_of(cells.level)))
         voxel = lattice.edge_of(level) / settings.voxels
-        absent = few & (spacing * np.sqrt(settings.points_per_voxel) <= voxel)
-        supported.append(absent | (~few & (dense >= settings.dense * occupied)))
+        absent = few & (spacing * np.sqrt(POINTS_PER_VOXEL) <= voxel)
+        supported.append(absent | (~few & (dense >= DENSE * occupied)))
     return supported
 
 

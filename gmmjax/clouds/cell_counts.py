@@ -15,6 +15,9 @@ from gmmjax.clouds.read_both import read_both
 from gmmjax.clouds.voxel_grid import AXIS_BITS
 from gmmjax.pair import Pair, each
 
+# That are kept of either cloud: fewer take less memory, and blocks are no smaller than a cell.
+MOST_CELLS = 1_000_000
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Lattice:
@@ -68,18 +71,15 @@ class CellCounts:
         return CellCounts(self.level - 1, codes, self.points.map(lambda own: np.add.reduceat(own, places)))
 
 
-def count_cells(
-    clouds: Pair[Iterable[Float64[np.ndarray, "n 3"]]], lattice: Lattice, most_cells: int, cell_points: float
-) -> CellCounts:
+def count_cells(clouds: Pair[Iterable[Float64[np.ndarray, "n 3"]]], lattice: Lattice, cell_points: float) -> CellCounts:
     """Counts the points of two clouds in cells of one size.
 
     Args:
         clouds: the points of either cloud, some at a time, relative to the lattice's offset and inside of its cube.
         lattice: the cells.
-        most_cells: that are kept of either cloud; less memory and larger cells the fewer.
         cell_points: of a cell with points, on average of the cloud that has more of them, at least.
     """
-    counters = read_both(lambda chunks: _Counter.of(chunks, lattice, most_cells), clouds)
+    counters = read_both(lambda chunks: _Counter.of(chunks, lattice), clouds)
     level = max(own.level_with(cell_points) for own in counters)
     level = min(level, *(own.level for own in counters))
     for own in counters:
@@ -97,12 +97,12 @@ class _Counter:
         self.points: Int64[np.ndarray, " c"] = np.empty(0, np.int64)
 
     @classmethod
-    def of(cls, chunks: Iterable[Float64[np.ndarray, "n 3"]], lattice: Lattice, most_cells: int) -> "_Counter":
+    def of(cls, chunks: Iterable[Float64[np.ndarray, "n 3"]], lattice: Lattice) -> "_Counter":
         counter = cls()
         for chunk in chunks:
             if len(chunk):
                 counter._add(lattice.codes(chunk, counter.level))
-                counter.coarsen(counter._level_where(lambda cells: cells <= most_cells))
+                counter.coarsen(counter._level_where(lambda cells: cells <= MOST_CELLS))
         return counter
 
     def _add(self, codes: UInt64[np.ndarray, " n"]) -> None:

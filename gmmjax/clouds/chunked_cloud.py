@@ -1,4 +1,4 @@
-"""Clouds that are given some points at a time, as often as they are asked for: open files, surveys, or arrays."""
+"""Clouds that are given some points at a time, as often as they are asked for: open files and surveys."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -25,33 +25,6 @@ class ChunkedCloud(Protocol):
 
     def chunks(self, size: int = CHUNK_POINTS) -> Iterator[CloudChunk]:
         """All points from the first on, at most `size` at a time; no result depends on the size."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class ArrayCloud:
-    """A cloud in memory, as `ChunkedCloud`.
-
-    Attributes:
-        points: finite coordinates.
-    """
-
-    points: Float64[np.ndarray, "n 3"]
-
-    @property
-    def count(self) -> int:
-        """Number of points."""
-        return len(self.points)
-
-    @property
-    def bounds(self) -> Bounds | None:
-        """Not known before the points are looked at."""
-        return None
-
-    def chunks(self, size: int = CHUNK_POINTS) -> Iterator[CloudChunk]:
-        """All points, at most `size` at a time."""
-        for start in range(0, len(self.points), size):
-            part = self.points[start : start + size]
-            yield CloudChunk(part, np.arange(start, start + len(part), dtype=np.int64))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -37,19 +37,9 @@ INDICES = ("rowIndex", "columnIndex")
 REPEATED = (*CARTESIAN, *SPHERICAL, *COLORS, INVALID, SPHERICAL_INVALID)
 # Bytes a second that the slowest machine decodes, and bytes that the library takes beside a block of points.
 SLOWEST, WORKING_MEMORY = 1_000_000, 1 << 29
-
-
-@dataclasses.dataclass(frozen=True)
-class ScannerPoseSettings:
-    """When the pose of a scan is that of the scanner.
-
-    Attributes:
-        unevenness: standard deviation of the elevations from even steps along the rows or columns of the scan, as a
-            fraction of their range, from which on the pose is not that of a turning scanner. Empirical. 0: no scan has
-            views; infinite: merged and moved scans have views from where nobody stood.
-    """
-
-    unevenness: float = 0.02
+# Standard deviation of the elevations from even steps along the rows or columns of a scan, as a fraction of their
+# range, below which its pose is that of a turning scanner. Larger: merged scans have views from where nobody stood.
+MOST_UNEVENNESS = 0.02
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -101,11 +91,9 @@ class E57File(CloudFile):
 
     Attributes:
         all_scans: of the file, also those without points.
-        scanner_poses: when the poses of the scans are views.
     """
 
     all_scans: tuple[Scan, ...]
-    scanner_poses: ScannerPoseSettings = ScannerPoseSettings()
 
     @property
     def scans(self) -> int:
@@ -188,7 +176,7 @@ class E57File(CloudFile):
     def _evenness(self) -> "list[_Evenness]":
         """That of each scan; none where a scan has no pose."""
         scans = self._filled
-        return [_Evenness(scan, self.scanner_poses) for scan in scans] if all(scan.posed for scan in scans) else []
+        return [_Evenness(scan) for scan in scans] if all(scan.posed for scan in scans) else []
 
     def _views(self, evenness: "list[_Evenness]", parts: Callable[[], Iterable[np.ndarray]]) -> SensorViews | None:
         if not evenness or not all(own.is_station for own in evenness):
@@ -287,9 +275,8 @@ def _scan(details: dict[str, Any]) -> Scan:
 class _Evenness:
     """Whether elevations grow evenly with the row or the column of a scan, as from the place of a turning scanner."""
 
-    def __init__(self, scan: Scan, settings: ScannerPoseSettings) -> None:
+    def __init__(self, scan: Scan) -> None:
         self._to_scan = np.linalg.inv(scan.pose)
-        self._settings = settings
         self._lines = {name: _Line() for name in INDICES if name in scan.fields}
 
     def add(self, block: RowBlock) -> None:
@@ -303,7 +290,7 @@ class _Evenness:
     @property
     def is_station(self) -> bool:
         """Whether they do."""
-        return any(line.unevenness < self._settings.unevenness for line in self._lines.values())
+        return any(line.unevenness < MOST_UNEVENNESS for line in self._lines.values())
 
 
 def _add(evenness: list[_Evenness], block: RowBlock) -> None:

@@ -1,5 +1,6 @@
 """Numbers in lines of text, fast where all is well and with the line number where it is not."""
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
@@ -35,7 +36,7 @@ class NumberedLines:
 
 
 def parse_table(
-    lines: NumberedLines, columns: int, source: str, *, skip: int = 0, count: int | None = None
+    lines: NumberedLines, columns: int, source: str, *, count: int, what: str, skip: int = 0
 ) -> Float64[np.ndarray, "n c"]:
     """The numbers of consecutive lines.
 
@@ -43,27 +44,44 @@ def parse_table(
         lines: the text; values are separated by blanks.
         columns: how many numbers each line must have.
         source: the file, for messages.
+        count: how many lines to read.
+        what: they are, for messages.
         skip: how many lines to pass over first.
-        count: how many lines to read at most; None is all.
 
     Returns:
-        The numbers, a row for each line; fewer than `count` rows when the text ends early.
+        The numbers, a row for each line.
 
     Raises:
-        InputError: a line that is not `columns` numbers; the message has its number.
+        InputError: fewer lines, or one that is not `columns` numbers; the message has its number.
     """
-    stop = None if count is None else skip + count
+    stop = skip + count
     rows = (line for _, line in islice(lines, skip, stop))
     first = next(rows, None)
     if first is None or not columns:
+        if count:
+            raise cut_off(count, 0, what, source)
         return np.zeros((0, columns))
+    cause: ValueError | None = None
     try:
-        table = np.loadtxt(_chain(first, rows), comments=None, ndmin=2, encoding="latin1")
+        table = np.loadtxt(itertools.chain([first], rows), comments=None, ndmin=2, encoding="latin1")
     except ValueError as error:
-        raise _first_fault(lines, columns, source, skip, stop, error) from error
-    if table.shape[1] != columns:
-        raise _first_fault(lines, columns, source, skip, stop, None)
-    return table
+        cause, table = error, np.zeros((0, 0))
+    if table.shape == (count, columns):
+        return table
+    available = sum(1 for _ in lines) - skip
+    if table.shape[1] == columns:
+        raise cut_off(count, available, what, source)
+    fault = _first_fault(lines, columns, source, skip, stop, cause)
+    if available < count:
+        raise InputError(f"{cut_off(count, available, what, source)} ({fault})") from cause
+    raise fault from cause
+
+
+def cut_off(declared: int, available: int, what: str, source: str) -> InputError:
+    """The error of a file that ends early."""
+    return InputError(
+        f"{source}: declares {declared} {what}, {available} are there; the file is cut off, copy or export it again"
+    )
 
 
 def is_number(token: bytes | str) -> bool:
@@ -89,13 +107,8 @@ def _split(text: bytes) -> Iterator[bytes]:
         yield text[start:]
 
 
-def _chain(first: bytes, rest: Iterator[bytes]) -> Iterator[bytes]:
-    yield first
-    yield from rest
-
-
 def _first_fault(
-    lines: NumberedLines, columns: int, source: str, skip: int, stop: int | None, cause: Exception | None
+    lines: NumberedLines, columns: int, source: str, skip: int, stop: int, cause: Exception | None
 ) -> InputError:
     """What to say about the first line that cannot be read."""
     for number, line in islice(lines, skip, stop):

@@ -14,6 +14,8 @@ PINHOLE_TOLERANCE = 0.02
 # A quaternion in a text file is a unit one up to rounding.
 QUATERNION_TOLERANCE = 1e-2
 LEAST_PIXELS = 16
+# Of points in the coordinates of the sensor.
+AT_ORIGIN = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 def frame_views(
@@ -74,6 +76,16 @@ def pose_of(viewpoint: tuple[float, ...]) -> Float64[np.ndarray, "4 4"] | None:
     if np.abs(numbers[3:]).max() > 2 or abs(float(np.linalg.norm(numbers[3:])) - 1) > QUATERNION_TOLERANCE:
         return None
     return rigid_transform(Rotation.from_quat(numbers[[4, 5, 6, 3]]).as_matrix(), numbers[:3])
+
+
+def viewpoint_of(pose: Float64[np.ndarray, "4 4"]) -> tuple[float, ...]:
+    """Position and quaternion w, x, y, z, as PCD has them.
+
+    Args:
+        pose: sensor to the frame of the points, rigid.
+    """
+    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True)
+    return tuple(float(number) for number in (*pose[:3, 3], w, x, y, z))
 
 
 def _grows_evenly(tangents: Float64[np.ndarray, " n"], pixels: Int64[np.ndarray, " n"]) -> bool:

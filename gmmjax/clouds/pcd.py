@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, UInt8
 
-from gmmjax.clouds import lzf
 from gmmjax.clouds.cloud_file import CloudFile, RowBlock
 from gmmjax.clouds.columns import (
     AXES,
@@ -21,9 +20,8 @@ from gmmjax.clouds.columns import (
     require_axes,
 )
 from gmmjax.clouds.files import read_bytes, require_file
-from gmmjax.clouds.number_table import NumberedLines, parse_table
-from gmmjax.clouds.ordered_frame import frame_views, pose_of
-from gmmjax.clouds.pcd_writing import AT_ORIGIN
+from gmmjax.clouds.number_table import NumberedLines, cut_off, parse_table
+from gmmjax.clouds.ordered_frame import AT_ORIGIN, frame_views, pose_of
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.clouds.records import stored_records
 from gmmjax.clouds.source_file import SourceFile
@@ -35,6 +33,8 @@ TYPES = {("F", 4), ("F", 8), *((kind, size) for kind in "IU" for size in (1, 2, 
 PADDING = "_"
 # Bytes of the longest header.
 LONGEST_HEADER = 1 << 20
+# No three bytes of LZF stand for more than 264 bytes: data that claim more are damaged.
+LONGEST_EXPANSION = 90
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class PcdHeader:
         body: the byte after the header.
         lines: how many lines the header has.
         width: columns of an ordered image, or None where the points are in no order.
-        viewpoint: position and quaternion of the sensor, as declared; empty where they are no numbers.
+        stated: position and quaternion of the sensor, as declared; empty where they are no numbers.
     """
 
     fields: tuple[Field, ...]
@@ -71,7 +71,30 @@ class PcdHeader:
     body: int
     lines: int
     width: int | None
-    viewpoint: tuple[float, ...]
+    stated: tuple[float, ...]
+
+    @property
+    def grid(self) -> tuple[int, int] | None:
+        """Rows and columns of an ordered image; None where the points are in no order."""
+        return None if self.width is None else (self.points // self.width, self.width)
+
+    @property
+    def viewpoint(self) -> tuple[float, ...]:
+        """Position and quaternion of the sensor, those of the origin where none are stated."""
+        return AT_ORIGIN if pose_of(self.stated) is None else self.stated
+
+    @property
+    def pose(self) -> Float64[np.ndarray, "4 4"]:
+        """Of the sensor, in the frame of the points."""
+        pose = pose_of(self.viewpoint)
+        assert pose is not None
+        return pose
+
+    @property
+    def dtype(self) -> np.dtype:
+        """The type that holds all coordinates."""
+        axes = [field.dtype for field in self.fields if field.name in AXES]
+        return np.result_type(*axes) if axes else np.dtype(np.float64)
 
     @property
     def point_size(self) -> int:
@@ -136,13 +159,12 @@ def open_pcd(path: str | os.PathLike[str]) -> PcdFile | PointCloud:
     """
     file, source = require_file(path), str(path)
     written = SourceFile.of(file)
-    with file.open("rb") as stream:
-        header = parse_header(stream.read(LONGEST_HEADER), source)
+    header = read_layout(path)
     require_axes((field.name for field in header.fields if field.count == 1), source)
     if header.encoding == "binary":
         available = max(written.size - header.body, 0) // header.point_size
         if available < header.points:
-            raise _cut_off(header.points, available, source)
+            raise cut_off(header.points, available, "points", source)
         return PcdFile(path=file, source=written, count=header.points, header=header)
     blocks_of = _ascii_blocks if header.encoding == "ascii" else _compressed_blocks
     blocks = blocks_of(read_bytes(file), header, source)
@@ -161,32 +183,10 @@ def _columns(header: PcdHeader, blocks: list[np.ndarray]) -> dict[str, np.ndarra
 def _with_views(cloud: PointCloud, header: PcdHeader) -> PointCloud:
     if header.width is None:
         return cloud
-    return dataclasses.replace(cloud, views=frame_views(cloud.points, cloud.rows, header.width, header.viewpoint))
+    return dataclasses.replace(cloud, views=frame_views(cloud.points, cloud.rows, header.width, header.stated))
 
 
-@dataclass(frozen=True, eq=False)
-class PcdLayout:
-    """What a PCD file says beside its points.
-
-    Attributes:
-        grid: rows and columns of an ordered image; None where the points are in no order.
-        viewpoint: position and quaternion of the sensor, as the file has them; those of the origin where it has none.
-        dtype: of the coordinates.
-    """
-
-    grid: tuple[int, int] | None
-    viewpoint: tuple[float, ...]
-    dtype: np.dtype
-
-    @property
-    def pose(self) -> Float64[np.ndarray, "4 4"]:
-        """Of the sensor, in the frame of the points."""
-        pose = pose_of(self.viewpoint)
-        assert pose is not None
-        return pose
-
-
-def read_layout(path: str | os.PathLike[str]) -> PcdLayout:
+def read_layout(path: str | os.PathLike[str]) -> PcdHeader:
     """What a PCD file says beside its points.
 
     Raises:
@@ -194,11 +194,7 @@ def read_layout(path: str | os.PathLike[str]) -> PcdLayout:
     """
     file = require_file(path)
     with file.open("rb") as stream:
-        header = parse_header(stream.read(LONGEST_HEADER), str(file))
-    grid = None if header.width is None else (header.points // header.width, header.width)
-    axes = [field.dtype for field in header.fields if field.name in AXES]
-    viewpoint = AT_ORIGIN if pose_of(header.viewpoint) is None else header.viewpoint
-    return PcdLayout(grid, viewpoint, np.result_type(*axes) if axes else np.dtype(np.float64))
+        return parse_header(stream.read(LONGEST_HEADER), str(file))
 
 
 def parse_header(data: bytes, source: str) -> PcdHeader:
@@ -297,15 +293,7 @@ def _viewpoint(values: list[str]) -> tuple[float, ...]:
 def _ascii_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.ndarray]:
     lines = NumberedLines(data[header.body :], first=header.lines + 1, comments=(b"#",))
     width = sum(field.count for field in header.fields)
-    try:
-        table = parse_table(lines, width, source, count=header.points)
-    except InputError as error:
-        available = sum(1 for _ in lines)
-        if available >= header.points:
-            raise
-        raise InputError(f"{_cut_off(header.points, available, source)} ({error})") from error
-    if len(table) < header.points:
-        raise _cut_off(header.points, len(table), source)
+    table = parse_table(lines, width, source, count=header.points, what="points")
     ends = np.cumsum([field.count for field in header.fields])
     blocks = np.split(table, ends[:-1], axis=1)
     return [
@@ -318,7 +306,7 @@ def _ascii_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.ndarra
 def _compressed_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.ndarray]:
     """Blocks of one field each; writers other than the Point Cloud Library's may store the padding too."""
     if len(data) < header.body + 8:
-        raise _cut_off(header.points, 0, source)
+        raise cut_off(header.points, 0, "points", source)
     compressed, size = (int(number) for number in np.frombuffer(data, "<u4", 2, header.body))
     start = header.body + 8
     if len(data) - start < compressed:
@@ -333,7 +321,7 @@ def _compressed_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.n
             f"{source}: holds {size} bytes for {header.points} points of {without_padding} bytes; the header is wrong"
         )
     try:
-        expanded = lzf.decompress(data[start : start + compressed], size)
+        expanded = expand_lzf(data[start : start + compressed], size)
     except ValueError as error:
         raise InputError(f"{source}: the compressed data are damaged ({error}); copy or export it again") from error
     blocks, offset = [], 0
@@ -346,15 +334,59 @@ def _compressed_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.n
     return blocks
 
 
+def expand_lzf(data: bytes, size: int) -> bytes:
+    """Expand data of LibLZF (Lehmann, LibLZF 3.6), which binary_compressed data are.
+
+    A control byte below 32 starts a run of that many bytes plus one, copied as they are. Any other one refers back:
+    its top three bits are the length (7: a further byte is added) less two, its other bits and the next byte the
+    distance less one.
+
+    Args:
+        data: compressed bytes.
+        size: how many bytes they stand for.
+
+    Returns:
+        The `size` bytes.
+
+    Raises:
+        ValueError: the data end early, refer back to before their start, or stand for another number of bytes.
+    """
+    if size > LONGEST_EXPANSION * len(data):
+        raise ValueError(f"{len(data)} compressed bytes cannot stand for {size}")
+    expanded = bytearray()
+    position, end = 0, len(data)
+    try:
+        while position < end:
+            control = data[position]
+            position += 1
+            if control < 32:
+                expanded += data[position : position + control + 1]
+                position += control + 1
+                continue
+            length = (control >> 5) + 2
+            if length == 9:
+                length += data[position]
+                position += 1
+            distance = ((control & 31) << 8) + data[position] + 1
+            position += 1
+            start = len(expanded) - distance
+            if start < 0:
+                raise ValueError("a reference goes back to before the start")
+            if length <= distance:
+                expanded += expanded[start : start + length]
+            else:
+                # The reference overlaps what it writes: the last `distance` bytes repeat.
+                expanded += (expanded[start:] * (length // distance + 1))[:length]
+    except IndexError:
+        raise ValueError("the compressed data end early") from None
+    if position > end or len(expanded) != size:
+        raise ValueError(f"the data expand to {len(expanded)} bytes, not {size}")
+    return bytes(expanded)
+
+
 def _split_bytes(rows: UInt8[np.ndarray, "n size"], fields: tuple[Field, ...]) -> list[np.ndarray]:
     ends = np.cumsum([field.size for field in fields])
     return [
         rows[:, end - field.size : end].reshape(-1).view(field.dtype).reshape(len(rows), field.count)
         for field, end in zip(fields, ends, strict=True)
     ]
-
-
-def _cut_off(declared: int, available: int, source: str) -> InputError:
-    return InputError(
-        f"{source}: declares {declared} points, {available} are there; the file is cut off, copy or export it again"
-    )

@@ -8,17 +8,14 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 import numpy.typing as npt
-from jaxtyping import Float64
-from scipy.spatial.transform import Rotation
 
 from gmmjax.clouds.atomic import atomic_write
 from gmmjax.clouds.columns import AXES
 from gmmjax.clouds.coordinates import as_finite_points, require_array
-from gmmjax.clouds.ordered_frame import QUATERNION_TOLERANCE
+from gmmjax.clouds.ordered_frame import AT_ORIGIN, pose_of
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.errors import InputError
 
-AT_ORIGIN = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 COLORS = "rgb"
 
 
@@ -58,7 +55,7 @@ def write_pcd(
         grid = as_finite_points(array, f"{path}: points").shape[:1]
     coordinates = array if array.dtype in (np.float32, np.float64) else array.astype(np.float64)
     rows = _rows(coordinates, colors, fields or {}, grid, str(path))
-    header = _header_text(rows.dtype, grid, _checked_viewpoint(viewpoint, str(path)))
+    header = _header_text(rows.dtype, grid, viewpoint, str(path))
     with atomic_write(path) as file:
         file.write(header)
         file.write(rows.tobytes())
@@ -100,7 +97,7 @@ def write_pcd_parts(path: str | os.PathLike[str], parts: Iterable[PointCloud], f
             rows = _rows(part.points.astype(form.dtype), part.colors, part.fields, (len(part),), str(path))
             if no_return is None:
                 no_return = _no_return(rows.dtype, form.empty)
-                file.write(_header_text(rows.dtype, form.shape, _checked_viewpoint(form.viewpoint, str(path))))
+                file.write(_header_text(rows.dtype, form.shape, form.viewpoint, str(path)))
             if len(form.shape) == 2:
                 image = np.repeat(no_return, int(part.rows[-1]) + 1 - written)
                 image[part.rows - written] = rows
@@ -142,16 +139,6 @@ def _no_return(row_type: np.dtype, empty: Mapping[str, int]) -> np.ndarray:
     return row
 
 
-def viewpoint_of(pose: Float64[np.ndarray, "4 4"]) -> tuple[float, ...]:
-    """Position and quaternion w, x, y, z, as PCD has them.
-
-    Args:
-        pose: sensor to the frame of the points, rigid.
-    """
-    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True)
-    return tuple(float(number) for number in (*pose[:3, 3], w, x, y, z))
-
-
 def _packed(colors: np.ndarray, grid: tuple[int, ...], source: str) -> np.ndarray:
     """Red, green and blue in the lower three bytes of a number, as the Point Cloud Library has them."""
     if colors.dtype != np.uint8 or colors.shape != (*grid, 3):
@@ -177,16 +164,11 @@ def _checked_field(
     return values
 
 
-def _checked_viewpoint(viewpoint: tuple[float, ...], source: str) -> list[float]:
-    numbers = np.asarray(viewpoint, np.float64)
-    if numbers.shape != (7,) or not np.isfinite(numbers).all():
-        raise InputError(f"{source}: viewpoint {viewpoint} must be a position x y z and a quaternion w x y z")
-    if np.abs(numbers[3:]).max() > 2 or abs(float(np.linalg.norm(numbers[3:])) - 1) > QUATERNION_TOLERANCE:
-        raise InputError(f"{source}: viewpoint {viewpoint}: the quaternion w x y z must have length 1")
-    return [float(number) for number in numbers]
-
-
-def _header_text(row_type: np.dtype, shape: tuple[int, ...], viewpoint: list[float]) -> bytes:
+def _header_text(row_type: np.dtype, shape: tuple[int, ...], viewpoint: tuple[float, ...], source: str) -> bytes:
+    if pose_of(viewpoint) is None:
+        raise InputError(
+            f"{source}: viewpoint {viewpoint} must be a position x y z and a quaternion w x y z of length 1"
+        )
     assert row_type.fields is not None
     kinds = [kind for kind, *_ in row_type.fields.values()]
     height, width = shape if len(shape) == 2 else (1, *shape)

@@ -121,7 +121,7 @@ def _counted(clouds: PlacedClouds, lattice: Lattice, settings: BlockSettings) ->
             yield chunk.points
 
     chunks = clouds.chunks(lattice).map(inside)
-    tree = block_tree(count_cells(chunks, lattice, settings.most_cells, settings.cell_points), lattice, settings)
+    tree = block_tree(count_cells(chunks, lattice, settings.cell_points), lattice, settings)
     for counts, name in zip(tree.counts, _NAMES, strict=True):
         if not counts.any():
             raise InputError(f"{name}: has no points; give a scan that has some")

@@ -16,7 +16,7 @@ from gmmjax.clouds.colors import CHANNELS
 from gmmjax.clouds.columns import AXES, block_of_columns, cast_column, cloud_of_columns, require_axes
 from gmmjax.clouds.coordinates import as_finite_points
 from gmmjax.clouds.files import read_bytes, require_file
-from gmmjax.clouds.number_table import NumberedLines, parse_table
+from gmmjax.clouds.number_table import NumberedLines, cut_off, parse_table
 from gmmjax.clouds.ply_header import END, Element, PlyHeader, parse_header
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.clouds.records import stored_records
@@ -92,7 +92,7 @@ def open_ply(path: str | os.PathLike[str]) -> PlyFile | PointCloud:
         return cloud_of_columns({prop.name: rows[prop.name] for prop in vertex.properties}, source)
     available = max(written.size - offset, 0) // vertex.row_type.itemsize
     if available < vertex.count:
-        raise _cut_off(vertex.count, available, source)
+        raise cut_off(vertex.count, available, "vertices", source)
     return PlyFile(path=file, source=written, count=vertex.count, vertex=vertex, offset=offset)
 
 
@@ -222,7 +222,7 @@ def _list_places(data: bytes, offset: int, element: Element, encoding: str, sour
 def _rows_without_lists(data: bytes, offset: int, element: Element, encoding: str, source: str) -> np.ndarray:
     """The scalars of an element with lists, as rows of `element.without_lists`."""
     if element.count > len(data):
-        raise _cut_off(element.count, 0, source)
+        raise cut_off(element.count, 0, "vertices", source)
     places = np.array(list(_list_places(data, offset, element, encoding, source)), np.int64).reshape(element.count, -1)
     rows = np.empty(element.count, element.without_lists.row_type)
     content, names, run, start = np.frombuffer(data, np.uint8), iter(rows.dtype.names or ()), 0, 0
@@ -244,15 +244,7 @@ def _ascii_columns(data: bytes, header: PlyHeader, index: int, source: str) -> d
         lines = _without_lists(lines, before, vertex, source)
     vertex = vertex.without_lists
     width = len(vertex.properties)
-    try:
-        table = parse_table(lines, width, source, skip=before, count=vertex.count)
-    except InputError as error:
-        available = sum(1 for _ in lines) - before
-        if available >= vertex.count:
-            raise
-        raise InputError(f"{_cut_off(vertex.count, available, source)} ({error})") from error
-    if len(table) < vertex.count:
-        raise _cut_off(vertex.count, len(table), source)
+    table = parse_table(lines, width, source, count=vertex.count, what="vertices", skip=before)
     # Coordinates keep all the digits of the text, even where the header says float.
     return {
         prop.name: table[:, column]
@@ -286,12 +278,6 @@ def _scalars(line: bytes, element: Element, where: str) -> bytes:
     if place != len(words):
         raise InputError(f"{where} has {len(words)} values where {place} are expected; export it again")
     return b" ".join(scalars)
-
-
-def _cut_off(declared: int, available: int, source: str) -> InputError:
-    return InputError(
-        f"{source}: declares {declared} vertices, {available} are there; the file is cut off, copy or export it again"
-    )
 
 
 def _writable(values: np.ndarray, name: str) -> np.ndarray:

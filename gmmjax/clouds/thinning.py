@@ -10,6 +10,9 @@ from gmmjax.clouds.cloud_file import Bounds, CloudChunk
 from gmmjax.clouds.stray_points import scan_bounds
 from gmmjax.clouds.voxel_grid import AXIS_BITS, voxel_keys
 
+# Voxels along the longest side of the first chunk, before they are doubled: fewer, and small clouds are thinned, too.
+FIRST_CELLS = 4096
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ThinnedCloud:
@@ -33,16 +36,14 @@ class ThinnedCloud:
         return int(self.counts.sum())
 
 
-def thinned_cloud(chunks: Iterable[CloudChunk], most: int, first_cells: int = 4096) -> ThinnedCloud:
+def thinned_cloud(chunks: Iterable[CloudChunk], most: int) -> ThinnedCloud:
     """Reads a cloud, and keeps the means of voxels as small as they may be without being more than a given number.
 
     Args:
         chunks: of the cloud, some points at a time.
         most: number of voxels. Fewer: less memory, and larger voxels.
-        first_cells: voxels along the longest side of the first chunk, before they are doubled. Few: small clouds are
-            thinned, too.
     """
-    thinning = _Thinning(most, first_cells)
+    thinning = _Thinning(most)
     for chunk in chunks:
         if len(chunk.points):
             thinning.add(chunk.points)
@@ -52,8 +53,8 @@ def thinned_cloud(chunks: Iterable[CloudChunk], most: int, first_cells: int = 40
 class _Thinning:
     """The voxels so far, by the indices of a grid that is doubled when they become too many."""
 
-    def __init__(self, most: int, first_cells: int):
-        self._most, self._first_cells = most, first_cells
+    def __init__(self, most: int):
+        self._most = most
         self._corner, self._size = np.zeros(3), 0.0
         self._boxes: list[Float64[np.ndarray, "2 3"]] = []
         self._indices = np.empty((0, 3), np.int64)
@@ -70,7 +71,7 @@ class _Thinning:
             bounds = scan_bounds(points)
             scan = box if bounds is None else bounds
             self._corner = scan[0]
-            self._size = float(np.ptp(scan, axis=0).max()) / self._first_cells or 1.0
+            self._size = float(np.ptp(scan, axis=0).max()) / FIRST_CELLS or 1.0
         offsets = self._near(points) - self._corner
         indices = np.floor(offsets / self._size).astype(np.int64)
         own = _gathered(indices, np.c_[offsets, np.ones(len(offsets))])

@@ -22,22 +22,11 @@ MARGIN = 1.02
 LEVEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 # Full vertical angle of a scanner that sees up to the zenith, degrees.
 WIDEST_ELEVATION = 179.8
-
-
-@dataclass(frozen=True)
-class PositionSettings:
-    """What a sensor is taken for of which only the position is known.
-
-    Attributes:
-        camera_angle: largest angle between the direction to a point and the mean direction to all, degrees, for the
-            sensor to be a camera that looks there; otherwise it turns by 360 degrees. 0: every sensor turns. Towards
-            90: cameras nearly as wide as half of space, whose images are stretched at the rim.
-        farthest: largest distance of a position from the nearest point, by the diagonal of the cloud: farther away it
-            is in another frame or unit. Infinite: such a position is used.
-    """
-
-    camera_angle: float = 75.0
-    farthest: float = 100.0
+# Largest angle between the direction to a point and the mean direction, degrees, for a sensor of which only the
+# position is known to be a camera that looks there; the images of wider ones are stretched at the rim.
+CAMERA_ANGLE = 75.0
+# Largest distance of a position from the nearest point, in diagonals of the cloud: farther, it is in another unit.
+FARTHEST = 100.0
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -106,9 +95,7 @@ class SensorViews:
         return cls(np.eye(4)[None], (float(angles[0]), float(angles[1])), farthest * MARGIN)
 
     @classmethod
-    def from_positions(
-        cls, points: npt.ArrayLike, positions: npt.ArrayLike, settings: PositionSettings = PositionSettings()
-    ) -> "SensorViews":
+    def from_positions(cls, points: npt.ArrayLike, positions: npt.ArrayLike) -> "SensorViews":
         """The views of a sensor of which only the positions are known: field of view and range are read from the cloud.
 
         Where all points lie to one side of every position the sensor is a camera that looks at them, upright where z
@@ -121,39 +108,34 @@ class SensorViews:
         Args:
             points: coordinates [N, 3] of the cloud, finite.
             positions: of the sensor [V, 3], or [3] for a single one, in the frame and unit of the points.
-            settings: when a sensor is a camera, and when a position is too far away.
 
         Raises:
             InputError: positions that are not finite or too far from the points to be theirs; no points.
         """
         coordinates = without_stray_points(as_finite_points(points))
-        return cls.from_parts(lambda: [coordinates], positions, settings)
+        return cls.from_parts(lambda: [coordinates], positions)
 
     @classmethod
     def from_parts(
-        cls,
-        parts: Callable[[], Iterable[Float64[np.ndarray, "n 3"]]],
-        positions: npt.ArrayLike,
-        settings: PositionSettings = PositionSettings(),
+        cls, parts: Callable[[], Iterable[Float64[np.ndarray, "n 3"]]], positions: npt.ArrayLike
     ) -> "SensorViews":
         """As `from_positions`, for a cloud that is given in parts, such as one that is larger than the memory.
 
         Args:
             parts: gives the cloud's points, finite [N, 3], in parts; called twice or three times.
             positions: of the sensor [V, 3], or [3] for a single one, in the frame and unit of the points.
-            settings: when a sensor is a camera, and when a position is too far away.
 
         Raises:
             InputError: positions that are not finite or too far from the points to be theirs; no points.
         """
         places = _checked_positions(positions)
-        _check_distances(parts(), places, settings.farthest)
+        _check_distances(parts(), places)
         directions = [_Directions(place) for place in places]
         for points in parts():
             for own in directions:
                 own.add(points)
         reach = max(own.reach for own in directions) * MARGIN
-        cameras = _cameras(parts(), directions, settings.camera_angle)
+        cameras = _cameras(parts(), directions)
         if cameras is not None:
             rotations, tangents = (np.stack(part) for part in zip(*cameras, strict=True))
             angles = 2 * np.degrees(np.arctan(np.maximum(tangents.max(axis=0), 1e-3) * MARGIN))
@@ -222,9 +204,7 @@ def _checked_positions(positions: Any) -> Float64[np.ndarray, "v 3"]:
     return array
 
 
-def _check_distances(
-    parts: Iterable[Float64[np.ndarray, "n 3"]], places: Float64[np.ndarray, "v 3"], farthest: float
-) -> None:
+def _check_distances(parts: Iterable[Float64[np.ndarray, "n 3"]], places: Float64[np.ndarray, "v 3"]) -> None:
     """Whether the positions can be those that a cloud was taken from.
 
     Raises:
@@ -240,7 +220,7 @@ def _check_distances(
         # To the box around the points, which is never farther than the nearest of them.
         distances = np.linalg.norm(places - np.clip(places, lower, upper), axis=1)
     worst = int(np.argmax(distances))
-    if distances[worst] > farthest * size:
+    if distances[worst] > FARTHEST * size:
         place = ", ".join(f"{value:.6g}" for value in places[worst])
         raise InputError(
             f"the sensor position ({place}) is {distances[worst]:.3g} away from a cloud that is only {size:.3g} large; "
@@ -286,17 +266,16 @@ class _Directions:
 
 
 def _cameras(
-    parts: Iterable[Float64[np.ndarray, "n 3"]], directions: list[_Directions], widest: float
+    parts: Iterable[Float64[np.ndarray, "n 3"]], directions: list[_Directions]
 ) -> list[tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, " 2"]]] | None:
     """Axes of the camera at each position, and tangents of its half angles.
 
     Args:
         parts: of the points.
         directions: to all of them, from each position.
-        widest: largest angle of a direction from their mean, degrees.
 
     Returns:
-        None where one of the directions from a position is further off.
+        None where one of the directions from a position is more than `CAMERA_ANGLE` from their mean.
     """
     if any(np.linalg.norm(own.total) == 0 for own in directions):
         return None
@@ -305,7 +284,7 @@ def _cameras(
     for points in parts:
         for index, own in enumerate(directions):
             inside = own.unit_vectors(points)[0] @ axes[index]
-            if inside[:, 2].min(initial=1.0) < np.cos(np.radians(widest)):
+            if inside[:, 2].min(initial=1.0) < np.cos(np.radians(CAMERA_ANGLE)):
                 return None
             tangents[index] = np.maximum(
                 tangents[index], np.abs(inside[:, :2] / inside[:, 2:]).max(axis=0, initial=0.0)

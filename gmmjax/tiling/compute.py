@@ -18,7 +18,7 @@ the store, the block and any further arguments, and returns a `BlockResult`:
 
 A task sees nothing but the points of its block and of the margin around it, in an order of their own, so that its
 result is the same bit for bit whatever the tiles and the workers are. A stage over many blocks reads the records in the
-order of the blocks. Clouds in memory go through the same tasks by `compute_here` and a `MemoryBlockStore`.
+order of the blocks. `compute_here` does the same tasks in this process.
 """
 
 import logging

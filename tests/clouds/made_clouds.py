@@ -4,7 +4,50 @@ import dataclasses
 
 import numpy as np
 
-from gmmjax.clouds import ArrayCloud, Bounds
+from gmmjax.clouds import AbstractBlockStore, Bounds, CloudChunk, StoredPoints
+from gmmjax.pair import each
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ArrayCloud:
+    """A cloud in memory, as `ChunkedCloud`."""
+
+    points: np.ndarray
+
+    @property
+    def count(self):
+        return len(self.points)
+
+    @property
+    def bounds(self):
+        return None
+
+    def chunks(self, size=1_000_000):
+        for start in range(0, len(self.points), size):
+            part = self.points[start : start + size]
+            yield CloudChunk(part, np.arange(start, start + len(part), dtype=np.int64))
+
+
+class MemoryBlockStore(AbstractBlockStore):
+    """The points of two clouds in memory, sorted into blocks."""
+
+    def __init__(self, clouds, tree):
+        self._tree, self._row_counts = tree, clouds.row_counts
+        read = clouds.chunks(tree.lattice).map(lambda own: zip(*own, strict=True))
+        together = read.map(lambda own: StoredPoints(*map(np.concatenate, own)))
+        self._points = together.map(lambda own: own.part(np.argsort(tree.blocks_of(own.points), kind="stable")))
+
+    @property
+    def tree(self):
+        return self._tree
+
+    @property
+    def row_counts(self):
+        return self._row_counts
+
+    def inside(self, number):
+        ends = self._tree.counts.map(lambda own: np.cumsum(np.append(0, own))[number : number + 2])
+        return each(lambda points, place: points.part(slice(*place)), self._points, ends)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

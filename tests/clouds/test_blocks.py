@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gmmjax._cores import available_cores
-from gmmjax.clouds import ArrayCloud, BlockSettings, Bounds, Lattice, MemoryBlockStore, PlacedClouds, tree_of
+from gmmjax.clouds import BlockSettings, Bounds, Lattice, PlacedClouds, tree_of
 from gmmjax.errors import InputError
 from gmmjax.geometry import rotation_about, transformed
 from gmmjax.pair import Pair, each
-from tests.clouds.made_clouds import ChunkedArray, slope
+from tests.clouds.made_clouds import ArrayCloud, ChunkedArray, MemoryBlockStore, slope
 
 # Blocks of few points, so that small clouds have many.
 SMALL = BlockSettings(voxels=8, covered=0.05, least_points=8, cells=4, cell_points=1.0)

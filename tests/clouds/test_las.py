@@ -10,7 +10,7 @@ import pytest
 from gmmjax.clouds import open_cloud, read_cloud
 from gmmjax.clouds.decoder_process import PROGRAM, DecoderProcess
 from gmmjax.errors import InputError, InputWarning
-from tests.clouds.las_files import las_bytes, vlr
+from tests.clouds.las_files import GEOTIFF, VERSIONS_AND_FORMATS, WKT, evlr, extra_descriptor, las_bytes, parsed, vlr
 
 OFFSET = np.array([500_000.0, 4_000_000.0, 100.0])
 
@@ -64,15 +64,6 @@ def test_cut_anywhere_is_an_input_error(survey, write_file):
         assert str(path) in str(caught.value)
 
 
-@pytest.mark.parametrize(("byte", "what"), [(103, "records"), (110, "copy")])
-def test_damaged_counts_are_found_before_room_is_made_for_them(survey, write_file, byte, what):
-    # Byte 103 is the highest of the number of records, byte 110 of the number of points.
-    damaged = bytearray(survey[0].read_bytes())
-    damaged[byte] = 200
-    with pytest.raises(InputError, match=what):
-        read_cloud(write_file(survey[0].name, bytes(damaged)))
-
-
 def test_other_files_under_the_name(write_file):
     with pytest.raises(InputError, match="no LAS or LAZ file"):
         read_cloud(write_file("a.las", b"ply\n" * 100))
@@ -92,9 +83,11 @@ def changed(path, place, kind, value):
         (25, "<B", 9, "has version 1.9"),
         (94, "<H", 10, "has a header of 10|a header of 10 and points from"),
         (96, "<I", 10**9, "points from byte 1000000000 on, which cannot be"),
-        (100, "<I", 10**8, "declares 100000000 records in"),
-        (104, "<B", 11, "has point format 11, known are 0 to 10"),
-        (105, "<H", 10, "has points of 10 bytes, point format 3 takes 34"),
+        # Highest bytes of the number of records and of points.
+        (103, "<B", 200, "record . of 33554.* runs beyond byte"),
+        (110, "<B", 200, "copy"),
+        (104, "<B", 11, "laspy cannot read its header .PointFormatNotSupported: (11|None)"),
+        (105, "<H", 10, "Incoherent point size"),
         (131, "<d", np.nan, r"has scales \[nan"),
         (131, "<d", 0.0, r"has scales \[0.0"),
         (155, "<d", np.inf, "and offsets .inf"),
@@ -103,7 +96,6 @@ def changed(path, place, kind, value):
 def test_numbers_that_the_file_contradicts(survey, write_file, place, kind, value, message):
     if survey[0].suffix == ".laz" and place == 104:
         value |= 128
-        message = message.replace("format 11", "format 139")
     with pytest.raises(InputError, match=message):
         read_cloud(write_file(survey[0].name, changed(survey[0], place, kind, value)))
 
@@ -121,17 +113,11 @@ def laz(tmp_path_factory):
     ("part", "place", "kind", "value", "message"),
     [
         ("vlr", 2, "<16s", b"someone else", "is compressed and has no record of LASzip"),
-        ("vlr", 20, "<H", 60_000, "ends after byte"),
-        ("laszip", 0, "<H", 1, "LASzip's method 1"),
-        ("laszip", 12, "<I", 0, "chunks of 0 points"),
-        ("laszip", 12, "<I", 7, "has 1 chunks of 7 points for 100 points"),
-        ("laszip", 32, "<H", 9, "is not of points of format 0"),
-        ("laszip", 36, "<H", 21, "is not of points of format 0"),
-        ("points", 0, "<q", 10**9, "has its chunk table at byte 1000000000"),
-        ("points", 0, "<q", 3, "has its chunk table at byte 3"),
-        ("table", 0, "<I", 1, "its chunk table has 1 chunks"),
-        ("table", 4, "<I", 2**31, "its chunk table has 2147483648 chunks"),
-        ("table", 4, "<I", 2, "has 2 chunks of 50000 points"),
+        ("vlr", 20, "<H", 60_000, "record 0 of 1 runs beyond byte"),
+        ("laszip", 12, "<I", 7, "its chunks hold 7 points, 100 are declared"),
+        *[("laszip", place, "<H", value, "lazrs cannot read it") for place, value in ((0, 1), (32, 9), (36, 21))],
+        *[("points", 0, "<q", value, "lazrs cannot read it") for value in (10**9, 3)],
+        ("table", 4, "<I", 2**31, "cannot read it|crashed on it"),
         ("table", 8, "<I", 2**32 - 1, "cannot read it|crashed on it"),
     ],
 )
@@ -201,16 +187,6 @@ def test_the_process_starts_without_the_package(tmp_path):
     assert not {"gmmjax", "jax", "numpy", "lazrs", "open3d"} & set(loaded.stdout.split())
 
 
-def test_more_points_than_the_memory_holds(laz, write_file):
-    data = bytearray(laz.read_bytes())
-    header = struct.unpack_from("<H", data, 94)[0]
-    # Chunks of any number of points, and so many as their table's header allows.
-    struct.pack_into("<I", data, header + 54 + 12, 2**32 - 1)
-    struct.pack_into("<I", data, 107, 2**32 - 1)
-    with pytest.raises(InputError, match=r"4294967295 points|cannot read it"):
-        read_cloud(write_file("a.laz", bytes(data)))
-
-
 def test_what_is_done_between_two_blocks_does_not_count_as_decoding(laz, monkeypatch):
     elapsed = [0.0]
     monkeypatch.setattr("gmmjax.clouds.decoder_process.time.monotonic", lambda: elapsed[0])
@@ -255,19 +231,16 @@ def compressed_by(tmp_path, version):
 def test_newer_items_are_read_by_laszip(tmp_path):
     np.testing.assert_array_equal(read_cloud(compressed_by(tmp_path, 4)).points[:, 0], np.arange(1000))
     path = compressed_by(tmp_path, 9)
-    with pytest.raises(InputError, match=r"items of version 9 .*pip install --upgrade laszip.*or convert it to LAS"):
+    with pytest.raises(InputError, match=r"survey\.laz: lazrs cannot read it"):
         read_cloud(path)
 
 
 def test_newer_items_without_laszip(tmp_path, monkeypatch):
     (tmp_path / "without").mkdir()
-    (tmp_path / "without" / "laszip.py").write_text("raise ModuleNotFoundError('laszip')")
+    (tmp_path / "without" / "laszip.py").write_text("raise ModuleNotFoundError('none', name='laszip')")
     monkeypatch.syspath_prepend(tmp_path / "without")
-    with pytest.raises(
-        InputError, match=r"newer LASzip .items of version 4. than lazrs reads: pip install laszip"
-    ) as caught:
+    with pytest.raises(InputError, match=r"newer LASzip than lazrs reads: pip install laszip"):
         read_cloud(compressed_by(tmp_path, 4))
-    assert "damaged" not in str(caught.value)
 
 
 @pytest.mark.parametrize("ending", ["las", "laz"])
@@ -292,3 +265,31 @@ def test_heights_in_another_unit_are_warned_of(write_file):
     path = write_file("a.las", las_bytes(2, 0, vlrs=(vlr(b"LASF_Projection", 34735, keys),)))
     with pytest.warns(InputWarning, match=r"a\.las: states heights in ftUS, and x and y in another unit"):
         assert read_cloud(path).unit is None
+
+
+def test_the_reference_system_is_read_from_keys_and_text(write_file):
+    keys = vlr(b"LASF_Projection", 34735, GEOTIFF)
+    text = vlr(b"LASF_Projection", 2112, WKT.encode() + b"\0")
+    behind = evlr(b"LASF_Projection", 2112, WKT.encode())
+    for data in (las_bytes(2, 1, vlrs=(keys,)), las_bytes(4, 6, vlrs=(text,)), las_bytes(4, 6, evlrs=(behind,))):
+        cloud = read_cloud(write_file("a.las", data))
+        assert (cloud.unit, cloud.crs) == ("m", "EPSG:25832")
+    assert read_cloud(write_file("a.las", las_bytes(2, 1))).unit is None
+
+
+@pytest.mark.parametrize(("minor", "point_format"), VERSIONS_AND_FORMATS)
+def test_every_version_and_point_format(write_file, minor, point_format):
+    data = las_bytes(minor, point_format, scale=1e-7, extra=extra_descriptor(b"amplitude", 9), extra_size=4)
+    expected, cloud = parsed(data), read_cloud(write_file("a.las", data))
+    np.testing.assert_array_equal(cloud.points, expected["points"])
+    np.testing.assert_array_equal(cloud.fields["intensity"], expected["rows"][:, 12:14].copy().view("<u2")[:, 0])
+    classes = expected["rows"][:, 16] if point_format >= 6 else expected["rows"][:, 15] & 31
+    np.testing.assert_array_equal(cloud.fields["classification"], classes)
+    assert (cloud.colors is not None) == (point_format in (2, 3, 5, 7, 8, 10))
+
+
+@pytest.mark.parametrize("extra", [extra_descriptor(b"gr\xf6\xdfe", 4), extra_descriptor(b"a", 99)])
+def test_what_laspy_does_not_read(write_file, extra):
+    path = write_file("a.las", las_bytes(4, 6, extra=extra, extra_size=2))
+    with pytest.raises(InputError, match=rf"{path.name}: laspy cannot read its header \(.*: .*export it again"):
+        read_cloud(path)

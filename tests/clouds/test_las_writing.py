@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from gmmjax.clouds import read_cloud
-from gmmjax.clouds.las_writing import LasSource, write_las
-from gmmjax.errors import InputError, InputWarning
+from gmmjax.clouds.cloud_file import Bounds
+from gmmjax.clouds.las_writing import BoundsError, LasPart, LasSource, write_las, write_las_blocks
+from gmmjax.errors import InputError
 from tests.clouds.las_files import (
     GEOTIFF,
     SIZES,
@@ -44,29 +45,56 @@ def rewritten(path, out, change=lambda cloud: cloud):
     return out, cloud
 
 
-@pytest.mark.parametrize(("minor", "point_format"), VERSIONS_AND_FORMATS)
-def test_every_version_and_point_format_keeps_all_bytes(write_file, tmp_path, minor, point_format):
-    extended = (evlr(b"LASF_Spec", 65535, b"waveforms" * 9),) if minor >= 3 else ()
+@pytest.mark.parametrize(("minor", "point_format"), [own for own in VERSIONS_AND_FORMATS if own[0]])
+def test_every_version_and_point_format_keeps_points_and_records(write_file, tmp_path, minor, point_format):
+    extended = (evlr(b"own", 3, b"anything" * 9),) if minor >= 4 else ()
     data = las_bytes(minor, point_format, extra=EXTRA, extra_size=EXTRA_SIZE, vlrs=CRS, evlrs=extended)
     out, _ = rewritten(write_file("a.las", data), tmp_path)
     old, new = parsed(data), parsed(out.read_bytes())
     np.testing.assert_array_equal(new["rows"][:, : old["rows"].shape[1]], old["rows"])
     assert (new["minor"], new["format"]) == (minor, point_format)
-    assert new["records"][:2] == old["records"][:2]
-    assert (new["extended"], new["gap"]) == (old["extended"], old["gap"])
-    # All of the header but where things are, how many records, and how long a point.
-    for start, end in ((0, 96), (104, 105), (107, 227)):
+    assert (new["records"][:2], new["extended"]) == (old["records"][:2], old["extended"])
+    # All of the header but where things are and how many, from the identification to the date, and the bounds.
+    for start, end in ((0, 94), (131, 227)):
         assert new["head"][start:end] == old["head"][start:end]
     for name in (b"amplitude", ODD):
         np.testing.assert_array_equal(new["extra"][name], old["extra"][name])
     np.testing.assert_array_equal(new["extra"][b"input_label"], old["extra"][b"label"])
-    np.testing.assert_array_equal(new["extra"][b"label"], values_of(30)["label"])
-    np.testing.assert_array_equal(new["extra"][b"probability"], values_of(30)["probability"])
-    if minor:  # laspy knows no version 1.0.
-        las = laspy.read(out)
-        np.testing.assert_array_equal(las.label, values_of(30)["label"])
-        np.testing.assert_array_equal(las.probability, values_of(30)["probability"])
-        np.testing.assert_array_equal(las.intensity, laspy.read(write_file("b.las", data)).intensity)
+    las = laspy.read(out)
+    np.testing.assert_array_equal(las.label, values_of(30)["label"])
+    np.testing.assert_array_equal(las.probability, values_of(30)["probability"])
+
+
+def test_descriptions_of_extra_bytes_stay(write_file, tmp_path):
+    """The value that stands for no data and the scale, and no range: that of laspy is of single points."""
+    descriptor = bytearray(extra_descriptor(b"amplitude", 3, 0b1111, b"of the echo"))
+    struct.pack_into("<Q", descriptor, 40, 65535)
+    struct.pack_into("<d", descriptor, 112, 0.01)
+    data = las_bytes(4, 6, extra=bytes(descriptor), extra_size=2)
+    out, _ = rewritten(write_file("a.las", data), tmp_path)
+    (content,) = (content for user, number, content in parsed(out.read_bytes())["records"] if number == 4)
+    assert content[3] == 0b1001
+    for start, end in ((0, 3), (4, 64), (112, 192)):
+        assert content[start:end] == descriptor[start:end]
+    assert content[192 + 3] == content[2 * 192 + 3] == 0
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (las_bytes(0, 1), "is LAS 1.0, which is not written"),
+        (las_bytes(3, 4, evlrs=(evlr(b"LASF_Spec", 65535, b"waveforms"),)), "holds waveforms"),
+        (las_bytes(2, 1, extra_size=300), "has 300 bytes a point without a description"),
+        (las_bytes(2, 6), "laspy cannot write it again"),
+        (las_bytes(4, 6, evlrs=(evlr(b"a", 1, b"b" * 100),))[:-1], "its extended record 0 of 1 runs beyond byte"),
+    ],
+)
+def test_files_that_are_read_and_not_written_again(write_file, tmp_path, data, message):
+    path = write_file("a.las", data)
+    assert len(read_cloud(path)) == 30
+    with pytest.raises(InputError, match=rf"a\.las: {message}"):
+        rewritten(path, tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 def laz(tmp_path, point_format, version="1.4"):
@@ -100,19 +128,6 @@ def test_compressed_files_are_read_back_by_laszip(tmp_path, point_format):
         np.testing.assert_array_equal(new.label, values_of(200)["label"])
         assert new.header.vlrs.get_by_id("LASF_Projection", (2112,))[0].string == WKT
         assert new.header.are_points_compressed == (out.suffix == ".laz")
-
-
-def test_the_reference_system_is_read_from_keys_and_text(write_file):
-    text = vlr(b"LASF_Projection", 2112, WKT.encode() + b"\0")
-    behind = evlr(b"LASF_Projection", 2112, WKT.encode())
-    for data in (
-        las_bytes(2, 1, vlrs=CRS),
-        las_bytes(4, 6, vlrs=(text,)),
-        las_bytes(4, 6, evlrs=(behind,)),
-    ):
-        cloud = read_cloud(write_file("a.las", data))
-        assert (cloud.unit, cloud.crs) == ("m", "EPSG:25832")
-    assert read_cloud(write_file("a.las", las_bytes(2, 1))).unit is None
 
 
 def moved(by):
@@ -159,28 +174,38 @@ def test_points_that_were_left_out_are_counted_out(write_file, tmp_path):
     assert len(laspy.read(out).points) == 15
 
 
+def test_points_beyond_declared_bounds_are_refused(write_file, tmp_path):
+    cloud = read_cloud(write_file("a.las", las_bytes(2, 1)))
+    bounds = Bounds(cloud.points.min(axis=0), cloud.points.max(axis=0))
+    far = LasPart(np.arange(30), cloud.points + 3e7, values_of(30))
+    described = {name: (values.dtype, "") for name, values in values_of(30).items()}
+    with pytest.raises(BoundsError, match=r"a\.las: its points lie outside the bounds"):
+        write_las_blocks(tmp_path / "out.las", LasSource.of(cloud.file), lambda *_: far, described, bounds)
+
+
+def test_unmoved_points_keep_their_integers_bit_for_bit(write_file, tmp_path):
+    """Beside others that moved; so far away that float64 does not resolve millimetres."""
+
+    def some_moved(cloud):
+        return dataclasses.replace(cloud, points=cloud.points + (np.arange(30) % 2)[:, None])
+
+    data = las_bytes(2, 1, offset=(1e14, 1e14, 1e14))
+    out, _ = rewritten(write_file("a.las", data), tmp_path, some_moved)
+    np.testing.assert_array_equal(parsed(out.read_bytes())["rows"][::2, :28], parsed(data)["rows"][::2])
+
+
+def test_huge_scales_are_no_error(write_file, tmp_path):
+    path = write_file("a.las", las_bytes(2, 1, scale=1e300))
+    out, cloud = rewritten(path, tmp_path, moved(np.array([1e307, 0.0, 0.0])))
+    np.testing.assert_allclose(read_cloud(out).points, cloud.points, rtol=1e-6, atol=1e300)
+
+
 def test_bytes_without_a_description_stay_and_are_described(write_file, tmp_path):
-    data = las_bytes(2, 1, extra_size=300)
+    data = las_bytes(2, 1, extra_size=200)
     out, _ = rewritten(write_file("a.las", data), tmp_path)
     new = parsed(out.read_bytes())
-    np.testing.assert_array_equal(new["rows"][:, : SIZES[1] + 300], parsed(data)["rows"])
+    np.testing.assert_array_equal(new["rows"][:, : SIZES[1] + 200], parsed(data)["rows"])
     np.testing.assert_array_equal(new["extra"][b"label"], values_of(30)["label"])
-
-
-@pytest.mark.parametrize("extra", [EXTRA, EXTRA[:-10], extra_descriptor(b"a", 99)])
-def test_descriptions_beyond_the_bytes_of_a_point_are_warned_of(write_file, tmp_path, extra):
-    data = las_bytes(2, 1, extra=extra, extra_size=4)
-    with pytest.warns(InputWarning, match="extra dimension"):
-        out, _ = rewritten(write_file("a.las", data), tmp_path)
-    np.testing.assert_array_equal(parsed(out.read_bytes())["extra"][b"label"], values_of(30)["label"])
-
-
-def test_a_file_cut_off_in_its_extended_records_is_not_written_again(write_file, tmp_path):
-    data = las_bytes(4, 6, evlrs=(evlr(b"a", 1, b"b" * 100),))[:-1]
-    path = write_file("a.las", data)
-    assert len(read_cloud(path)) == 30
-    with pytest.raises(InputError, match="extended record 0 of 1 runs beyond the end"):
-        rewritten(path, tmp_path)
 
 
 def test_a_file_that_was_changed_is_not_taken_for_the_one_that_was_read(write_file, tmp_path):
@@ -201,10 +226,3 @@ def test_records_of_the_storage_are_left_out(write_file, tmp_path):
     new = parsed(out.read_bytes())
     assert [user for user, *_ in new["records"]] == [b"LASF_Projection", b"of somebody", b"LASF_Spec"]
     assert new["extended"] == [(b"own", 3, b"kept")]
-
-
-def test_names_in_other_encodings_stay_as_they_are(write_file, tmp_path):
-    name = b"gr\xf6\xdfe \xff"
-    data = las_bytes(4, 6, extra=extra_descriptor(name, 4), extra_size=2)
-    out, _ = rewritten(write_file("a.las", data), tmp_path)
-    np.testing.assert_array_equal(parsed(out.read_bytes())["extra"][name], parsed(data)["extra"][name])

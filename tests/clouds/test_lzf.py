@@ -2,14 +2,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gmmjax.clouds.lzf import decompress
+from gmmjax.clouds.pcd import expand_lzf
 
 REPETITIVE = st.lists(st.sampled_from([b"a", b"ab", b"abc", b"\x00" * 300, b"xyzzy", bytes(range(256))])).map(b"".join)
 
 
 @given(st.one_of(st.binary(max_size=2000), REPETITIVE))
 def test_undoes_compression(lzf_compress, data):
-    assert decompress(lzf_compress(data), len(data)) == data
+    assert expand_lzf(lzf_compress(data), len(data)) == data
 
 
 @pytest.mark.parametrize(
@@ -22,7 +22,7 @@ def test_undoes_compression(lzf_compress, data):
     ],
 )
 def test_tokens(compressed, expanded):
-    assert decompress(compressed, len(expanded)) == expanded
+    assert expand_lzf(compressed, len(expanded)) == expanded
 
 
 @pytest.mark.parametrize(
@@ -31,12 +31,12 @@ def test_tokens(compressed, expanded):
 )
 def test_damage_is_an_error(compressed, size):
     with pytest.raises(ValueError):
-        decompress(compressed, size)
+        expand_lzf(compressed, size)
 
 
 @given(st.binary(max_size=300), st.integers(0, 1000))
 def test_garbage_is_an_error_or_has_the_size_asked_for(data, size):
     try:
-        assert len(decompress(data, size)) == size
+        assert len(expand_lzf(data, size)) == size
     except ValueError:
         pass

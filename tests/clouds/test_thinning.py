@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gmmjax.clouds import ArrayCloud, CroppedCloud, thinned_cloud
+from gmmjax.clouds import CroppedCloud, thinned_cloud
+from tests.clouds.made_clouds import ArrayCloud
 
 
 def thinned(points, most, size=1_000_000):

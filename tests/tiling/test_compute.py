@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gmmjax.clouds import ArrayCloud, BlockSettings, MemoryBlockStore, PlacedClouds, tree_of
+from gmmjax.clouds import BlockSettings, PlacedClouds, tree_of
 from gmmjax.errors import ComputationError, InputError
 from gmmjax.pair import Pair
 from gmmjax.tiling import (
@@ -22,7 +22,7 @@ from gmmjax.tiling import (
     temporary_block_store,
     tiles_of,
 )
-from tests.clouds.made_clouds import ChunkedArray, slope
+from tests.clouds.made_clouds import ArrayCloud, ChunkedArray, MemoryBlockStore, slope
 from tests.tiling.tasks import fails, heights, heights_after_death, interrupted, process
 
 SMALL = BlockSettings(voxels=4, covered=0.05, least_points=8, cells=4, cell_points=1.0, most_points=300.0)

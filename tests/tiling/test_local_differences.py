@@ -12,12 +12,13 @@ from gmmjax.changes import (
     VoxelLattice,
     high_above,
 )
-from gmmjax.clouds import ArrayCloud, BlockSettings, MemoryBlockStore, PlacedClouds, tree_of
+from gmmjax.clouds import BlockSettings, PlacedClouds, tree_of
 from gmmjax.pair import Pair
 from gmmjax.tiling.compute import compute_here
 from gmmjax.tiling.local_differences import CoarseClouds, LocalDifferenceSettings, block_differences
 from gmmjax.tiling.local_voxels import LocalVoxels, block_voxels
 from gmmjax.tiling.records import BlockRecords, write_record
+from tests.clouds.made_clouds import ArrayCloud, MemoryBlockStore
 
 SETTINGS = LocalDifferenceSettings(margin_fineness=np.inf, margin_points=1_000_000)
 SIZE = 0.4

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from gmmjax.changes import SeenFirstSettings, Survey, seen_first_at
-from gmmjax.clouds import ArrayCloud, BlockSettings, MemoryBlockStore, PlacedClouds, SensorViews, tree_of
+from gmmjax.clouds import BlockSettings, PlacedClouds, SensorViews, tree_of
 from gmmjax.pair import Pair
 from gmmjax.tiling.compute import compute_here
 from gmmjax.tiling.records import BlockRecords, write_record
 from gmmjax.tiling.seen_first import Looks, block_seen_first, seen_first_of_blocks
+from tests.clouds.made_clouds import ArrayCloud, MemoryBlockStore
 from tests.tiling.rooms import room
 
 STATION = np.array([1.0, 1.0, 1.2])
