@@ -158,7 +158,7 @@ def _hinged(different: Pair[Float64[np.ndarray, "_ 3"]], flatness: float) -> lis
         return []
     means = before.mean(axis=0), after.mean(axis=0)
     normals = [np.linalg.eigh(np.cov(points.T))[1][:, 0] for points in (before, after)]
-    line = np.cross(*normals)
+    line = np.cross(normals[0], normals[1])
     sine = float(np.linalg.norm(line))
     if sine < np.sin(ANGLES[0] / 2):
         return []

@@ -255,7 +255,9 @@ def _united(changes: _Labelled, pair: AlignedPair, found: PlaceHypothesis, proba
     group = [items[index] for index in found.group]
     both = each(lambda *of_cloud: _whole(group, *of_cloud), pair.points, pair.working.clouds, own, shares)
     first, transform = len(items), found.motion.match.transform
-    numbered = each(lambda label, mine, number: np.where(mine, number, label), labels, own, Pair(first, first + 1))
+    numbered = each(
+        lambda label, mine, number: np.asarray(np.where(mine, number, label)), labels, own, Pair(first, first + 1)
+    )
     return _Labelled(_joined((*items, *both), first, first + 1, transform, probability), numbered)
 
 

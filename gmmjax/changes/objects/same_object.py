@@ -122,8 +122,8 @@ class SameObjectModel(dict[Situation, LogisticWeights]):
         models = cls()
         for name in get_args(Situation):
             own = content["situations"][name]
-            arrays = (np.array(own[field], np.float64) for field in ("means", "scales", "weights"))
-            models[name] = LogisticWeights(*arrays, own["intercept"])
+            means, scales, weights = (np.array(own[field], np.float64) for field in ("means", "scales", "weights"))
+            models[name] = LogisticWeights(means, scales, weights, own["intercept"])
         return models
 
 
