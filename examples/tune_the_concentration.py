@@ -38,7 +38,7 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=100)
     parser.add_argument("--steps", type=int, default=TuningSettings.steps, help="of the optimiser at the most")
     parser.add_argument("--starts", type=int, default=TuningSettings.starts, help="that the search begins from")
-    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
+    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png")
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.training + options.unseen)
     training = [scan_pair(pair) for pair in scenes(seeds[: options.training])]

@@ -97,11 +97,10 @@ def detect(
         explain: also print why each change is one and why each rejected candidate is not: the facts that decided, with
             their contributions in log odds. With a LABEL, only for that change. The report and changes.json always
             have them.
-        plot: also draw both scans, and the changes from above and from the side, into a .png, .svg or .pdf file; needs
-            matplotlib (the extra "plot").
+        plot: also draw both scans, and the changes from above and from the side, into a .png, .svg or .pdf file.
         map_2d: also write a map seen from above, along z: the signed distance, the probability and the changes as
             GeoTIFF (.tif; needs rasterio, the extra "map"), or a picture with outlined and numbered changes (.png, .svg
-            or .pdf; needs matplotlib, the extra "plot").
+            or .pdf).
         tile_size: edge of a tile, in the unit of the scans: what one worker has in memory at a time. No result depends
             on it. By default tiles have about as many points each.
         workers: number of processes on this machine that compare tiles; default one per core.

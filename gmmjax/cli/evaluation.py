@@ -1,7 +1,7 @@
 """What the commands `gmmjax evaluate ...` have in common: their options, and what they print and write."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 DONE, FAILED = 0, 1
 TABLE_ENDINGS = (".csv", ".json", ".md")
-CURVE_ENDINGS = (".html", ".json", ".md")
+CURVE_ENDINGS = (".png", ".svg", ".pdf", ".json", ".md")
 
 
 @record_with_help
@@ -34,7 +34,8 @@ class Options:
         restarts: random starts of the fits; default as for each method.
         config: TOML file with settings for our detectors, such as one that `gmmjax tune` wrote.
         out: also write the table to this file, .csv, .json or .md.
-        reliability: write the reliability curves of the reported probabilities to this file, .html, .json or .md.
+        reliability: write the reliability curves of the reported probabilities to this file; .png, .svg and .pdf draw
+            them, .json and .md have them as a table.
         json: print JSON and nothing else.
         csv: print comma-separated values and nothing else.
         quiet: print nothing but errors.
@@ -131,20 +132,24 @@ def run_evaluation(sources: Sequence["PairSource"], options: Options, *, evidenc
 def _write(evaluation: "Evaluation", record: "ReliabilityRecord", options: Options) -> None:
     from gmmjax.clouds import atomic_write
     from gmmjax.evaluation import tables
-    from gmmjax.reporting.reliability_plot import reliability_html
 
     as_table = {".csv": tables.to_csv, ".json": tables.to_json, ".md": tables.to_markdown}
-    as_curve: Mapping[str, Callable[[], str]] = {
-        ".html": lambda: reliability_html(record.to_dict()),
-        ".json": record.to_json,
-        ".md": record.to_markdown,
-    }
     if options.out is not None:
         with atomic_write(options.out) as file:
             file.write(as_table[options.out.suffix](evaluation).encode())
     if options.reliability is not None:
-        with atomic_write(options.reliability) as file:
-            file.write(as_curve[options.reliability.suffix]().encode())
+        _write_reliability(options.reliability, record)
+
+
+def _write_reliability(path: Path, record: "ReliabilityRecord") -> None:
+    from gmmjax.clouds import atomic_write
+    from gmmjax.plotting import reliability_figure, write_figure
+
+    if path.suffix not in (".json", ".md"):
+        write_figure(path, reliability_figure(record))
+        return
+    with atomic_write(path) as file:
+        file.write((record.to_json() if path.suffix == ".json" else record.to_markdown()).encode())
 
 
 def _print(evaluation: "Evaluation", options: Options) -> None:

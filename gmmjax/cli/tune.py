@@ -52,7 +52,7 @@ def tune(
 
     Args:
         folder: folder that contains the folders of the pairs.
-        out: file for the settings; the course of the tuning is written next to it, as HTML, and so is a tuned verdict.
+        out: file for the settings; the course of the tuning is written next to it, as PNG, and so is a tuned verdict.
         config: TOML file with the settings to start from; those that are not tuned are kept.
         unchanged: nothing changed in the pairs without truth: what is reported there is a false alarm.
         overwrite: replace the output files.
@@ -62,6 +62,7 @@ def tune(
         settings: of the tuning.
     """
     from gmmjax import tuning
+    from gmmjax.plotting import tuning_figure, write_figure
     from gmmjax.reporting import console, tuning_files
 
     chosen = TuningSettings(**dataclasses.asdict(settings))
@@ -84,12 +85,14 @@ def tune(
             checkpoint=functools.partial(_checkpoint, state_file, fingerprint),
             progress=progress,
         )
-    page = tuning_files.write_tuned(out, result)
+    picture = out.with_suffix(".png")
+    write_figure(picture, tuning_figure(result))
+    tuning_files.write_tuned(out, result)
     state_file.unlink(missing_ok=True)
     if print_json:
         console.print_tuning_json(result)
     elif not quiet:
-        console.print_tuning(result, out, page)
+        console.print_tuning(result, out, picture)
     return 0
 
 
@@ -111,7 +114,7 @@ def _check_out(out: Path, overwrite: bool) -> None:
         raise InputError(f"--out {out}: must end in .toml")
     if not out.resolve().parent.is_dir():
         raise InputError(f"--out {out}: there is no folder {out.parent}; make it first")
-    for file in (out, out.with_suffix(".html"), out.with_suffix(".verdict.json")):
+    for file in (out, out.with_suffix(".png"), out.with_suffix(".verdict.json")):
         if file.exists() and not overwrite:
             raise InputError(f"--out {out}: {file} is there already; choose another name, or give --overwrite")
 
