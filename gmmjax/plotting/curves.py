@@ -150,6 +150,7 @@ def plot_bars(
         left = np.array(list(drawn), float) - 0.4 + (number + 0.5) * width
         found = ax.bar(left, list(drawn.values()), 0.92 * width, color=COLORS[number % len(COLORS)], label=name)
         ax.bar_label(found, [f"{value:.2f}" for value in drawn.values()], fontsize="x-small", padding=1)
+    ax.set_xlim(-0.5, len(groups) - 0.5)
     names = [str(name) for name in groups]
     slanted = max(map(len, names)) > 12 and len(names) > 3
     ax.set_xticks(range(len(names)), names, rotation=25 if slanted else 0, ha="right" if slanted else "center")

@@ -32,7 +32,7 @@ def tuning_figure(result: "TuningResult | VerdictResult") -> "Figure":
 def _settings_figure(result: "TuningResult") -> "Figure":
     from gmmjax.tuning import ALL, DESCRIPTIONS
 
-    figure = _figure((9, 2.6 * (1 + len(result.parameters)) + 1.4), _tuning_headline(result))
+    figure = _figure((9.0, 2.6 * (1 + len(result.parameters)) + 1.4), _tuning_headline(result))
     losses, *settings = figure.subplots(1 + len(result.parameters), 1, sharex=True, squeeze=False)[:, 0]
     losses.set_title(f"Loss: {DESCRIPTIONS[result.loss]}")
     losses.axhline(result.baseline[ALL], color=GREY, linestyle="--", label="as it was, all pairs")
@@ -86,7 +86,7 @@ def _tuning_headline(result: "TuningResult") -> str:
 
 def _verdict_figure(result: "VerdictResult") -> "Figure":
     count = max(len(result.courses), 1)
-    figure = _figure((11, 3.8 * count + 1.2), _verdict_headline(result))
+    figure = _figure((11.0, 3.8 * count + 1.2), _verdict_headline(result))
     rows = figure.subplots(count, 2, squeeze=False)
     for (losses, weights), (name, course) in zip(rows, result.courses.items(), strict=False):
         losses.set_title(f"Verdict {TITLES[name]}: log score of {course.candidates}\ncandidates held back, nats")

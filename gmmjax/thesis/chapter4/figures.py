@@ -21,7 +21,7 @@ MEASURES = {"accuracy": "accuracy", "precision": "precision", "recall": "recall"
 
 def scores(searches: Mapping[str, GridSearch]) -> "Figure":
     """Figure 3.9: a column of panels for each cloud, a row for each criterion."""
-    figure, axes = _panels(len(CRITERIA), len(searches), (5, 3))
+    figure, axes = _panels(len(CRITERIA), len(searches), (5.0, 3.0))
     for row, criterion in zip(axes, CRITERIA, strict=True):
         for ax, (cloud, search) in zip(row, searches.items(), strict=True):
             plot_grid_search(search, criterion=criterion, ax=ax)
@@ -35,7 +35,7 @@ def clusters(panels: Mapping[str, Any]) -> "Figure":
     Args:
         panels: by their title a `Clustered`.
     """
-    figure, axes = _panels(1, len(panels), (4, 4))
+    figure, axes = _panels(1, len(panels), (4.0, 4.0))
     _draw_clusters(axes[0], panels)
     return figure
 
@@ -47,7 +47,7 @@ def searches(panels: Mapping[str, Any], found: Mapping[str, Mapping[str, Sequenc
         panels: by their title a `Clustered`.
         found: by method and cloud the number of Gaussians of each fit.
     """
-    figure, axes = _panels(2, max(2, len(panels)), (4.5, 4))
+    figure, axes = _panels(2, max(2, len(panels)), (4.5, 4.0))
     _draw_clusters(axes[0], panels)
     for ax, cloud in zip(axes[1], next(iter(found.values())), strict=False):
         counts = {method: Counter(numbers[cloud]) for method, numbers in found.items()}
@@ -65,22 +65,16 @@ def conditions(rows: Rows) -> "Figure":
     """Figure 4.9: a panel for each method, four bars for each condition; the thesis's F1 as dotted lines."""
     said = {row["condition"]: row["f1"] for row in rows if row["method"] == "thesis"}
     methods = list(dict.fromkeys(row["method"] for row in rows if row["method"] != "thesis"))
-    figure, axes = _panels(len(methods), 1, (11, 2.6))
+    figure, axes = _panels(len(methods), 1, (11.0, 2.6))
     for ax, method in zip(axes[:, 0], methods, strict=True):
         _draw_measures(
             ax, [row for row in rows if row["method"] == method and row["condition"] not in said], "condition"
         )
-        ax.set_title(method)
+        ax.set_title(method, pad=20)
         for condition, f1 in said.items():
             ax.axhline(f1, color="0.3", linestyle=":", linewidth=1)
-            ax.annotate(
-                f"F1 of the thesis, {condition}",
-                (1.0, f1),
-                xycoords=("axes fraction", "data"),
-                ha="right",
-                va="bottom",
-                fontsize="x-small",
-            )
+            text, place = f" thesis, {condition}", (1.0, f1)
+            ax.annotate(text, place, xycoords=("axes fraction", "data"), va="center", fontsize="x-small")
     return figure
 
 
@@ -90,13 +84,13 @@ def measures(rows: Rows, groups: str) -> "Figure":
     figure, axes = _panels(1, len(methods), (4.5, 3.2))
     for ax, method in zip(axes[0], methods, strict=True):
         _draw_measures(ax, [row for row in rows if row["method"] == method], groups)
-        ax.set_title(method)
+        ax.set_title(method, pad=20)
     return figure
 
 
 def opposite(rows: Rows) -> "Figure":
     """Figure 4.12: a bar for each method and kind of data."""
-    figure, axes = _panels(1, 1, (8, 3.2))
+    figure, axes = _panels(1, 1, (8.0, 3.2))
     methods, data = (list(dict.fromkeys(row[name] for row in rows)) for name in ("method", "data"))
     values = {(row["method"], row["data"]): row["accuracy"] for row in rows}
     plot_bars(data, {method: [values.get((method, own)) for own in data] for method in methods}, ax=axes[0, 0])
@@ -115,7 +109,7 @@ def filters(pair: LabelledPair, kept: tuple[Bool[np.ndarray, " n0"], Bool[np.nda
         ax.set(aspect="equal", xlabel="x (m)", title="all points" if outliers else "without outliers")
     for ax, method in zip(axes[1], dict.fromkeys(row["method"] for row in rows), strict=True):
         _draw_measures(ax, [row for row in rows if row["method"] == method], "filters")
-        ax.set_title(method)
+        ax.set_title(method, pad=20)
     return figure
 
 
@@ -137,5 +131,5 @@ def _draw_clusters(axes: Sequence["Axes"], panels: Mapping[str, Any]) -> None:
 
 def _draw_measures(ax: "Axes", rows: Rows, groups: str) -> None:
     values = {label: [row[name] for row in rows] for name, label in MEASURES.items()}
-    plot_bars([row[groups].replace(" ", "\n", 1) for row in rows], values, ax=ax)
+    plot_bars([row[groups] for row in rows], values, ax=ax)
     ax.set_ylim(0, 1.1)
