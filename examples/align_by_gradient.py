@@ -72,7 +72,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--points", type=int, default=4000, help="of each scan")
     parser.add_argument("--seed", type=int, default=0, help="of the room and the motion")
-    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
+    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png")
     options = parser.parse_args()
     with jax.enable_x64(True):
         first, second, truth = misaligned(options.seed, options.points)

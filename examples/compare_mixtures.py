@@ -44,5 +44,5 @@ def main(plot: Path | None) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
+    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png")
     main(parser.parse_args().plot)

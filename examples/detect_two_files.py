@@ -47,7 +47,7 @@ def main(before: Path, after: Path, folder: Path, plot: Path | None) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", type=Path, nargs="*", help="the scan before and the scan after")
-    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
+    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png")
     options = parser.parse_args()
     if len(options.files) not in (0, 2):
         parser.error("give two files, or none")

@@ -42,7 +42,7 @@ def many_starts_at_once(points: np.ndarray) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
+    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png")
     options = parser.parse_args()
     points = cloud()
     on_the_host(points, options.plot)

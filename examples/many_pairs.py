@@ -48,5 +48,5 @@ def draw(file: Path, pairs: list[BatchPair], results: list[BatchResult]) -> None
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
+    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png")
     main(parser.parse_args().plot)

@@ -46,7 +46,7 @@ def main(paths: list[Path], plot: Path | None) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("bags", type=Path, nargs="*", help="of the survey before and the survey after")
-    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
+    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png")
     options = parser.parse_args()
     if len(options.bags) not in (0, 2):
         parser.error("give two bags, or none")

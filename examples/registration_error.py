@@ -13,7 +13,7 @@ from gmmjax.scenes import laboratory_scene
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--rooms", type=int, default=4, help="surveys of each kind")
-parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
+parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png")
 options = parser.parse_args()
 rooms, found = options.rooms, {}
 for survey, level in (("panorama", "normal"), ("panorama", "hard"), ("frame", "normal")):

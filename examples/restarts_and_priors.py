@@ -101,7 +101,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--restarts", type=int, default=64, help="of each pair, a power of two")
     parser.add_argument("--steps", type=int, default=30, help="of the optimiser")
-    parser.add_argument("--plot", type=Path, help="picture to write, such as course.png; needs matplotlib")
+    parser.add_argument("--plot", type=Path, help="picture to write, such as course.png")
     options = parser.parse_args()
     methods: tuple[Method, ...] = ("greedy", "transport", "joint")
     curves = {method: brier_by_restarts(scenes(range(8)), method, options.restarts) for method in methods}

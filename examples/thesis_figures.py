@@ -30,7 +30,7 @@ def draw(
     searches: tuple[GridSearch, Fit],
     scores: tuple[Evaluation, ReliabilityRecord],
 ) -> None:
-    """All figures as one; needs matplotlib."""
+    """All figures as one."""
     from matplotlib.figure import Figure
 
     from gmmjax import plotting
@@ -76,7 +76,7 @@ def main(plot: Path | None, seeds: int, names: list[str]) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--plot", type=Path, help="picture to write, such as figures.png; needs matplotlib")
+    parser.add_argument("--plot", type=Path, help="picture to write, such as figures.png")
     parser.add_argument("--seeds", type=int, default=5, help="scenes of each condition that are scored")
     parser.add_argument("--detectors", nargs="+", default=["joint", "greedy", "c2c"], help="that are scored")
     options = parser.parse_args()

@@ -78,7 +78,7 @@ def main() -> None:
     parser.add_argument("--patches", type=float, default=3.0, help="with multipath errors, a frame; 0: none")
     parser.add_argument("--every", type=int, default=1, help="of so many points one is used, to save time")
     parser.add_argument("--poses", action="store_true", help="the poses of the sensor are given")
-    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
+    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png")
     options = parser.parse_args()
     # What tuning is for: registrations in doubt, and candidates unlike those that the verdict was learned from.
     warnings.simplefilter("ignore", InputWarning)

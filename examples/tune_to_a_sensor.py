@@ -56,7 +56,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=TuningSettings.steps, help="of the optimiser at the most")
     parser.add_argument("--starts", type=int, default=TuningSettings.starts, help="that the search begins from")
     parser.add_argument("--max-points", type=int, default=TuningSettings.max_points, help="of a fit at the most")
-    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png; needs matplotlib")
+    parser.add_argument("--plot", type=Path, help="picture to write, such as scans.png")
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.training + options.unseen)
     training = [scan_pair(pair) for pair in scenes(options.scenes, seeds[: options.training], options.points)]

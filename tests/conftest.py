@@ -30,7 +30,8 @@ with install_import_hook("gmmjax", "beartype.beartype"):
     import gmmjax.reporting.frame_files
     import gmmjax.scenes
     import gmmjax.surveys
-    import gmmjax.thesis.report
+    import gmmjax.thesis.chapter4.chapter
+    import gmmjax.thesis.laboratory.files
     import gmmjax.tuning  # noqa: F401
 
 import warnings

@@ -667,7 +667,7 @@ def test_evaluate_scenes_surveys_places_of_a_family(capsys):
 
 BAD_EVALUATIONS = {
     "gaussians --out a.xlsx": ".csv, .json, .md",
-    "gaussians --reliability a.csv": ".html, .json, .md",
+    "gaussians --reliability a.csv": ".png, .svg, .pdf, .json, .md",
     "gaussians --out nowhere/a.csv": "no folder nowhere",
     "gaussians --seeds 0": "--seeds 0",
     "gaussians --first-seed -1": "--first-seed -1",

@@ -17,7 +17,6 @@ HEAVY = {
         "optax",
         "open3d",
         "ott",
-        "plotly",
         "matplotlib",
         "laspy",
         "lazrs",

@@ -209,8 +209,7 @@ class Changes:
             The axes [2, 2].
 
         Raises:
-            InputError: matplotlib is not installed (the extra `plot`); clouds that are not known, or are not those of
-                the changes.
+            InputError: clouds that are not known, or are not those of the changes.
         """
         return plotted(self, before, after, axes)
 

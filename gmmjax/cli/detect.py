@@ -70,9 +70,8 @@ def detect(
             each further position. Of several scans one position each, in their order.
         sensor_after: the same of the second survey, in its own coordinates.
         explain: also print why each change is one and why each rejected candidate is not; with a label, of that change.
-        plot: also draw both scans, and the changes from above and from the side: .png, .svg or .pdf (the extra "plot").
-        map_2d: also write a map seen from above: GeoTIFF (.tif; the extra "map"), or a picture (.png, .svg or .pdf; the
-            extra "plot").
+        plot: also draw both scans, and the changes from above and from the side: .png, .svg or .pdf.
+        map_2d: also write a map seen from above: GeoTIFF (.tif; the extra "map"), or a picture (.png, .svg or .pdf).
         tile_size: edge of a tile: what one worker has in memory at a time. No result depends on it. Default: tiles of
             about as many points each, of scans of more than four million points.
         workers: processes of this machine that compare tiles. Default: one a core.

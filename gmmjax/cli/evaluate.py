@@ -1,7 +1,7 @@
 """`gmmjax evaluate gaussians`, `laboratory`, `scenes` and `pairs`: their options, and what they print and write."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -30,7 +30,8 @@ class Options:
         restarts: random starts of the fits. Default: as for each method.
         config: settings for our detectors, such as those that `gmmjax tune` wrote.
         out: also write the table to this file, .csv, .json or .md.
-        reliability: write the reliability curves of the reported probabilities to this file, .html, .json or .md.
+        reliability: write the reliability curves of the reported probabilities to this file: .png, .svg and .pdf
+            draw them, .json and .md have them as a table.
         json: print JSON and nothing else.
         csv: print comma-separated values and nothing else.
         quiet: print nothing but errors.
@@ -53,7 +54,9 @@ class Options:
         if self.out is not None:
             check_output_file("--out", self.out, (".csv", ".json", ".md"), overwrite=True)
         if self.reliability is not None:
-            check_output_file("--reliability", self.reliability, (".html", ".json", ".md"), overwrite=True)
+            check_output_file(
+                "--reliability", self.reliability, (".png", ".svg", ".pdf", ".json", ".md"), overwrite=True
+            )
 
 
 Common = Annotated[dict[str, Any], Options]
@@ -240,20 +243,24 @@ def _evaluated(sources: Sequence["PairSource"], options: Options, *, evidence: b
 def _write(evaluation: "Evaluation", record: "ReliabilityRecord", options: Options) -> None:
     from gmmjax.clouds import atomic_write
     from gmmjax.evaluation import tables
-    from gmmjax.reporting.reliability_plot import reliability_html
 
     as_table = {".csv": tables.to_csv, ".json": tables.to_json, ".md": tables.to_markdown}
-    as_curve: Mapping[str, Callable[[], str]] = {
-        ".html": lambda: reliability_html(record.to_dict()),
-        ".json": record.to_json,
-        ".md": record.to_markdown,
-    }
     if options.out is not None:
         with atomic_write(options.out) as file:
             file.write(as_table[options.out.suffix](evaluation).encode())
     if options.reliability is not None:
-        with atomic_write(options.reliability) as file:
-            file.write(as_curve[options.reliability.suffix]().encode())
+        _write_reliability(options.reliability, record)
+
+
+def _write_reliability(path: Path, record: "ReliabilityRecord") -> None:
+    from gmmjax.clouds import atomic_write
+    from gmmjax.plotting import reliability_figure, write_figure
+
+    if path.suffix not in (".json", ".md"):
+        write_figure(path, reliability_figure(record))
+        return
+    with atomic_write(path) as file:
+        file.write((record.to_json() if path.suffix == ".json" else record.to_markdown()).encode())
 
 
 def _print(evaluation: "Evaluation", options: Options) -> None:

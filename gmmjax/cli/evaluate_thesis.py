@@ -18,40 +18,34 @@ def evaluate_thesis(
     overwrite: bool = False,
     quiet: bool = False,
 ) -> int:
-    """Reproduce chapter 4 of the thesis: its figures and tables as a page, next to the published numbers, and as CSV.
+    """Reproduce chapter 4 of the thesis: its figures and tables, next to the published numbers.
 
-    Finished results are kept in the folder: after an interruption the same command resumes, and other parts can be
-    added later.
+    Each part is written as soon as it is done; other parts can be added later.
 
     Args:
-        out: folder for index.html and the tables; created if missing.
+        out: folder for the tables (Markdown and CSV) and figures (PNG); created if missing.
         parts: "grid": figure 3.9, scores of the grid search; "clustering": figures 4.1 and 4.2; "filtering": figure
             4.6, localised maps without and with the outlier filter; "gaussians": figure 4.9; "surveys": figures 4.10
             and 4.12, frames and maps. Volumetric maps need the extra `open3d`.
         quick: a small run that takes a minute or two.
         first_seed: first seed; the others follow.
-        overwrite: discard an earlier run in the folder.
+        overwrite: replace parts that are there.
         quiet: print nothing but errors.
     """
     from gmmjax.reporting import console
-    from gmmjax.thesis.chapter4 import Plan, run_chapter
-    from gmmjax.thesis.report import open_folder, print_thesis, write_results
+    from gmmjax.thesis.chapter4.chapter import print_part, run_chapter
 
     check_seed("--first-seed", first_seed)
     if not parts:
         raise InputError("--parts is empty; leave it out for all parts")
-    plan = Plan.quick(first_seed) if quick else Plan(first_seed)
-    journal = open_folder(out, plan, overwrite=overwrite)
     use_compilation_cache()
-    try:
-        with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
-            results = run_chapter(plan, parts, journal, progress=progress)
-            progress("Writing the page", 1.0)
-            write_results(out, results)
-    except KeyboardInterrupt:
-        console.print_note(f"{len(journal)} results are kept in {out}; the same command goes on where it was")
-        raise
+    with console.shown_warnings(quiet=quiet), console.progress_bar(quiet=quiet) as progress:
+        results = run_chapter(out, parts, first_seed=first_seed, quick=quick, overwrite=overwrite, progress=progress)
+    for part in results:
+        if not quiet:
+            print_part(part)
     if not quiet:
-        print_thesis(results, out)
-    console.print_failures(results.failures)
-    return FAILED if results.failures else DONE
+        console.print_plot(out, "Tables and figures")
+    failures = [failure for part in results for failure in part.failures]
+    console.print_failures(failures)
+    return FAILED if failures else DONE

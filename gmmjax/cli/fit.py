@@ -42,7 +42,7 @@ def fit(
         seed: seed of the random starts.
         voxel_size: edge of the voxels that the scan is reduced to. None: the smallest that leaves `max_points`.
         max_points: a scan with more points is reduced to voxels, at most this number.
-        plot: also draw the scan with its Gaussians: .png, .svg or .pdf (the extra "plot").
+        plot: also draw the scan with its Gaussians: .png, .svg or .pdf.
         overwrite: replace a previous mixture in that folder.
         quiet: print nothing but errors.
     """

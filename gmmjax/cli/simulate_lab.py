@@ -10,33 +10,29 @@ from gmmjax.errors import InputError, check_seed
 def simulate_lab(
     *,
     out: Annotated[Path, "DIR"],
-    runs: tuple[Literal["thesis", "thin", "stacked", "empty", "random"], ...] = ("thesis",),
     kinds: tuple[Literal["frame", "volumetric", "localised"], ...] | None = None,
     bag: Literal["ros1", "ros2", "none"] | None = None,
-    survey: Literal["geometric", "panoramic"] = "geometric",
     frames: int = 16,
     seed: int = 0,
     overwrite: bool = False,
     quiet: bool = False,
 ) -> int:
-    """A laboratory that a robot surveys with its depth camera: bags, frames, maps, and pairs with the truth.
+    """A laboratory that a robot surveys with its depth camera: bags, maps, and pairs with the truth.
+
+    The five runs of the thesis: from no object to some, back, and two pairs in which objects come and move.
 
     Args:
         out: folder for the scenes; created if missing. `gmmjax evaluate pairs DIR` scores detectors on its pairs.
-        runs: "thesis": the five runs of its figure 3.6, nothing against something, and back, and two pairs in which
-            objects come and move; "thin": boards of 2 and 3 cm; "stacked": a box on a bag; "empty": two surveys of
-            which nothing changed; "random": objects anywhere.
         kinds: "frame": single frames of what changed; "volumetric": maps of surfaces, which need Open3D; "localised":
             the points of all frames. Default all that can be made here.
         bag: the kind of bag that each survey is recorded in; default ROS 1 where rosbags is installed.
-        survey: "geometric" flies along the walls, "panoramic" turns at two places.
         frames: of the depth camera in each survey.
         seed: of the objects' places, the paths and the noise; the same seed gives the same scenes.
         overwrite: replace previous scenes in the output folder.
         quiet: print nothing but errors.
     """
     from gmmjax.reporting import console
-    from gmmjax.thesis.report import check_lab_folder, write_lab
+    from gmmjax.thesis.laboratory.files import LabSettings, check_lab_folder, write_lab
 
     check_seed("--seed", seed)
     check_lab_folder(out, overwrite=overwrite)
@@ -49,20 +45,10 @@ def simulate_lab(
         if bag == "none":
             missing.append("no bags: rosbags is not here (pip install '.[ros]')")
     with console.progress_bar(quiet=quiet) as progress:
-        description = write_lab(
-            out,
-            runs=runs,
-            seed=seed,
-            kinds=made,
-            bag=bag,
-            pattern=survey,
-            frames=frames,
-            overwrite=overwrite,
-            progress=progress,
-        )
+        settings = LabSettings(seed, made, frames, bag)
+        description = write_lab(out, settings, overwrite=overwrite, progress=progress)
     if not quiet:
-        files = {"index.html": "open it in a browser", **description, "lab.json": "what stood where, and what changed"}
-        console.print_files(out, files)
+        console.print_files(out, {**description, "lab.json": "what stood where, and what changed"})
         console.print_next_command(f"gmmjax evaluate pairs {out} --methods joint c2c")
         for line in missing:
             console.print_note(line)

@@ -42,7 +42,7 @@ def tune(
 
     Args:
         folder: folder that holds one folder for each pair.
-        out: file for the settings; the course of the tuning is written next to it, as HTML, and so is a tuned verdict.
+        out: file for the settings; the course of the tuning is written next to it, as PNG, and so is a tuned verdict.
         config: settings to start from; those that are not tuned are kept.
         unchanged: nothing changed in the pairs without truth: what is reported there is a false alarm.
         overwrite: replace the output files.
@@ -52,10 +52,11 @@ def tune(
         settings: settings of the tuning.
     """
     from gmmjax import tuning
+    from gmmjax.plotting import tuning_figure, write_figure
     from gmmjax.reporting import console, tuning_files
 
     chosen, given = TuningSettings(**settings), read_settings(config)
-    beside = (out.with_suffix(".html"), out.with_suffix(".verdict.json"))
+    beside = (out.with_suffix(".png"), out.with_suffix(".verdict.json"))
     check_output_file("--out", out, (".toml",), others=beside, overwrite=overwrite)
     use_compilation_cache()
     state_file = tuning_files.progress_file(out)
@@ -74,12 +75,14 @@ def tune(
             checkpoint=functools.partial(_checkpoint, state_file, fingerprint),
             progress=progress,
         )
-    page = tuning_files.write_tuned(out, result)
+    picture = out.with_suffix(".png")
+    write_figure(picture, tuning_figure(result))
+    tuning_files.write_tuned(out, result)
     state_file.unlink(missing_ok=True)
     if json:
         console.print_tuning_json(result)
     elif not quiet:
-        console.print_tuning(result, out, page)
+        console.print_tuning(result, out, picture)
     return 0
 
 

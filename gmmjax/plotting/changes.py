@@ -12,17 +12,25 @@ from gmmjax.changes import Changes, GivenCloud, presented
 from gmmjax.clouds import PointCloud
 from gmmjax.errors import InputError, check_choice
 from gmmjax.pair import Pair
+from gmmjax.plotting.axes import (
+    Style,
+    axes_or_new,
+    distance_bar,
+    draw_label,
+    elided,
+    legend_below,
+    verbatim,
+    with_unit,
+)
 from gmmjax.plotting.cloud_image import (
-    CloudImageSettings,
+    MOST_POINTS,
+    PIXELS,
     Page,
     cloud_picture,
-    density_picture,
     flat_colors,
-    is_layered,
     marked_picture,
     scan_colors,
 )
-from gmmjax.plotting.figures import Style, axes_or_new, check_matplotlib, elided, legend_below, verbatim, with_unit
 from gmmjax.plotting.projection import Direction, Projection
 from gmmjax.reporting.palette import KIND_COLORS, UNCHANGED_COLOR
 from gmmjax.reporting.splats import thinned
@@ -30,9 +38,12 @@ from gmmjax.reporting.summary import answer, object_labels, point_counts, regist
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Shown = Literal["before", "after", "changes"]
 SHOWN: tuple[Shown, ...] = ("before", "after", "changes")
+# Opacity of what is unchanged where both clouds are drawn: at 1 the changes stand out less.
+PALE = 0.6
 
 
 def plot_changes(
@@ -44,7 +55,7 @@ def plot_changes(
     direction: Direction = "above",
     ax: "Axes | None" = None,
     legend: bool = True,
-    settings: CloudImageSettings = CloudImageSettings(),
+    pixels: int = PIXELS,
 ) -> "Axes":
     """Draws a scan with its changes, or both with all changes: changed points in the colour of their kind.
 
@@ -60,29 +71,27 @@ def plot_changes(
         direction: "above", "front", "side", or "oblique" as the report looks at first.
         ax: where to draw; None: a new figure.
         legend: whether the kinds are explained.
-        settings: how the clouds are drawn.
+        pixels: of the longer edge of the picture.
 
     Returns:
         The axes.
 
     Raises:
-        InputError: matplotlib is not installed; clouds that are not known or are not those of the changes; an unknown
-            direction.
+        InputError: clouds that are not known or are not those of the changes; an unknown direction.
     """
     check_choice("show", show, SHOWN)
     ax = axes_or_new(ax, (7.0, 6.0))
     clouds, changes = presented(changes, before, after)
     clouds = _registered(clouds, changes)
-    projection = Projection.of(direction, clouds.after.points)
-    page = _page(projection, clouds, changes, settings)
-    _draw_clouds(clouds, changes, show, page, ax, settings)
+    page = _page(direction, clouds, changes, pixels)
+    _draw_clouds(clouds, changes, show, page, ax)
     labels = _shown_labels(changes, show)
-    _draw_boxes(changes, labels, projection, ax)
+    _draw_boxes(changes, labels, page.projection, ax)
     if show == "changes":
-        _draw_motions(changes, projection, ax)
+        _draw_motions(changes, page.projection, ax)
     page.dress(ax, changes.unit)
     if legend:
-        _legend(ax, changes, labels)
+        legend_below(ax, _handles(changes, labels))
     return ax
 
 
@@ -92,7 +101,7 @@ def plot_overview(
     after: GivenCloud | None = None,
     *,
     axes: Any = None,
-    settings: CloudImageSettings = CloudImageSettings(),
+    pixels: int = PIXELS,
 ) -> Any:
     """Draws both scans, and the changes from above and from the side, with title, legend and scale.
 
@@ -101,7 +110,7 @@ def plot_overview(
         before: as of `plot_changes`.
         after: as of `plot_changes`.
         axes: four axes; None: those of a new figure, which gets a title and a legend.
-        settings: how the clouds are drawn.
+        pixels: of the longer edge of each picture.
 
     Returns:
         The axes [2, 2].
@@ -109,49 +118,43 @@ def plot_overview(
     Raises:
         InputError: as `plot_changes`; other than four axes.
     """
-    check_matplotlib()
-    clouds, changes = presented(changes, before, after)
-    own = axes is None
     if axes is None:
         from matplotlib import pyplot
 
-        axes = pyplot.subplots(2, 2, figsize=(11, 9), layout="compressed")[1]
+        figure = pyplot.figure(figsize=(11, 9), layout="compressed")
+        return draw_overview(figure, changes, before, after, pixels=pixels)
     axes = np.asarray(axes)
     if axes.size != 4:
         raise InputError(f"axes: must be four axes, not {axes.size}; leave them out for a new figure")
-    axes = axes.reshape(2, 2)
-    draw_overview(changes, clouds, axes.ravel(), settings)
-    if own:
-        title_overview(axes[0, 0].figure, changes, clouds)
-        fit_height(axes[0, 0].figure, axes)
-    return axes
+    shown = presented(changes, before, after)
+    _draw_overview(shown.changes, shown.clouds, axes.ravel(), pixels)
+    return axes.reshape(2, 2)
 
 
 def draw_overview(
-    changes: Changes, clouds: Pair[PointCloud], axes: Sequence["Axes"], settings: CloudImageSettings
-) -> None:
-    """The four pictures of `plot_overview`.
-
-    Args:
-        changes: with a label for each point of the clouds.
-        clouds: both, as given.
-        axes: four.
-        settings: how the clouds are drawn.
-    """
-    counts = point_counts(changes, clouds)
-    pictures: tuple[tuple[Shown, Direction, str], ...] = (
-        ("before", "oblique", f"Before: {counts.before:,} points"),
-        ("after", "oblique", f"After: {counts.after:,} points"),
-        ("changes", "above", "Changes from above"),
-        ("changes", _widest_side(clouds), "Changes from the side"),
-    )
-    for ax, (show, direction, title) in zip(axes, pictures, strict=True):
-        plot_changes(changes, *clouds, show=show, direction=direction, ax=ax, legend=False, settings=settings)
-        ax.set_title(title, fontsize="medium")
+    figure: "Figure",
+    changes: Changes,
+    before: GivenCloud | None = None,
+    after: GivenCloud | None = None,
+    *,
+    pixels: int = PIXELS,
+) -> Any:
+    """Draw `plot_overview` into a figure with a compressed layout: also one that pyplot knows nothing of."""
+    clouds, changes = presented(changes, before, after)
+    axes = figure.subplots(2, 2)
+    _draw_overview(changes, clouds, axes.ravel(), pixels)
+    names = [_name(cloud, f"the {side} cloud") for side, cloud in zip(("before", "after"), clouds, strict=True)]
+    verbatim(figure.suptitle(f"{answer(changes)}\n{' → '.join(names)}", fontsize="large"))
+    handles = _handles(changes, range(len(changes)))
+    legend = figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+    legend.set_title(registration_text(changes), {"size": "small"})
+    verbatim(legend.get_title()).set_color("0.35")
+    fit_height(figure, axes)
+    return axes
 
 
 def fit_height(figure: Any, axes: Any) -> None:
-    """Gives a figure the height that its pictures of clouds need: corridors are wide, towers are high.
+    """Give a figure the height that its pictures of clouds need: corridors are wide, towers are high.
 
     Args:
         figure: of matplotlib.
@@ -164,22 +167,6 @@ def fit_height(figure: Any, axes: Any) -> None:
     figure.set_size_inches(width, 0.9 * width / len(axes[0]) * sum(heights) + 1.0 + 0.45 * len(axes))
 
 
-def title_overview(figure: Any, changes: Changes, clouds: Pair[PointCloud]) -> None:
-    """The answer, the names of the scans, the registration and the kinds, around the pictures of a figure.
-
-    Args:
-        figure: of matplotlib, with a compressed layout.
-        changes: what was found.
-        clouds: both.
-    """
-    names = [_file_name(cloud, f"the {side} cloud") for side, cloud in zip(("before", "after"), clouds, strict=True)]
-    verbatim(figure.suptitle(f"{answer(changes)}\n{elided(names[0])} → {elided(names[1])}", fontsize="large"))
-    handles = _handles(changes, range(len(changes)))
-    legend = figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
-    legend.set_title(registration_text(changes), {"size": "small"})
-    verbatim(legend.get_title()).set_color("0.35")
-
-
 def plot_distance(
     changes: Changes,
     before: GivenCloud | None = None,
@@ -188,7 +175,7 @@ def plot_distance(
     direction: Direction = "above",
     limit: float | None = None,
     ax: "Axes | None" = None,
-    settings: CloudImageSettings = CloudImageSettings(),
+    pixels: int = PIXELS,
 ) -> "Axes":
     """Draws the after scan coloured by its signed distance from the surface of the before scan.
 
@@ -202,7 +189,7 @@ def plot_distance(
         direction: as of `plot_changes`.
         limit: distance at which the colours end, in the unit of the clouds; None: that of 98 % of the points.
         ax: where to draw; None: a new figure.
-        settings: how the cloud is drawn.
+        pixels: of the longer edge of the picture.
 
     Returns:
         The axes; the figure has a colour bar beside them.
@@ -210,28 +197,21 @@ def plot_distance(
     Raises:
         InputError: as `plot_changes`; distances that were not measured.
     """
-    ax = axes_or_new(ax, (7.5, 6.0))
-    from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     clouds, changes = presented(changes, before, after)
     distance = changes.distance_after
     if distance is None or not np.isfinite(distance).any():
         raise InputError("changes: have no signed distances, which only scans of surfaces have, by method='joint'")
+    ax = axes_or_new(ax, (7.5, 6.0))
     known = np.isfinite(distance)
     if limit is None:
         limit = float(np.quantile(np.abs(distance[known]), 0.98)) or 1.0
-    norm, colormap = Normalize(-limit, limit), colormaps["RdBu_r"]
+    norm, colormap = distance_bar(ax, limit, with_unit("signed distance", changes.unit))
     colors = np.tile(np.array(UNCHANGED_COLOR, np.uint8), (len(distance), 1))
     colors[known] = colormap(norm(distance[known]), bytes=True)[:, :3]
     clouds = _registered(clouds, changes)
-    projection = Projection.of(direction, clouds.after.points)
-    page = _page(projection, clouds, changes, settings)
-    page.draw(cloud_picture(clouds.after.points, colors, page, settings), ax, 1)
+    page = _page(direction, clouds, changes, pixels)
+    page.draw(cloud_picture(clouds.after.points, colors, page), ax, 1)
     page.dress(ax, changes.unit)
-    bar = ax.figure.colorbar(ScalarMappable(norm, colormap), ax=ax, shrink=0.8, extend="both")
-    verbatim(bar.ax.yaxis.label).set_text(with_unit("signed distance", changes.unit))
     return ax
 
 
@@ -240,45 +220,48 @@ def _registered(clouds: Pair[PointCloud], changes: Changes) -> Pair[PointCloud]:
     return Pair(clouds.before, after)
 
 
-def _page(projection: Projection, clouds: Pair[PointCloud], changes: Changes, settings: CloudImageSettings) -> Page:
+def _page(direction: Direction, clouds: Pair[PointCloud], changes: Changes, pixels: int) -> Page:
     points = np.concatenate([cloud.points for cloud in clouds])
-    corners = [change.box.corners() for change in changes]
-    return Page.around(projection, points, np.concatenate([np.empty((0, 3)), *corners]), settings)
+    corners = np.concatenate([np.empty((0, 3)), *(change.box.corners() for change in changes)])
+    return Page.around(Projection.of(direction, clouds.after.points), points, corners, pixels)
 
 
-def _draw_clouds(
-    clouds: Pair[PointCloud],
-    changes: Changes,
-    show: Shown,
-    page: Page,
-    ax: "Axes",
-    settings: CloudImageSettings,
-) -> None:
+def _draw_overview(changes: Changes, clouds: Pair[PointCloud], axes: Sequence["Axes"], pixels: int) -> None:
+    counts = point_counts(changes, clouds)
+    pictures: tuple[tuple[Shown, Direction, str], ...] = (
+        ("before", "oblique", f"Before: {counts.before:,} points"),
+        ("after", "oblique", f"After: {counts.after:,} points"),
+        ("changes", "above", "Changes from above"),
+        ("changes", _widest_side(clouds), "Changes from the side"),
+    )
+    for ax, (show, direction, title) in zip(axes, pictures, strict=True):
+        plot_changes(changes, *clouds, show=show, direction=direction, ax=ax, legend=False, pixels=pixels)
+        ax.set_title(title, fontsize="medium")
+
+
+def _draw_clouds(clouds: Pair[PointCloud], changes: Changes, show: Shown, page: Page, ax: "Axes") -> None:
     """What is unchanged below, what is changed over it."""
     sides = zip(("before", "after"), clouds, Pair(changes.labels_before, changes.labels_after), strict=True)
     drawn = [(cloud, labels) for name, cloud, labels in sides if show in (name, "changes")]
     up = Projection.of("front", clouds.after.points).up
-    points, colors = map(np.concatenate, zip(*(_unchanged(*side, up, settings) for side in drawn), strict=True))
-    if page.projection.names is not None and is_layered(points, page, settings):
-        page.draw(density_picture(points, page, settings), ax, 1)
-    else:
-        page.draw(cloud_picture(points, colors, page, settings), ax, 1, settings.pale if show == "changes" else 1.0)
+    points, colors = map(np.concatenate, zip(*(_unchanged(*side, up) for side in drawn), strict=True))
+    page.draw_scan(points, colors, ax, PALE if show == "changes" else 1.0)
     kinds = list(KIND_COLORS)
     of_changes = np.array([kinds.index(change.kind) for change in changes], int)
-    changed = [thinned(np.flatnonzero(labels >= 0), settings.most_points) for _, labels in drawn]
+    changed = [thinned(np.flatnonzero(labels >= 0), MOST_POINTS) for _, labels in drawn]
     marked = np.concatenate([cloud.points[rows] for (cloud, _), rows in zip(drawn, changed, strict=True)])
     labels = np.concatenate([labels[rows] for (_, labels), rows in zip(drawn, changed, strict=True)])
     flat = flat_colors(list(KIND_COLORS.values()), of_changes[labels])
-    page.draw(marked_picture(marked, flat, page, settings, others=len(points)), ax, 2)
+    page.draw(marked_picture(marked, flat, page, others=len(points)), ax, 2)
 
 
 def _unchanged(
-    cloud: PointCloud, labels: Int[np.ndarray, " n"], up: Float[np.ndarray, "3"], settings: CloudImageSettings
+    cloud: PointCloud, labels: Int[np.ndarray, " n"], up: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "m 3"], UInt8[np.ndarray, "m 3"]]:
     """The points that are drawn, with their colours."""
-    rows = thinned(np.flatnonzero(labels < 0), settings.most_points)
+    rows = thinned(np.flatnonzero(labels < 0), MOST_POINTS)
     points = cloud.points[rows]
-    return points, scan_colors(points, None if cloud.colors is None else cloud.colors[rows], up, settings)
+    return points, scan_colors(points, None if cloud.colors is None else cloud.colors[rows], up)
 
 
 def _shown_labels(changes: Changes, show: Shown) -> list[int]:
@@ -294,26 +277,11 @@ def _draw_boxes(changes: Changes, labels: Sequence[int], projection: Projection,
     from matplotlib.collections import LineCollection
 
     for label in labels:
-        change = changes[label]
-        color, corners = KIND_COLORS[change.kind], projection.on_page(change.box.corners())
+        color, corners = KIND_COLORS[changes[label].kind], projection.on_page(changes[label].box.corners())
         # The numbers of corners that an edge joins differ in one bit.
         edges = [corners[[start, start | bit]] for start in range(8) for bit in (1, 2, 4) if not start & bit]
         ax.add_collection(LineCollection(edges, colors=color, linewidths=0.8, alpha=0.8, zorder=3), autolim=False)
-        above = (corners[:, 0].mean(), corners[:, 1].max())
-        box: Style = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
-        ax.annotate(
-            str(label),
-            above,
-            xytext=(0, 3),
-            textcoords="offset points",
-            ha="center",
-            va="bottom",
-            fontsize="small",
-            fontweight="bold",
-            color=color,
-            bbox=box,
-            zorder=4,
-        )
+        draw_label(ax, str(label), (corners[:, 0].mean(), corners[:, 1].max()), color)
 
 
 def _draw_motions(changes: Changes, projection: Projection, ax: "Axes") -> None:
@@ -321,12 +289,8 @@ def _draw_motions(changes: Changes, projection: Projection, ax: "Axes") -> None:
     for labels in object_labels(changes):
         if len(labels) == 2:
             start, end = (projection.on_page(changes[label].box.centre) for label in labels)
-            style = {"arrowstyle": "-|>", "color": KIND_COLORS["moved"], "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
-            ax.annotate("", tuple(end), tuple(start), arrowprops=style, zorder=4)
-
-
-def _legend(ax: "Axes", changes: Changes, labels: Sequence[int]) -> None:
-    legend_below(ax, _handles(changes, labels))
+            style: Style = {"arrowstyle": "-|>", "color": KIND_COLORS["moved"], "linewidth": 1.6}
+            ax.annotate("", tuple(end), tuple(start), arrowprops={**style, "shrinkA": 0, "shrinkB": 0}, zorder=4)
 
 
 def _handles(changes: Changes, labels: Sequence[int]) -> list[Any]:
@@ -341,12 +305,10 @@ def _handles(changes: Changes, labels: Sequence[int]) -> list[Any]:
 def _widest_side(clouds: Pair[PointCloud]) -> Direction:
     """The one of the two level directions in which more of the scan is seen."""
     points = clouds.after.points
-
-    def width(direction: Direction) -> float:
-        return float(np.ptp(np.quantile(Projection.of(direction, points).on_page(points)[:, 0], [0.01, 0.99])))
-
-    return "front" if width("front") >= width("side") else "side"
+    pages = [Projection.of(direction, points).on_page(points)[:, 0] for direction in ("front", "side")]
+    front, side = (np.ptp(np.quantile(page, [0.01, 0.99])) for page in pages)
+    return "front" if front >= side else "side"
 
 
-def _file_name(cloud: PointCloud, missing: str) -> str:
-    return PurePath(cloud.source).name if cloud.source else missing
+def _name(cloud: PointCloud, missing: str) -> str:
+    return elided(PurePath(cloud.source).name) if cloud.source else missing

@@ -296,13 +296,13 @@ def print_note(text: str) -> None:
     print_message(text)
 
 
-def print_tuning(result: "TuningResult | VerdictResult", settings: Path, page: Path) -> None:
+def print_tuning(result: "TuningResult | VerdictResult", settings: Path, picture: Path) -> None:
     """What was tuned, and what to do with the file.
 
     Args:
         result: of the tuning.
         settings: the TOML file.
-        page: the HTML file.
+        picture: of its course.
     """
     from gmmjax.tuning import VerdictResult
 
@@ -311,7 +311,9 @@ def print_tuning(result: "TuningResult | VerdictResult", settings: Path, page: P
     else:
         _print_mixture(result)
     Console().print(
-        f"\nSettings in [bold]{_shown(settings)}[/bold], the course in {_shown(page)}", highlight=False, soft_wrap=True
+        f"\nSettings in [bold]{_shown(settings)}[/bold], the course in {_shown(picture)}",
+        highlight=False,
+        soft_wrap=True,
     )
     print_next_command(f"gmmjax detect BEFORE AFTER --out DIR --config {settings}")
 

@@ -1,4 +1,4 @@
-"""What `gmmjax tune` writes: the tuned settings, the course as a page, and where it stands while it runs."""
+"""What `gmmjax tune` writes: the tuned settings, and where it stands while it runs."""
 
 import functools
 import os
@@ -11,8 +11,6 @@ from gmmjax.changes import NAMES, names_of, write_verdicts
 from gmmjax.clouds import atomic_write, load_archive, require_file
 from gmmjax.errors import InputError
 from gmmjax.learning import CandidateRows
-from gmmjax.reporting.tuning_plot import tuning_html
-from gmmjax.reporting.verdict_plot import verdict_html
 from gmmjax.tuning import TuningResult, TuningState, VerdictResult, VerdictState
 
 OPTIMISER = "optimiser_"
@@ -20,34 +18,28 @@ MEASURED = "measured"
 USE = "Written by gmmjax tune; use it by: gmmjax detect BEFORE AFTER --out DIR --config THIS_FILE"
 
 
-def write_tuned(path: str | os.PathLike[str], result: TuningResult | VerdictResult) -> Path:
-    """Writes the settings as TOML for `gmmjax detect --config`, and beside it the course as HTML and a tuned verdict.
+def write_tuned(path: str | os.PathLike[str], result: TuningResult | VerdictResult) -> None:
+    """Writes the settings as TOML for `gmmjax detect --config`, and beside it a tuned verdict.
 
     Args:
         path: of the TOML file.
         result: of `tune`.
 
-    Returns:
-        The HTML file.
-
     Raises:
         InputError: a file that cannot be written.
     """
-    page, settings = Path(path).with_suffix(".html"), result.config.to_dict()
+    settings = result.config.to_dict()
     if isinstance(result, VerdictResult):
-        lines, shown = _verdict_comments(result), verdict_html(result)
+        lines = _verdict_comments(result)
+        if result.improved:
+            # Before the settings that name it.
+            write_verdicts(verdict_file(path), result.verdicts, result.made)
+            settings["verdict"] = verdict_file(path).name
     else:
-        lines, shown = _comments(result), tuning_html(result)
-    if isinstance(result, VerdictResult) and result.improved:
-        # Before the settings that name it.
-        write_verdicts(verdict_file(path), result.verdicts, result.made)
-        settings["verdict"] = verdict_file(path).name
-    with atomic_write(page) as file:
-        file.write(shown.encode())
+        lines = _comments(result)
     with atomic_write(path) as file:
         file.write("".join(f"# {line}\n" for line in (USE, *lines)).encode())
         tomli_w.dump(settings, file)
-    return page
 
 
 def verdict_file(path: str | os.PathLike[str]) -> Path:

@@ -48,8 +48,6 @@ from gmmjax.surveys import (
     write_depth_image,
     write_intrinsics,
 )
-from gmmjax.thesis.chapter4 import Journal
-from gmmjax.thesis.chapter4.records import Unit
 from gmmjax.tuning import TuningState
 from tests.changes.explained import explanation, rejected
 from tests.clouds.las_files import GEOTIFF, WKT, evlr, extra_descriptor, las_bytes, vlr
@@ -126,7 +124,6 @@ def _records() -> Iterator[Target]:
     yield Target("mixture", _write_mixture, read_mixture)
     yield Target("pair", _write_pair, lambda path: read_pair(path.parent))
     yield Target("tuning-state", _write_state, lambda path: read_state(path, "these"), mutated_archive)
-    yield Target("journal", _write_journal, _read_journal)
 
 
 def _surveys() -> Iterator[Target]:
@@ -409,23 +406,6 @@ def _write_state(folder: Path) -> list[str]:
     state = TuningState(ones, (ones, ones), np.ones(2, bool), np.ones((4, 2, 1)), np.ones((4, 2, 3)), np.ones(3))
     write_state(folder / "state.npz", state, "these")
     return ["state.npz"]
-
-
-def _write_journal(folder: Path) -> list[str]:
-    journal = Journal(folder / "progress.jsonl")
-    for number in range(6):
-        journal.add(Unit("a", "b", number, "c", {"d": 1}, dict), {"f1": 0.5, "seconds": 1.25, "rows": [1, 2]})
-    return ["progress.jsonl"]
-
-
-def _read_journal(path: Path) -> Journal:
-    # It takes an unfinished line off the file.
-    copy = path.with_suffix(".copy")
-    shutil.copyfile(path, copy)
-    try:
-        return Journal(copy)
-    except InputError as error:
-        raise InputError(str(error).replace(str(copy), str(path))) from error
 
 
 def _write_intrinsics(folder: Path) -> list[str]:

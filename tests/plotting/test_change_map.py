@@ -8,16 +8,16 @@ from matplotlib import pyplot
 
 from gmmjax import InputError
 from gmmjax.pair import Pair
-from gmmjax.plotting import CloudImageSettings, MapPlotSettings, check_map_file, map_figure, plot_map, write_map
+from gmmjax.plotting import check_map_file, map_figure, plot_map, write_map
 from gmmjax.reporting import ChangeMapSettings
 from tests.reporting.test_map_cells import OFFSET, surveyed
 
-SMALL = MapPlotSettings(ChangeMapSettings(cell=0.1), CloudImageSettings(pixels=120))
+SMALL = {"grid": ChangeMapSettings(cell=0.1), "pixels": 120}
 
 
 def test_changes_are_coloured_outlined_and_numbered_in_their_place():
     changes, clouds = surveyed()
-    ax = plot_map(changes, *clouds, settings=SMALL)
+    ax = plot_map(changes, *clouds, **SMALL)
     assert [text.get_text() for text in ax.texts][-3:-1] == ["0", "1"]
     assert ax.texts[-1].get_text() == "2 m"
     colours = ax.images[-1]
@@ -44,7 +44,7 @@ def test_the_figure_tells_what_was_found_and_names_are_text():
         dataclasses.replace(item, volume=0.3, volume_error=0.01, gain_or_loss=effect)
         for item, effect in zip(changes, ("loss", "gain"), strict=True)
     )
-    figure = map_figure(dataclasses.replace(changes, items=items), clouds, SMALL)
+    figure = map_figure(dataclasses.replace(changes, items=items), clouds, **SMALL)
     title = figure.axes[0].get_title()
     assert "2 changes: 1 appeared, 1 disappeared" in title and "$x_1$ <b>0.las → $x_1$ <b>1.las" in title
     assert "gained" in figure.get_supxlabel() and "lost" in figure.get_supxlabel()
@@ -56,7 +56,7 @@ def test_a_map_without_changes_is_drawn():
     nothing = dataclasses.replace(
         changes, items=(), labels_before=np.full(20_600, -1), labels_after=np.full(20_600, -1)
     )
-    ax = plot_map(nothing, *clouds, settings=SMALL)
+    ax = plot_map(nothing, *clouds, **SMALL)
     assert [text.get_text() for text in ax.texts] == ["2 m"]
 
 

@@ -6,10 +6,10 @@ from matplotlib import pyplot
 from matplotlib.colors import to_hex
 
 from gmmjax import InputError, PointCloud
-from gmmjax.plotting import DIRECTIONS, CloudImageSettings, plot_changes, plot_distance, plot_overview
+from gmmjax.plotting import DIRECTIONS, plot_changes, plot_distance, plot_overview
 from gmmjax.reporting.palette import KIND_COLORS, color_bytes
 
-SMALL = CloudImageSettings(pixels=120)
+SMALL = 120
 
 
 def texts(ax):
@@ -26,7 +26,7 @@ def pixels_of(image, color):
 
 
 def test_changed_points_are_where_they_are_in_the_colour_of_their_kind(changes):
-    ax = plot_changes(changes, settings=SMALL)
+    ax = plot_changes(changes, pixels=SMALL)
     marked = ax.images[1]
     for kind, corner in (("disappeared", [1, 1]), ("appeared", [3, 2])):
         places = pixels_of(marked, KIND_COLORS[kind])
@@ -36,7 +36,7 @@ def test_changed_points_are_where_they_are_in_the_colour_of_their_kind(changes):
 
 
 def test_equal_axes_have_their_names_and_unit(changes):
-    names = {direction: plot_changes(changes, direction=direction, settings=SMALL) for direction in DIRECTIONS}
+    names = {direction: plot_changes(changes, direction=direction, pixels=SMALL) for direction in DIRECTIONS}
     labels = {direction: (ax.get_xlabel(), ax.get_ylabel()) for direction, ax in names.items()}
     assert labels["above"] == ("x (m)", "y (m)")
     assert labels["front"] == ("x (m)", "z (m)")
@@ -47,14 +47,14 @@ def test_equal_axes_have_their_names_and_unit(changes):
 
 
 def test_a_plot_without_a_unit_names_none(changes):
-    ax = plot_changes(dataclasses.replace(changes, unit=None), settings=SMALL)
+    ax = plot_changes(dataclasses.replace(changes, unit=None), pixels=SMALL)
     assert ax.get_xlabel() == "x"
 
 
 def test_a_cloud_is_shown_with_its_own_changes(changes):
     kinds = {}
     for show in ("before", "after", "changes"):
-        ax = plot_changes(changes, show=show, settings=SMALL)
+        ax = plot_changes(changes, show=show, pixels=SMALL)
         kinds[show] = [text.get_text() for text in ax.get_legend().get_texts()], texts(ax)
     assert kinds["before"] == (["disappeared", "unchanged"], ["0"])
     assert kinds["after"] == (["appeared", "unchanged"], ["1"])
@@ -63,21 +63,21 @@ def test_a_cloud_is_shown_with_its_own_changes(changes):
 
 def test_an_arrow_goes_from_where_an_object_was_to_where_it_is(changes):
     items = tuple(dataclasses.replace(item, kind="moved", partner=1 - label) for label, item in enumerate(changes))
-    ax = plot_changes(dataclasses.replace(changes, items=items), settings=SMALL)
+    ax = plot_changes(dataclasses.replace(changes, items=items), pixels=SMALL)
     (arrow,) = (text for text in ax.texts if text.get_text() == "")
     np.testing.assert_allclose([arrow.xyann, arrow.xy], [item.box.centre[:2] for item in changes])
 
 
 def test_what_is_drawn_goes_into_the_axes_that_are_given(changes):
     figure, given = pyplot.subplots()
-    assert plot_changes(changes, ax=given, legend=False, settings=SMALL) is given
+    assert plot_changes(changes, ax=given, legend=False, pixels=SMALL) is given
     assert given.get_legend() is None and pyplot.get_fignums() == [figure.number]
 
 
 def test_forgotten_clouds_are_asked_for_and_taken(changes, forgetful):
     with pytest.raises(InputError, match=r"before: the changes do not know their clouds.*give before and after"):
         plot_changes(forgetful)
-    assert plot_changes(forgetful, *changes.clouds, settings=SMALL).images
+    assert plot_changes(forgetful, *changes.clouds, pixels=SMALL).images
     with pytest.raises(InputError, match=r"after: has 5 points, the changes have labels for 1,000"):
         plot_changes(forgetful, changes.clouds.before, np.zeros((5, 3)))
 
@@ -86,7 +86,7 @@ def test_arrays_with_rows_without_a_position_keep_their_labels(changes):
     """Labels are for all rows of an array; the rows that are drawn are those with a position."""
     rows = changes.clouds.before.points.copy()
     rows[950:] = np.nan
-    ax = plot_changes(changes, rows, changes.clouds.after.points, show="before", settings=SMALL)
+    ax = plot_changes(changes, rows, changes.clouds.after.points, show="before", pixels=SMALL)
     assert texts(ax) == ["0"]
     assert len(pixels_of(ax.images[1], KIND_COLORS["disappeared"])) > 10
 
@@ -100,7 +100,7 @@ def test_unknown_words_are_refused(changes):
 
 
 def test_overview_says_what_it_shows(changes):
-    axes = plot_overview(changes, settings=SMALL)
+    axes = plot_overview(changes, pixels=SMALL)
     figure = axes[0, 0].figure
     assert axes.shape == (2, 2)
     assert [ax.get_title() for ax in axes.flat] == [
@@ -114,7 +114,7 @@ def test_overview_says_what_it_shows(changes):
 
 def test_overview_leaves_the_figure_of_given_axes_alone(changes):
     figure, axes = pyplot.subplots(1, 4)
-    found = plot_overview(changes, axes=axes, settings=SMALL)
+    found = plot_overview(changes, axes=axes, pixels=SMALL)
     assert list(found.flat) == list(axes) and figure.get_suptitle() == "" and not figure.legends
     with pytest.raises(InputError, match="axes: must be four axes, not 2"):
         plot_overview(changes, axes=axes[:2])
@@ -122,7 +122,7 @@ def test_overview_leaves_the_figure_of_given_axes_alone(changes):
 
 def test_no_change_is_drawn_too(changes):
     nothing = dataclasses.replace(changes, items=(), labels_before=np.full(1000, -1), labels_after=np.full(1000, -1))
-    axes = plot_overview(nothing, settings=SMALL)
+    axes = plot_overview(nothing, pixels=SMALL)
     assert axes[0, 0].figure.get_suptitle().startswith("No change found")
 
 
@@ -130,14 +130,14 @@ def test_no_change_is_drawn_too(changes):
 @pytest.mark.filterwarnings("ignore:Glyph .* missing from:UserWarning")
 def test_names_are_text(changes, name):
     before = PointCloud.from_rows(changes.clouds.before.points, source=f"/scans/{name}")
-    figure = plot_overview(changes, before=before, settings=SMALL)[0, 0].figure
+    figure = plot_overview(changes, before=before, pixels=SMALL)[0, 0].figure
     assert name in figure.get_suptitle() and not figure._suptitle.get_parse_math()
     figure.canvas.draw()
 
 
 def test_long_names_are_shortened(changes):
     before = PointCloud.from_rows(changes.clouds.before.points, source="x" * 300 + ".ply")
-    title = plot_overview(changes, before=before, settings=SMALL)[0, 0].figure.get_suptitle()
+    title = plot_overview(changes, before=before, pixels=SMALL)[0, 0].figure.get_suptitle()
     assert max(map(len, title.splitlines())) < 100 and "x…x" in title
 
 
@@ -149,13 +149,13 @@ def test_survey_coordinates_keep_their_digits(changes):
     )
     moved = dataclasses.replace(changes, items=items, registration=dataclasses.replace(changes.registration))
     before, after = (cloud.points + far for cloud in changes.clouds)
-    near, away = (plot_changes(*given, settings=SMALL) for given in ((changes,), (moved, before, after)))
+    near, away = (plot_changes(*given, pixels=SMALL) for given in ((changes,), (moved, before, after)))
     difference = np.array(away.images[1].get_extent()) - np.array(near.images[1].get_extent())
     np.testing.assert_allclose(difference, [far[0]] * 2 + [far[1]] * 2, atol=1e-6)
 
 
 def test_signed_distance_is_coloured(changes):
-    ax = plot_distance(changes, limit=0.02, settings=SMALL)
+    ax = plot_distance(changes, limit=0.02, pixels=SMALL)
     bar = ax.figure.axes[1]
     assert bar.get_ylabel() == "signed distance (m)" and bar.get_ylim() == (-0.02, 0.02)
     picture = np.asarray(ax.images[0].get_array())
@@ -166,7 +166,7 @@ def test_signed_distance_is_coloured(changes):
 
 
 def test_kinds_are_those_of_the_report(changes):
-    handles = plot_changes(changes, settings=SMALL).get_legend().get_patches()
+    handles = plot_changes(changes, pixels=SMALL).get_legend().get_patches()
     assert [to_hex(handle.get_facecolor()).upper() for handle in handles[:2]] == [
         KIND_COLORS["appeared"].upper(),
         KIND_COLORS["disappeared"].upper(),

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from gmmjax.plotting.cloud_image import (
-    CloudImageSettings,
     Page,
     cloud_picture,
     density_picture,
@@ -11,12 +10,11 @@ from gmmjax.plotting.cloud_image import (
 )
 from gmmjax.plotting.projection import Projection
 
-SMALL = CloudImageSettings(pixels=100)
 NOTHING = np.empty((0, 3))
 
 
-def page(points, direction="above", settings=SMALL):
-    return Page.around(Projection.of(direction, points), points, NOTHING, settings)
+def page(points, direction="above", pixels=100):
+    return Page.around(Projection.of(direction, points), points, NOTHING, pixels)
 
 
 def room(seed=0):
@@ -43,18 +41,18 @@ def test_nearest_points_hide_those_behind():
     square = np.random.default_rng(0).uniform(size=(2000, 2))
     points = np.c_[np.tile(square, (2, 1)), np.repeat([0.0, 1.0], 2000)]
     colors = np.repeat(np.array([[0, 0, 255], [255, 0, 0]], np.uint8), 2000, axis=0)
-    picture = cloud_picture(points, colors, page(points), SMALL)
+    picture = cloud_picture(points, colors, page(points))
     inner = picture[10:-10, 10:-10]
     covered = inner[..., 3] == 255
     assert covered.mean() > 0.95 and (inner[covered, 2] == 0).mean() > 0.95
 
 
 def test_a_closed_room_is_seen_through_from_above_and_a_floor_is_not():
-    assert is_layered(room(), page(room()), SMALL)
+    assert is_layered(room(), page(room()))
     floor = room()
     floor[:, 2] = np.random.default_rng(1).normal(scale=0.01, size=6000)
-    assert not is_layered(floor, page(floor), SMALL)
-    picture = density_picture(room(), page(room()), SMALL).astype(int)
+    assert not is_layered(floor, page(floor))
+    picture = density_picture(room(), page(room())).astype(int)
     # Walls, of which many points are behind each other, are darker than floor and ceiling.
     assert picture[20:60, 2:4, 0].mean() < picture[30:50, 40:60, 0].mean() - 30
 
@@ -68,10 +66,5 @@ def test_strays_do_not_shrink_the_picture():
 def test_any_cloud_has_a_picture(points):
     for direction in ("oblique", "above", "side"):
         own = page(points, direction)
-        picture = cloud_picture(points, scan_colors(points, None, own.projection.up), own, SMALL)
+        picture = cloud_picture(points, scan_colors(points, None, own.projection.up), own)
         assert picture[..., 3].any() and picture.shape == (own.height, own.width, 4)
-
-
-def test_pictures_of_large_clouds_are_thinned():
-    settings = CloudImageSettings()
-    assert settings.most_points * (2 + settings.gap) ** 2 * 4 < 1e8  # bytes of the splats

@@ -1,21 +1,16 @@
-import builtins
-import sys
-
 import numpy as np
 import pytest
 
 from gmmjax import Fit, FitStatus, InputError
 from gmmjax.clouds import PointCloud
-from gmmjax.plotting import CloudImageSettings, check_figure_file, fit_figure, overview_figure, write_figure
+from gmmjax.plotting import check_figure_file, fit_figure, overview_figure, write_figure
 from tests.plotting.test_mixtures import mixture
-
-SMALL = CloudImageSettings(pixels=120)
 
 
 @pytest.mark.parametrize("ending", ["png", "SVG", "pdf", "jpg"])
 def test_a_figure_is_the_same_file_each_time(changes, tmp_path, ending):
     for name in ("a", "b"):
-        write_figure(tmp_path / f"{name}.{ending}", overview_figure(changes, changes.clouds, SMALL))
+        write_figure(tmp_path / f"{name}.{ending}", overview_figure(changes, changes.clouds, 120))
     first, second = ((tmp_path / f"{name}.{ending}").read_bytes() for name in ("a", "b"))
     assert first == second and first[:4] in (b"\x89PNG", b"<?xm", b"%PDF", b"\xff\xd8\xff\xe0")
     assert len(list(tmp_path.iterdir())) == 2
@@ -50,22 +45,6 @@ def test_a_fit_is_drawn_with_its_gaussians():
     points = np.random.default_rng(0).normal(size=(60, 3))
     numbers = np.array(12.5), np.array(0.0), np.array(1)
     found = Fit(mixture([[0, 0, 0], [1, 0, 0]]), *numbers, FitStatus.converged, np.array(64), np.array(0.0))
-    figure = fit_figure(found, PointCloud.from_rows(points, source="a/$x$.ply"), SMALL)
+    figure = fit_figure(found, PointCloud.from_rows(points, source="a/$x$.ply"), 120)
     assert figure.get_suptitle() == "2 Gaussians, message length 12.5 nats\n$x$.ply"
     figure.canvas.draw()
-
-
-def test_without_matplotlib_the_extra_is_named(changes, monkeypatch, tmp_path):
-    for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
-        monkeypatch.delitem(sys.modules, name)
-    real = builtins.__import__
-
-    def missing(name, *arguments, **options):
-        if name.split(".")[0] == "matplotlib":
-            raise ModuleNotFoundError("No module named 'matplotlib'", name="matplotlib")
-        return real(name, *arguments, **options)
-
-    monkeypatch.setattr(builtins, "__import__", missing)
-    for plot in (changes.plot, lambda: check_figure_file(tmp_path / "x.png")):
-        with pytest.raises(InputError, match=r"plots need matplotlib, .*pip install 'gmmjax\[plot\]'"):
-            plot()

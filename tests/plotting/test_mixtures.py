@@ -6,14 +6,11 @@ from matplotlib.patches import Ellipse, FancyArrowPatch
 from gmmjax import Fit, FitStatus, GaussianMixture, InputError, earth_movers_distance
 from gmmjax.mixtures import GridSearch
 from gmmjax.plotting import (
-    CloudImageSettings,
     plot_grid_search,
     plot_message_length,
     plot_mixture,
     plot_transport,
 )
-
-SMALL = CloudImageSettings(pixels=120)
 
 
 def mixture(means, variances=(0.04, 0.01, 0.01), weights=None, dead=0):
@@ -69,7 +66,7 @@ def test_points_have_the_colour_of_their_gaussian():
     random = np.random.default_rng(0)
     means = np.array([[0.0, 0, 0], [2, 0, 0]])
     points = np.repeat(means, 200, axis=0) + 0.1 * random.normal(size=(400, 3))
-    ax = plot_mixture(mixture(means), points, direction="above", settings=SMALL)
+    ax = plot_mixture(mixture(means), points, direction="above", pixels=120)
     picture = np.asarray(ax.images[0].get_array())
     left, right = (half[half[..., 3] > 0][:, :3].astype(int).mean(axis=0) for half in np.split(picture, [60], axis=1))
     assert left[2] > left[0] + 50 and right[0] > right[2] + 50  # blue, and orange

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gmmjax import DetectionConfig, InputError
-from gmmjax.reporting import console, tuning_plot
+from gmmjax.reporting import console
 from gmmjax.reporting.tuning_files import progress_file, read_state, write_state, write_tuned
 from gmmjax.tuning import TuningResult, TuningState
 
@@ -46,42 +46,22 @@ def result(state):
 
 
 def test_the_settings_are_a_config_file(result, tmp_path):
-    page = write_tuned(tmp_path / "tuned.toml", result)
+    write_tuned(tmp_path / "tuned.toml", result)
     text = (tmp_path / "tuned.toml").read_text()
     assert DetectionConfig.from_dict(tomllib.loads(text)) == result.config
     assert "kitchen, hall" in text and "attic" in text
-    assert page == tmp_path / "tuned.html"
-
-
-def test_the_page_needs_nothing_else_and_shows_the_course(result, tmp_path):
-    page = write_tuned(tmp_path / "tuned.toml", result).read_text()
-    assert "Tuned: tolerance = 0.02" in page and "held back" in page
-    assert "<script src=" not in page and "NaN" not in page.split("Plotly.newPlot")[-1]
-
-
-@pytest.mark.parametrize(("lowest", "kind"), [(0.9, "linear"), (0.05, "log")])
-def test_every_axis_has_numbers(result, monkeypatch, lowest, kind):
-    """A logarithmic axis has them at 1, 2 and 5 alone: none may lie within less than a decade. Steps are whole."""
-    shown = []
-    monkeypatch.setattr("plotly.graph_objects.Figure.to_html", lambda self, **_: shown.append(self) or "")
-    losses = np.linspace(0.95, lowest, result.state.losses.size).reshape(result.state.losses.shape)
-    course = result.state._replace(losses=losses)
-    tuning_plot.tuning_html(dataclasses.replace(result, state=course, baseline=(0.95,) * 3, best=(lowest,) * 3))
-    layout = shown[0].layout
-    assert layout.yaxis.type == kind
-    assert layout.xaxis.dtick == layout.xaxis2.dtick == 1
 
 
 @pytest.mark.parametrize(("improved", "heading"), [(True, "Tuned"), (False, "Tried")])
 def test_the_table_does_not_call_best_what_may_be_worse(result, tmp_path, capsys, improved, heading):
-    console.print_tuning(dataclasses.replace(result, improved=improved), tmp_path / "a.toml", tmp_path / "a.html")
+    console.print_tuning(dataclasses.replace(result, improved=improved), tmp_path / "a.toml", tmp_path / "a.png")
     headings = next(line for line in capsys.readouterr().out.splitlines() if "Start" in line)
     assert headings.split() == ["Start", heading]
 
 
 def test_a_course_that_gained_nothing_says_so(result, tmp_path):
     same = dataclasses.replace(result, improved=False)
-    assert "Not better than before" in write_tuned(tmp_path / "tuned.toml", same).read_text()
+    write_tuned(tmp_path / "tuned.toml", same)
     assert "left as they were" in (tmp_path / "tuned.toml").read_text()
 
 

@@ -254,7 +254,7 @@ def test_writes_a_config_that_detect_takes(folder, tuned, capsys):
 
 
 def test_leaves_the_course_and_no_state(tuned):
-    assert sorted(path.name for path in tuned.parent.glob("tuned*")) == ["tuned.html", "tuned.toml"]
+    assert sorted(path.name for path in tuned.parent.glob("tuned*")) == ["tuned.png", "tuned.toml"]
 
 
 def test_says_what_was_gained(run):

@@ -1,175 +1,139 @@
 """Confusion counts with true negatives, the unchanged things of a scene (thesis 4.6, figures 4.9 to 4.12)."""
 
-import dataclasses
-from typing import Literal
+import functools
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int
 
-from gmmjax.errors import InputError
-from gmmjax.evaluation import LabelledCloud, LabelledPair, false_segments, score_labelled_pair
+from gmmjax.errors import ComputationError, InputError
+from gmmjax.evaluation import (
+    Detection,
+    Detector,
+    Failure,
+    LabelledCloud,
+    LabelledPair,
+    PairSource,
+    Scores,
+    evaluate,
+    false_segments,
+    score_labelled_pair,
+)
 
 # Least fraction of a segment's points that changed for it to overlap a change, and of a change's points in true
 # positives for it to be found.
 OVERLAP = 0.1
+COUNTS = ("true_positives", "false_positives", "found", "missed", "true_negatives")
+Progress = Callable[[str, float], None]
 
 
-@dataclasses.dataclass(frozen=True)
-class Confusion:
-    """Counts over one or many pairs; add them before dividing (micro average).
+class Group(NamedTuple):
+    """Pairs of one kind and the detectors that are run on them, by name."""
 
-    Segments and changes are as in `Scores`. Things are Gaussians, objects and walls. A true negative is a thing of one
-    of the two clouds that did not change, and that no false segment has most of its points on.
-
-    Attributes:
-        true_positives: detected segments that are a change.
-        false_positives: detected segments that are none.
-        found: true changes that were found.
-        missed: true changes that were not found.
-        true_negatives: unchanged things without a false segment.
-    """
-
-    true_positives: int = 0
-    false_positives: int = 0
-    found: int = 0
-    missed: int = 0
-    true_negatives: int = 0
-
-    def __add__(self, other: "Confusion") -> "Confusion":
-        mine, theirs = dataclasses.astuple(self), dataclasses.astuple(other)
-        return Confusion(*(a + b for a, b in zip(mine, theirs, strict=True)))
-
-    @property
-    def accuracy(self) -> float:
-        """(TP + TN) / (TP + TN + FP + FN); 1 where there was nothing to count."""
-        correct = self.true_positives + self.true_negatives
-        return _fraction(correct, correct + self.false_positives + self.missed)
-
-    @property
-    def precision(self) -> float:
-        """True positives by detected segments; 1 where nothing was detected."""
-        return _fraction(self.true_positives, self.true_positives + self.false_positives)
-
-    @property
-    def recall(self) -> float:
-        """Found changes by changes; 1 where there was none to find."""
-        return _fraction(self.found, self.found + self.missed)
-
-    @property
-    def f1(self) -> float:
-        """Harmonic mean of precision and recall."""
-        return 2 * self.precision * self.recall / max(self.precision + self.recall, 1e-300)
+    name: str
+    detectors: Mapping[str, Detector]
+    sources: Sequence[PairSource]
 
 
-def confusion(
-    pair: LabelledPair, labels_before: Int[np.ndarray, " n0"], labels_after: Int[np.ndarray, " n1"]
-) -> Confusion:
-    """The confusion counts of a pair, of both clouds together.
+def count_groups(
+    groups: Sequence[Group], progress: Progress
+) -> tuple[dict[tuple[str, str], Counter[str]], tuple[Failure, ...]]:
+    """Run detectors on pairs with things.
 
     Args:
-        pair: with the thing of each point.
-        labels_before: per point -1 or the id of a detected change.
-        labels_after: the same for the after cloud.
+        groups: of pairs; those of one name are added up.
+        progress: called with a description of the current step and the fraction of them that is done.
+
+    Returns:
+        The sums of `confusion` by the names of group and detector, and what failed, which is not in them.
+
+    Raises:
+        ComputationError: everything failed.
+    """
+    counts: dict[tuple[str, str], Counter[str]] = {}
+    failures: tuple[Failure, ...] = ()
+    for number, group in enumerate(groups):
+        report = functools.partial(partly, progress, number, len(groups))
+        record = functools.partial(_add, counts, group.name)
+        failures += evaluate(group.detectors, group.sources, progress=report, record=record).failures
+    if failures and not counts:
+        raise ComputationError(f"nothing could be run: {failures[0]}")
+    return counts, failures
+
+
+def confusion(pair: LabelledPair, found: Detection) -> Counter[str]:
+    """The counts of a pair, both clouds together; add them over pairs before dividing (micro average).
+
+    Things are Gaussians, objects and walls. A true negative is a thing of one of the two clouds that did not change,
+    and that no false segment has most of its points on. "overlap ..." are the counts of segments by `OVERLAP`, as in
+    the thesis; "opposite ..." those of clouds in which nothing changed, where every segment is false (4.7).
 
     Raises:
         InputError: the pair has no things.
     """
-    scores = score_labelled_pair(pair, labels_before, labels_after)
-    sides = ((pair.before, labels_before), (pair.after, labels_after))
-    return Confusion(
-        true_positives=scores.true_segments,
-        false_positives=scores.false_segments,
-        found=scores.found,
-        missed=scores.changes - scores.found,
-        true_negatives=sum(_true_negatives(pair.name, cloud, labels) for cloud, labels in sides),
-    )
+    counts = Counter(pairs=1)
+    counts += _of_scores("", score_labelled_pair(pair, found.labels_before, found.labels_after))
+    for cloud, labels in ((pair.before, found.labels_before), (pair.after, found.labels_after)):
+        counts += _of_scores("overlap ", overlap_scores(cloud, labels))
+        right = true_negatives(pair.name, cloud, labels)
+        counts["true_negatives"] += right
+        if not (cloud.truth >= 0).any():
+            counts["opposite true_negatives"] += right
+            counts["opposite false_positives"] += len(np.unique(labels[labels >= 0]))
+    return counts
 
 
-def opposite_confusion(
-    pair: LabelledPair,
-    labels_before: Int[np.ndarray, " n0"],
-    labels_after: Int[np.ndarray, " n1"],
-    kind: Literal["appeared", "disappeared"],
-) -> Confusion:
-    """The confusion counts of one type of change, in a pair with changes of the other type only (thesis 4.7).
-
-    Every detected segment is a false positive; the accuracy is TN / (TN + FP).
+def measures(counts: Counter[str], kind: str = "") -> dict[str, float]:
+    """Accuracy, precision, recall and F1; 1 where there is nothing to count.
 
     Args:
-        pair: with the thing of each point; without changes of this type.
-        labels_before: per point -1 or the id of a detected change.
-        labels_after: the same for the after cloud.
-        kind: the type that did not occur.
-
-    Raises:
-        InputError: the pair has no things, or changes of this type.
+        counts: of `confusion`.
+        kind: "", "overlap " or "opposite ".
     """
-    appeared = kind == "appeared"
-    cloud, labels = (pair.after, labels_after) if appeared else (pair.before, labels_before)
-    if (cloud.truth >= 0).any():
-        raise InputError(f"{pair.name}: something {kind} in it; the accuracy of the opposite type needs a pair without")
-    return Confusion(
-        false_positives=len(np.unique(labels[labels >= 0])), true_negatives=_true_negatives(pair.name, cloud, labels)
-    )
+    positive, false, found, missed, negative = (counts[kind + name] for name in COUNTS)
+    scores = Scores(positive, positive + false, found, found + missed)
+    all_counted = positive + negative + false + missed
+    accuracy = (positive + negative) / all_counted if all_counted else 1.0
+    return {"accuracy": accuracy, "precision": scores.precision, "recall": scores.recall, "f1": scores.f1}
 
 
-def overlap_confusion(
-    pair: LabelledPair, labels_before: Int[np.ndarray, " n0"], labels_after: Int[np.ndarray, " n1"]
-) -> Confusion:
-    """The confusion counts as in the thesis (4.6): a segment that overlaps a change is a true positive.
-
-    A segment overlaps a change when a tenth of its points changed; a change is found when a tenth of its points lie in
-    true positives.
-
-    Args:
-        pair: with the thing of each point.
-        labels_before: per point -1 or the id of a detected change.
-        labels_after: the same for the after cloud.
-
-    Raises:
-        InputError: the pair has no things.
-    """
-    return _overlaps(pair.name, pair.before, labels_before) + _overlaps(pair.name, pair.after, labels_after)
-
-
-def _overlaps(name: str, cloud: LabelledCloud, labels: Int[np.ndarray, " n"]) -> Confusion:
-    changed, counted = cloud.truth >= 0, ~np.isin(cloud.truth, list(cloud.not_counted))
-    segments = {int(number): labels == number for number in np.unique(labels[labels >= 0])}
-    overlapping = [number for number, own in segments.items() if changed[own].mean() >= OVERLAP]
-    false = [number for number in segments if number not in overlapping]
-    # Segments that overlap only changes that are not counted are neither true nor false.
-    true = [number for number in overlapping if (changed & counted)[segments[number]].any()]
-    in_true = np.isin(labels, true)
-    fractions = [in_true[cloud.truth == number].mean() for number in np.unique(cloud.truth[changed & counted])]
-    found = sum(bool(fraction >= OVERLAP) for fraction in fractions)
-    return Confusion(
-        true_positives=len(true),
-        false_positives=len(false),
-        found=found,
-        missed=len(fractions) - found,
-        true_negatives=_true_negatives(name, cloud, np.where(np.isin(labels, false), labels, -1)),
-    )
-
-
-def _true_negatives(name: str, cloud: LabelledCloud, labels: Int[np.ndarray, " n"]) -> int:
+def true_negatives(name: str, cloud: LabelledCloud, labels: Int[np.ndarray, " n"]) -> int:
+    """The things of whose points more than half did not change, and that hold the largest part of no false segment."""
     if cloud.things is None:
         raise InputError(f"{name}: has no things; accuracy needs to know the thing that each point belongs to")
-    reported = {_most_frequent(cloud.things[labels == segment]) for segment in false_segments(labels, cloud)}
-    return len(_unchanged_things(cloud.things, cloud.truth) - reported)
+    points = np.bincount(cloud.things[cloud.things >= 0])
+    unchanged = np.bincount(cloud.things[(cloud.things >= 0) & (cloud.truth < 0)], minlength=len(points))
+    false = [np.unique(cloud.things[labels == own], return_counts=True) for own in false_segments(labels, cloud)]
+    reported = {int(things[counts.argmax()]) for things, counts in false}
+    return len(set(np.flatnonzero(2 * unchanged > points).tolist()) - reported)
 
 
-def _unchanged_things(things: Int[np.ndarray, " n"], truth: Int[np.ndarray, " n"]) -> set[int]:
-    """The things of whose points more than half did not change."""
-    points = np.bincount(things[things >= 0])
-    unchanged = np.bincount(things[(things >= 0) & (truth < 0)], minlength=len(points))
-    return set(np.flatnonzero(2 * unchanged > points).tolist())
+def overlap_scores(cloud: LabelledCloud, labels: Int[np.ndarray, " n"]) -> Scores:
+    """The scores of a cloud as the thesis counts (4.6): a tenth of the points is enough, in place of half."""
+    changed, counted = cloud.truth >= 0, ~np.isin(cloud.truth, list(cloud.not_counted))
+    segments = [labels == number for number in np.unique(labels[labels >= 0])]
+    overlapping = [own for own in segments if changed[own].mean() >= OVERLAP]
+    # Segments that overlap only changes that are not counted are neither true nor false.
+    true = [own for own in overlapping if (changed & counted)[own].any()]
+    in_true = np.any([np.zeros(len(labels), bool), *true], axis=0)
+    shares = [in_true[cloud.truth == number].mean() for number in np.unique(cloud.truth[changed & counted])]
+    found = sum(bool(share >= OVERLAP) for share in shares)
+    return Scores(len(true), len(segments) - len(overlapping) + len(true), found, len(shares))
 
 
-def _most_frequent(things: Int[np.ndarray, " n"]) -> int:
-    numbers, counts = np.unique(things, return_counts=True)
-    return int(numbers[counts.argmax()])
+def _of_scores(kind: str, scores: Scores) -> Counter[str]:
+    numbers = scores.true_segments, scores.false_segments, scores.found, scores.changes - scores.found
+    return Counter({kind + name: number for name, number in zip(COUNTS[:4], numbers, strict=True)})
 
 
-def _fraction(part: int, whole: int) -> float:
-    """1 where there is nothing to count."""
-    return part / whole if whole else 1.0
+def _add(
+    counts: dict[tuple[str, str], Counter[str]], group: str, detector: str, pair: LabelledPair, found: Detection
+) -> None:
+    counts[group, detector] = counts.get((group, detector), Counter()) + confusion(pair, found)
+
+
+def partly(progress: Progress, number: int, of: int, stage: str, share: float) -> None:
+    """Report the progress of one part as that of the whole."""
+    progress(stage, (number + share) / of)

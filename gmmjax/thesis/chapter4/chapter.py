@@ -1,121 +1,90 @@
-"""The parts of chapter 4, run unit by unit."""
+"""Chapter 4 as a folder of tables and figures: one part of the chapter after the other."""
 
-import dataclasses
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
-from gmmjax.errors import ComputationError, InputError
-from gmmjax.evaluation import Failure
-from gmmjax.thesis.chapter4 import clustering, filtering, gaussians, grid, surveys
-from gmmjax.thesis.chapter4.journal import Journal
-from gmmjax.thesis.chapter4.part_names import PARTS, PartName
-from gmmjax.thesis.chapter4.records import Headline, Outcome, Plan, Table, Unit, Work
+from gmmjax.clouds import atomic_write
+from gmmjax.errors import InputError
+from gmmjax.plotting import write_figure
+from gmmjax.reporting import console
+from gmmjax.thesis.chapter4 import PartName
+from gmmjax.thesis.chapter4.accuracy import Progress, partly
+from gmmjax.thesis.chapter4.clustering import clustering, grid
+from gmmjax.thesis.chapter4.detections import filtering, gaussians, surveys
+from gmmjax.thesis.chapter4.table import Part, as_text
 
-
-class _Part(NamedTuple):
-    work: Callable[[Plan], Work]
-    tables: Callable[[Sequence[Outcome]], list[Table]]
-    headlines: Callable[[Sequence[Outcome]], list[Headline]]
-
-
-_PARTS: dict[PartName, _Part] = {
-    "grid": _Part(grid.work, grid.tables, grid.headlines),
-    "clustering": _Part(clustering.work, clustering.tables, clustering.headlines),
-    "filtering": _Part(filtering.work, filtering.tables, filtering.headlines),
-    "gaussians": _Part(gaussians.work, gaussians.tables, gaussians.headlines),
-    "surveys": _Part(surveys.work, surveys.tables, surveys.headlines),
+# Each part with the number of its seeds, and that of a quick run.
+RUN: Mapping[PartName, tuple[Callable[[Sequence[int], Progress], Part], int, int]] = {
+    "grid": (grid, 1, 1),
+    "clustering": (clustering, 20, 3),
+    "filtering": (filtering, 10, 1),
+    "gaussians": (gaussians, 10, 1),
+    "surveys": (surveys, 20, 1),
 }
 
 
-@dataclasses.dataclass(frozen=True)
-class PartResult:
-    """The results of a part.
-
-    Attributes:
-        name: of the part.
-        tables: the numbers of its figures.
-        headlines: its lines of the summary.
-        outcomes: the results of its units, for the pictures.
-        notes: on what could not be run here.
-    """
-
-    name: PartName
-    tables: tuple[Table, ...]
-    headlines: tuple[Headline, ...]
-    outcomes: tuple[Outcome, ...]
-    notes: tuple[str, ...]
-
-
-@dataclasses.dataclass(frozen=True)
-class ThesisResults:
-    """The results of the chapter.
-
-    Attributes:
-        plan: extent of the run.
-        parts: the requested parts, and those that are complete from earlier runs.
-        failures: units that failed; they are left out, and run again the next time.
-    """
-
-    plan: Plan
-    parts: tuple[PartResult, ...]
-    failures: tuple[Failure, ...]
-
-
 def run_chapter(
-    plan: Plan,
+    folder: Path,
     parts: Sequence[PartName],
-    journal: Journal,
     *,
-    progress: Callable[[str, float], None] = lambda stage, share: None,
-) -> ThesisResults:
-    """Runs the units that are not in the journal yet, and collects the results.
+    first_seed: int = 0,
+    quick: bool = False,
+    overwrite: bool = False,
+    progress: Progress = lambda stage, share: None,
+) -> list[Part]:
+    """Run parts of the chapter, and write each as soon as it is done.
 
     Args:
-        plan: extent of the run.
-        parts: parts of the chapter to run.
-        journal: of this run; each result is added as soon as it is computed.
-        progress: called with a description of the current unit and the fraction of the units that are done.
+        folder: for `PART.md`, `figure-4.9.csv`, `figure-4.9.png`, ...; created where needed.
+        parts: to run.
+        first_seed: first seed; the others follow.
+        quick: a small run.
+        overwrite: replace parts that are there.
+        progress: called with a description of the current step and the fraction of them that is done.
 
     Raises:
-        ComputationError: every unit failed.
+        InputError: a part is there already, or a file cannot be written.
+        ComputationError: nothing of a part could be run.
     """
-    works = {name: part.work(plan) for name, part in _PARTS.items()}
-    units = [unit for name in PARTS if name in parts for unit in works[name].units]
-    missing = [unit for unit in units if unit not in journal]
-    failures = []
-    for number, unit in enumerate(missing, start=len(units) - len(missing)):
-        progress(f"{unit.part}: {unit.label}, {unit.method}", number / len(units))
-        failure = _run(unit, journal)
-        failures += [failure] if failure else []
-    if units and len(failures) == len(units):
-        raise ComputationError(f"nothing could be run: {failures[0]}")
-    shown = [name for name in PARTS if name in parts or _is_complete(works[name], journal)]
-    results = tuple(_result(name, works[name], journal) for name in shown)
-    return ThesisResults(plan, results, tuple(failures))
-
-
-def _run(unit: Unit, journal: Journal) -> Failure | None:
+    for name in parts:
+        if (folder / f"{name}.md").exists() and not overwrite:
+            raise InputError(f"{folder / name}.md is there already; --overwrite replaces it, --parts runs others")
     try:
-        result = unit.run()
-    # A failure of one unit must not prevent the others.
-    except Exception as error:
-        kind = "" if isinstance(error, InputError | ComputationError) else f"{type(error).__name__}: "
-        return Failure(f"{unit.part}, {unit.label}", unit.method, f"{kind}{error}")
-    journal.add(unit, result)
-    return None
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another folder") from error
+    results = []
+    for number, name in enumerate(parts):
+        run, whole, few = RUN[name]
+        seeds = range(first_seed, first_seed + (few if quick else whole))
+        results.append(run(seeds, functools.partial(partly, progress, number, len(parts))))
+        _write(folder, name, seeds, results[-1])
+    return results
 
 
-def _is_complete(work: Work, journal: Journal) -> bool:
-    return bool(work.units) and all(unit in journal for unit in work.units)
+def print_part(part: Part) -> None:
+    """Print the summary of each table beside what the thesis says, and notes on what could not be run."""
+    for own in part.tables:
+        console.print_text(f"Figure {own.number}: {own.title}", "bold")
+        console.print_text(f"The thesis: {own.thesis}", "dim")
+        table = console.plain_table()
+        for name, value in own.brief[0].items():
+            table.add_column(name, justify="left" if isinstance(value, str) else "right", no_wrap=True)
+        for row in own.brief:
+            table.add_row(*map(as_text, row.values()))
+        console.print_whole(table)
+    for note in part.notes:
+        console.print_note(note)
 
 
-def _result(name: PartName, work: Work, journal: Journal) -> PartResult:
-    outcomes = tuple(
-        Outcome(unit.condition, unit.seed, unit.method, unit.settings, journal.result(unit))
-        for unit in work.units
-        if unit in journal
-    )
-    if not outcomes:
-        return PartResult(name, (), (), (), work.notes)
-    part = _PARTS[name]
-    return PartResult(name, tuple(part.tables(outcomes)), tuple(part.headlines(outcomes)), outcomes, work.notes)
+def _write(folder: Path, name: PartName, seeds: range, part: Part) -> None:
+    contents = {f"figure-{table.number}.csv": table.to_csv() for table in part.tables}
+    lines = [f"# {name.capitalize()}\n\nSeeds {seeds[0]} to {seeds[-1]}.\n", *(f"{note}\n" for note in part.notes)]
+    lines += [f"Failed: {failure}.\n" for failure in part.failures]
+    contents[f"{name}.md"] = "\n".join([*lines, *(table.to_markdown() for table in part.tables)])
+    for table in part.tables:
+        write_figure(folder / f"figure-{table.number}.png", table.figure)
+    for file_name, content in contents.items():
+        with atomic_write(folder / file_name) as file:
+            file.write(content.encode())

@@ -1,150 +1,125 @@
-"""Figures 4.1 and 4.2: four and seven Gaussians, clustered with annihilation and by grid search (thesis 4.1)."""
+"""Figures 3.9, 4.1 and 4.2: four and seven Gaussians, clustered with annihilation and by grid search (thesis 4.1)."""
 
-import functools
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
 from gmmjax.changes import DetectionConfig, detect_changes
-from gmmjax.mixtures import GaussianMixture, best_fit, fit_restarts, grid_search
+from gmmjax.mixtures import CRITERIA, GaussianMixture, best_fit, fit_restarts, grid_search
 from gmmjax.scenes import fixed_scene
-from gmmjax.thesis.chapter4.records import Cell, Headline, Outcome, Plan, Table, Unit, Work
+from gmmjax.thesis.chapter4 import figures
+from gmmjax.thesis.chapter4.accuracy import Progress
+from gmmjax.thesis.chapter4.table import Cell, Part, Table
 
-PART = "clustering"
 # The clouds and the true number of their Gaussians.
 CLOUDS: Mapping[str, int] = {"4 Gaussians": 4, "7 Gaussians": 7}
-ANNIHILATION, GRID, CHANGES = "annihilation", "grid search", "changes"
-RESTARTS, COMPONENTS = 8, range(3, 10)
-ONE_START, BEST = "annihilation, one start", f"annihilation, best of {RESTARTS}"
-# The thesis's results, in its words.
-THESIS = {
-    (ANNIHILATION, "4 Gaussians"): "right nearly every time",
-    (ANNIHILATION, "7 Gaussians"): "right nearly every time",
-    (GRID, "4 Gaussians"): "consistently right",
-    (GRID, "7 Gaussians"): "not consistent: 6, 4",
-}
+# Numbers of Gaussians of figure 3.9, and starts of a fit with annihilation.
+SCORED, RESTARTS = range(3, 9), 8
+ONE_START, BEST, GRID = "annihilation, one start", f"annihilation, best of {RESTARTS}", "grid search"
 
 
-def work(plan: Plan) -> Work:
-    """Both clouds of each seed, clustered by both methods; of the first seed also the changes shown in figure 4.1."""
-    units = []
-    for seed in plan.seeds(plan.clustering_seeds):
+class Clustered(NamedTuple):
+    """A cloud with its mixture, and the numbers of Gaussians that the starts of its fit found."""
+
+    points: Float[np.ndarray, "n 3"]
+    mixture: GaussianMixture
+    found: list[int]
+
+    @property
+    def count(self) -> int:
+        """The number of Gaussians."""
+        return int(self.mixture.live.sum())
+
+
+def grid(seeds: Sequence[int], progress: Progress) -> Part:
+    """Figure 3.9: the scores of a grid search over criteria, covariance types and numbers of Gaussians (3.1.7)."""
+    searches = {}
+    for number, cloud in enumerate(CLOUDS):
+        progress(f"grid search, {cloud}", number / len(CLOUDS))
+        points = fixed_cloud(cloud, seeds[0])
+        searches[cloud] = grid_search(points, key=jax.random.key(seeds[0]), components=SCORED)
+    rows = [
+        row for cloud, search in searches.items() for row in score_rows(cloud, search.scores, search.covariance_types)
+    ]
+    said = "by MDL the lowest score is that of a diagonal model, with four Gaussians for the four, three for the seven."
+    lowest = [row for row in rows if row["lowest"]]
+    return Part([Table("3.9", "scores of the grid search, nats", said, rows, lowest, figures.scores(searches))])
+
+
+def clustering(seeds: Sequence[int], progress: Progress) -> Part:
+    """Figures 4.1 and 4.2: the numbers of Gaussians that annihilation and the grid search find."""
+    fits: dict[str, list[Clustered]] = {cloud: [] for cloud in CLOUDS}
+    searches: dict[str, list[Clustered]] = {cloud: [] for cloud in CLOUDS}
+    for number, seed in enumerate(seeds):
+        progress(f"clustering, seed {seed}", number / len(seeds))
         for cloud in CLOUDS:
-            start = functools.partial(_annihilation, cloud, seed)
-            units.append(Unit(PART, cloud, seed, ANNIHILATION, {"restarts": RESTARTS}, start))
-            scan = functools.partial(_grid_search, cloud, seed)
-            settings = {"components": list(COMPONENTS), "covariances": "diagonal", "criterion": "bic"}
-            units.append(Unit(PART, cloud, seed, GRID, settings, scan))
-    first = plan.first_seed
-    change = functools.partial(_changes, first)
-    return Work([*units, Unit(PART, "4 to 7 Gaussians", first, CHANGES, {"kinds": "appeared"}, change)])
+            fits[cloud].append(_fit(fixed_cloud(cloud, seed), seed))
+            searches[cloud].append(_search(fixed_cloud(cloud, seed), seed))
+    found = {
+        ONE_START: {cloud: [count for fit in own for count in fit.found] for cloud, own in fits.items()},
+        BEST: {cloud: [fit.count for fit in own] for cloud, own in fits.items()},
+        GRID: {cloud: [search.count for search in own] for cloud, own in searches.items()},
+    }
+    by_fit = [number_row(method, cloud, found[method][cloud]) for cloud in CLOUDS for method in (ONE_START, BEST)]
+    by_search = [number_row(GRID, cloud, found[GRID][cloud]) for cloud in CLOUDS]
+    drawn = {cloud: own[0] for cloud, own in fits.items()}
+    drawn["appeared"] = drawn["7 Gaussians"]._replace(mixture=_appeared(seeds[0]))
+    wrong = [search for search in searches["7 Gaussians"][1:] if search.count != 7]
+    searched = {cloud: own[0] for cloud, own in searches.items()} | dict(zip(["another seed"], wrong, strict=False))
+    every = "each number, with the same results nearly every time, and the three Gaussians that appeared."
+    four = "consistently four, but not seven: 6, 4."
+    return Part(
+        [
+            Table("4.1", "clustering with annihilation", every, by_fit, by_fit, figures.clusters(drawn)),
+            Table("4.2", "clustering by grid search", four, by_search, by_search, figures.searches(searched, found)),
+        ]
+    )
 
 
 def fixed_cloud(cloud: str, seed: int) -> Float[np.ndarray, "n 3"]:
-    """One of the clouds: the fixed scene before, or after, with three more Gaussians.
-
-    Args:
-        cloud: a name in `CLOUDS`.
-        seed: of the points.
-    """
+    """The fixed scene before, or after, with three more Gaussians; the seed is that of the points."""
     scene = fixed_scene(jax.random.key(seed))
     return scene.before if CLOUDS[cloud] == 4 else scene.after
 
 
-def tables(outcomes: Sequence[Outcome]) -> list[Table]:
-    """Figure 4.1 for annihilation, 4.2 for the grid search: numbers of Gaussians found, and how many are correct."""
-    annihilation = [
-        row
-        for cloud in CLOUDS
-        for row in (
-            _row(ONE_START, cloud, [found for own in _of(outcomes, ANNIHILATION, cloud) for found in own["found"]]),
-            _row(BEST, cloud, [own["best"] for own in _of(outcomes, ANNIHILATION, cloud)]),
-        )
-    ]
-    grid = [_row(GRID, cloud, [own["best"] for own in _of(outcomes, GRID, cloud)]) for cloud in CLOUDS]
-    return [
-        Table("4.1", "clustering with annihilation", tuple(annihilation)),
-        Table("4.2", "clustering by grid search", tuple(grid)),
-    ]
+def score_rows(cloud: str, scores: Mapping[Any, Any], types: Sequence[str]) -> list[dict[str, Cell]]:
+    """A row for each model: its score in nats, and whether it is the lowest by its criterion; None: its fits failed."""
+    rows: list[dict[str, Cell]] = []
+    for criterion in CRITERIA:
+        own = np.asarray(scores[criterion], float)
+        for index, ((row, column), score) in enumerate(np.ndenumerate(own)):
+            model = {"cloud": cloud, "criterion": criterion, "covariances": types[row], "gaussians": SCORED[column]}
+            value = round(float(score), 2) if np.isfinite(score) else None
+            rows.append({**model, "score": value, "lowest": index == int(own.argmin())})
+    return rows
 
 
-def headlines(outcomes: Sequence[Outcome]) -> list[Headline]:
-    """How often each method finds the correct number."""
-    annihilation, grid = tables(outcomes)
-    return [
-        Headline(
-            table.figure,
-            f"number of Gaussians right, {row['cloud']}",
-            str(row["method"]),
-            f"{row['right']} of {row['fits']}",
-            THESIS[method, str(row["cloud"])],
-        )
-        for table, method in ((annihilation, ANNIHILATION), (grid, GRID))
-        for row in table.rows
-    ]
-
-
-def mixture_of(result: Mapping[str, Any]) -> GaussianMixture:
-    """The mixture in a unit's result."""
-    weights, means, covariances = (np.array(result["mixture"][name]) for name in ("weights", "means", "covariances"))
-    return GaussianMixture(weights, means, covariances, np.ones(len(weights), bool))
-
-
-def _of(outcomes: Sequence[Outcome], method: str, cloud: str) -> list[Mapping[str, Any]]:
-    return [outcome.result for outcome in outcomes if (outcome.method, outcome.condition) == (method, cloud)]
-
-
-def _row(method: str, cloud: str, found: Sequence[int]) -> dict[str, Cell]:
+def number_row(method: str, cloud: str, found: Sequence[int]) -> dict[str, Cell]:
+    """How many of the numbers that a method found are right."""
     right = sum(number == CLOUDS[cloud] for number in found)
-    return {
-        "cloud": cloud,
-        "method": method,
-        "fits": len(found),
-        "right": right,
-        "share": round(right / len(found), 4) if found else None,
-        "found": ", ".join(f"{number}: {times}" for number, times in sorted(Counter(found).items())),
-    }
+    counts = ", ".join(f"{number}: {times}" for number, times in sorted(Counter(found).items()))
+    row = {"cloud": cloud, "method": method, "fits": len(found), "right": right}
+    return {**row, "share": round(right / len(found), 4), "found": counts}
 
 
-def _annihilation(cloud: str, seed: int) -> dict[str, Any]:
-    fits = fit_restarts(fixed_cloud(cloud, seed), key=jax.random.key(seed), restarts=RESTARTS)
-    best = best_fit(fits, throw=True)
-    return {
-        "found": fits.mixture.live.sum(axis=1).tolist(),
-        "best": int(best.mixture.live.sum()),
-        "mixture": _plain(best.mixture),
-    }
+def _fit(points: Float[np.ndarray, "n 3"], seed: int) -> Clustered:
+    fits = fit_restarts(points, key=jax.random.key(seed), restarts=RESTARTS)
+    return Clustered(points, best_fit(fits, throw=True).mixture, fits.mixture.live.sum(axis=1).tolist())
 
 
-def _grid_search(cloud: str, seed: int) -> dict[str, Any]:
-    search = grid_search(
-        fixed_cloud(cloud, seed),
-        key=jax.random.key(seed),
-        components=COMPONENTS,
-        covariance_types=("diagonal",),
-        criterion="bic",
-    )
-    return {"best": int(search.fit.mixture.live.sum()), "mixture": _plain(search.fit.mixture)}
+def _search(points: Float[np.ndarray, "n 3"], seed: int) -> Clustered:
+    key, types = jax.random.key(seed), ("diagonal",)
+    search = grid_search(points, key=key, components=range(3, 10), covariance_types=types, criterion="bic")
+    return Clustered(points, search.fit.mixture, [])
 
 
-def _changes(seed: int) -> dict[str, Any]:
+def _appeared(seed: int) -> GaussianMixture:
     """The Gaussians that appeared according to the published algorithm."""
     config = DetectionConfig(method="greedy", kinds="appeared", restarts=1)
-    clouds = (fixed_cloud(cloud, seed) for cloud in CLOUDS)
-    items = detect_changes(*clouds, config=config).items
-    return {
-        "mixture": {
-            "weights": [1 / len(items)] * len(items),
-            "means": [item.mean.tolist() for item in items],
-            "covariances": [item.covariance.tolist() for item in items],
-        }
-    }
-
-
-def _plain(mixture: GaussianMixture) -> dict[str, Any]:
-    live = mixture.live_part()
-    return {name: np.asarray(getattr(live, name)).tolist() for name in ("weights", "means", "covariances")}
+    items = detect_changes(*(fixed_cloud(cloud, seed) for cloud in CLOUDS), config=config).items
+    means, covariances = (np.stack([getattr(item, name) for item in items]) for name in ("mean", "covariance"))
+    return GaussianMixture(np.full(len(items), 1 / len(items)), means, covariances, np.ones(len(items), bool))

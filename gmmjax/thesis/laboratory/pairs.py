@@ -1,18 +1,33 @@
-"""Two surveys of the laboratory as a pair of clouds, with the true change of every point."""
+"""Surveys of the laboratory as clouds of the three kinds of the thesis, and as pairs with the truth of every point."""
 
 import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Float64, Int
+from scipy.spatial import cKDTree
 
-from gmmjax.clouds import SensorViews
+from gmmjax.clouds import SensorViews, load_open3d, voxel_grid
 from gmmjax.errors import check_choice
-from gmmjax.scenes import UNLABELLED, DepthCamera, Solid, looking_at, uncounted
-from gmmjax.thesis.laboratory.clouds import CLOUD_KINDS, CloudKind, LabCloud, lab_cloud
-from gmmjax.thesis.laboratory.recording import NOISE, START, Pattern, frame_from, recorded_run
-from gmmjax.thesis.laboratory.room import THINGS
-from gmmjax.thesis.laboratory.runs import RUNS, Laboratory, RunName, laboratory_of, object_changes
+from gmmjax.evaluation import LabelledCloud, LabelledPair, PairSource
+from gmmjax.scenes import UNLABELLED, DepthCamera, looking_at, seen, uncounted
+from gmmjax.surveys import localised_map, volumetric_map
+from gmmjax.thesis.laboratory.recording import NOISE, START, Recording, frame_from, recorded_run
+from gmmjax.thesis.laboratory.runs import ONE_TYPE, RUNS, THINGS, Laboratory, RunPair, laboratory_of, object_changes
 
+CloudKind = Literal["frame", "volumetric", "localised"]
+# The kinds of clouds and their names in tables and figures.
+CLOUD_KINDS: Mapping[CloudKind, str] = {
+    "frame": "single frames",
+    "volumetric": "volumetric maps",
+    "localised": "localised maps",
+}
+# Leaf size of the voxel filter (thesis 3.1.6) and of the volumetric maps, metres.
+VOXEL_SIZE = 0.01
+# Nearest measured points that vote on the thing of a vertex of a volumetric map.
+VOTERS = 5
 # Single frames: horizontal distance of the camera from the object and its height, metres.
 DISTANCE, EYE_HEIGHT = 1.3, 0.8
 # Standard deviation between the two camera poses of a pair of single frames, metres.
@@ -22,103 +37,148 @@ CAMERA_REACH = 0.75
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class LabPair:
-    """Two clouds with the truth.
+class LabCloud:
+    """A cloud of the laboratory.
 
     Attributes:
-        before: the cloud of the first run.
-        after: the cloud of the second run.
-        changes: "appeared", "disappeared" or "moved", by the name of each object that changed.
-        truth_before: per point -1, or the label of the object that changed; a moved object has the same in both clouds.
-        truth_after: the same for `after`.
-        unseen_before: per point whether the other survey did not observe its place.
-        unseen_after: the same for `after`.
-        uncounted_before: labels of changed objects of which `before` has almost no points that the other survey could
-            observe.
-        uncounted_after: the same for `after`.
+        points: metres, in the survey's coordinates.
+        things: per point the label of the thing that it lies on (an index in `THINGS`); -1: on none.
+        views: estimated poses and field of view of the camera.
+        to_scene: rigid transform from the survey's coordinates to the true ones.
+        laboratory: the laboratory that was surveyed.
     """
 
-    before: LabCloud
-    after: LabCloud
-    changes: dict[str, str]
-    truth_before: Int[np.ndarray, " n0"]
-    truth_after: Int[np.ndarray, " n1"]
-    unseen_before: Bool[np.ndarray, " n0"]
-    unseen_after: Bool[np.ndarray, " n1"]
-    uncounted_before: frozenset[int]
-    uncounted_after: frozenset[int]
+    points: Float64[np.ndarray, "n 3"]
+    things: Int[np.ndarray, " n"]
+    views: SensorViews
+    to_scene: Float64[np.ndarray, "4 4"]
+    laboratory: Laboratory
+
+    def in_scene(self) -> Float64[np.ndarray, "n 3"]:
+        """The points in true coordinates."""
+        return np.asarray(self.points @ self.to_scene[:3, :3].T + self.to_scene[:3, 3])
+
+    def could_see(self, other: "LabCloud") -> Bool[np.ndarray, " m"]:
+        """Which points of another cloud lie in space that this survey observed."""
+        return seen(other.in_scene(), self.laboratory.solids, self.views.moved(self.to_scene))
 
 
-def lab_pair(kind: CloudKind, runs: tuple[RunName, RunName], seed: int, *, pattern: Pattern = "geometric") -> LabPair:
-    """Two runs of the laboratory as clouds of one kind.
+def lab_cloud(recording: Recording, kind: Literal["volumetric", "localised"]) -> LabCloud:
+    """Make a map of one survey.
+
+    Args:
+        recording: of the survey.
+        kind: "localised": the points of all frames by the robot's localisation, one for each voxel of 1 cm (thesis
+            3.1.5); "volumetric": the vertices of the surface that all frames are fused to (3.1.4), which needs Open3D.
+
+    Raises:
+        InputError: an unknown kind, or Open3D is not installed.
+    """
+    check_choice("kind", kind, ("volumetric", "localised"))
+    body = recording.localised if kind == "localised" else recording.adjusted
+    trajectory = body.of_sensor(recording.sensor_on_body)
+    measured, labels = localised_map(recording.frames, trajectory), np.concatenate(recording.things)
+    if kind == "localised":
+        grid = voxel_grid(measured.points, VOXEL_SIZE)
+        points, things = grid.points, _majority(labels, grid.voxel_of_point, len(grid.mass))
+    else:
+        points = volumetric_map(recording.frames, trajectory, voxel_size=VOXEL_SIZE).points
+        neighbours = cKDTree(measured.points).query(points, VOTERS)[1]
+        things = _majority(labels[neighbours.ravel()], np.repeat(np.arange(len(points)), VOTERS), len(points))
+    views = SensorViews(measured.poses, recording.camera.field_of_view, recording.camera.max_range)
+    return LabCloud(points, things, views, np.linalg.inv(recording.misregistration), recording.laboratory)
+
+
+def lab_frames(runs: RunPair, seed: int) -> tuple[LabCloud, LabCloud]:
+    """Take two frames of an object that changed from almost the same pose, each in its camera's coordinates."""
+    random = np.random.default_rng([seed, *(RUNS.index(run) for run in runs)])
+    before, after = (laboratory_of(run, seed) for run in runs)
+    camera = DepthCamera(noise=random.uniform(*NOISE))
+    target = _target(before, after, random)
+    inward = -target[:2] / np.linalg.norm(target[:2])
+    place = np.clip(target[:2] + DISTANCE * inward, -CAMERA_REACH, CAMERA_REACH) + 0.1 * random.standard_normal(2)
+    views = SensorViews(np.eye(4)[None], camera.field_of_view, camera.max_range)
+    clouds = []
+    for laboratory in (before, after):
+        position = np.array([*place, EYE_HEIGHT]) + POSE_DIFFERENCE / np.sqrt(3) * random.standard_normal(3)
+        pose = looking_at(position, target + POSE_DIFFERENCE * random.standard_normal(3))
+        frame, things = frame_from(laboratory, camera, pose, START, random)
+        clouds.append(LabCloud(frame.cloud.points, things, views, pose, laboratory))
+    return clouds[0], clouds[1]
+
+
+def labelled(name: str, before: LabCloud, after: LabCloud) -> LabelledPair:
+    """Label two clouds of one kind with the objects that changed between their laboratories.
+
+    The truth of a point is -1, or the label of the object that changed; a moved object has the same in both clouds.
+    Objects of which a cloud has almost no points that the other survey could observe are not counted in it.
+    """
+    changed = [THINGS.index(thing) for thing in object_changes(before.laboratory, after.laboratory)]
+    sides = []
+    for cloud, other in ((before, after), (after, before)):
+        truth = np.where(np.isin(cloud.things, changed), cloud.things, UNLABELLED)
+        unseen = ~other.could_see(cloud)
+        solids = [solid for solid in cloud.laboratory.solids if solid.label in changed]
+        few = uncounted(solids, truth, unseen)
+        sides.append(LabelledCloud(cloud.points, truth, unseen, cloud.views, few, cloud.things))
+    return LabelledPair(name, *sides)
+
+
+def lab_pair(kind: CloudKind, runs: RunPair, seed: int) -> LabelledPair:
+    """Simulate two runs of the laboratory as clouds of one kind, with the truth.
 
     Args:
         kind: of the clouds.
-        runs: the one before and the one after; the same run twice is surveyed twice.
+        runs: the one before and the one after.
         seed: of the places of the objects, the paths and the noise.
-        pattern: of the surveys' paths; not used for single frames.
 
     Raises:
-        InputError: an unknown kind, run or pattern; or volumetric maps without Open3D.
+        InputError: an unknown kind or run; or volumetric maps without Open3D.
     """
     check_choice("kind", kind, tuple(CLOUD_KINDS))
+    name = f"{runs[0]} to {runs[1]}, seed {seed}"
     if kind == "frame":
-        return lab_frames(runs, seed)
-    repeated = int(runs[0] == runs[1])
-    recordings = (
-        recorded_run(run, seed, occasion=occasion, pattern=pattern)
-        for run, occasion in zip(runs, (0, repeated), strict=True)
-    )
-    return with_truth(*(lab_cloud(recording, kind) for recording in recordings))
+        return labelled(name, *lab_frames(runs, seed))
+    return labelled(name, *(lab_cloud(recorded_run(run, seed), kind) for run in runs))
 
 
-def lab_frames(runs: tuple[RunName, RunName], seed: int) -> LabPair:
-    """Single frames of an object that changed between two runs; `lab_pair` of kind "frame"."""
-    random = np.random.default_rng([seed, *(RUNS.index(run) for run in runs)])
-    return _frame_pair(laboratory_of(runs[0], seed), laboratory_of(runs[1], seed), random)
+def lab_sources(seeds: Sequence[int], kind: CloudKind) -> list[PairSource]:
+    """A pair of runs of figure 3.6 for each seed, in turn: from run 5, without objects, to each other run, and back.
 
+    Args:
+        seeds: of the surveys.
+        kind: of the clouds.
 
-def with_truth(before: LabCloud, after: LabCloud) -> LabPair:
-    """Two clouds of one kind, with the objects that changed between their laboratories."""
-    kinds = object_changes(before.laboratory, after.laboratory)
-    changed = [THINGS.index(name) for name in kinds]
-    truth_before, truth_after = (
-        np.where(np.isin(cloud.things, changed), cloud.things, UNLABELLED) for cloud in (before, after)
-    )
-    unseen_before, unseen_after = ~after.could_see(before), ~before.could_see(after)
-    few_before = uncounted(_changed_solids(before.laboratory, changed), truth_before, unseen_before)
-    few_after = uncounted(_changed_solids(after.laboratory, changed), truth_after, unseen_after)
-    return LabPair(before, after, kinds, truth_before, truth_after, unseen_before, unseen_after, few_before, few_after)
+    Returns:
+        Sources whose condition is "appeared" or "disappeared".
 
-
-def _frame_pair(before: Laboratory, after: Laboratory, random: np.random.Generator) -> LabPair:
-    """Two frames of a change from almost the same pose, each in its camera's coordinates."""
-    camera = DepthCamera(noise=random.uniform(*NOISE))
-    target = _target(before, after, random)
-    # From the middle of the room towards the wall.
-    inward = -target[:2] / max(float(np.linalg.norm(target[:2])), 1e-9)
-    place = np.clip(target[:2] + DISTANCE * inward, -CAMERA_REACH, CAMERA_REACH) + 0.1 * random.standard_normal(2)
-    clouds = []
-    for surveyed in (before, after):
-        position = np.array([*place, EYE_HEIGHT]) + POSE_DIFFERENCE / np.sqrt(3) * random.standard_normal(3)
-        aim = target + POSE_DIFFERENCE * random.standard_normal(3)
-        pose = looking_at(position, aim)
-        frame, things = frame_from(surveyed, camera, pose, random, START)
-        views = SensorViews(np.eye(4)[None], camera.field_of_view, camera.max_range)
-        clouds.append(LabCloud(frame.cloud.points, things, views, pose, surveyed, frame))
-    return with_truth(*clouds)
+    Raises:
+        InputError: volumetric maps where Open3D is not installed.
+    """
+    if kind == "volumetric":
+        load_open3d("simulating volumetric maps")
+    sources = []
+    for seed in seeds:
+        runs = ONE_TYPE[seed % len(ONE_TYPE)]
+        condition = "appeared" if runs[0] == "run5" else "disappeared"
+        load = functools.partial(lab_pair, kind, runs, seed)
+        sources.append(PairSource(f"{runs[0]} to {runs[1]}, seed {seed}", CLOUD_KINDS[kind], condition, load))
+    return sources
 
 
 def _target(before: Laboratory, after: Laboratory, random: np.random.Generator) -> Float[np.ndarray, "3"]:
-    """The middle of a random object that changed; without changes a point at the back wall."""
+    """The middle of a random object that changed."""
     places = [
         run.objects[name][:3, 3]
         for name, kind in object_changes(before, after).items()
         for run, present in ((before, kind != "appeared"), (after, kind != "disappeared"))
         if present
     ]
-    return places[int(random.integers(len(places)))] if places else np.array([0.0, 0.9, 0.4])
+    return places[int(random.integers(len(places)))]
 
 
-def _changed_solids(laboratory: Laboratory, changed: list[int]) -> list[Solid]:
-    return [solid for solid in laboratory.solids if solid.label in changed]
+def _majority(labels: Int[np.ndarray, " n"], group: Int[np.ndarray, " n"], groups: int) -> Int[np.ndarray, " g"]:
+    """The most frequent label in each group."""
+    numbers = np.unique(labels)
+    votes = [np.bincount(group[labels == number], minlength=groups) for number in numbers]
+    return numbers[np.argmax(votes, axis=0)]

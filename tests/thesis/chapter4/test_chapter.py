@@ -1,95 +1,74 @@
+import csv
+
 import pytest
+from matplotlib.figure import Figure
 
-from gmmjax.errors import ComputationError
-from gmmjax.thesis.chapter4 import Journal, Plan, Table, run_chapter
-from gmmjax.thesis.chapter4 import chapter as module
-from gmmjax.thesis.chapter4.records import Headline, Unit, Work
-
-
-class Laboratory:
-    """Two parts of a few units, which say what was run, and can be made to fail."""
-
-    def __init__(self):
-        self.ran, self.failing = [], {}
-
-    def part(self, name):
-        return module._Part(
-            lambda plan: Work([self.unit(name, seed) for seed in plan.seeds(plan.trials)], (f"note of {name}",)),
-            lambda outcomes: [Table(name, name, tuple({"seed": own.seed, **own.result} for own in outcomes))],
-            lambda outcomes: [Headline(name, "number", "m", str(len(outcomes)), "")],
-        )
-
-    def unit(self, name, seed):
-        def run():
-            self.ran.append((name, seed))
-            if (name, seed) in self.failing:
-                raise self.failing[name, seed]
-            return {"value": 10 * seed}
-
-        return Unit(name, "c", seed, "m", {}, run)
+from gmmjax import InputError
+from gmmjax.cli import main
+from gmmjax.evaluation import Failure
+from gmmjax.thesis.chapter4 import PARTS, chapter
+from gmmjax.thesis.chapter4.table import Part, Table
 
 
-@pytest.fixture
-def laboratory(monkeypatch):
-    laboratory = Laboratory()
-    monkeypatch.setattr(module, "_PARTS", {name: laboratory.part(name) for name in ("grid", "gaussians")})
-    monkeypatch.setattr(module, "PARTS", ("grid", "gaussians"))
-    return laboratory
+@pytest.fixture(autouse=True)
+def ran(monkeypatch):
+    """Parts that compute nothing; those that ran, with their seeds."""
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
+    ran = {}
+
+    def part(name, seeds, progress):
+        progress("working", 0.5)
+        ran[name] = list(seeds)
+        rows = [{"method": "joint", "f1": 0.5, "pairs": 2}, {"method": "a, b", "f1": None, "pairs": None}]
+        failures = (Failure("p", "m", "why"),) if name == "surveys" else ()
+        return Part([Table(f"9.{PARTS.index(name)}", "title", "said", rows, rows[:1], Figure())], failures, ("a note",))
+
+    runs = {name: (lambda *given, name=name: part(name, *given), 5, 1) for name in PARTS}
+    monkeypatch.setattr(chapter, "RUN", runs)
+    return ran
 
 
-@pytest.fixture
-def file(tmp_path):
-    return tmp_path / "journal.jsonl"
-
-
-PLAN = Plan(trials=3)
-
-
-def test_parts_that_are_asked_for_are_run_in_the_order_of_the_chapter(laboratory, file):
-    stages = []
-    results = run_chapter(
-        PLAN, ["gaussians", "grid"], Journal(file), progress=lambda stage, share: stages.append((stage, share))
-    )
-    assert laboratory.ran == [(name, seed) for name in ("grid", "gaussians") for seed in (0, 1, 2)]
-    assert [part.name for part in results.parts] == ["grid", "gaussians"] and not results.failures
-    assert results.parts[0].tables[0].rows == tuple({"seed": seed, "value": 10 * seed} for seed in (0, 1, 2))
-    assert results.parts[0].notes == ("note of grid",)
-    assert stages[0] == ("grid: c, seed 0, m", 0) and stages[3][1] == 0.5
-
-
-def test_an_interrupted_run_goes_on_where_it_was(laboratory, file):
-    laboratory.failing[("grid", 1)] = KeyboardInterrupt()
-    with pytest.raises(KeyboardInterrupt):
-        run_chapter(PLAN, ["grid"], Journal(file))
-    laboratory.failing.clear()
-    laboratory.ran.clear()
+def test_every_part_is_written_with_its_tables_and_figures(tmp_path, ran):
     shares = []
-    results = run_chapter(PLAN, ["grid"], Journal(file), progress=lambda stage, share: shares.append(share))
-    assert laboratory.ran == [("grid", 1), ("grid", 2)]
-    assert [row["value"] for row in results.parts[0].tables[0].rows] == [0, 10, 20]
-    assert shares == [pytest.approx(1 / 3), pytest.approx(2 / 3)]
+    chapter.run_chapter(tmp_path / "a", PARTS[:2], first_seed=7, progress=lambda stage, share: shares.append(share))
+    assert ran == {"grid": [7, 8, 9, 10, 11], "clustering": [7, 8, 9, 10, 11]} and shares == [0.25, 0.75]
+    assert {path.name for path in (tmp_path / "a").iterdir()} == {
+        *("grid.md", "clustering.md", "figure-9.0.csv", "figure-9.0.png", "figure-9.1.csv", "figure-9.1.png")
+    }
+    with (tmp_path / "a" / "figure-9.0.csv").open() as file:
+        assert list(csv.reader(file)) == [["method", "f1", "pairs"], ["joint", "0.5", "2"], ["a, b", "", ""]]
+    page = (tmp_path / "a" / "grid.md").read_text()
+    assert page.startswith("# Grid\n\nSeeds 7 to 11.\n\na note\n\n## Figure 9.0: title\n")
+    assert "(figure-9.0.png)" in page and "| method | f1 | pairs |\n| --- | --- | --- |\n| joint | 0.50 | 2 |\n" in page
 
 
-def test_what_fails_is_left_out_and_tried_again_the_next_time(laboratory, file):
-    laboratory.failing[("grid", 1)] = ValueError("no")
-    results = run_chapter(PLAN, ["grid"], Journal(file))
-    assert [row["seed"] for row in results.parts[0].tables[0].rows] == [0, 2]
-    assert [str(failure) for failure in results.failures] == ["grid, c, seed 1, m: ValueError: no"]
-    laboratory.failing.clear()
-    laboratory.ran.clear()
-    assert not run_chapter(PLAN, ["grid"], Journal(file)).failures
-    assert laboratory.ran == [("grid", 1)]
+def test_parts_that_are_done_are_kept_and_others_added(tmp_path, ran):
+    chapter.run_chapter(tmp_path, ["grid"], quick=True)
+    before = (tmp_path / "grid.md").read_bytes()
+    with pytest.raises(InputError, match=r"grid\.md is there already; --overwrite replaces it, --parts runs others"):
+        chapter.run_chapter(tmp_path, PARTS)
+    chapter.run_chapter(tmp_path, ["gaussians"], quick=True)
+    assert list(ran) == ["grid", "gaussians"] and (tmp_path / "grid.md").read_bytes() == before
+    chapter.run_chapter(tmp_path, ["grid"], first_seed=1, quick=True, overwrite=True)
+    assert "Seeds 1 to 1." in (tmp_path / "grid.md").read_text()
 
 
-def test_nothing_but_failures_is_an_error(laboratory, file):
-    laboratory.failing.update({("grid", seed): ValueError("no") for seed in range(3)})
-    with pytest.raises(ComputationError, match=r"nothing could be run: grid, c, seed 0, m: ValueError: no"):
-        run_chapter(PLAN, ["grid"], Journal(file))
+def test_the_command_prints_a_summary_and_what_failed(tmp_path, capsys):
+    out = tmp_path / "thesis"
+    assert main(["evaluate", "thesis", "--out", str(out), "--quick", "--parts", "surveys"]) == 1
+    printed = capsys.readouterr()
+    lines = [line.split() for line in printed.out.splitlines()]
+    assert ["Figure", "9.4:", "title"] in lines and ["joint", "0.50", "2"] in lines
+    assert "The thesis: said" in printed.out and "thesis" in printed.out.splitlines()[-1]
+    assert "a note" in printed.err and "m on p: why" in printed.err
+    assert main(["evaluate", "thesis", "--out", str(out), "--parts", "grid", "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
 
 
-def test_parts_that_are_complete_from_earlier_are_shown_as_well(laboratory, file):
-    run_chapter(PLAN, ["gaussians"], Journal(file))
-    laboratory.failing[("grid", 2)] = ValueError("no")
-    results = run_chapter(PLAN, ["grid"], Journal(file))
-    assert [part.name for part in results.parts] == ["grid", "gaussians"]
-    assert [part.name for part in run_chapter(PLAN, ["gaussians"], Journal(file)).parts] == ["gaussians"]
+@pytest.mark.parametrize(
+    ("flags", "message"), [(["--first-seed", "-1"], "--first-seed -1"), (["--parts"], "--parts is empty")]
+)
+def test_bad_options_are_named(flags, message, tmp_path, capsys):
+    assert main(["evaluate", "thesis", "--out", str(tmp_path / "a"), *flags]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "a").exists()

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from gmmjax import InputError
-from gmmjax.thesis.laboratory import PRESETS, THINGS, laboratory_of
-from gmmjax.thesis.laboratory.room import ROOM
+from gmmjax.thesis.laboratory import THINGS, laboratory_of
 from gmmjax.thesis.laboratory.runs import RUNS, object_changes
 
 # Figure 3.6 of the thesis.
@@ -25,7 +24,7 @@ def corners(solid):
 def test_the_runs_of_the_figure_have_their_objects(run):
     surveyed = laboratory_of(run, 0)
     assert set(surveyed.objects) == OBJECTS[run]
-    assert set(surveyed.things) == {*ROOM, *OBJECTS[run]}
+    assert set(surveyed.things) - set(surveyed.objects) == set(laboratory_of("run5", 0).things)
 
 
 @pytest.mark.parametrize("run", RUNS)
@@ -55,23 +54,10 @@ def test_the_run_with_most_objects_differs_from_the_empty_one_by_them():
     assert object_changes(laboratory_of("run3", 1), full) == {"cargo bag": "moved", "gear box": "appeared"}
 
 
-def test_the_box_lies_on_the_bag():
-    stacked = laboratory_of("stacked", 2).things
-    bag, box = stacked["cargo bag"][0], stacked["gear box"][0]
-    assert box.centre[2] - box.extent[2] / 2 == pytest.approx(bag.centre[2] + bag.extent[2] / 2)
-    np.testing.assert_allclose(box.centre[:2], bag.centre[:2], atol=1e-9)
-
-
 def test_every_seed_is_another_laboratory():
     poses = [laboratory_of("run1", seed).objects["robot"] for seed in (0, 0, 1)]
     np.testing.assert_array_equal(poses[0], poses[1])
     assert 0 < np.linalg.norm(poses[0][:3, 3] - poses[2][:3, 3]) < 0.15
-
-
-def test_something_changes_in_every_random_run():
-    kinds = [object_changes(*(laboratory_of(run, seed) for run in PRESETS["random"][0])) for seed in range(30)]
-    assert all(kinds)
-    assert {kind for kind_of in kinds for kind in kind_of.values()} == {"appeared", "disappeared", "moved"}
 
 
 def test_an_unknown_run_is_named(as_users):

@@ -1,23 +1,28 @@
-"""Figures written to files, without pyplot: what the command line's `--plot` makes."""
+"""Figures and maps written to files, without pyplot: what the command line's `--plot` and `--map-2d` make."""
 
 import os
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gmmjax.changes import Changes, presented
+from gmmjax.changes import Changes
 from gmmjax.clouds import PointCloud, atomic_write
 from gmmjax.errors import InputError
 from gmmjax.mixtures import Fit
 from gmmjax.pair import Pair
-from gmmjax.plotting.changes import draw_overview, fit_height, title_overview
-from gmmjax.plotting.cloud_image import CloudImageSettings
-from gmmjax.plotting.figures import check_matplotlib, elided, verbatim
+from gmmjax.plotting.axes import elided, verbatim
+from gmmjax.plotting.change_map import map_figure
+from gmmjax.plotting.changes import draw_overview, fit_height
+from gmmjax.plotting.cloud_image import PIXELS
 from gmmjax.plotting.mixtures import plot_mixture
 from gmmjax.plotting.projection import Direction
+from gmmjax.reporting.geotiff import check_rasterio, write_geotiff
+from gmmjax.reporting.map_cells import ChangeMapSettings, change_map
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+GEOTIFF = (".tif", ".tiff")
 
 
 def check_figure_file(path: str | os.PathLike[str], created: Path | None = None) -> None:
@@ -28,10 +33,8 @@ def check_figure_file(path: str | os.PathLike[str], created: Path | None = None)
         created: a folder that will be there when the figure is written; None: no other one than now.
 
     Raises:
-        InputError: matplotlib is not installed; an ending that it does not know; a folder that is missing or cannot be
-            written; a path that is a folder.
+        InputError: an ending that is not known; a folder that is missing or cannot be written; a path that is a folder.
     """
-    check_matplotlib()
     from matplotlib.figure import Figure
 
     file = Path(path)
@@ -41,25 +44,24 @@ def check_figure_file(path: str | os.PathLike[str], created: Path | None = None)
             f"{file}: matplotlib writes no figures with the ending {file.suffix!r}; choose one of "
             f"{' '.join(f'.{name}' for name in sorted(known))}"
         )
-    if file.is_dir():
-        raise InputError(f"{file}: is a folder; give the name of a file, such as {file / 'changes.png'}")
-    check_folder_of(file, created)
+    _check_place(file, created)
 
 
-def check_folder_of(file: Path, created: Path | None = None) -> None:
-    """Whether a file can be written to its folder.
+def check_map_file(path: str | os.PathLike[str], created: Path | None = None) -> None:
+    """Whether a map can be written to this file; called before a long computation.
 
     Args:
-        file: that will be written.
-        created: a folder that will be there by then; None: no other one than now.
+        path: .tif or .tiff for GeoTIFF, else as of `check_figure_file`.
+        created: as of `check_figure_file`.
 
     Raises:
-        InputError: the folder is missing or cannot be written.
+        InputError: as of `check_figure_file`; GeoTIFF without rasterio.
     """
-    if created is not None and file.parent.absolute() == created.absolute():
+    if Path(path).suffix.lower() not in GEOTIFF:
+        check_figure_file(path, created)
         return
-    if not file.parent.is_dir() or not os.access(file.parent, os.W_OK):
-        raise InputError(f"{file}: its folder is missing or cannot be written; create it, or choose another one")
+    check_rasterio()
+    _check_place(Path(path), created)
 
 
 def write_figure(path: str | os.PathLike[str], figure: "Figure") -> None:
@@ -88,50 +90,63 @@ def write_figure(path: str | os.PathLike[str], figure: "Figure") -> None:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
-def overview_figure(
-    changes: Changes, clouds: Pair[PointCloud], settings: CloudImageSettings = CloudImageSettings()
-) -> "Figure":
+def write_map(
+    path: str | os.PathLike[str],
+    changes: Changes,
+    clouds: Pair[PointCloud],
+    settings: ChangeMapSettings = ChangeMapSettings(),
+) -> None:
+    """Writes a map from above: a GeoTIFF for .tif and .tiff, else a picture; whole or not at all.
+
+    Args:
+        path: of the file; one that is there is replaced.
+        changes: what was found.
+        clouds: as they were given to the detection.
+        settings: the grid of the GeoTIFF.
+
+    Raises:
+        InputError: as of `check_map_file`; scans that have no upward direction along z, or fill volumes.
+    """
+    check_map_file(path)
+    if Path(path).suffix.lower() in GEOTIFF:
+        write_geotiff(path, change_map(changes, clouds, settings))
+    else:
+        write_figure(path, map_figure(changes, clouds))
+
+
+def overview_figure(changes: Changes, clouds: Pair[PointCloud], pixels: int = PIXELS) -> "Figure":
     """Both scans, and the changes from above and from the side; what `Changes.plot` draws.
 
     Args:
         changes: what was found.
         clouds: as they were given to the detection.
-        settings: how they are drawn.
+        pixels: of the longer edge of each picture.
 
     Raises:
-        InputError: matplotlib is not installed; clouds that are not those of the changes.
+        InputError: clouds that are not those of the changes.
     """
-    check_matplotlib()
     from matplotlib.figure import Figure
 
-    shown = presented(changes, *clouds)
     figure = Figure(figsize=(11, 9), layout="compressed")
-    axes = figure.subplots(2, 2)
-    draw_overview(shown.changes, shown.clouds, axes.ravel(), settings)
-    title_overview(figure, shown.changes, shown.clouds)
-    fit_height(figure, axes)
+    draw_overview(figure, changes, *clouds, pixels=pixels)
     return figure
 
 
-def fit_figure(fit: Fit, cloud: PointCloud, settings: CloudImageSettings = CloudImageSettings()) -> "Figure":
+def fit_figure(fit: Fit, cloud: PointCloud, pixels: int = PIXELS) -> "Figure":
     """A scan with the Gaussians of its mixture, as the report looks at first and from above.
 
     Args:
         fit: of one mixture.
         cloud: that it was fitted to.
-        settings: how the cloud is drawn.
-
-    Raises:
-        InputError: matplotlib is not installed.
+        pixels: of the longer edge of each picture.
     """
-    check_matplotlib()
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12, 6), layout="compressed")
     axes = figure.subplots(1, 2, squeeze=False)
     views: tuple[tuple[Direction, str], ...] = (("oblique", "Oblique"), ("above", "From above"))
     for ax, (direction, title) in zip(axes.flat, views, strict=True):
-        plot_mixture(fit.mixture, cloud, direction=direction, ax=ax, settings=settings)
+        plot_mixture(fit.mixture, cloud, direction=direction, ax=ax, pixels=pixels)
         ax.set_title(title, fontsize="medium")
     count = int(fit.mixture.count)
     name = Path(cloud.source).name if cloud.source else f"{len(cloud):,} points"
@@ -139,3 +154,12 @@ def fit_figure(fit: Fit, cloud: PointCloud, settings: CloudImageSettings = Cloud
     verbatim(figure.suptitle(f"{found}\n{elided(name)}", fontsize="large"))
     fit_height(figure, axes)
     return figure
+
+
+def _check_place(file: Path, created: Path | None) -> None:
+    if file.is_dir():
+        raise InputError(f"{file}: is a folder; give the name of a file, such as {file / f'changes{file.suffix}'}")
+    if created is not None and file.parent.absolute() == created.absolute():
+        return
+    if not file.parent.is_dir() or not os.access(file.parent, os.W_OK):
+        raise InputError(f"{file}: its folder is missing or cannot be written; create it, or choose another one")

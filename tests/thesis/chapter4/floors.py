@@ -1,6 +1,7 @@
 """A small survey for the tests: a floor, and a box on it."""
 
 import dataclasses
+import functools
 
 import numpy as np
 
@@ -19,8 +20,8 @@ def floor_pair(seed, condition="appeared"):
 
 def floor_sources(seeds, kind):
     """In place of the surveys of the laboratory."""
-    conditions = [("appeared", "disappeared")[seed % 2] for seed in seeds]
+    conditions = {seed: ("appeared", "disappeared")[seed % 2] for seed in seeds}
     return [
-        PairSource(f"seed {seed}", kind, condition, lambda seed=seed, condition=condition: floor_pair(seed, condition))
-        for seed, condition in zip(seeds, conditions, strict=True)
+        PairSource(f"seed {seed}", kind, condition, functools.partial(floor_pair, seed, condition))
+        for seed, condition in conditions.items()
     ]

@@ -1,4 +1,4 @@
-"""The axes that plots are drawn into, and text that matplotlib takes as it is."""
+"""The axes that plots are drawn into, their colours, and text that matplotlib takes as it is."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -6,22 +6,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from gmmjax.errors import InputError
-
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.text import Text
 
+# Okabe and Ito's colours, without the black of the ellipses and the yellow that paper swallows.
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
+MARKERS = ("o", "s", "^", "D", "v", "P")
+INK = "#1b1f24"
 Style = dict[str, Any]
 """Keyword arguments of matplotlib."""
-
-
-def check_matplotlib() -> None:
-    """Raises an `InputError` with the remedy, unless matplotlib is there."""
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise InputError("plots need matplotlib, which is not installed: pip install 'gmmjax[plot]'") from error
 
 
 def axes_or_new(ax: "Axes | None", size: tuple[float, float]) -> "Axes":
@@ -30,11 +24,7 @@ def axes_or_new(ax: "Axes | None", size: tuple[float, float]) -> "Axes":
     Args:
         ax: of the user.
         size: of a new figure, inches.
-
-    Raises:
-        InputError: matplotlib is not installed.
     """
-    check_matplotlib()
     if ax is not None:
         return ax
     from matplotlib import pyplot
@@ -69,19 +59,48 @@ def light_frame(ax: "Axes", **grid: Any) -> None:
     ax.grid(color="0.9", linewidth=0.8, **grid)
 
 
-def legend_below(ax: "Axes", handles: Sequence[Any]) -> None:
-    """A legend in one row under the axes and their labels, where it hides nothing.
+def legend_inside(ax: "Axes", **place: Any) -> None:
+    """A legend whose entries are no formulas."""
+    for text in ax.legend(fontsize="small", **place).get_texts():
+        verbatim(text)
 
-    Args:
-        ax: whose legend it is.
-        handles: its entries.
-    """
+
+def legend_below(ax: "Axes", handles: Sequence[Any]) -> None:
+    """A legend in one row under the axes and their labels, where it hides nothing."""
     from matplotlib.transforms import ScaledTranslation
 
     points = 40 if ax.get_xlabel() else 6
     below = ScaledTranslation(0, -points / 72, ax.figure.dpi_scale_trans)
     place: Style = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": ax.transAxes + below}
     ax.legend(handles=handles, ncols=len(handles), fontsize="small", frameon=False, borderaxespad=0, **place)
+
+
+def distance_bar(ax: "Axes", limit: float, label: str) -> tuple[Any, Any]:
+    """Draw a colour bar of signed distances, blue below and red above, beside the axes.
+
+    Args:
+        ax: that the distances are drawn into.
+        limit: distance at which the colours end.
+        label: of the bar.
+
+    Returns:
+        The norm and the colour map.
+    """
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    norm, colormap = Normalize(-limit, limit), colormaps["RdBu_r"]
+    bar = ax.figure.colorbar(ScalarMappable(norm, colormap), ax=ax, shrink=0.8, extend="both")
+    verbatim(bar.ax.yaxis.label).set_text(label)
+    return norm, colormap
+
+
+def draw_label(ax: "Axes", text: str, above: tuple[float, float], color: str, edge: str = "none") -> None:
+    """The label of a change, above a place."""
+    box: Style = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": edge, "alpha": 0.8}
+    style: Style = {"ha": "center", "va": "bottom", "fontsize": "small", "fontweight": "bold", "color": color}
+    ax.annotate(text, above, xytext=(0, 3), textcoords="offset points", bbox=box, zorder=6, **style)
 
 
 def draw_scale(ax: "Axes", lower: Float[np.ndarray, "2"], upper: Float[np.ndarray, "2"], unit: str | None) -> None:
