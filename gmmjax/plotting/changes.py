@@ -147,8 +147,8 @@ def draw_overview(
     verbatim(figure.suptitle(f"{answer(changes)}\n{' → '.join(names)}", fontsize="large"))
     handles = _handles(changes, range(len(changes)))
     legend = figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
-    legend.set_title(registration_text(changes), {"size": "small"})
-    verbatim(legend.get_title()).set_color("0.35")
+    legend.set_title(registration_text(changes) or "")
+    verbatim(legend.get_title()).set(color="0.35", size="small")
     fit_height(figure, axes)
     return axes
 

@@ -60,9 +60,9 @@ def plot_grid_search(search: GridSearch, *, criterion: Criterion = "mdl", ax: "A
         style: Style = {"color": COLORS[row % len(COLORS)], "marker": MARKERS[row % len(MARKERS)]}
         ax.plot(search.components, shown[row], label=name, **style)
     if np.isfinite(scores).any():
-        row, column = np.unravel_index(np.nanargmin(shown), shown.shape)
-        text = f"lowest: {search.components[column]}, {search.covariance_types[row]}"
-        _mark(ax, float(search.components[column]), float(scores[row, column]), text)
+        best, column = np.unravel_index(np.nanargmin(shown), shown.shape)
+        text = f"lowest: {search.components[column]}, {search.covariance_types[best]}"
+        _mark(ax, float(search.components[column]), float(scores[best, column]), text)
     _count_axes(ax, f"{criterion.upper()} (nats)")
     ax.legend(title="covariances", fontsize="small")
     return ax

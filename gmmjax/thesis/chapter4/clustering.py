@@ -30,7 +30,7 @@ class Clustered(NamedTuple):
     found: list[int]
 
     @property
-    def count(self) -> int:
+    def gaussians(self) -> int:
         """The number of Gaussians."""
         return int(self.mixture.live.sum())
 
@@ -61,14 +61,14 @@ def clustering(seeds: Sequence[int], progress: Progress) -> Part:
             searches[cloud].append(_search(fixed_cloud(cloud, seed), seed))
     found = {
         ONE_START: {cloud: [count for fit in own for count in fit.found] for cloud, own in fits.items()},
-        BEST: {cloud: [fit.count for fit in own] for cloud, own in fits.items()},
-        GRID: {cloud: [search.count for search in own] for cloud, own in searches.items()},
+        BEST: {cloud: [fit.gaussians for fit in own] for cloud, own in fits.items()},
+        GRID: {cloud: [search.gaussians for search in own] for cloud, own in searches.items()},
     }
     by_fit = [number_row(method, cloud, found[method][cloud]) for cloud in CLOUDS for method in (ONE_START, BEST)]
     by_search = [number_row(GRID, cloud, found[GRID][cloud]) for cloud in CLOUDS]
     drawn = {cloud: own[0] for cloud, own in fits.items()}
     drawn["appeared"] = drawn["7 Gaussians"]._replace(mixture=_appeared(seeds[0]))
-    wrong = [search for search in searches["7 Gaussians"][1:] if search.count != 7]
+    wrong = [search for search in searches["7 Gaussians"][1:] if search.gaussians != 7]
     searched = {cloud: own[0] for cloud, own in searches.items()} | dict(zip(["another seed"], wrong, strict=False))
     every = "each number, with the same results nearly every time, and the three Gaussians that appeared."
     four = "consistently four, but not seven: 6, 4."
@@ -92,9 +92,16 @@ def score_rows(cloud: str, scores: Mapping[Any, Any], types: Sequence[str]) -> l
     for criterion in CRITERIA:
         own = np.asarray(scores[criterion], float)
         for index, ((row, column), score) in enumerate(np.ndenumerate(own)):
-            model = {"cloud": cloud, "criterion": criterion, "covariances": types[row], "gaussians": SCORED[column]}
-            value = round(float(score), 2) if np.isfinite(score) else None
-            rows.append({**model, "score": value, "lowest": index == int(own.argmin())})
+            rows.append(
+                {
+                    "cloud": cloud,
+                    "criterion": criterion,
+                    "covariances": types[row],
+                    "gaussians": SCORED[column],
+                    "score": round(float(score), 2) if np.isfinite(score) else None,
+                    "lowest": index == int(own.argmin()),
+                }
+            )
     return rows
 
 
@@ -102,8 +109,8 @@ def number_row(method: str, cloud: str, found: Sequence[int]) -> dict[str, Cell]
     """How many of the numbers that a method found are right."""
     right = sum(number == CLOUDS[cloud] for number in found)
     counts = ", ".join(f"{number}: {times}" for number, times in sorted(Counter(found).items()))
-    row = {"cloud": cloud, "method": method, "fits": len(found), "right": right}
-    return {**row, "share": round(right / len(found), 4), "found": counts}
+    share = round(right / len(found), 4)
+    return {"cloud": cloud, "method": method, "fits": len(found), "right": right, "share": share, "found": counts}
 
 
 def _fit(points: Float[np.ndarray, "n 3"], seed: int) -> Clustered:
@@ -112,8 +119,8 @@ def _fit(points: Float[np.ndarray, "n 3"], seed: int) -> Clustered:
 
 
 def _search(points: Float[np.ndarray, "n 3"], seed: int) -> Clustered:
-    key, types = jax.random.key(seed), ("diagonal",)
-    search = grid_search(points, key=key, components=range(3, 10), covariance_types=types, criterion="bic")
+    key, components = jax.random.key(seed), range(3, 10)
+    search = grid_search(points, key=key, components=components, covariance_types=("diagonal",), criterion="bic")
     return Clustered(points, search.fit.mixture, [])
 
 

@@ -180,14 +180,15 @@ def filtered(detect: Detector, pair: LabelledPair) -> Detection:
     """Detect without outliers; those are labelled unchanged."""
     keep = kept(pair.before), kept(pair.after)
     found = detect(LabelledPair(pair.name, _part(pair.before, keep[0]), _part(pair.after, keep[1])))
-    labels = [np.full(len(own), -1) for own in keep]
-    labels[0][keep[0]], labels[1][keep[1]] = found.labels_before, found.labels_after
-    return Detection(*labels)
+    before, after = (np.full(len(own), -1) for own in keep)
+    before[keep[0]], after[keep[1]] = found.labels_before, found.labels_after
+    return Detection(before, after)
 
 
 def _part(cloud: LabelledCloud, rows: Bool[np.ndarray, " n"]) -> LabelledCloud:
-    arrays = {name: getattr(cloud, name) for name in ("points", "truth", "unseen", "things")}
-    return dataclasses.replace(cloud, **{name: own if own is None else own[rows] for name, own in arrays.items()})
+    unseen = None if cloud.unseen is None else cloud.unseen[rows]
+    things = None if cloud.things is None else cloud.things[rows]
+    return dataclasses.replace(cloud, points=cloud.points[rows], truth=cloud.truth[rows], unseen=unseen, things=things)
 
 
 def _measured(counts: Counter[str]) -> dict[str, Cell]:

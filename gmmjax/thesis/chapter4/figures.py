@@ -124,7 +124,7 @@ def _panels(rows: int, columns: int, size: tuple[float, float]) -> tuple["Figure
 def _draw_clusters(axes: Sequence["Axes"], panels: Mapping[str, Any]) -> None:
     for ax, (title, clustered) in zip(axes, panels.items(), strict=False):
         plot_mixture(clustered.mixture, clustered.points, numbers=False, unit="m", ax=ax)
-        ax.set_title(f"{title}: {clustered.count} found")
+        ax.set_title(f"{title}: {clustered.gaussians} found")
     for ax in axes[len(panels) :]:
         ax.set_axis_off()
 

@@ -159,7 +159,8 @@ def _write_pair(home: Path, before: LabCloud, after: LabCloud) -> None:
     for side, cloud, views in (("before", pair.before, before.views), ("after", pair.after, after.views)):
         write_ply(home / f"{side}.ply", cloud.points)
         write_views(home / f"views_{side}.json", views)
-        arrays = {"truth": cloud.truth.astype(np.int64), "unseen": cloud.unseen}
+        assert cloud.unseen is not None
+        arrays: dict[str, np.ndarray] = {"truth": cloud.truth.astype(np.int64), "unseen": cloud.unseen}
         if cloud.not_counted:
             arrays["not_counted"] = np.array(sorted(cloud.not_counted), np.int64)
         for name, values in arrays.items():
