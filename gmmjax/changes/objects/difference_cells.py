@@ -99,12 +99,12 @@ class Heights(NamedTuple):
     """The points in each cell along the normal.
 
     Attributes:
-        count: of the points.
+        number: of the points.
         mean: of their heights; NaN where there are none.
         spread: their standard deviation; 0 where there are none.
     """
 
-    count: Int[np.ndarray, "r c"]
+    number: Int[np.ndarray, "r c"]
     mean: Float64[np.ndarray, "r c"]
     spread: Float64[np.ndarray, "r c"]
 
@@ -170,15 +170,15 @@ class DifferenceCells(NamedTuple):
             directed: whether the normal is known to point to the outer side: of a pit its scan shows nothing behind it.
         """
         own, every = points.map(grid.heights), clouds.map(grid.heights)
-        count = own.before.count + own.after.count
+        count = own.before.number + own.after.number
         # A cell on the border of two changes is of the one that has more points there.
-        foreign = grid.heights(others).count > count
+        foreign = grid.heights(others).number > count
         changed = ndimage.binary_fill_holes(ndimage.binary_closing((count > 0) & ~foreign, SQUARE)) & ~foreign
         if not changed.any():
             return None
         steep = each(lambda of: of.spread > grid.edge, own)
         heights = each(
-            lambda of, all, up: np.where(up, np.nan, np.where(of.count > 0, of.mean, all.mean)), own, every, steep
+            lambda of, all, up: np.where(up, np.nan, np.where(of.number > 0, of.mean, all.mean)), own, every, steep
         )
         # The sparser scan has points in some of the cells only.
         passes = 1 + int(min(np.ceil(_sparsest(points, clouds) * CELL / grid.edge), 8))
