@@ -190,7 +190,7 @@ def box_scene(random: np.random.Generator, kind: str) -> VolumeScene:
     axes = np.asarray(Rotation.from_euler("z", random.uniform(0, np.pi)).as_matrix())
     box = Solid(np.array([*middle, size[2] / 2]), size, axes=axes)
     came, volume = random.random() < 0.5, float(size.prod())
-    solids = Pair([floor], [floor, box])
+    solids: Pair[list[Solid]] = Pair([floor], [floor, box])
     truth = Truth(kind, volume * came, volume * (not came), np.array([*middle, 0.0]), float(np.linalg.norm(size)))
     return surveyed(random, truth, solids if came else solids.swapped, edge, floor, from_stations, (0.001, 0.006))
 
