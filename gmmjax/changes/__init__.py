@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 from gmmjax._lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from gmmjax.changes.align.alignment import AlignSettings as AlignSettings
     from gmmjax.changes.align.alignment import aligned as aligned
     from gmmjax.changes.candidates import Candidates as Candidates
     from gmmjax.changes.candidates import CandidateSettings as CandidateSettings

@@ -9,11 +9,11 @@ from jaxtyping import Bool, Float, Int
 
 from gmmjax.changes import (
     FACTS,
-    AlignSettings,
     Candidate,
     CutCandidates,
     DetectionConfig,
     JointDetector,
+    ResolutionSettings,
     Scan,
     measured,
     names_of,
@@ -86,20 +86,21 @@ class _Counts:
 
 
 def rows_of(
-    pair: LabelledPair, config: DetectionConfig = DetectionConfig(), align: AlignSettings = AlignSettings()
+    pair: LabelledPair,
+    config: DetectionConfig = DetectionConfig(),
+    resolution: ResolutionSettings = ResolutionSettings(),
 ) -> Pair[CandidateRows]:
     """The candidates of a pair: first with the poses unknown, then with the poses given.
 
     Args:
         pair: with views and what could not be seen.
         config: of the detection.
-        align: how the clouds are brought into one frame, and at what resolution: clouds that have more points than that
-            are examined at their own resolution at each place.
+        resolution: of the registration; clouds of more points are examined at their own resolution at each place.
     """
     clouds = Pair(pair.before, pair.after)
     scans = clouds.map(lambda cloud: Scan(cloud.points, cloud.views))
     poses = [False, clouds.before.views is not None and clouds.after.views is not None]
-    of_poses = JointDetector(config, align=align).cut_candidates(scans, poses=poses)
+    of_poses = JointDetector(config, common_resolution=resolution).cut_candidates(scans, poses=poses)
     if not of_poses:
         return _no_rows()
     unknown, given = of_poses

@@ -10,7 +10,7 @@ from typing import get_args
 
 import numpy as np
 
-from gmmjax.changes import NAMES, AlignSettings, ResolutionSettings, names_of
+from gmmjax.changes import NAMES, ResolutionSettings, names_of
 from gmmjax.clouds import atomic_write, load_arrays
 from gmmjax.errors import ComputationError, InputError, InputWarning, check_choice
 from gmmjax.evaluation import CONDITIONS, LabelledPair, PairSource, family_sources, laboratory_sources
@@ -181,16 +181,16 @@ def _of_scene(task: tuple[str, int]) -> Pair[CandidateRows] | str:
         # Doubtful registrations are a part of what is learned.
         warnings.simplefilter("ignore", InputWarning)
         try:
-            return _joined([rows_of(pair, align=align) for align in _resolutions(pair)])
+            return _joined([rows_of(pair, resolution=resolution) for resolution in _resolutions(pair)])
         except (InputError, ComputationError) as error:
             return str(error)
 
 
-def _resolutions(pair: LabelledPair) -> list[AlignSettings]:
+def _resolutions(pair: LabelledPair) -> list[ResolutionSettings]:
     """What the scene is registered at: as always, and in few voxels where it has more points."""
-    few = AlignSettings(resolution=ResolutionSettings(voxels=REGISTERED_VOXELS))
+    few = ResolutionSettings(voxels=REGISTERED_VOXELS)
     dense = max(len(pair.before.points), len(pair.after.points)) > REGISTERED_VOXELS > 0
-    return [AlignSettings(), *([few] if dense else [])]
+    return [ResolutionSettings(), *([few] if dense else [])]
 
 
 def _joined(parts: list[Pair[CandidateRows]]) -> Pair[CandidateRows]:

@@ -21,7 +21,6 @@ from gmmjax.mixtures.criteria import minimum_description_length as minimum_descr
 from gmmjax.mixtures.expectation_maximisation import POINTS_OF_PRODUCT as POINTS_OF_PRODUCT
 from gmmjax.mixtures.expectation_maximisation import FeatureChunks as FeatureChunks
 from gmmjax.mixtures.expectation_maximisation import Moments as Moments
-from gmmjax.mixtures.expectation_maximisation import annihilating_maximisation as annihilating_maximisation
 from gmmjax.mixtures.expectation_maximisation import expectation as expectation
 from gmmjax.mixtures.expectation_maximisation import expectation_maximisation as expectation_maximisation
 from gmmjax.mixtures.expectation_maximisation import maximisation as maximisation

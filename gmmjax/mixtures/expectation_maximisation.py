@@ -211,42 +211,14 @@ def maximisation(moments: Moments, prior: Prior, covariance_type: CovarianceType
     return maximised(moments, prior.unnormalised_weights(moments.mass), prior, covariance_type)[0]
 
 
-def annihilating_maximisation(
-    moments: Moments,
-    live: Bool[Array, " k"],
-    prior: Prior,
-    covariance_type: CovarianceType = "full",
-    min_components: int = 1,
-) -> GaussianMixture:
-    """M-step (2.20) for all components at once, in which at most the weakest dies.
-
-    FJ02 go component by component because in one joint step all weak components would die, where the death of one
-    would have saved its neighbours. Here the others wait at a small weight instead.
-
-    Args:
-        moments: of the E-step.
-        live: which components were live before the step.
-        prior: its concentration decides what is too weak.
-        covariance_type: constraint on the covariances.
-        min_components: at this number none dies.
-    """
-    return frozen_maximisation(moments, survivors(moments.mass, live, prior, min_components), prior, covariance_type)
-
-
-def frozen_maximisation(
-    moments: Moments, live: Bool[Array, " k"], prior: Prior, covariance_type: CovarianceType = "full"
-) -> GaussianMixture:
-    """M-step (2.20) of which no component dies: those that are too weak wait at a small weight.
-
-    Arguments as in `annihilating_maximisation`.
-    """
-    return maximised(moments, waiting_weights(moments.mass, live, prior), prior, covariance_type)[0]
-
-
 def survivors(
     mass: Float[Array, " k"], live: Bool[Array, " k"], prior: Prior, min_components: int
 ) -> Bool[Array, " k"]:
-    """The live components, without the weakest where its support is too weak and `min_components` remain."""
+    """The live components, without the weakest where its support is too weak and `min_components` remain.
+
+    FJ02 go component by component because in one joint step all weak components would die, where the death of one
+    would have saved its neighbours. Here the others wait at a small weight instead.
+    """
     too_weak = prior.unnormalised_weights(mass) <= 0
     return live & ~(weakest(mass, live) & too_weak & (jnp.sum(live) > min_components))
 

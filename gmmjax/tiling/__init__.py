@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from gmmjax.tiling.cloud_distances import distances as distances
     from gmmjax.tiling.compute import columns_of as columns_of
     from gmmjax.tiling.compute import compute_blocks as compute_blocks
-    from gmmjax.tiling.compute import compute_here as compute_here
     from gmmjax.tiling.detection import TiledChanges as TiledChanges
     from gmmjax.tiling.detection import tiled_changes as tiled_changes
     from gmmjax.tiling.detection_settings import TiledDetectionSettings as TiledDetectionSettings

@@ -18,7 +18,7 @@ the store, the block and any further arguments, and returns a `BlockResult`:
 
 A task sees nothing but the points of its block and of the margin around it, in an order of their own, so that its
 result is the same bit for bit whatever the tiles and the workers are. A stage over many blocks reads the records in the
-order of the blocks. `compute_here` does the same tasks in this process.
+order of the blocks.
 """
 
 import logging
@@ -32,7 +32,6 @@ from typing import Any
 import numpy as np
 
 from gmmjax.batch import AbstractPool, Workers, died
-from gmmjax.clouds import AbstractBlockStore, Block
 from gmmjax.errors import ComputationError
 from gmmjax.pair import Pair, each
 from gmmjax.tiling.disk_store import DiskBlockStore
@@ -109,20 +108,6 @@ def compute_blocks(
     if filling is not None:
         filling.map(FilledInBatches.flush)
     return records
-
-
-def compute_here(
-    store: AbstractBlockStore, task: BlockTask, arguments: Sequence[Any] = ()
-) -> Iterator[tuple[Block, BlockResult]]:
-    """Each block with its result, computed in this process and kept by nobody: for clouds in memory.
-
-    Args:
-        store: of the blocks, in memory or on disk.
-        task: what is computed of each.
-        arguments: of the task, after store and block.
-    """
-    for block in store.blocks:
-        yield block, task(store, block, *arguments)
 
 
 def _fill(filling: Pair[FilledInBatches], store: DiskBlockStore, result: BlockResult, number: int) -> None:

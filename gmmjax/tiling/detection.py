@@ -113,7 +113,7 @@ def tiled_changes(
         require_overlap(tree)
         tiles_of(tree, tile_size, settings.tiles)
         clock.start("tiles", "Sorting the points into blocks", 0.3)
-        if max(place.clouds.row_counts) <= coarse.detector.align.resolution.voxels:
+        if max(place.clouds.row_counts) <= coarse.detector.common_resolution.voxels:
             found = _compared_whole(place.clouds, stated_systems(clouds), views, config, disk, clock)
         else:
             tiles = Tiles(write_block_store(place.clouds, tree, disk), tile_size, workers, settings.tiles)

@@ -10,7 +10,7 @@ from jax.flatten_util import ravel_pytree
 
 from gmmjax import FitSettings, FitStatus, InputError, Prior, fit_mixture
 from gmmjax.mixtures import WeightedPoints, expectation, fit_by_annihilation, polish
-from gmmjax.mixtures.expectation_maximisation import FeatureChunks, frozen_maximisation
+from gmmjax.mixtures.expectation_maximisation import FeatureChunks, maximised, waiting_weights
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.noise import log_uniform_density
 from gmmjax.scenes import random_scene
@@ -30,7 +30,8 @@ def fit(points, first, prior, settings=POLISHED):
 def step(mixture, points, prior, log_noise=None):
     """One more step of EM."""
     moments, log_likelihood = expectation(mixture, FeatureChunks.of(points), log_noise)
-    return frozen_maximisation(moments, mixture.live, prior), log_likelihood
+    weights = waiting_weights(moments.mass, mixture.live, prior)
+    return maximised(moments, weights, prior, "full")[0], log_likelihood
 
 
 def fit_statistic(prior, points, first, settings=POLISHED):

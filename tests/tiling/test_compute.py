@@ -18,7 +18,6 @@ from gmmjax.tiling import (
     Workers,
     columns_of,
     compute_blocks,
-    compute_here,
     temporary_block_store,
     tiles_of,
 )
@@ -76,7 +75,7 @@ def test_tiles_workers_and_chunks_change_nothing(tree, expected, tmp_path_factor
 
 def test_clouds_in_memory_give_the_same(tree, expected):
     store = MemoryBlockStore(placed(), tree)
-    found = [(block.number, result) for block, result in compute_here(store, heights, (0.3,))]
+    found = [(block.number, result) for block in store.blocks for result in [heights(store, block, 0.3)]]
     assert [(number, *(own.tobytes() for own in result.values.values())) for number, result in found] == expected[0]
 
 

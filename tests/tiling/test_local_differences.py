@@ -14,7 +14,6 @@ from gmmjax.changes import (
 )
 from gmmjax.clouds import BlockSettings, PlacedClouds, tree_of
 from gmmjax.pair import Pair
-from gmmjax.tiling.compute import compute_here
 from gmmjax.tiling.local_differences import CoarseClouds, LocalDifferenceSettings, block_differences
 from gmmjax.tiling.local_voxels import LocalVoxels, block_voxels
 from gmmjax.tiling.records import BlockRecords, write_record
@@ -40,7 +39,8 @@ def scene(tmp_path_factory):
     lattice = VoxelLattice(np.zeros(3), SIZE, 3)
     folder = tmp_path_factory.mktemp("records")
     records = BlockRecords(folder)
-    for block, result in compute_here(store, block_voxels, (lattice, LocalResolutionSettings(voxels_per_edge=4))):
+    for block in store.blocks:
+        result = block_voxels(store, block, lattice, LocalResolutionSettings(voxels_per_edge=4))
         records.add(write_record(folder, block.number, result))
     points = Pair(floor(2)[::100], floor(3)[::100]).map(lambda own: own - store.offset)
     coarse = CoarseClouds(points, SIZE, points.map(high_above))

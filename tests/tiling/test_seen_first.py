@@ -6,7 +6,6 @@ import pytest
 from gmmjax.changes import SeenFirstSettings, Survey, seen_first_at
 from gmmjax.clouds import BlockSettings, PlacedClouds, SensorViews, tree_of
 from gmmjax.pair import Pair
-from gmmjax.tiling.compute import compute_here
 from gmmjax.tiling.records import BlockRecords, write_record
 from gmmjax.tiling.seen_first import Looks, block_seen_first, seen_first_of_blocks
 from tests.clouds.made_clouds import ArrayCloud, MemoryBlockStore
@@ -26,8 +25,8 @@ def found(points, looks, folder):
     store = MemoryBlockStore(placed, tree_of(placed, BlockSettings(finest_voxel=np.inf, most_points=20_000.0)))
     assert len(store.blocks) > 4
     records = BlockRecords(folder)
-    for block, result in compute_here(store, block_seen_first, (looks(store.offset),)):
-        records.add(write_record(folder, block.number, result))
+    for block in store.blocks:
+        records.add(write_record(folder, block.number, block_seen_first(store, block, looks(store.offset))))
     return seen_first_of_blocks(records), store.offset
 
 

@@ -20,17 +20,6 @@ from gmmjax.pair import Pair, each_on_cores
 logger = logging.getLogger(__name__)
 
 
-@dataclasses.dataclass(frozen=True)
-class AlignSettings:
-    """How clouds are brought into one frame.
-
-    Attributes:
-        resolution: that they are brought into it at.
-    """
-
-    resolution: ResolutionSettings = ResolutionSettings()
-
-
 class AlignedPair(NamedTuple):
     """Two clouds in the frame of the before cloud.
 
@@ -56,7 +45,7 @@ def aligned(
     *,
     one_system: bool = False,
     seed: int = 0,
-    settings: AlignSettings = AlignSettings(),
+    resolution: ResolutionSettings = ResolutionSettings(),
 ) -> AlignedPair:
     """Registers two clouds, and reduces them to the resolution that they are compared at.
 
@@ -71,7 +60,7 @@ def aligned(
         one_system: whether both files state the same coordinate reference system; "auto" makes no more than a fine
             correction then.
         seed: of the mixtures that clouds that fill volumes are registered by.
-        settings: how to register.
+        resolution: that the clouds are compared at.
 
     Raises:
         InputError: nothing can be compared, because one cloud is far smaller than the other's resolution.
@@ -82,7 +71,7 @@ def aligned(
     """
     rough = RoughRegistration.none() if mode == "never" else rough_registration(points)
     registered = functools.partial(
-        _aligned_from, points, mode=mode, voxel_size=voxel_size, one_system=one_system, seed=seed, settings=settings
+        _aligned_from, points, mode=mode, voxel_size=voxel_size, one_system=one_system, seed=seed, resolution=resolution
     )
     found, remark = registered(rough, only_fine=one_system)
     # Clouds that fill volumes, but not in the voxels of the rough registration, have none.
@@ -107,12 +96,12 @@ def _aligned_from(
     one_system: bool,
     only_fine: bool,
     seed: int,
-    settings: AlignSettings,
+    resolution: ResolutionSettings,
 ) -> tuple[AlignedPair, str | None]:
     """The clouds aligned from a rough registration, and what a user has to know of it."""
     remark = None
     roughly = Pair(points.before, transformed(points.after, rough.transform)) if rough.moves else points
-    pair = working_pair(roughly, voxel_size, settings.resolution)
+    pair = working_pair(roughly, voxel_size, resolution)
     surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), pair.clouds)
     if pair.volumetric:
         registration = registered_volumes(points, pair, surfaces, mode, seed)

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from gmmjax.changes.align.alignment import AlignedPair, AlignSettings, aligned
+from gmmjax.changes.align.alignment import AlignedPair, aligned
 from gmmjax.changes.candidates import Candidates, CandidateSettings, candidates_of, probability_by_difference
 from gmmjax.changes.change import Change
 from gmmjax.changes.detectors.aligned_scans import AlignedScans, refined, surveys_of
@@ -55,7 +55,7 @@ from gmmjax.changes.prepare.checking import (
     warn_of_outlines,
 )
 from gmmjax.changes.prepare.local_resolution import LocalResolutionSettings
-from gmmjax.changes.prepare.resolution import WorkingCloud
+from gmmjax.changes.prepare.resolution import ResolutionSettings, WorkingCloud
 from gmmjax.changes.prepare.units import in_one_system
 from gmmjax.changes.progress import Clock, silent
 from gmmjax.changes.record import Changes
@@ -78,7 +78,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
 
     Attributes:
         prepare: what clouds can be compared.
-        align: how the clouds are brought into one frame.
+        common_resolution: of the voxels that both clouds are registered and fitted at.
         stations: what is a station of a scanner, in a scan without views; None: there is none.
         fit: how the mixture is fitted to both clouds.
         differences: from which distance and offset on a point of a scan is surely changed.
@@ -92,7 +92,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
     """
 
     prepare: CheckSettings = CheckSettings()
-    align: AlignSettings = AlignSettings()
+    common_resolution: ResolutionSettings = ResolutionSettings()
     stations: StationSettings | None = StationSettings()
     fit: JointFitSettings = JointFitSettings()
     differences: DifferenceSettings = DifferenceSettings()
@@ -281,7 +281,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             config.voxel_size,
             one_system=one_system,
             seed=config.seed,
-            settings=self.align,
+            resolution=self.common_resolution,
         )
         check_overlap(prepared, pair.registration)
         if not pair.remarked:

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from gmmjax.changes import AlignSettings, LocalResolutionSettings, ResolutionSettings
+from gmmjax.changes import LocalResolutionSettings, ResolutionSettings
 from gmmjax.changes.align.alignment import aligned
 from gmmjax.changes.detectors.aligned_scans import refined
 from gmmjax.pair import Pair
 
-SETTINGS = AlignSettings(resolution=ResolutionSettings(voxels=4000))
+RESOLUTION = ResolutionSettings(voxels=4000)
 
 
 def floors(count):
@@ -17,7 +17,7 @@ def floors(count):
         places = random.uniform(0, 4, (count, 2))
         return np.column_stack([places, 0.5 * (places[:, 0] > 2) + 0.002 * random.standard_normal(count)])
 
-    return aligned(Pair(floor(0), floor(1)), "never", None, settings=SETTINGS)
+    return aligned(Pair(floor(0), floor(1)), "never", None, resolution=RESOLUTION)
 
 
 def test_scans_of_few_points_more_than_voxels_stay_at_one_resolution():

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from gmmjax.changes import (
-    AlignSettings,
     Clock,
     DetectionConfig,
     JointDetector,
@@ -28,9 +27,7 @@ def points():
 
 
 def prepared(points, **config):
-    detector = JointDetector(
-        DetectionConfig(restarts=1, **config), align=AlignSettings(resolution=ResolutionSettings(voxels=10_000))
-    )
+    detector = JointDetector(DetectionConfig(restarts=1, **config), common_resolution=ResolutionSettings(voxels=10_000))
     return detector.prepared(points.map(lambda own: own if isinstance(own, Scan) else Scan(own)), Clock(silent))
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from gmmjax import DetectionConfig
-from gmmjax.changes import AlignSettings, ResolutionSettings, Scan
+from gmmjax.changes import ResolutionSettings, Scan
 from gmmjax.changes.detectors.joint import JointDetector
 from gmmjax.changes.evidence.survey import FreeSpaceSettings, Survey
 from gmmjax.changes.evidence.view_checks import ViewCheckSettings, check_views, usable_views
@@ -184,7 +184,7 @@ def test_what_is_seen_through_gaps_is_not_hidden(scan_through_racks):
 def test_detection_looks_through_the_gaps_of_scans_in_voxels(scan_through_racks):
     generator = np.random.default_rng(0)
     scan = Scan(scan_through_racks + generator.normal(0, 0.003, scan_through_racks.shape), scanner(reach=12.0))
-    detector = JointDetector(DetectionConfig(), align=AlignSettings(resolution=ResolutionSettings(voxels=10_000)))
+    detector = JointDetector(DetectionConfig(), common_resolution=ResolutionSettings(voxels=10_000))
     prepared = detector.prepared(Pair(scan, scan), Clock(silent))
     assert all(survey.views is not None for survey in prepared.surveys)
 
