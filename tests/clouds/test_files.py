@@ -17,7 +17,6 @@ from gmmjax.evaluation.labelled_pair import read_pair
 from gmmjax.reporting.mixture_files import read_mixture
 from gmmjax.reporting.tuning_files import read_state
 from gmmjax.surveys import Intrinsics, open_bag, read_depth_frame, read_intrinsics
-from gmmjax.thesis.chapter4 import Journal
 
 CAMERA = Intrinsics(8.0, 8.0, 3.5, 2.5, 8, 6)
 
@@ -53,7 +52,6 @@ OPENERS = [
     ("changes.json", Changes.load),
     ("labels.npz", read_labels),
     ("mixture.json", read_mixture),
-    ("progress.jsonl", Journal),
     ("state.npz", lambda path: read_state(path, "these")),
 ]
 
