@@ -157,9 +157,9 @@ def _moved_by_parameters(parameters: JaxArray, features: JaxArray, mass: JaxArra
     """The sums' tangent by that of the parameters, a symmetric map: the second derivative of the log likelihood."""
     arguments = parameters, features, mass
     shapes = (jax.ShapeDtypeStruct(parameters.shape, parameters.dtype),)
-    moved = varying_as(moved, *arguments)
+    moved = varying_as(moved, *arguments, linear=True)
     (sums,) = kernel_or("gmmjax_feature_sums_tangent", _plain_moved_by_parameters, shapes, *arguments, moved)
-    found: JaxArray = varying_as(sums, *arguments, moved)
+    found: JaxArray = varying_as(sums, *arguments, linear=True)
     return found
 
 

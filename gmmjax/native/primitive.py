@@ -72,7 +72,7 @@ def _transposed(cotangents: Sequence[Any], *arguments: Any, stack: tuple[int, ..
     *held, linear = arguments
     found = _kernel.bind(*held, ad.instantiate_zeros(cotangents[0]), stack=stack, **settings)[0]
     shared = [axis for axis, size in enumerate(stack) if linear.aval.shape[axis] < size]
-    return [None] * len(held) + [varying_as(jnp.sum(found, shared, keepdims=True), held, cotangents[0])]
+    return [None] * len(held) + [varying_as(jnp.sum(found, shared, keepdims=True), held, cotangents[0], linear=True)]
 
 
 _kernel = Primitive("gmmjax_kernel")
