@@ -171,7 +171,7 @@ def test_a_notebook_shows_a_row_for_each_object_and_a_picture(moved):
     shown = Fragment(moved._repr_html_())
     assert "1 change: 1 moved" in shown.texts and any("moved 1.00 m, turned 90°" in text for text in shown.texts)
     pictures = [attributes for tag, attributes in shown.attributes if tag == "img"]
-    assert len(pictures) == 2 and all(one["src"].startswith("data:image/png;base64,iVBOR") for one in pictures)
+    assert len(pictures) == 2 and all(one["src"].startswith("data:image/webp;base64,UklGR") for one in pictures)
     assert [tag for tag, _ in shown.attributes].count("tr") == 2
     # Names are text, and nothing is fetched or run.
     assert any("a <b> $x$.ply" in text for text in shown.texts)
