@@ -178,7 +178,9 @@ def _decompressed(file: Path, header: "LasHeader", decoder: DecoderProcess) -> I
             yield np.frombuffer(data, row_type)
     except DecodingError as error:
         remedy = f"lazrs cannot read it ({one_line(error)}); {DAMAGED}"
-        if error.name == "laszip":
+        if "fill whole buffer" in str(error):
+            remedy = "the file is cut off, copy or export it again"
+        elif error.name == "laszip":
             remedy = "is compressed by a newer LASzip than lazrs reads: pip install laszip, or convert it to LAS"
         elif error.kind in ("ModuleNotFoundError", "ImportError"):
             remedy = f"LAZ files need lazrs ({error}): pip install lazrs, or convert it to LAS"
