@@ -179,7 +179,7 @@ def _decompressed(file: Path, header: "LasHeader", decoder: DecoderProcess) -> I
     except DecodingError as error:
         remedy = f"lazrs cannot read it ({one_line(error)}); {DAMAGED}"
         if "fill whole buffer" in str(error):
-            remedy = f"lazrs cannot read it ({one_line(error)}); the file is cut off or damaged, copy or export it again"
+            remedy = remedy.replace("is damaged", "is cut off or damaged")
         elif error.name == "laszip":
             remedy = "is compressed by a newer LASzip than lazrs reads: pip install laszip, or convert it to LAS"
         elif error.kind in ("ModuleNotFoundError", "ImportError"):
