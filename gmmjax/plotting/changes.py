@@ -127,7 +127,7 @@ def plot_overview(
     if axes.size != 4:
         raise InputError(f"axes: must be four axes, not {axes.size}; leave them out for a new figure")
     shown = presented(changes, before, after)
-    _draw_overview(shown.changes, shown.clouds, axes.ravel(), pixels)
+    _draw_overview(shown.changes, shown.clouds, axes.ravel().tolist(), pixels)
     return axes.reshape(2, 2)
 
 
@@ -142,7 +142,7 @@ def draw_overview(
     """Draw `plot_overview` into a figure with a compressed layout: also one that pyplot knows nothing of."""
     clouds, changes = presented(changes, before, after)
     axes = figure.subplots(2, 2)
-    _draw_overview(changes, clouds, axes.ravel(), pixels)
+    _draw_overview(changes, clouds, axes.ravel().tolist(), pixels)
     names = [_name(cloud, f"the {side} cloud") for side, cloud in zip(("before", "after"), clouds, strict=True)]
     verbatim(figure.suptitle(f"{answer(changes)}\n{' → '.join(names)}", fontsize="large"))
     handles = _handles(changes, range(len(changes)))
