@@ -226,7 +226,7 @@ def _page(direction: Direction, clouds: Pair[PointCloud], changes: Changes, pixe
     return Page.around(Projection.of(direction, clouds.after.points), points, corners, pixels)
 
 
-def _draw_overview(changes: Changes, clouds: Pair[PointCloud], axes: Sequence["Axes"], pixels: int) -> None:
+def _draw_overview(changes: Changes, clouds: Pair[PointCloud], axes: Sequence[Any], pixels: int) -> None:
     counts = point_counts(changes, clouds)
     pictures: tuple[tuple[Shown, Direction, str], ...] = (
         ("before", "oblique", f"Before: {counts.before:,} points"),
