@@ -70,12 +70,13 @@ class Grid(NamedTuple):
             points: that are in cells.
             reach: how far the cells reach beyond them.
         """
-        plan = (sample - sample.mean(axis=0)) @ plane_axes(outward).T
-        longest = np.linalg.eigh(plan.T @ plan)[1][:, -1]
-        # Of the two senses that towards the longer tail.
-        first = np.sign((((plan @ longest) ** 3).sum()) or 1.0) * longest @ plane_axes(outward)
-        first = np.cos(0.5) * first + np.sin(0.5) * np.cross(outward, first)
-        axes = np.stack([first, np.cross(outward, first), outward])
+        across = plane_axes(outward)
+        plan = (sample - sample.mean(axis=0)) @ across.T
+        # The senses are those of the longer tails, so that neither the frame nor the side of the normal matters.
+        axes = np.linalg.eigh(plan.T @ plan)[1].T[::-1]
+        axes *= np.where(((plan @ axes.T) ** 3).sum(axis=0) < 0, -1.0, 1.0)[:, None]
+        turn = np.array([[np.cos(0.5), np.sin(0.5)], [-np.sin(0.5), np.cos(0.5)]])
+        axes = np.concatenate([turn @ axes @ across, outward[None]])
         plan = points @ axes[:2].T
         size = np.ptp(plan, axis=0) + 2 * reach
         edge = max(CELL * spacing, float(np.sqrt(size.prod() / MAX_CELLS)))

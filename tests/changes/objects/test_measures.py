@@ -80,8 +80,7 @@ def test_size_and_volume_do_not_depend_on_the_frame(crate):
     found, moved = measured_crate(crate), measured_crate(crate, tilt, shift)
     np.testing.assert_allclose(moved.box.extent, found.box.extent, atol=1e-6)
     np.testing.assert_allclose(moved.box.centre, tilt @ found.box.centre + shift, atol=1e-6)
-    # Cells lie elsewhere where another side is the outer one.
-    assert moved.volume == pytest.approx(found.volume, rel=0.02)
+    assert moved.volume == pytest.approx(found.volume, rel=1e-6)
 
 
 def test_outliers_do_not_enlarge_a_change(crate):
