@@ -44,11 +44,11 @@ def test_what_a_new_object_covers_is_unseen(clouds, pair):
 
 
 def test_a_localised_map_has_a_point_for_a_voxel_and_its_views_see_them(clouds):
-    for cloud in clouds:
+    # Without objects more of the points lie at edges, which errors of the poses hide.
+    for cloud, seen in zip(clouds, (0.94, 0.98), strict=True):
         assert len(np.unique(np.floor(cloud.points / 0.01), axis=0)) > 0.8 * len(cloud.points)
         assert len(cloud.views) == 8
-        # Errors of the poses hide points behind edges of the robot.
-        assert cloud.could_see(cloud).mean() > 0.9
+        assert cloud.could_see(cloud).mean() > seen
 
 
 def test_a_vertex_lies_on_the_thing_of_the_points_around_it(recordings, monkeypatch):
