@@ -40,7 +40,7 @@ class Coverage:
         """The coverage of a cloud, by a part of its points."""
         if not unobserved.any():
             return cls.complete()
-        kept = _thinned(np.arange(len(points)), COVERAGE_POINTS)
+        kept = evenly_chosen(len(points), COVERAGE_POINTS)
         return cls(points[kept], unobserved[kept])
 
 
@@ -93,11 +93,7 @@ def _points_of(
     kinds = {"disappeared": 0, "appeared": 1}
     side = kinds.get(change.kind, int(len(rows.after) > len(rows.before)))
     own, cloud = (rows.after, clouds.after) if side else (rows.before, clouds.before)
-    return side, cloud[_thinned(own, CHANGE_POINTS)] if len(own) else change.mean[None]
-
-
-def _thinned(rows: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " m"]:
-    return rows if len(rows) <= most else rows[evenly_chosen(len(rows), most)]
+    return side, cloud[own[evenly_chosen(len(own), CHANGE_POINTS)]] if len(own) else change.mean[None]
 
 
 def _check(epochs: Pair[int], labels: Pair[Int[np.ndarray, " _"]], clouds: Pair[PointCloud]) -> None:

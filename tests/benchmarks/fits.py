@@ -18,7 +18,7 @@ from gmmjax.clouds import voxel_grid, voxel_size_for
 from gmmjax.mixtures import fit_restarts
 from tests.benchmarks import peers
 from tests.benchmarks.clouds import GAUSSIANS, exact_length, gaussian_cloud, noise_floor
-from tests.benchmarks.harness import Log, Timing, interleaved, options, put, seconds, table, worker
+from tests.benchmarks.harness import Timing, interleaved, seconds, tabulate, worker
 
 MAX_COMPONENTS = 25
 MAX_VOXELS = 4096
@@ -26,12 +26,7 @@ COLUMNS = ("what", "ours", "peer", "peer / ours", "found by ours; by the peer", 
 
 
 def main() -> None:
-    arguments = options(__doc__).parse_args()
-    log, rows = Log(arguments.log), []
-    for name, case in CASES.items():
-        line = log.measure({"case": name, "quick": arguments.quick}, lambda case=case: case(arguments.quick))
-        rows += [[*row, f"{line['load']:.1f}"] for row in line["rows"]]
-    put(arguments.page, "fits", table(COLUMNS, rows))
+    tabulate(__doc__, "fits", COLUMNS, CASES)
 
 
 def one_fit(quick: bool) -> dict[str, Any]:

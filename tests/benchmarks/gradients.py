@@ -17,20 +17,14 @@ from gmmjax.mixtures.expectation_maximisation import maximised, waiting_weights
 from gmmjax.scenes import random_scene
 from tests.benchmarks.clouds import GAUSSIANS, RELATIVE_NOISE_FLOOR, gaussian_cloud, noise_floor
 from tests.benchmarks.fits import MAX_COMPONENTS
-from tests.benchmarks.harness import Log, interleaved, options, put, seconds, table
+from tests.benchmarks.harness import interleaved, seconds, tabulate
 
 COLUMNS = ("what", "this", "beside", "ratio", "load")
 
 
 def main() -> None:
-    arguments = options(__doc__).parse_args()
-    log, rows = Log(arguments.log), []
-    for scene in ("apart", "overlapping"):
-        line = log.measure(
-            {"scene": scene, "quick": arguments.quick}, lambda scene=scene: measured(scene, arguments.quick)
-        )
-        rows += [[*row, f"{line['load']:.1f}"] for row in line["rows"]]
-    put(arguments.page, "gradients", table(COLUMNS, rows))
+    scenes = ("apart", "overlapping")
+    tabulate(__doc__, "gradients", COLUMNS, {scene: functools.partial(measured, scene) for scene in scenes})
 
 
 def measured(scene: str, quick: bool) -> dict[str, Any]:

@@ -7,6 +7,7 @@ log is not measured again. A page has a place for each table, between `<!-- NAME
 import argparse
 import contextlib
 import datetime
+import functools
 import importlib.metadata
 import json
 import os
@@ -194,6 +195,25 @@ def options(description: str | None) -> argparse.ArgumentParser:
     parser.add_argument("--page", type=Path, help="Markdown file with a place for the table; else it is printed")
     parser.add_argument("--quick", action="store_true", help="tiny sizes, to try it")
     return parser
+
+
+def tabulate(
+    description: str | None, name: str, columns: Sequence[str], cases: Mapping[str, Callable[[bool], dict[str, Any]]]
+) -> None:
+    """The table of a script: the rows of each case, whether on a page or printed, with the load that they were made at.
+
+    Args:
+        description: of the script.
+        name: of the table's place in a page.
+        columns: their headings, of which the last one is the load.
+        cases: by name, what measures rows; it is told whether tiny sizes will do.
+    """
+    arguments = options(description).parse_args()
+    log, rows = Log(arguments.log), []
+    for label, case in cases.items():
+        line = log.measure({"case": label, "quick": arguments.quick}, functools.partial(case, arguments.quick))
+        rows += [[*row, f"{line['load']:.1f}"] for row in line["rows"]]
+    put(arguments.page, name, table(columns, rows))
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

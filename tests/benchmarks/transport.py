@@ -14,19 +14,14 @@ from gmmjax import earth_movers_distance
 from gmmjax.comparison import remove_changed
 from tests.benchmarks import peers
 from tests.benchmarks.clouds import changed_mixtures, mixtures
-from tests.benchmarks.harness import Log, interleaved, options, put, seconds, table
+from tests.benchmarks.harness import interleaved, seconds, tabulate
 
 COLUMNS = ("what", "ours", "peer", "peer / ours", "difference", "load")
 EPSILON = 0.1
 
 
 def main() -> None:
-    arguments = options(__doc__).parse_args()
-    log, rows = Log(arguments.log), []
-    for name, case in CASES.items():
-        line = log.measure({"case": name, "quick": arguments.quick}, lambda case=case: case(arguments.quick))
-        rows += [[*row, f"{line['load']:.1f}"] for row in line["rows"]]
-    put(arguments.page, "transport", table(COLUMNS, rows))
+    tabulate(__doc__, "transport", COLUMNS, CASES)
 
 
 def exact(components: int, quick: bool) -> dict[str, Any]:
