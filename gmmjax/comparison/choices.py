@@ -1,4 +1,4 @@
-"""What two clouds are compared for, and by which method and solver."""
+"""Names of the methods and solvers of a comparison."""
 
 from typing import Literal
 

@@ -57,7 +57,7 @@ def compare(
     settings: FitSettings | None = None,
     throw: bool = True,
 ) -> Comparison:
-    r"""What changed between two point clouds, by one random restart: the thesis's method, or one of its successors.
+    r"""Find what changed between two point clouds by one random restart of the thesis's method or of its successors.
 
     On traced arrays, inside `jit`, `vmap`, `grad`, `jvp` or `shard_map`, it is a pure function in the dtype of the
     points, checks shapes only, and failure is a status of the result. On concrete arrays it is a host function: it

@@ -24,7 +24,7 @@ SMALLEST_GAIN = 1e-9
 
 
 class Removals(eqx.Module):
-    """Which Gaussians of the two mixtures were removed.
+    """Gaussians removed from the two mixtures.
 
     Attributes:
         disappeared: the slots that were removed from the before mixture.
@@ -152,7 +152,7 @@ def _kept(
 def _trials(
     kept_before: JaxArray, kept_after: JaxArray, kinds: Kinds, wanted: JaxArray | bool = True
 ) -> tuple[JaxArray, JaxArray, JaxArray]:
-    """What is kept in the trial of each slot of either mixture, and which of them can be removed.
+    """Components kept in the trial of each slot of either mixture, and the mask of the slots that can be removed.
 
     Where there is nothing to remove the trial is an empty problem, which costs nothing to solve.
     """
@@ -176,7 +176,7 @@ def removal_odds(
     kinds: Kinds,
     temperature: Scalar,
 ) -> tuple[Float[JaxArray, " k0"], Float[JaxArray, " k1"]]:
-    r"""How clearly Algorithm 1 removes each component, 0 to 1: its decision as a smooth function.
+    r"""Smooth relaxation of Algorithm 1's decision for each component, 0 to 1.
 
     $\sigma(g_k / T)$, where the gain $g_k$ is by how much the distance is smaller without component k than with it,
     everything else as it was decided. A component without which nothing would be left has 0.

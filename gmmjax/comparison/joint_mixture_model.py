@@ -48,7 +48,7 @@ class SourcedPoints(eqx.Module):
     after: Float[Array, " n"]
 
     def padded(self) -> "SourcedPoints":
-        """The same points, padded on the host as `WeightedPoints.padded`."""
+        """Pad the points on the host, as `WeightedPoints.padded` does."""
         padded = self.points.padded()
         return SourcedPoints(padded, np.pad(self.after, (0, len(padded.mass) - len(self.after))))
 

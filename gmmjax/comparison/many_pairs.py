@@ -30,7 +30,7 @@ SIDE_BY_SIDE = 1024
 
 
 class ComparedPair(NamedTuple):
-    """What was found in one of many pairs.
+    """Result of one of many pairs.
 
     Attributes:
         pair: its place among the pairs.

@@ -1,4 +1,4 @@
-"""Which components of two mixtures changed: the decision of each method (thesis 2.2.4, and its two successors)."""
+"""Changed components of two mixtures: the decision of each method (thesis 2.2.4, and its two successors)."""
 
 import dataclasses
 from typing import get_args
@@ -32,7 +32,7 @@ CHANGED = 0.5
 
 @dataclasses.dataclass(frozen=True)
 class Decision:
-    """How it is decided which components changed.
+    """Parameters of the decision which components changed.
 
     Attributes:
         method: "greedy" for Algorithm 1 of the thesis, "transport" for the points that partial transport leaves
@@ -79,13 +79,13 @@ class Strengths(eqx.Module):
 
     @property
     def in_domain(self) -> Bool[JaxArray, ""]:
-        """Whether all are positive and finite; for traced numbers what `check_strengths` is for others."""
+        """True if all are positive and finite: `check_strengths` for traced numbers."""
         numbers = [jnp.asarray(number) for number in jax.tree.leaves(self)]
         return jnp.all(jnp.asarray([(number > 0) & jnp.isfinite(number) for number in numbers], bool))
 
 
 class MixtureComparison(eqx.Module):
-    """What changed between two mixtures.
+    """Changes between two mixtures.
 
     Attributes:
         changed_before: how much of each component disappeared, 0 to 1; 0 in dead slots.

@@ -1,4 +1,4 @@
-"""What a comparison of two clouds says, and the average of several."""
+"""Result of a comparison of two clouds, and the average of several."""
 
 import equinox as eqx
 import jax
@@ -19,7 +19,7 @@ TRANSPORT_STATUSES: tuple[str, ...] = tuple(TransportStatus._index_to_message)
 
 
 class Comparison(eqx.Module):
-    """What changed between two clouds, by one restart.
+    """Changes between two clouds by one restart.
 
     Where a fit or a transport problem failed (`failed`), all numbers are NaN, as are their derivatives, and nothing
     disappeared or appeared. Derivatives are also NaN where a fit did not come to rest: `fit_before`, `fit_after`.
@@ -61,13 +61,13 @@ class Comparison(eqx.Module):
 
     @property
     def failed(self) -> Bool[Array, "*batch"]:
-        """Whether there is no result, for each of a batch."""
+        """True without a result; one value for each of a batch."""
         unsolved = self.transport != TransportStatus.optimal
         return failed(self.fit_before) | failed(self.fit_after) | unsolved
 
     @property
     def at_rest(self) -> Bool[Array, "*batch"]:
-        """Whether both fits converged: where not, a polished comparison has numbers, and NaN as derivatives."""
+        """True if both fits converged; else a polished comparison has values, and NaN as derivatives."""
         return (self.fit_before == FitStatus.converged) & (self.fit_after == FitStatus.converged)
 
     def why_failed(self) -> str:

@@ -39,7 +39,7 @@ from gmmjax.pair import Pair, each
 
 @dataclasses.dataclass(frozen=True)
 class Program:
-    """What is compiled: everything of a comparison that is no array."""
+    """Static part of a comparison: everything that is not an array."""
 
     decision: Decision
     max_components: int

@@ -19,7 +19,7 @@ MOST_SWEEPS = 2000
 
 
 class Unmatched(eqx.Module):
-    """How much of each Gaussian has no counterpart in the other mixture.
+    """Mass of each Gaussian without a counterpart in the other mixture.
 
     Attributes:
         share_before: share of each Gaussian's mass that disappeared, 0 to 1; 0 in dead slots.

@@ -124,7 +124,7 @@ def _neighbouring(cells: Float[np.ndarray, "c d"]) -> tuple[Int[np.ndarray, "p 2
 
 
 class _Links:
-    """Which cells are one group.
+    """Disjoint sets of cells.
 
     Attributes:
         groups: of each cell the number of its group.
@@ -162,7 +162,7 @@ class _Links:
             pairs = pairs[taken:]
 
     def _near(self, pairs: Int[np.ndarray, "p 2"], counts: Int[np.ndarray, " p"]) -> Bool[np.ndarray, " p"]:
-        """Whether one of the first `counts` points of the first cell is within the radius of one of the second."""
+        """True where one of the first `counts` points of the first cell is within the radius of one of the second."""
         pair = np.repeat(np.arange(len(pairs)), counts)
         nth = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
         own = self._points[self._members[self._starts[pairs[pair, 0]] + nth]]

@@ -103,7 +103,7 @@ class _Resolution(NamedTuple):
 
 
 class Nearest(NamedTuple):
-    """What an image shows in some directions.
+    """Nearest ranges of an image in some directions.
 
     Attributes:
         point: the index of the nearest point in each direction, -1 where there is none.

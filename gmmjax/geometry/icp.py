@@ -17,7 +17,7 @@ from gmmjax.geometry.rigid import rotation_about, transformed
 
 @dataclasses.dataclass(frozen=True)
 class IcpSettings:
-    """How ICP proceeds. A reach is the residual at which a point has a quarter of its weight.
+    """Settings of ICP. A reach is the residual at which a point has a quarter of its weight.
 
     Attributes:
         steps: at most.

@@ -18,7 +18,7 @@ MEAN_NEIGHBOURS = 8
 
 @dataclasses.dataclass(frozen=True)
 class RowSettings:
-    """Where the nearest neighbours of a point are a row, such as a line of a scanner on a floor far away.
+    """Settings for points whose nearest neighbours form a scan line, such as a scanner's on a distant floor.
 
     The plane goes through more of them there, where these are flat and fill what they surround. The values come from
     development on the halls of docs/results.md.
@@ -43,7 +43,7 @@ class RowSettings:
 
 
 class Heights(NamedTuple):
-    """Where places are with respect to planes of a surface, in the unit of its points.
+    """Positions with respect to planes of a surface, in the unit of its points.
 
     Attributes:
         above: distance of each from its plane, signed as its normal.
@@ -136,7 +136,7 @@ class LocalSurface:
         return np.asarray(np.sqrt(2 * np.pi / self.counts[chosen] * spread))
 
     def heights(self, places: Float64[np.ndarray, "m 3"], chosen: Int[np.ndarray, " m"]) -> Heights:
-        """Where places are with respect to the planes of some of the points, one each.
+        """Positions with respect to the planes of some of the points, one each.
 
         Args:
             places: as many as points are chosen.
@@ -147,7 +147,7 @@ class LocalSurface:
         return Heights(above, np.sqrt(np.maximum((apart**2).sum(axis=1) - above**2, 0.0)))
 
     def reach(self, chosen: Int[np.ndarray, " c"]) -> Float64[np.ndarray, " c"]:
-        """How far the planes of some of the points reach from their centres, where they are narrow."""
+        """Extent of the planes of some of the points from their centres, across their narrow direction."""
         # An even disc has a standard deviation of half its radius along each axis.
         return np.asarray(2 * np.sqrt(self.variances[chosen, 1]))
 
@@ -163,7 +163,7 @@ class LocalSurface:
         return np.asarray(np.sqrt(least * middle / at_most))
 
     def in_rows(self, chosen: Int[np.ndarray, " c"], slenderness: float) -> Bool[np.ndarray, " c"]:
-        """Whether the planes of some of the points go through rows, about which they may be turned.
+        """Mask of the points whose planes are of a single scan line, about which their rotation is not determined.
 
         Args:
             chosen: indices of points.
@@ -194,7 +194,7 @@ class LocalSurface:
         return ConvexHull(self.all_means, qhull_options="QJ")
 
     def beyond_hull(self, places: Float64[np.ndarray, "m 3"]) -> Float64[np.ndarray, " m"]:
-        """How far each place is outside of the convex hull of the local means; negative inside."""
+        """Signed distance of each place to the convex hull of the local means; negative inside."""
         return np.asarray((places @ self.hull.equations[:, :3].T + self.hull.equations[:, 3]).max(axis=1))
 
     def moved(self, transform: Float64[np.ndarray, "4 4"]) -> "LocalSurface":
@@ -264,7 +264,7 @@ def _chunks(values: np.ndarray, step: int) -> list[np.ndarray]:
 
 
 def _slender(variances: Float64[np.ndarray, "n 3"], slenderness: float) -> Bool[np.ndarray, " n"]:
-    """Which groups of points with these principal variances are rows."""
+    """Mask of the groups of points whose principal variances are those of a scan line."""
     return np.asarray(variances[:, 1] <= slenderness**2 * variances[:, 2])
 
 

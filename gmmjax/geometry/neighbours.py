@@ -37,7 +37,7 @@ def workers_for(count: int) -> int:
 
 
 def within_reach(tree: cKDTree, points: Float[np.ndarray, "n d"], reach: float) -> Bool[np.ndarray, " n"]:
-    """Which of the points are within a distance of the points of a tree.
+    """Mask of the points within a distance of the points of a tree.
 
     Args:
         tree: of other points.

@@ -43,7 +43,7 @@ class Plane(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class PlaneSettings:
-    """How planes are detected.
+    """Settings of the plane detection.
 
     Attributes:
         least_share: fraction of the points that are inliers of a plane, at least. 0: every few points that are flat

@@ -30,7 +30,7 @@ class UpwardSettings:
 
 
 class Contact(NamedTuple):
-    """Where a thing touches the background.
+    """Contact of an object with the background.
 
     Attributes:
         normals: of the background there, of unit length and either sense.
@@ -42,7 +42,7 @@ class Contact(NamedTuple):
 
 
 def z_is_height(points: Float64[np.ndarray, "n 3"]) -> bool:
-    """Whether z can only be a height: a scan is widest along x and y, and is not what a camera at the origin can see.
+    """True if z can only be a height: a scan is widest along x and y, and is not in view of a camera at the origin.
 
     In the frame of a camera z points away from it: what lies across z is seen from below. Nor is z a height where the
     origin is the centre of the Earth.
@@ -59,7 +59,7 @@ def z_is_height(points: Float64[np.ndarray, "n 3"]) -> bool:
 
 
 def is_geocentric(points: Float64[np.ndarray, "n 3"]) -> bool:
-    """Whether coordinates are from the centre of the Earth, in metres: as far from it as the ground, z far from 0.
+    """True if coordinates are geocentric, in metres: as far from the centre as the ground, z far from 0.
 
     Args:
         points: of a scan, in the frame that they were given in.

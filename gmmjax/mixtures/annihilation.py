@@ -47,7 +47,7 @@ NOT_FINITE = (
 
 
 class FitStatus(eqx.Enumeration):
-    """How a fit ended."""
+    """Outcome of a fit."""
 
     converged: "FitStatus" = "the log likelihood converged"  # type: ignore[assignment]
     step_limit: "FitStatus" = STEP_LIMIT  # type: ignore[assignment]
@@ -57,13 +57,13 @@ class FitStatus(eqx.Enumeration):
 
 
 def failed(result: FitStatus) -> Bool[Array, "..."]:
-    """Whether a fit has no mixture that could be used; for each of a batch."""
+    """True for a fit without a usable mixture; one value for each of a batch."""
     return (result == FitStatus.not_finite) | (result == FitStatus.invalid_input)
 
 
 @dataclasses.dataclass(frozen=True)
 class FitSettings:
-    """How a mixture is fitted.
+    """Settings of a fit.
 
     Attributes:
         min_components: annihilation ends at this number of components.
@@ -212,7 +212,7 @@ def _nan_where(lost: Bool[Array, ""], leaf: JaxArray) -> JaxArray:
 
 
 def is_usable(given: Any, mass: Float[Array, "..."], prior: Prior, parameters: int) -> Bool[Array, ""]:
-    """Whether there is something to fit to: for traced arrays what `checked_points` and `check_prior` are for others.
+    """True if the points and the prior can be fitted: `checked_points` and `check_prior` for traced arrays.
 
     Args:
         given: all that the fit is made of.

@@ -1,4 +1,4 @@
-"""What a mixture is scored by: log likelihood against size (thesis 2.2.2). All are in nats; the lowest wins."""
+"""Information criteria of a mixture: log likelihood against size (thesis 2.2.2), in nats; the lowest wins."""
 
 import math
 from typing import Literal, get_args

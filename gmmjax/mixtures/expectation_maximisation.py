@@ -27,7 +27,7 @@ WAITING_WEIGHT = 0.5
 
 
 class Moments(eqx.Module):
-    """What the points give to each component: mass (2.7), mean (2.9) and covariance (2.10) about that mean.
+    """Moments of the points in each component: mass (2.7), mean (2.9) and covariance (2.10) about that mean.
 
     `noise_mass` is what they give to the uniform component for stray points; None where there is none.
     """

@@ -149,7 +149,7 @@ def _iterated(
 
 
 def _accelerated(own: JaxArray, image: JaxArray, past: _Past, tolerance: float) -> tuple[JaxArray, _Past]:
-    """Where to go on from, and the past with one more evaluation of the map."""
+    """Next iterate, and the history with one more evaluation of the map."""
     residual = image - own
     change = jnp.max(jnp.abs(residual))
     astray = ~(change <= LARGEST_GROWTH * past.least_residual)

@@ -155,7 +155,7 @@ def _mapped_fits(
     restarts: int,
     settings: FitSettings,
 ) -> Fit:
-    """The same fits as `_host_fits`, traced."""
+    """Trace the fits of `_host_fits`."""
 
     def fit_one(count: JaxArray, key: PRNGKeyArray) -> Fit:
         return _fit_fixed(points, key, count, max(components), covariance_type, settings)

@@ -35,7 +35,7 @@ def default_noise_floor(points: Float[np.ndarray, "n d"]) -> float:
 
 
 class _Task(NamedTuple):
-    """What is fitted, in its frame: padded points, prior, and the start that takes the place of random seeds."""
+    """One fit in its frame: padded points, prior, and the start that replaces random seeds."""
 
     points: WeightedPoints
     prior: Prior

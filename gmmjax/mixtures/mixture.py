@@ -57,7 +57,7 @@ class GaussianMixture(eqx.Module):
 
     @property
     def count(self) -> Int[Array, "..."]:
-        """How many components are live: the K of the papers. Of a batch of mixtures, each one's."""
+        """Number of live components, the K of the papers; one value for each mixture of a batch."""
         return jnp.sum(self.live, axis=-1)
 
     def number_of_parameters(self, covariance_type: CovarianceType = "full") -> Int[Array, "..."]:

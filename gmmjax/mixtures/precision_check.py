@@ -1,4 +1,4 @@
-"""Whether a fit in single precision can be trusted: its score computed again in double precision."""
+"""Check of a fit in single precision: its score computed again in double precision."""
 
 import equinox as eqx
 import jax

@@ -1,4 +1,4 @@
-"""What is believed of a mixture before the points are seen."""
+"""Prior of a mixture: Dirichlet weights and inverse Wishart covariances."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -93,7 +93,7 @@ class Prior(eqx.Module):
         return (mass + expected) / (mass + of_components + self.noise_strength)
 
     def rescaled(self, scale: Scalar, shift: Float[Array, " d"] | float = 0.0) -> "Prior":
-        """The same belief for the points `scale * x + shift`."""
+        """Prior for the points `scale * x + shift`."""
         return Prior(
             concentration=self.concentration,
             noise_floor=self.noise_floor * scale,
@@ -108,7 +108,7 @@ class Prior(eqx.Module):
 
     @property
     def in_domain(self) -> Bool[Array, ""]:
-        """Whether no number is negative that must not be; for traced priors what `check_prior` is for others."""
+        """True if no strength is negative: `check_prior` for traced priors."""
         shares = () if self.noise_share is None else (self.noise_share, 1 - self.noise_share)
         numbers = (*(getattr(self, name) for name in NOT_NEGATIVE), *shares)
         return jnp.all(jnp.stack([jnp.asarray(number) >= 0 for number in numbers]))

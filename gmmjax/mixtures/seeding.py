@@ -1,4 +1,4 @@
-"""Where a fit starts: distinct points as means, one spherical covariance."""
+"""Start of a fit: distinct points as means, one spherical covariance."""
 
 import jax
 import jax.numpy as jnp

@@ -23,7 +23,7 @@ class WeightedPoints(eqx.Module):
     scatter: Float[Array, "n d d"] | None = None
 
     def padded(self) -> "WeightedPoints":
-        """The same points, padded on the host with mass 0 to the next of the `bucket` sizes: few shapes compile."""
+        """Pad the points on the host with mass 0 to the next of the `bucket` sizes, so that few shapes compile."""
         padding = bucket(len(self.mass)) - len(self.mass)
         # Padding repeats the first point, so that it lies within the data's range whatever the offset.
         rows = np.concatenate([np.arange(len(self.mass)), np.zeros(padding, int)])

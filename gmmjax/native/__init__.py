@@ -23,7 +23,7 @@ _registering = threading.Lock()
 
 
 def available() -> bool:
-    """Whether the kernels were built, fit this jaxlib, and are not switched off."""
+    """True if the kernels were built, fit this jaxlib, and are not switched off."""
     # Fits are traced by several threads at once, and handlers are registered once.
     with _registering:
         return _registered()
@@ -56,7 +56,7 @@ def _registered() -> bool:
 
 
 def used() -> bool:
-    """Whether the kernels do the work wherever there is one: they are available, and there is no device but the CPU."""
+    """True if the kernels are used: they are available, and there is no device but the CPU."""
     return available() and jax.default_backend() == "cpu"
 
 

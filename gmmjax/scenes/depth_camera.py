@@ -76,7 +76,7 @@ class DepthCamera:
         return self.points(pose, measured), labels[np.isfinite(measured)]
 
     def points(self, pose: Float[np.ndarray, "4 4"], ranges: Float[np.ndarray, " n"]) -> Float[np.ndarray, "m 3"]:
-        """Where the rays of the pixels end from a pose, in the world, but for those without a range (NaN)."""
+        """End points in the world of the pixels' rays from a pose, without those that have no range (NaN)."""
         returned = np.isfinite(ranges)
         directions = self.directions() @ pose[:3, :3].T
         return np.asarray(pose[:3, 3] + directions[returned] * ranges[returned, None])

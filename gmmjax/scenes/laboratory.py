@@ -200,7 +200,7 @@ def _room(random: np.random.Generator, open_front: bool) -> tuple[list[Solid], S
 
 
 def _stands(random: np.random.Generator, survey: SurveyKind) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Where the camera stands and what it looks at.
+    """Positions of the camera, and the points that it looks at.
 
     Of a survey every fourth frame is a panorama's, outward from near the middle, and the others look inward from a
     rectangular path along the walls (thesis 3.1.2).
@@ -223,7 +223,7 @@ def _stands(random: np.random.Generator, survey: SurveyKind) -> list[tuple[np.nd
 
 
 def _lost_frames(random: np.random.Generator) -> Pair[frozenset[int]]:
-    """Of either survey one run of frames, and no frame in both."""
+    """Draw one run of lost frames for each survey, without a frame in common."""
     lost = int(LOST_FRAMES * FRAMES)
     first = int(random.integers(FRAMES))
     second = first + int(random.integers(lost, FRAMES - lost + 1))

@@ -16,7 +16,7 @@ WIDEST_VERTICAL = 179.0
 
 @dataclasses.dataclass(frozen=True)
 class Beam:
-    """How a laser measures ranges.
+    """Range measurement of a laser.
 
     Attributes:
         noise: standard deviation along the ray, metres.
@@ -68,7 +68,7 @@ class Beam:
 
 @dataclasses.dataclass(frozen=True)
 class LaserScanner:
-    """What measures the rays of its own directions once from each pose.
+    """Scanner that measures its own set of directions once from each pose.
 
     Attributes:
         beam: how it measures.

@@ -24,7 +24,7 @@ LEAST_DIFFERENCE = 0.03
 def placed_objects(
     random: np.random.Generator, room: Sequence[Solid], shelf: Solid, appeared: int, disappeared: int, moved: int
 ) -> tuple[list[tuple[StandingObject, StandingObject]], list[StandingObject]]:
-    """What is there before and after of each change, and objects that stay; none in the place of another.
+    """Place the objects before and after each change, and those that stay, none where another one stands.
 
     The changes are those that disappear, those that appear, and those that move.
     """
@@ -65,7 +65,7 @@ def _object(random: np.random.Generator) -> StandingObject:
 
 
 def _alike(parts: StandingObject, other: StandingObject) -> bool:
-    """Whether two objects that stand at the origin have nearly the same sides, on whichever of them they stand."""
+    """True if two objects at the origin have nearly the same side lengths, on whichever side they stand."""
     sizes = [np.sort([*each[0].extent[:2], sum(part.extent[2] for part in each)]) for each in (parts, other)]
     return bool(np.abs(sizes[0] - sizes[1]).max() < LEAST_DIFFERENCE)
 
@@ -130,7 +130,7 @@ def _on_shelf(
 
 
 def _touches(part: Solid, solid: Solid) -> bool:
-    """Whether an upright object comes within 2 cm of a solid along the axes of the room: by their bounding boxes."""
+    """True if the bounding boxes of an upright object and a solid are less than 2 cm apart along the axes of the room."""
     reach = np.abs(part.rotation) @ part.extent / 2
     if part.round:
         reach = part.extent / 2

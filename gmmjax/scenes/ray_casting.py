@@ -50,7 +50,7 @@ class Solid:
         return dataclasses.replace(self, centre=centre, axes=motion[:3, :3] @ self.rotation)
 
     def contains(self, points: Float[np.ndarray, "n 3"], margin: float = 0.0) -> Bool[np.ndarray, " n"]:
-        """Which points lie inside, or outside by no more than the margin on each axis."""
+        """Mask of the points inside, or outside by no more than the margin on each axis."""
         own = (points - self.centre) @ self.rotation
         half = self.extent / 2 + margin
         if self.round:
@@ -58,7 +58,7 @@ class Solid:
         return np.asarray((np.abs(own) <= half).all(axis=1))
 
     def ranges(self, origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-        """How far along each ray, of unit direction, it is hit from outside; inf where it is not."""
+        """Range at which each ray, of unit direction, hits it from outside; inf where it misses."""
         start, along = (origin - self.centre) @ self.rotation, directions @ self.rotation
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.hits(start, along)
@@ -110,7 +110,7 @@ def behind_edges(image: Float[np.ndarray, "rows columns"], jump: float) -> Float
 def through_box(
     start: Float[np.ndarray, "3"], along: Float[np.ndarray, "n 3"], half: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Where each ray enters a box about the origin and where it leaves it; a ray that misses it leaves first."""
+    """Ranges at which each ray enters and leaves a box about the origin; a ray that misses leaves before it enters."""
     first, second = (-half - start) / along, (half - start) / along
     return np.nanmax(np.minimum(first, second), axis=1), np.nanmin(np.maximum(first, second), axis=1)
 

@@ -37,7 +37,7 @@ _BAGS = ((0.5, 0.42, 0.25), (0.42, 0.25, 0.24), (0.3, 0.25, 0.2))
 
 @dataclasses.dataclass(frozen=True)
 class RearrangementSettings:
-    """How a place is surveyed. Lengths are in metres, angles in degrees.
+    """Settings of a survey of one place. Lengths are in metres, angles in degrees.
 
     Attributes:
         frames: of each survey.
@@ -165,7 +165,7 @@ class _Layout:
         return moved(thing, old), moved(thing, new)
 
     def changed_in_place(self, motion: InPlace) -> list[_Change]:
-        """What was turned, shifted or replaced in its place, a panel on a hinge, or a drawer with its front."""
+        """Objects rotated, shifted or replaced in place, a panel on a hinge, or a drawer with its front."""
         random = self._random
         if motion == "replaced":
             pose = self.pose()
@@ -210,7 +210,7 @@ class _Layout:
         return front, block((wide - 0.08, deep - 0.02, high / 2 - 0.05), (0.0, 0.02, 0.07))
 
     def poses(self, frames: int) -> Float[np.ndarray, "v 4 4"]:
-        """Where the camera stands, around the place, looking across it."""
+        """Poses of the camera around the place, looking across it."""
         random = self._random
         start, poses = random.uniform(0, 2 * np.pi), []
         for index in range(frames):

@@ -1,4 +1,4 @@
-"""What one survey of a scene records: where points seem to be, where they really are, what they belong to."""
+"""Recording of one survey of a scene: measured and true positions of points, and the solids that they belong to."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from gmmjax.scenes.rigid_motions import small_motion
 
 @dataclasses.dataclass(frozen=True)
 class PoseErrors:
-    """How far the believed poses of a survey are off the true ones.
+    """Errors of the stated poses of a survey.
 
     Attributes:
         jitter: standard deviation of the translation of each pose on its own, metres.
@@ -91,7 +91,7 @@ class Recording:
     def saw(
         self, places: Float[np.ndarray, "m 3"], solids: Sequence[Solid], hidden_by: float
     ) -> Bool[np.ndarray, " m"]:
-        """Which places `seen` calls observed from where the sensor stood, among the solids of its time."""
+        """Mask of the places that `seen` calls observed from the sensor's poses, among the solids of its survey."""
         return seen(places, solids, self.stands, hidden_by=hidden_by, least_elevation=self.least_elevation)
 
 
@@ -103,7 +103,7 @@ def seen(
     hidden_by: float = 0.03,
     least_elevation: float = -90.0,
 ) -> Bool[np.ndarray, " n"]:
-    """Which points lie in the free space or on the surfaces that a survey observes.
+    """Mask of the points in the free space, or on the surfaces, that a survey observes.
 
     Args:
         points: in the world, metres.

@@ -15,7 +15,7 @@ class Ellipsoid(Solid):
     """An ellipsoid that fills its extent."""
 
     def contains(self, points: Float[np.ndarray, "n 3"], margin: float = 0.0) -> Bool[np.ndarray, " n"]:
-        """Which points lie inside, or outside by no more than the margin on each axis."""
+        """Mask of the points inside, or outside by no more than the margin on each axis."""
         own = (points - self.centre) @ self.rotation / (self.extent / 2 + margin)
         return np.asarray((own**2).sum(axis=1) <= 1)
 
@@ -95,7 +95,7 @@ class Ground(Solid):
         return np.asarray(map_coordinates(self.heights, nodes.T, order=1, mode="nearest"))
 
     def contains(self, points: Float[np.ndarray, "n 3"], margin: float = 0.0) -> Bool[np.ndarray, " n"]:
-        """Which points lie in the ground, or above it by no more than the margin."""
+        """Mask of the points in the ground, or above it by no more than the margin."""
         own = (points - self.centre) @ self.rotation
         inside = (np.abs(own) <= self.extent / 2 + margin).all(axis=1)
         return np.asarray(inside & (own[:, 2] <= self.height_at(own[:, :2]) + margin))
@@ -122,7 +122,7 @@ class Ground(Solid):
         return found
 
     def _crossing(self, start: np.ndarray, along: np.ndarray, above: np.ndarray, below: np.ndarray) -> np.ndarray:
-        """Where rays cross the ground between two ranges: halved five times, then linear."""
+        """Find where rays cross the ground between two ranges: five bisections, then linear interpolation."""
         for _ in range(5):
             middle = (above + below) / 2
             over = self._above(start, along, middle) > 0
@@ -167,7 +167,7 @@ class Revolved(Solid):
 
 
 def _through_ellipsoid(start: np.ndarray, along: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where each ray enters and leaves an ellipsoid about the origin; NaN where it misses."""
+    """Ranges at which each ray enters and leaves an ellipsoid about the origin; NaN where it misses."""
     origin, direction = start / half, along / half
     quadratic, linear = (direction**2).sum(axis=1), direction @ origin
     discriminant = linear**2 - quadratic * (origin @ origin - 1)
@@ -190,7 +190,7 @@ def _random_of(along: np.ndarray) -> np.ndarray:
 
 
 def _annuli(start: np.ndarray, along: np.ndarray, inner: np.ndarray, outer: np.ndarray) -> np.ndarray:
-    """Where rays cross the flat rings of the profile."""
+    """Ranges at which rays cross the flat rings of the profile."""
     ranges = (inner[:, 1] - start[2]) / along[:, 2:]
     radius = np.hypot(*(start[axis] + ranges * along[:, axis, None] for axis in (0, 1)))
     least, most = np.minimum(inner[:, 0], outer[:, 0]), np.maximum(inner[:, 0], outer[:, 0])
@@ -199,7 +199,7 @@ def _annuli(start: np.ndarray, along: np.ndarray, inner: np.ndarray, outer: np.n
 
 
 def _cones(start: np.ndarray, along: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Where rays cross the conical rings: x^2 + y^2 = r(z)^2 with the radius linear in the height."""
+    """Ranges at which rays cross the conical rings: x^2 + y^2 = r(z)^2 with the radius linear in the height."""
     slope = (upper[:, 0] - lower[:, 0]) / (upper[:, 1] - lower[:, 1])
     radius = lower[:, 0] + slope * (start[2] - lower[:, 1])
     growth = slope * along[:, 2:]

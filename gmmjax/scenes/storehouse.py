@@ -25,7 +25,7 @@ _Place: TypeAlias = tuple[float, float, float]
 
 @dataclasses.dataclass(frozen=True)
 class StorehouseSettings:
-    """How the storehouse is surveyed.
+    """Settings of the storehouse's survey.
 
     Attributes:
         points: about how many each cloud has; those of all stations are fused in voxels to so many.
@@ -93,7 +93,7 @@ def _recorded(
     random: np.random.Generator,
     settings: StorehouseSettings,
 ) -> Recording:
-    """What the scanner records of one side; the labels are the places of the solids in the sequence."""
+    """Record one side; the labels are the indices of the solids."""
     solids = [dataclasses.replace(solid, label=index) for index, (solid, _) in enumerate(side)]
     scanner = TripodScanner(Beam(noise=0.003, max_range=25.0), settings.rays, lowest=-65.0, highest=60.0)
     return scanner.recording(solids, stations, random, PoseErrors(0.002, 0.01)).fused_to(settings.points)

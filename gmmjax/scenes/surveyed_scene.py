@@ -48,7 +48,7 @@ class SurveyedScene:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Frame:
-    """How the clouds' coordinates lie to the scene's true ones.
+    """Transform from the scene's true coordinates to those of the clouds.
 
     Attributes:
         misregistration: of the after cloud and its views, in true coordinates; metres.
@@ -152,7 +152,7 @@ def _unseen(
     covers: Sequence[Solid],
     hidden_by: float,
 ) -> Bool[np.ndarray, " n"]:
-    """Which places of a recording the other one could not see."""
+    """Mask of the points of a recording that the other survey could not observe."""
     unseen = ~other.saw(own.places, solids, hidden_by)
     covered = np.flatnonzero(unseen & (truth != own.labels))
     if len(covered):
@@ -187,7 +187,7 @@ def _kinds(solids: Pair[Sequence[Solid]]) -> tuple[str, ...]:
 
 
 def _true_motions(solids: Pair[Sequence[Solid]], kinds: tuple[str, ...]) -> dict[int, np.ndarray]:
-    """Of each object that moved, by the poses of its first solid."""
+    """True motion of each moved object, by the poses of its first solid."""
     motions = {}
     for number in (number for number, kind in enumerate(kinds) if kind == "moved"):
         poses = [next(solid.pose() for solid in side if solid.label == number) for side in solids]

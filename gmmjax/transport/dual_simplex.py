@@ -40,7 +40,7 @@ class Tree(eqx.Module):
 
 
 class Iterate(eqx.Module):
-    """What a pivot changes."""
+    """State that a pivot changes."""
 
     tree: Tree
     row_potentials: Float[Array, "rows lanes"]
@@ -85,7 +85,7 @@ def _any_bit(words: list[Array]) -> Bool[Array, "..."]:
 
 
 def _contains(cuts: tuple[Array, ...], node: Int[Array, " lanes"]) -> Bool[Array, "arcs lanes"]:
-    """Whether each cut contains the node; no cut contains the root, whose bit is never set."""
+    """Mask of the cuts that contain the node; no cut contains the root, whose bit is never set."""
     bit = jnp.uint32(1) << (node % _WORD).astype(jnp.uint32)
     return _any_bit([cut & jnp.where(node // _WORD == word, bit, jnp.uint32(0))[None] for word, cut in enumerate(cuts)])
 

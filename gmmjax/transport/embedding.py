@@ -1,4 +1,4 @@
-"""What the solvers share: checked input, and unequal totals as a balanced problem (2.21)."""
+"""Shared parts of the solvers: checked input, and unequal totals as a balanced problem (2.21)."""
 
 import equinox as eqx
 import jax
@@ -32,7 +32,7 @@ class Problem(eqx.Module):
     def status(
         self, succeeded: Bool[Array, ""], failure: TransportStatus, *, needs_mass: bool = True
     ) -> TransportStatus:
-        """What to report of a solver that succeeded or else met `failure`."""
+        """Status of a solver that succeeded, or else met `failure`."""
         solved = TransportStatus.where(succeeded, TransportStatus.optimal, failure)
         if needs_mass:
             solved = TransportStatus.where(self.flow > 0, solved, TransportStatus.no_mass)

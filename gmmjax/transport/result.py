@@ -1,4 +1,4 @@
-"""What every transport solver returns."""
+"""Result of every transport solver."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from gmmjax._typing import Array
 
 
 class TransportStatus(eqx.Enumeration):
-    """How a transport problem ended, one for each problem of a batch."""
+    """Outcome of a transport problem, one for each problem of a batch."""
 
     optimal: "TransportStatus" = "The plan is optimal."  # type: ignore[assignment]
     pivot_limit: "TransportStatus" = "The pivot limit was reached before the optimum: allow more pivots."  # type: ignore[assignment]

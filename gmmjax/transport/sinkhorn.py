@@ -148,7 +148,7 @@ def _row_scaling(scaled: _Scaled, scaling: Float[Array, " columns"]) -> Float[Ar
 
 
 def _row_shares(scaled: _Scaled, scaling: Float[Array, " columns"]) -> Float[Array, "rows columns"]:
-    """Where each row's mass goes; of a dead row, where its first mass would."""
+    """Shares of each row's mass by column; for a dead row, those that its first mass would have."""
     return jax.nn.softmax(_log_joint(scaled, scaling), axis=1)
 
 
@@ -220,7 +220,7 @@ def _transitions(scaled: _Scaled, scaling: Float[Array, " columns"]) -> Float[Ar
 
 
 def _column_shares(scaled: _Scaled, scaling: Float[Array, " columns"]) -> Float[Array, "rows columns"]:
-    """Where each column's mass is from; of a dead column, where its first mass would be from."""
+    """Shares of each column's mass by row; for a dead column, those that its first mass would have."""
     return jax.nn.softmax(_columns_log_joint(scaled, scaling), axis=0)
 
 

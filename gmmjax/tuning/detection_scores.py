@@ -1,4 +1,4 @@
-"""What `detect_changes` makes of tuned settings: it has the last word on whether they are kept."""
+"""Scores of `detect_changes` with tuned settings, which decide whether they are kept."""
 
 from collections.abc import Callable, Sequence
 
@@ -32,7 +32,7 @@ def detection_scores(
 
 
 def gained(before: Scores, after: Scores) -> tuple[bool, bool]:
-    """Whether no less is found by the tuned settings, and whether more is.
+    """True if the tuned settings find more, and nowhere less.
 
     What counts are segment and point F1; where nothing changed in any pair, the number of false segments.
 

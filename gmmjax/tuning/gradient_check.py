@@ -32,7 +32,7 @@ class EntryCheck:
 
     @property
     def error(self) -> float:
-        """How far apart the two are, relative to the larger; NaN where one of them is."""
+        """Difference of the two, relative to the larger; NaN where one of them is."""
         largest = max(abs(self.gradient), abs(self.difference))
         return abs(self.gradient - self.difference) / largest if largest != 0 else 0.0
 

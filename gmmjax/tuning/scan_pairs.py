@@ -62,7 +62,7 @@ class ScanPair:
 
     @property
     def labelled(self) -> bool:
-        """Whether the truth is known, of both clouds."""
+        """True if the truth of both clouds is known."""
         return self.truth_before is not None and self.truth_after is not None
 
 
@@ -92,7 +92,7 @@ def point_count(cloud: ArrayLike | PointCloud) -> int:
 
 
 def on_surfaces(pair: ScanPair, config: DetectionConfig) -> bool:
-    """Whether the clouds lie on surfaces, where the verdict decides, and do not fill volumes.
+    """True if the clouds are samples of surfaces, where the verdict decides, not of volumes.
 
     Raises:
         InputError: clouds that cannot be compared; it names the pair.
@@ -181,7 +181,7 @@ def ready_pair(pair: ScanPair, config: DetectionConfig, max_points: int, seed: i
 
 
 class _Known(NamedTuple):
-    """What is known of each point of a cloud: its truth, and whether it is ignored; None: not known."""
+    """Truth of each point of a cloud, and the mask of those ignored; None where unknown."""
 
     truth: Int[np.ndarray, " n"] | None
     ignored: Bool[np.ndarray, " n"] | None
@@ -207,7 +207,7 @@ def _checked(pair: ScanPair, config: DetectionConfig) -> tuple[Pair[CheckedCloud
 
 
 def _rows(name: str, values: np.ndarray | None, cloud: CheckedCloud, kinds: str) -> np.ndarray | None:
-    """What is known of the points that are used."""
+    """Select the truth of the points that are used."""
     if values is None:
         return None
     values = np.asarray(values)

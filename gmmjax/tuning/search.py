@@ -32,7 +32,7 @@ REACH = np.log(2.0) * np.arange(1, 4)
 
 
 class TuningState(NamedTuple):
-    """Where tuning stands after some steps; arrays alone, so that it can be stored and taken up again.
+    """State of a tuning after some steps; arrays alone, so that it can be stored and resumed.
 
     Attributes:
         free: the settings of each start, as free numbers.
@@ -53,7 +53,7 @@ class TuningState(NamedTuple):
 
     @property
     def steps(self) -> int:
-        """How many steps were taken."""
+        """Number of steps taken."""
         return len(self.losses) - 1
 
 
@@ -240,7 +240,7 @@ def least(losses: np.ndarray) -> tuple[int, int]:
 
 
 def described(state: TuningState, names: tuple[str, ...], loss: Loss) -> str:
-    """Where a tuning stands, in a line."""
+    """Describe the state of a tuning in one line."""
     step, start = least(state.losses[..., ALL])
     values = ", ".join(f"{name} {value:.3g}" for name, value in zip(names, state.values[step, start], strict=True))
     losses = f"{state.losses[step, start, ALL]:.4g} (was {state.baseline[ALL]:.4g})"

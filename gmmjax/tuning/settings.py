@@ -1,4 +1,4 @@
-"""How settings are tuned: one frozen record with documented defaults."""
+"""Settings of the tuning: one frozen record with documented defaults."""
 
 import dataclasses
 from typing import Literal, get_args
@@ -13,7 +13,7 @@ LossChoice = Literal["auto", "f1", "brier", "log", "likelihood"]
 
 @dataclasses.dataclass(frozen=True)
 class TuningSettings:
-    """How settings are tuned.
+    """Settings of the tuning.
 
     Attributes:
         parameters: what is tuned: "verdict", by which a difference between scans is a change, alone; or settings of the

@@ -1,4 +1,4 @@
-"""Which pairs are trained on, and which are held back."""
+"""Split of the pairs into those trained on and those held out."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -67,7 +67,7 @@ def _changed(pair: ScanPair) -> bool:
 
 
 def _split(changed: Sequence[bool], settings: TuningSettings) -> tuple[list[int], list[int]]:
-    """Which pairs are trained on and which are held back: the same share of those with changes and of those without."""
+    """Split into training and held-out pairs: the same share of those with changes and of those without."""
     generator = np.random.default_rng(settings.seed)
     kinds = [np.flatnonzero(np.asarray(changed) == kind) for kind in (True, False)]
     # In an order in which every stretch has its share of both kinds.

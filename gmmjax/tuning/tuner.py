@@ -154,7 +154,7 @@ def tune(
 
 
 def _of_verdict(pairs: Sequence[ScanPair], config: DetectionConfig, settings: TuningSettings) -> bool:
-    """Whether the verdict is tuned."""
+    """True if the verdict is tuned."""
     if settings.parameters is not None:
         check_parameters(settings.parameters, config)
         return VERDICT in settings.parameters

@@ -26,7 +26,7 @@ from gmmjax.tuning.verdict_fit import WeightedRows, padded_rows, tuned_verdict
 
 
 class VerdictState(NamedTuple):
-    """Where tuning of the verdict stands.
+    """State of the verdict's tuning.
 
     Attributes:
         measured: of each pair that is done the candidates: those whose other survey has no views, and those whose other
@@ -38,7 +38,7 @@ class VerdictState(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class VerdictCourse:
-    """How one verdict was tuned: that without poses, or that with them.
+    """Course of the tuning of one verdict: that without poses, or that with them.
 
     Attributes:
         candidates: number of candidates of all pairs.
@@ -78,7 +78,7 @@ class VerdictCourse:
         return self.draws.index(self.draw)
 
     def moved_weights(self) -> list[tuple[str, float, float]]:
-        """Of each fact its name and its mean slope for a change before and after, those first that moved most."""
+        """Name of each fact with its mean slope for a change before and after tuning, largest difference first."""
         before, after = (np.reshape(own.weights[0], (2, -1)).mean(axis=0) for own in (self.start, self.tuned))
         order = np.argsort(-np.abs(after - before), kind="stable")
         return [(self.start.names[place], float(before[place]), float(after[place])) for place in order]
@@ -134,7 +134,7 @@ class VerdictResult:
 
     @property
     def made(self) -> dict[str, Any]:
-        """How the verdicts were made, for their file."""
+        """Provenance of the verdicts, for their file."""
         draws = {name: _plain(course.draw) for name, course in self.courses.items()}
         return {"tuned_from": self.config.verdict or "shipped", "pairs": list(self.pairs), "draws": draws}
 
@@ -247,7 +247,7 @@ def _scans(pair: ScanPair) -> Pair[Scan]:
 
 
 def _truths(pair: ScanPair) -> Pair[PointTruth]:
-    """What is known of the points. Places that the other survey could not see are judged: the verdict can say so."""
+    """Truth of the points. Places that the other survey could not observe are judged too: the verdict can say so."""
 
     def of_cloud(
         name: str, cloud: Any, truth: np.ndarray | None, ignored: np.ndarray | None, unseen: np.ndarray | None
@@ -364,7 +364,7 @@ def _best(losses: Float[np.ndarray, "d n"], of_pair: Int[np.ndarray, " n"]) -> i
 
 
 def _clearly_corrected(gains: Int[np.ndarray, " n"], of_pair: Int[np.ndarray, " n"], settings: TuningSettings) -> bool:
-    """Whether more candidates are judged rightly than before, by more than chance.
+    """True if more candidates are classified correctly than before, by more than chance.
 
     A log score does not tell: it falls where a verdict that is right already becomes surer, which needs no tuning.
 

@@ -46,7 +46,7 @@ def _stations(
 
 
 def _free_place(random: np.random.Generator, room: Interior) -> np.ndarray:
-    """Where a tripod fits on a floor; it keeps the place."""
+    """Reserve a place on a floor where a tripod fits."""
     reach = np.array(room.floor.size) / 2 - 0.4
     spot = np.zeros(2)
     for _ in range(50):

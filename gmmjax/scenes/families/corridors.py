@@ -43,7 +43,7 @@ def corridors(random: np.random.Generator) -> SurveyedScene:
 
 
 def _lidars(random: np.random.Generator) -> Pair[SpinningLidar]:
-    """The same make in both surveys, but for its noise."""
+    """The lidars of both surveys: one model, each with its own noise."""
     rings = int(random.choice([16, 32, 64], p=[0.5, 0.3, 0.2]))
     vertical, reach = random.uniform(30, 100), random.uniform(8, 30)
     lidars = []

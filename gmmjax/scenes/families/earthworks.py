@@ -65,7 +65,7 @@ _DEPTHS = {"trench": (0.3, 1.5), "pit": (0.3, 3.0), "gully": (0.1, 1.0), "heap":
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Shape:
-    """What is dug or heaped up; the numbers are those of the branches of `at`."""
+    """Shape that is dug or heaped up; the numbers are those of the branches of `at`."""
 
     kind: str
     size: Float[np.ndarray, "2"]
@@ -215,7 +215,7 @@ def _lowered(uncut: Ground, dug: Sequence[_Earth]) -> Ground:
 
 
 def _patch(ground: Ground, uncut: Ground, earth: _Earth) -> Ground:
-    """What lies on the ground while the earth is there; below the ground where it is thin."""
+    """Heaped earth on the ground; below the ground where it is thin."""
     nodes = 81
     steps = np.linspace(-earth.half, earth.half, nodes)
     places = earth.middle + grid(steps, steps)

@@ -69,7 +69,7 @@ def depots(random: np.random.Generator, surveys: TripodSurveys = _DEPOT_SURVEYS)
 
 
 def _station_places(random: np.random.Generator, floor: Support) -> Pair[list[Float[np.ndarray, "2"]]]:
-    """Where the scanner stands in either survey: some stations are shared, nearly; nothing stands in their way."""
+    """Stations of the scanner in each survey: some are nearly the same in both, and no object stands on them."""
     spread = np.array(floor.size) * 0.35
     shared = [random.uniform(-spread, spread) for _ in range(int(random.integers(0, 3)))]
     own = Pair(*(int(random.integers(0 if shared else 1, 2)) for _ in range(2)))

@@ -17,7 +17,7 @@ from gmmjax.scenes.surveyed_scene import Frame, SurveyedScene, surveyed_scene
 
 @dataclasses.dataclass(frozen=True)
 class TripodSurveys:
-    """How two surveys from tripods are drawn.
+    """Random parameters of two surveys from tripods.
 
     Attributes:
         rays: between how many a survey has, from all of its stations together. The more there are, the more of them end
@@ -120,7 +120,7 @@ def level_poses(
 
 @dataclasses.dataclass(frozen=True)
 class Flight:
-    """How an area about the origin is flown over.
+    """Flight lines over an area about the origin.
 
     Attributes:
         edge: length of the area's edges, metres.

@@ -51,7 +51,7 @@ class Support:
         return None
 
     def free(self, spot: Float[np.ndarray, "2"], radius: float, clearance: float = 0.0) -> bool:
-        """Whether nothing stands in a circle, in the rectangle's coordinates."""
+        """True if no object stands in a circle, in the rectangle's coordinates."""
         gap = self.gap + clearance
         return all(np.linalg.norm(spot - other) > radius + reach + gap for other, reach in self.taken)
 
@@ -147,14 +147,14 @@ def displaced(
 
 @dataclasses.dataclass(frozen=True)
 class Turnover:
-    """How many things come, go and move at most in a scene; in a third of the scenes nothing does."""
+    """Largest numbers of objects that appear, disappear and move in a scene; in a third of the scenes nothing changes."""
 
     appeared: int = 3
     disappeared: int = 3
     moved: int = 2
 
     def drawn(self, random: np.random.Generator) -> tuple[int, int, int]:
-        """How many things come, go and move in one scene."""
+        """Draw the numbers of objects that appear, disappear and move in one scene."""
         if random.random() < 1 / 3:
             return 0, 0, 0
         while True:

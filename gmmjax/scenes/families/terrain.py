@@ -87,7 +87,7 @@ def _rolled(random: np.random.Generator, ground: Ground, place: np.ndarray) -> F
 
 
 def _patch(random: np.random.Generator, ground: Ground, free: Support) -> Ground | None:
-    """What lies on the ground about a free place: thickest in the middle, below the ground outside."""
+    """Deposit on the ground about a free place: thickest in the middle, below the ground outside."""
     edge = float(ground.extent[0])
     radius = random.uniform([0.03, 0.03], [0.12, 0.12]) * edge
     pose = free.pose(random, (pillar(2 * radius.max(), 1.0),))

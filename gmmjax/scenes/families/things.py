@@ -56,12 +56,12 @@ def footprint(thing: StandingObject) -> float:
 
 
 def height(thing: StandingObject) -> float:
-    """Of the thing's top above its base, metres."""
+    """Height of the object's top above its base, metres."""
     return max(float(solid.centre[2] + (np.abs(solid.rotation) @ solid.extent)[2] / 2) for solid in thing)
 
 
 def chance(random: np.random.Generator, probability: float) -> bool:
-    """Whether something of this probability happens."""
+    """Draw True with this probability."""
     return bool(random.random() < probability)
 
 

@@ -110,7 +110,7 @@ def _about_x(angle: float) -> np.ndarray:
 
 
 def _extension(random: np.random.Generator, house: tuple[np.ndarray, np.ndarray]) -> StandingObject:
-    """What is built onto a house, at one of its long sides."""
+    """Extension of a house at one of its long sides."""
     pose, extent = house
     size = random.uniform([3.0, 2.5, 2.4], [6.0, 5.0, 3.5])
     side = float(random.choice([-1.0, 1.0]))
@@ -141,7 +141,7 @@ def _on_side(place: tuple[float, float, float]) -> Float[np.ndarray, "4 4"]:
 
 
 def _container(random: np.random.Generator) -> StandingObject:
-    """Of 20 feet, or a skip."""
+    """Container of 20 feet, or a skip."""
     extent = np.array([6.06, 2.44, 2.6]) if chance(random, 0.6) else random.uniform([3.0, 1.6, 1.1], [4.5, 2.0, 1.8])
     return (cuboid((0.0, 0.0, extent[2] / 2), extent),)
 
