@@ -43,7 +43,6 @@ from gmmjax.clouds.filters import crop_box as crop_box
 from gmmjax.clouds.filters import statistical_outliers as statistical_outliers
 from gmmjax.clouds.ground_map import GroundSettings as GroundSettings
 from gmmjax.clouds.las_writing import EXTRA_TYPES as EXTRA_TYPES
-from gmmjax.clouds.las_writing import BoundsError as BoundsError
 from gmmjax.clouds.las_writing import LasPart as LasPart
 from gmmjax.clouds.las_writing import LasSource as LasSource
 from gmmjax.clouds.las_writing import write_las as write_las
