@@ -59,8 +59,8 @@ from gmmjax.clouds.pcd_writing import write_pcd_parts as write_pcd_parts
 from gmmjax.clouds.placed_clouds import PlacedClouds as PlacedClouds
 from gmmjax.clouds.placed_clouds import StoredPoints as StoredPoints
 from gmmjax.clouds.placed_clouds import tree_of as tree_of
-from gmmjax.clouds.ply import write_ply as write_ply
-from gmmjax.clouds.ply import write_ply_parts as write_ply_parts
+from gmmjax.clouds.ply_writing import write_ply as write_ply
+from gmmjax.clouds.ply_writing import write_ply_parts as write_ply_parts
 from gmmjax.clouds.point_cloud import PointCloud as PointCloud
 from gmmjax.clouds.point_cloud import intensity_field as intensity_field
 from gmmjax.clouds.read_both import read_both as read_both

@@ -234,10 +234,12 @@ def _place(
 
 
 def _offsets_for(points: Float64[np.ndarray, "n 3"], header: "LasHeader") -> Float64[np.ndarray, "3"]:
-    """The file's own offset of each axis where whole numbers of 32 bits reach some points with it; else their mean."""
+    """The file's own offset of each axis where whole numbers of 32 bits reach the first point; else near that point."""
+    if not len(points):
+        return header.offsets
     with np.errstate(over="ignore", invalid="ignore"):
-        reached = (np.abs((points - header.offsets) / header.scales) <= LARGEST).all(axis=0)
-        return np.where(reached, header.offsets, np.rint(points.mean(axis=0) / header.scales) * header.scales)
+        reached = np.abs((points[0] - header.offsets) / header.scales) <= LARGEST
+        return np.where(reached, header.offsets, np.rint(points[0] / header.scales) * header.scales)
 
 
 class _RememberingFile:
