@@ -16,7 +16,7 @@ from gmmjax.clouds.records import RecordFile
 from gmmjax.clouds.source_file import SourceFile
 from gmmjax.errors import InputError, one_line
 
-MOST_COLUMNS = 64
+MAX_COLUMNS = 64
 """More columns than this are a transposed array rather than scalars of a point."""
 
 
@@ -144,7 +144,7 @@ def _check_points(points: np.ndarray, file: Path) -> None:
     shape = points.shape
     if points.dtype.kind not in "fiu":
         raise InputError(f"{file}: holds {points.dtype}, not real numbers; save points as float [N, 3]")
-    if points.ndim not in (2, 3) or not 3 <= shape[-1] <= MOST_COLUMNS:
+    if points.ndim not in (2, 3) or not 3 <= shape[-1] <= MAX_COLUMNS:
         hint = "; transpose it" if points.ndim == 2 and shape[0] == 3 else "; save points as float [N, 3]"
         raise InputError(f"{file}: the array has shape {list(shape)}, neither [N, 3] nor [H, W, 3]{hint}")
 

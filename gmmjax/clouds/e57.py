@@ -36,7 +36,7 @@ REPEATED = (*CARTESIAN, *SPHERICAL, *COLORS, INVALID, SPHERICAL_INVALID)
 SLOWEST, WORKING_MEMORY = 1_000_000, 1 << 29
 # Standard deviation of the elevations from even steps along the rows or columns of a scan, as a fraction of their
 # range, below which its pose is that of a turning scanner. Larger: merged scans have views from where nobody stood.
-MOST_UNEVENNESS = 0.02
+MAX_UNEVENNESS = 0.02
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ class E57File(CloudFile):
                 # The scans follow each other.
                 part = block.part(slice(*map(int, np.searchsorted(numbers, [number, number + 1]))))
                 _add_elevations(own, scan, part)
-        if not all(any(line.unevenness < MOST_UNEVENNESS for line in own.values()) for own in lines):
+        if not all(any(line.unevenness < MAX_UNEVENNESS for line in own.values()) for own in lines):
             return None
         try:
             stations = np.stack([scan.pose[:3, 3] for scan in scans])

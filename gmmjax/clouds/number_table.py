@@ -67,15 +67,10 @@ def parse_table(
             table, cause = np.zeros((0, 0)), error
     if table.shape == (count, columns):
         return table
-    available = max(sum(1 for _ in lines) - skip, 0)
-    if table.shape[1] == columns:
-        raise cut_off(count, available, what, source)
-    fault = _first_fault(islice(lines, skip, skip + count), columns, source) or InputError(
-        f"{source}: the numbers cannot be read ({cause}); write plain decimal numbers"
-    )
-    if available < count:
-        raise InputError(f"{cut_off(count, available, what, source)} ({fault})") from cause
-    raise fault from cause
+    if cause is None and table.shape[1] == columns:
+        raise cut_off(count, len(table), what, source)
+    _check_words(islice(lines, skip, skip + count), columns, source)
+    raise InputError(f"{source}: the numbers cannot be read ({cause}); write plain decimal numbers") from cause
 
 
 def is_number(token: bytes | str) -> bool:
@@ -89,17 +84,16 @@ def is_number(token: bytes | str) -> bool:
     return text.isascii() and "_" not in text
 
 
-def _first_fault(lines: Iterator[tuple[int, bytes]], columns: int, source: str) -> InputError | None:
-    """What to say about the first line that cannot be read."""
+def _check_words(lines: Iterator[tuple[int, bytes]], columns: int, source: str) -> None:
+    """Raise an error for the first line that cannot be read, where there is one."""
     for number, line in lines:
         words = line.split()
         strange = next((word for word in words if not is_number(word)), None)
         if strange is not None:
             shown = strange[:40].decode("ascii", "backslashreplace")
-            return InputError(f"{source}: line {number}: {shown!r} is no number; correct the line or make it a comment")
+            raise InputError(f"{source}: line {number}: {shown!r} is no number; correct the line or make it a comment")
         if len(words) != columns:
-            return InputError(
+            raise InputError(
                 f"{source}: line {number} has {len(words)} values where {columns} are expected; "
                 "the line is incomplete or the file is cut off"
             )
-    return None

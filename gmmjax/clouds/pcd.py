@@ -43,8 +43,7 @@ class PcdHeader:
     """What a PCD file declares.
 
     Attributes:
-        row_type: of a point, whose fields each have an axis for their COUNT; those of `padding` are none of a point.
-        padding: names of the fields that are padding.
+        row_type: of a point; each field has an axis for its COUNT, and those with a blank in the name are padding.
         points: how many points, WIDTH times HEIGHT.
         encoding: ascii, binary or binary_compressed.
         body: the byte after the header.
@@ -54,7 +53,6 @@ class PcdHeader:
     """
 
     row_type: np.dtype
-    padding: frozenset[str]
     points: int
     encoding: str
     body: int
@@ -66,6 +64,11 @@ class PcdHeader:
     def counts(self) -> dict[str, int]:
         """How many numbers of a point each field has."""
         return {name: self.row_type[name].shape[0] for name in self.row_type.names or ()}
+
+    @property
+    def names(self) -> list[str]:
+        """The fields that are no padding."""
+        return [name for name in self.counts if " " not in name]
 
     @property
     def grid(self) -> tuple[int, int] | None:
@@ -92,9 +95,8 @@ class PcdHeader:
     def columns(self, blocks: np.ndarray | Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The columns of points, of the numbers [N, COUNT] of each field."""
         columns: dict[str, np.ndarray] = {}
-        for name in self.row_type.names or ():
-            if name not in self.padding:
-                columns |= field_columns(name, blocks[name])
+        for name in self.names:
+            columns |= field_columns(name, blocks[name])
         return columns
 
     def views(self, points: Float64[np.ndarray, "n 3"], rows: Int64[np.ndarray, " n"]) -> SensorViews | None:
@@ -173,13 +175,12 @@ def read_layout(path: str | os.PathLike[str]) -> PcdHeader:
         data = stream.read(LONGEST_HEADER)
     source = str(file)
     entries, body, lines = _entries(data, source)
-    row_type, padding = _row_type(entries, source)
     points, width = _shape(entries, source)
     try:
         stated = tuple(map(float, entries.get("VIEWPOINT", [])))
     except ValueError:
         stated = ()
-    return PcdHeader(row_type, padding, points, entries["DATA"][0], body, lines, width, stated)
+    return PcdHeader(_row_type(entries, source), points, entries["DATA"][0], body, lines, width, stated)
 
 
 def _entries(data: bytes, source: str) -> tuple[dict[str, list[str]], int, int]:
@@ -212,8 +213,8 @@ def _numbers(entries: dict[str, list[str]], key: str, length: int, source: str) 
     return [int(value) for value in values]
 
 
-def _row_type(entries: dict[str, list[str]], source: str) -> tuple[np.dtype, frozenset[str]]:
-    """The type of a point, and the names of those of its fields that are padding."""
+def _row_type(entries: dict[str, list[str]], source: str) -> np.dtype:
+    """The type of a point, as of `PcdHeader`."""
     names, types = entries.get("FIELDS", []), entries.get("TYPE", [])
     sizes = _numbers(entries, "SIZE", len(names), source)
     counts = _numbers(entries, "COUNT", len(names), source) if "COUNT" in entries else [1] * len(names)
@@ -227,11 +228,9 @@ def _row_type(entries: dict[str, list[str]], source: str) -> tuple[np.dtype, fro
         raise InputError(f"{source}: the PCD header declares {sorted(repeated)} more than once; rename one of them")
     if (length := sum(size * count for size, count in zip(sizes, counts, strict=True))) > LARGEST_POINT:
         raise InputError(f"{source}: the PCD header declares points of {length} bytes, which cannot be; correct it")
-    # No other name has a blank.
     own = [f"{name} {place}" if name == PADDING else name for place, name in enumerate(canonical_names(names))]
     kinds = [(f"<{kind.lower()}{size}", (count,)) for kind, size, count in zip(types, sizes, counts, strict=True)]
-    row_type = np.dtype([(name, *kind) for name, kind in zip(own, kinds, strict=True)])
-    return row_type, frozenset(name for name in own if " " in name)
+    return np.dtype([(name, *kind) for name, kind in zip(own, kinds, strict=True)])
 
 
 def _shape(entries: dict[str, list[str]], source: str) -> tuple[int, int | None]:
@@ -254,11 +253,7 @@ def _ascii_blocks(body: bytes, header: PcdHeader, source: str) -> dict[str, np.n
     table = parse_table(lines, int(ends[-1]), source, count=header.points, what="points")
     blocks = dict(zip(header.counts, np.split(table, ends[:-1], axis=1), strict=True))
     # What stands in a padding column need not be a number of its type.
-    return {
-        name: cast_column(block, header.row_type[name].base, name, source)
-        for name, block in blocks.items()
-        if name not in header.padding
-    }
+    return {name: cast_column(blocks[name], header.row_type[name].base, name, source) for name in header.names}
 
 
 def _compressed_blocks(body: bytes, header: PcdHeader, source: str) -> dict[str, np.ndarray]:
@@ -271,10 +266,10 @@ def _compressed_blocks(body: bytes, header: PcdHeader, source: str) -> dict[str,
             f"{source}: declares {header.points} points in {compressed} compressed bytes, {len(body) - 8} bytes are "
             "there; the file is cut off, copy it again"
         )
-    stored = {name: header.row_type[name] for name in header.counts if name not in header.padding}
-    length = sum(kind.itemsize for kind in stored.values())
+    stored = header.names
+    length = sum(header.row_type[name].itemsize for name in stored)
     if size == header.points * header.row_type.itemsize:
-        stored = {name: header.row_type[name] for name in header.counts}
+        stored = list(header.counts)
     elif size != header.points * length:
         raise InputError(
             f"{source}: holds {size} bytes for {header.points} points of {length} bytes; the header is wrong"
@@ -284,7 +279,8 @@ def _compressed_blocks(body: bytes, header: PcdHeader, source: str) -> dict[str,
     except ValueError as error:
         raise InputError(f"{source}: the compressed data are damaged ({error}); copy or export it again") from error
     blocks, offset = {}, 0
-    for name, kind in stored.items():
+    for name in stored:
+        kind = header.row_type[name]
         block = np.frombuffer(expanded, kind.base, header.points * kind.shape[0], offset)
         blocks[name] = block.reshape(header.points, kind.shape[0])
         offset += block.nbytes

@@ -84,8 +84,9 @@ def parse_head(text: bytes, source: str) -> TextHead:
         )
     if row is None:
         return TextHead(None, None if header is None else tuple(_words(header.content)), tuple(counts), " ")
-    separator = _separator(row, remarks if header is None else [header], source)
-    names = [own for line in (remarks if header is None else [header]) if (own := _fitting(line, row, separator))]
+    named = remarks if header is None else [header]
+    separator = _separator(row, named, source)
+    names = [own for line in named if (own := _fitting(line, row, separator))]
     if not names and header is not None:
         cells = cells_of(header.content, separator)
         names = [tuple(cells if _has_axes(cells) else _words(header.content))]
@@ -120,7 +121,7 @@ def _lines(text: bytes, source: str) -> Iterator[Line]:
             raise InputError(f"{source}: line {number} is binary, not text; give the file the ending of its format")
         content = text[start:end].decode("utf-8", "replace")
         if content.strip():
-            # A tab may be an empty cell, or what Excel's first line says.
+            # A tab may be an empty cell.
             yield Line(number, start, content.strip(" \v\f"))
         start = end + 1
 
