@@ -141,14 +141,14 @@ def test_algorithm_1_finds_the_same_at_twice_the_distance(mixtures):
 
 
 def test_a_file_format_is_a_function_and_its_ending(tmp_path, monkeypatch):
-    def read_raw(path):
+    def open_raw(path):
         return PointCloud.from_rows(np.fromfile(path, np.float32).reshape(-1, 3), source=str(path))
 
     points = np.array([[1.0, 2, 3], [4, 5, 6]], np.float32)
     points.tofile(tmp_path / "cloud.raw")
     with pytest.raises(InputError, match=r"the ending '\.raw' is of no known format"):
         read_cloud(tmp_path / "cloud.raw")
-    monkeypatch.setattr("gmmjax.clouds.reading.READERS", {**READERS, ".raw": read_raw})
+    monkeypatch.setattr("gmmjax.clouds.reading.READERS", {**READERS, ".raw": open_raw})
     np.testing.assert_array_equal(read_cloud(tmp_path / "cloud.raw").points, points)
 
 

@@ -43,7 +43,6 @@ from gmmjax.clouds.filters import crop_box as crop_box
 from gmmjax.clouds.filters import statistical_outliers as statistical_outliers
 from gmmjax.clouds.ground_map import GroundSettings as GroundSettings
 from gmmjax.clouds.las_writing import EXTRA_TYPES as EXTRA_TYPES
-from gmmjax.clouds.las_writing import BoundsError as BoundsError
 from gmmjax.clouds.las_writing import LasPart as LasPart
 from gmmjax.clouds.las_writing import LasSource as LasSource
 from gmmjax.clouds.las_writing import write_las as write_las
@@ -60,8 +59,8 @@ from gmmjax.clouds.pcd_writing import write_pcd_parts as write_pcd_parts
 from gmmjax.clouds.placed_clouds import PlacedClouds as PlacedClouds
 from gmmjax.clouds.placed_clouds import StoredPoints as StoredPoints
 from gmmjax.clouds.placed_clouds import tree_of as tree_of
-from gmmjax.clouds.ply import write_ply as write_ply
-from gmmjax.clouds.ply import write_ply_parts as write_ply_parts
+from gmmjax.clouds.ply_writing import write_ply as write_ply
+from gmmjax.clouds.ply_writing import write_ply_parts as write_ply_parts
 from gmmjax.clouds.point_cloud import PointCloud as PointCloud
 from gmmjax.clouds.point_cloud import intensity_field as intensity_field
 from gmmjax.clouds.read_both import read_both as read_both

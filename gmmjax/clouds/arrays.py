@@ -1,109 +1,70 @@
 """Reading clouds from NumPy's .npy and .npz files, never from pickles."""
 
-import dataclasses
 import math
 import mmap
-import os
 import warnings
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 
-from gmmjax.clouds.cloud_file import CloudFile, RowBlock
-from gmmjax.clouds.coordinates import as_points
-from gmmjax.clouds.files import require_file
+from gmmjax.clouds.columns import AXES
 from gmmjax.clouds.point_cloud import PointCloud
-from gmmjax.clouds.records import stored_records
+from gmmjax.clouds.records import RecordFile
 from gmmjax.clouds.source_file import SourceFile
 from gmmjax.errors import InputError, one_line
 
-MOST_COLUMNS = 64
+MAX_COLUMNS = 64
 """More columns than this are a transposed array rather than scalars of a point."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class NpyFile(CloudFile):
-    """An .npy file of numbers [N, columns], or of [H, W, columns] row by row.
-
-    Attributes:
-        dtype: of the numbers.
-        columns: how many a point has.
-        offset: bytes before them.
-    """
-
-    dtype: np.dtype
-    columns: int
-    offset: int
-
-    def blocks(self) -> Iterator[RowBlock]:
-        """All points, some at a time.
-
-        Raises:
-            InputError: the file is cut off.
-        """
-        row_type = np.dtype((np.void, self.columns * self.dtype.itemsize))
-        for rows in stored_records(self.path, self.offset, row_type, self.count):
-            table = rows.view(self.dtype).reshape(len(rows), self.columns)
-            points = as_points(table[:, :3], f"{self.path}: points")
-            yield RowBlock(points, {f"column_{index}": table[:, index] for index in range(3, self.columns)})
-
-
-def open_npy(path: str | os.PathLike[str]) -> NpyFile | PointCloud:
-    """The points of an .npy file.
+def open_npy(path: Path) -> RecordFile | PointCloud:
+    """Open an .npy file.
 
     Args:
         path: the file: numbers [N, 3] or more columns (`column_3`, `column_4`, ... become fields), or an ordered cloud
             [H, W, 3], which is flattened row by row.
 
     Returns:
-        The file, of which the header is read; or, where the numbers lie column by column (Fortran's order), its points.
+        The file, with its header read; or, where the numbers lie column by column (Fortran's order), its points.
 
     Raises:
         InputError: the file cannot be read, holds pickled objects, or has another shape.
     """
-    file = require_file(path)
-    written = SourceFile.of(file)
-    layout = _array_layout(file)
-    if layout is not None:
-        shape, dtype, offset = layout
-        count = math.prod(shape[:-1])
-        if offset + count * shape[-1] * dtype.itemsize <= written.size:
-            return NpyFile(path=file, source=written, count=count, dtype=dtype, columns=shape[-1], offset=offset)
-    # NumPy says what is wrong with all others.
-    loaded = load_arrays(file)
-    if isinstance(loaded, dict):
-        raise InputError(f"{file}: is an .npz archive; rename it to .npz")
-    return _cloud(loaded, file, {})
+    source = SourceFile.of(path)
+    mapped = _mapped(path)
+    if mapped is None:
+        loaded = load_arrays(path)
+        if isinstance(loaded, dict):
+            raise InputError(f"{path}: is an .npz archive; rename it to .npz")
+        return _cloud(loaded, path, {})
+    _check_points(mapped, path)
+    *grid, width = mapped.shape
+    row_type = np.dtype([(name, mapped.dtype) for name in (*AXES, *_further_columns(width))])
+    return RecordFile(path=path, source=source, count=math.prod(grid), offset=mapped.offset, row_type=row_type)
 
 
-def _array_layout(file: Path) -> tuple[tuple[int, ...], np.dtype, int] | None:
-    """Shape, type and offset of an array of points that lie row by row; None where the header is of nothing such."""
-    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    with file.open("rb") as stream, warnings.catch_warnings():
-        # NumPy warns of headers of Python 2 and of numbers in them that no Python writes.
+def _further_columns(width: int) -> list[str]:
+    """Names of the columns beside the coordinates."""
+    return [f"column_{index}" for index in range(3, width)]
+
+
+def _mapped(path: Path) -> np.memmap | None:
+    """The numbers of a file, not read, where they lie row by row; None where NumPy says what is wrong."""
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            shape, by_column, dtype = readers[np.lib.format.read_magic(stream)](stream)
+            mapped = np.lib.format.open_memmap(path, mode="r")
         # A damaged header may raise whatever Python's parser does.
         except Exception:
             return None
-        usual = (
-            dtype.kind in "fiu"
-            and not by_column
-            and len(shape) in (2, 3)
-            and all(isinstance(size, int) for size in shape)
-        )
-        if not usual or min(shape) < 0 or not 3 <= shape[-1] <= MOST_COLUMNS:
-            return None
-        return shape, dtype, stream.tell()
+    return mapped if mapped.flags.c_contiguous else None
 
 
-def read_npz(path: str | os.PathLike[str]) -> PointCloud:
-    """The points of an .npz file.
+def open_npz(path: Path) -> PointCloud:
+    """Read the points of an .npz file.
 
     Args:
         path: the file, with the array `points` (as in `open_npy`), if need be `colors` (uint8 [N, 3]); other arrays [N]
@@ -115,18 +76,17 @@ def read_npz(path: str | os.PathLike[str]) -> PointCloud:
     Raises:
         InputError: the file cannot be read, holds pickled objects, or has no array `points`.
     """
-    file = require_file(path)
-    arrays = load_arrays(file)
+    arrays = load_arrays(path)
     if not isinstance(arrays, dict):
-        raise InputError(f"{file}: is no .npz archive; save it with numpy.savez, or rename it to .npy")
+        raise InputError(f"{path}: is no .npz archive; save it with numpy.savez, or rename it to .npy")
     if "points" not in arrays:
         names = ", ".join(arrays) or "none"
-        raise InputError(f"{file}: has no array 'points', only: {names}; save it with numpy.savez(file, points=...)")
-    return _cloud(arrays.pop("points"), file, arrays)
+        raise InputError(f"{path}: has no array 'points', only: {names}; save it with numpy.savez(file, points=...)")
+    return _cloud(arrays.pop("points"), path, arrays)
 
 
 def load_arrays(file: Path) -> np.ndarray | dict[str, np.ndarray]:
-    """The array of an .npy file or the arrays of an .npz file, whatever the file is called.
+    """Load the array of an .npy file or the arrays of an .npz file, whatever the file is called.
 
     Args:
         file: that `require_file` has seen.
@@ -135,8 +95,7 @@ def load_arrays(file: Path) -> np.ndarray | dict[str, np.ndarray]:
         InputError: the file is damaged, or holds pickled objects.
     """
     try:
-        with _loaded(file) as loaded:
-            return loaded if isinstance(loaded, np.ndarray) else _members(loaded, loaded.files)
+        return _loaded(file)
     # NumPy, zipfile and zlib raise at least eight kinds of exception on damaged files, MemoryError among them.
     except Exception as error:
         if "pickle" in str(error):
@@ -149,8 +108,8 @@ def load_arrays(file: Path) -> np.ndarray | dict[str, np.ndarray]:
         ) from error
 
 
-def load_archive(file: Path, remedy: str, names: Sequence[str] | None = None) -> dict[str, np.ndarray]:
-    """The arrays of an .npz file that gmmjax wrote.
+def load_archive(file: Path, remedy: str, names: Collection[str] | None = None) -> dict[str, np.ndarray]:
+    """Load the arrays of an .npz file that gmmjax wrote.
 
     Args:
         file: that `require_file` has seen.
@@ -161,52 +120,51 @@ def load_archive(file: Path, remedy: str, names: Sequence[str] | None = None) ->
         InputError: the file is damaged, is no archive, or holds pickled objects.
     """
     try:
-        with _loaded(file) as loaded:
-            if isinstance(loaded, np.ndarray):
-                raise ValueError("it is a single array")
-            return _members(loaded, loaded.files if names is None else [name for name in names if name in loaded])
+        loaded = _loaded(file, names)
+        if not isinstance(loaded, dict):
+            raise ValueError("it is a single array")
     except Exception as error:
         raise InputError(f"{file}: is no NPZ file of numbers ({one_line(error)}); {remedy}") from error
+    return loaded
 
 
-@contextmanager
-def _loaded(file: Path) -> Iterator[np.ndarray | np.lib.npyio.NpzFile]:
+def _loaded(file: Path, names: Collection[str] | None = None) -> np.ndarray | dict[str, np.ndarray]:
     with file.open("rb") as stream, warnings.catch_warnings():
         # NumPy warns of headers of Python 2 and of numbers in them that no Python writes.
         warnings.simplefilter("ignore")
         loaded = np.load(stream, allow_pickle=False)
-        yield loaded
-
-
-def _members(archive: np.lib.npyio.NpzFile, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """The arrays among the members: NumPy gives any other member as bytes."""
-    members = {name: archive[name] for name in names}
+        if isinstance(loaded, np.ndarray):
+            return loaded
+        members = {name: loaded[name] for name in loaded.files if names is None or name in names}
+    # NumPy gives any other member as bytes.
     return {name: values for name, values in members.items() if isinstance(values, np.ndarray)}
 
 
-def _cloud(points: np.ndarray, file: Path, others: dict[str, np.ndarray]) -> PointCloud:
+def _check_points(points: np.ndarray, file: Path) -> None:
     shape = points.shape
     if points.dtype.kind not in "fiu":
         raise InputError(f"{file}: holds {points.dtype}, not real numbers; save points as float [N, 3]")
-    if points.ndim not in (2, 3) or not 3 <= shape[-1] <= MOST_COLUMNS:
+    if points.ndim not in (2, 3) or not 3 <= shape[-1] <= MAX_COLUMNS:
         hint = "; transpose it" if points.ndim == 2 and shape[0] == 3 else "; save points as float [N, 3]"
         raise InputError(f"{file}: the array has shape {list(shape)}, neither [N, 3] nor [H, W, 3]{hint}")
-    rows = points.reshape(-1, shape[-1])
-    grid = shape[:-1]
+
+
+def _cloud(points: np.ndarray, file: Path, others: dict[str, np.ndarray]) -> PointCloud:
+    _check_points(points, file)
+    *grid, width = points.shape
+    rows = points.reshape(-1, width)
     colors = others.pop("colors", None)
-    fields = {f"column_{index}": rows[:, index] for index in range(3, shape[-1])}
-    fields |= {name: values.reshape(-1) for name, values in others.items() if _is_scalar(values, grid)}
+    fields = dict(zip(_further_columns(width), rows.T[3:], strict=True))
+    for name, values in others.items():
+        if values.dtype.kind in "fiub" and values.shape in (tuple(grid), (len(rows),)):
+            fields[name] = values.reshape(-1)
     if colors is not None and colors.ndim == points.ndim:
         colors = colors.reshape(-1, colors.shape[-1])
     return PointCloud.from_rows(rows[:, :3], colors, fields, str(file))
 
 
-def _is_scalar(values: np.ndarray, grid: tuple[int, ...]) -> bool:
-    return values.dtype.kind in "fiub" and values.shape in (grid, (int(np.prod(grid)),))
-
-
 def copied_part(values: np.ndarray, first: int, last: int) -> np.ndarray:
-    """Some values of an array in memory; of a memory map nothing else stays there, which would count as ours.
+    """Copy some values of an array; of a memory map nothing else stays in memory, which would count as ours.
 
     Args:
         values: an array or a memory map.
@@ -221,7 +179,7 @@ def copied_part(values: np.ndarray, first: int, last: int) -> np.ndarray:
 
 
 def write_archive(file: IO[bytes], arrays: Mapping[str, np.ndarray], part: int = 1_000_000) -> None:
-    """Writes arrays as an uncompressed NPZ, some values at a time.
+    """Write arrays as an uncompressed NPZ, some values at a time.
 
     Args:
         file: that is written to.

@@ -3,7 +3,7 @@
 import abc
 import dataclasses
 import functools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -73,7 +73,7 @@ class RowBlock(NamedTuple):
 
 
 class Measures(NamedTuple):
-    """What only all points of a file tell.
+    """Measures that only all points of a file tell.
 
     Attributes:
         points: how many rows have a position.
@@ -107,25 +107,33 @@ class CloudFile(abc.ABC):
     bounds: Bounds | None = None
 
     @property
-    def views(self) -> SensorViews | None:
-        """Where the sensor stood, where the file says so; it may have to be read for that, once."""
-        return None
-
-    @property
     def scans(self) -> int:
         """How many scans the file holds."""
         return 1
 
     @abc.abstractmethod
     def blocks(self) -> Iterator[RowBlock]:
-        """All rows, some at a time.
+        """Yield all rows, some at a time.
 
         Raises:
             InputError: the file is damaged or cut off.
         """
 
+    def views_of(self, blocks: Callable[[], Iterable[RowBlock]]) -> SensorViews | None:
+        """Where the sensor stood, as the file says; None where it does not.
+
+        Args:
+            blocks: gives all rows that have a position, some at a time.
+        """
+        return None
+
+    @functools.cached_property
+    def views(self) -> SensorViews | None:
+        """Where the sensor stood, where the file says so; it may have to be read for that, once."""
+        return self.views_of(lambda: self._finite_blocks(CHUNK_POINTS))
+
     def row_blocks(self, size: int = CHUNK_POINTS) -> Iterator[RowBlock]:
-        """All rows with their numbers, at most `size` at a time.
+        """Yield all rows with their numbers, at most `size` at a time.
 
         Args:
             size: rows; no result depends on it.
@@ -157,10 +165,7 @@ class CloudFile(abc.ABC):
         return (kept for block in self.row_blocks(size) if len((kept := finite_rows(block)).points))
 
     def chunks(self, size: int = CHUNK_POINTS) -> Iterator[CloudChunk]:
-        """The points that have a position, at most `size` at a time: those of `read_cloud`, bit for bit.
-
-        Args:
-            size: points.
+        """Yield the points that have a position, at most `size` at a time: those of `read_cloud`, bit for bit.
 
         Raises:
             InputError: as `row_blocks`.
@@ -170,10 +175,7 @@ class CloudFile(abc.ABC):
             yield CloudChunk(block.points, block.rows, block.scan)
 
     def clouds(self, size: int = CHUNK_POINTS) -> Iterator[PointCloud]:
-        """The points with colours and fields, at most `size` at a time; `rows` are those of the file.
-
-        Args:
-            size: points.
+        """Yield the points with colours and fields, at most `size` at a time; `rows` are those of the file.
 
         Raises:
             InputError: as `row_blocks`.
@@ -181,9 +183,7 @@ class CloudFile(abc.ABC):
         return map(self._cloud, self._finite_blocks(size))
 
     def colors_or_intensity(self, rows: Int64[np.ndarray, " n"]) -> UInt8[np.ndarray, "n 3"] | np.ndarray | None:
-        """The colours of some rows or, where the file has none, their intensity; None where it has neither.
-
-        The file is read once, some points at a time.
+        """Read the colours of some rows or, where the file has none, their intensity; None where it has neither.
 
         Args:
             rows: of the file, in any order, that have a position.
@@ -213,7 +213,7 @@ class CloudFile(abc.ABC):
 
     @functools.cached_property
     def measures(self) -> Measures:
-        """What only all points tell: the file is read for it, once."""
+        """The measures of all points: the file is read for them, once."""
         points, colors = 0, ColorRange()
         whole: dict[str, tuple[int, int]] = {}
         for block in self.row_blocks():
@@ -229,32 +229,24 @@ class CloudFile(abc.ABC):
         return Measures(points, colors, whole)
 
     def read(self) -> PointCloud:
-        """All points, in memory.
+        """Read all points.
 
         Raises:
             InputError: as `row_blocks`, or the memory does not hold them.
         """
-        return dataclasses.replace(self._read(self.row_blocks()), views=self.views)
-
-    def _read(self, blocks: Iterator[RowBlock]) -> PointCloud:
-        """The points of some blocks, which are all of the file, without views."""
         table: RowBlock | None = None
         done = 0
-        for block in blocks:
+        for block in self.row_blocks():
             table = self._empty(block) if table is None else table
             place = slice(done, done + len(block.points))
             for whole, part in zip(_arrays(table), _arrays(block), strict=True):
                 whole[place] = part
             done += len(block.points)
-        if table is None:
-            table = RowBlock(np.empty((0, 3)))
-        cloud = PointCloud.from_rows(
-            table.points,
-            None if table.colors is None else color_bytes(table.colors, str(self.path)),
-            table.columns,
-            str(self.path),
-        )
-        return dataclasses.replace(cloud, unit=self.unit, crs=self.crs, file=self.source)
+        points, columns, channels, *_ = table or RowBlock(np.empty((0, 3)))
+        colors = None if channels is None else color_bytes(channels, str(self.path))
+        cloud = PointCloud.from_rows(points, colors, columns, str(self.path))
+        views = self.views_of(lambda: [RowBlock(cloud.points, cloud.fields, rows=cloud.rows)])
+        return dataclasses.replace(cloud, views=views, unit=self.unit, crs=self.crs, file=self.source)
 
     def _empty(self, block: RowBlock) -> RowBlock:
         """Room for all rows, of the types of a block."""
@@ -296,41 +288,28 @@ class WholeFile(CloudFile):
 
     cloud: PointCloud
 
-    @classmethod
-    def of(cls, path: Path, source: SourceFile, cloud: PointCloud) -> "WholeFile":
-        """The file that a cloud was read from.
-
-        Args:
-            path: of the file.
-            source: the file as it was before it was read.
-            cloud: what was read.
-        """
-        count = len(cloud) + cloud.rows_dropped
-        return cls(path=path, source=source, count=count, unit=cloud.unit, crs=cloud.crs, cloud=cloud)
-
-    @property
-    def views(self) -> SensorViews | None:
+    def views_of(self, blocks: Callable[[], Iterable[RowBlock]]) -> SensorViews | None:
         """Where the sensor stood, where the file says so."""
         return self.cloud.views
 
     def blocks(self) -> Iterator[RowBlock]:
-        """All points, in one block."""
+        """Yield all points, in one block."""
         yield RowBlock(self.cloud.points, self.cloud.fields, self.cloud.colors, rows=self.cloud.rows)
 
     def read(self) -> PointCloud:
-        """What was read."""
+        """The cloud that was read, with its file."""
         return dataclasses.replace(self.cloud, file=self.source)
 
 
 def finite_rows(block: RowBlock) -> RowBlock:
-    """The rows that have a position."""
+    """Drop the rows without a position."""
     finite = np.isfinite(block.points)
     # Nearly always all are, and to ask for each row takes ten times as long.
     return block if finite.all() else block.part(np.flatnonzero(finite.all(axis=1)))
 
 
 def native(values: np.ndarray) -> np.ndarray:
-    """The same numbers, contiguous and in the machine's byte order."""
+    """Make numbers contiguous, in the machine's byte order."""
     return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
 
 
@@ -342,7 +321,7 @@ def _colors_or_intensity(block: RowBlock) -> np.ndarray | None:
 
 
 def _arrays(block: RowBlock) -> list[np.ndarray]:
-    """What a cloud is made of."""
+    """All arrays that a cloud is made of."""
     return [block.points, *block.columns.values(), *([] if block.colors is None else [block.colors])]
 
 

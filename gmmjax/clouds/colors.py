@@ -1,4 +1,4 @@
-"""Colours of all the kinds that files hold, as bytes."""
+"""Conversion of the colours that files hold to bytes."""
 
 from typing import NamedTuple
 
@@ -22,14 +22,14 @@ class ColorRange(NamedTuple):
     highest: float = 0.0
 
     def with_channels(self, channels: np.ndarray) -> "ColorRange":
-        """The range of these and of more colours, numbers [N, 3]."""
+        """Extend the range by more colours, numbers [N, 3]."""
         numbers = _numbers(channels)
         lowest, highest = float(numbers.min(initial=0.0)), float(numbers.max(initial=0.0))
         return ColorRange(min(self.lowest, lowest), max(self.highest, highest))
 
 
 def color_bytes(channels: np.ndarray, source: str, limits: ColorRange | None = None) -> UInt8[np.ndarray, "n 3"]:
-    """Red, green and blue as bytes.
+    """Convert red, green and blue to bytes.
 
     Bytes stay. Other integers stay when none is above 255 (many writers put bytes into 16-bit columns) and are divided
     by 257 otherwise, which maps 65535 to 255. Floats are shares of one when none is above 1, and otherwise as integers,
@@ -39,9 +39,6 @@ def color_bytes(channels: np.ndarray, source: str, limits: ColorRange | None = N
         channels: numbers [N, 3].
         source: the file, for the message.
         limits: of the whole cloud, where these are some of its points; None: these are all.
-
-    Returns:
-        The colours [N, 3].
 
     Raises:
         InputError: a negative colour, or one above the range.

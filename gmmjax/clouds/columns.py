@@ -18,10 +18,9 @@ COLOR_NAMES = (CHANNELS, ("r", "g", "b"), ("rf", "gf", "bf"), ("diffuse_red", "d
 
 
 def canonical_names(names: Sequence[str]) -> list[str]:
-    """x, y, z for X, Y, Z, and red, green, blue for the other names of all three; names that are there stay.
+    """Rename columns: X, Y, Z to x, y, z, and the other names of all three colours to red, green, blue.
 
-    Args:
-        names: of the columns of a file.
+    Names that are there stay.
     """
     lower, renamed = [name.lower() for name in names], list(names)
     colors = next((own for own in COLOR_NAMES if all(lower.count(channel) == 1 for channel in own)), ())
@@ -50,18 +49,18 @@ def require_axes(names: Iterable[str], source: str) -> None:
 
 
 def block_of_columns(columns: Mapping[str, np.ndarray], source: str) -> RowBlock:
-    """Rows of x, y, z; red, green, blue where all three are there; everything else is a column.
+    """Take x, y, z for the points, red, green, blue where all three are there for colours, and the rest for columns.
 
     Args:
         columns: numbers [N] by name.
-        source: the file.
+        source: the file, for the message.
 
     Raises:
         InputError: a coordinate is missing.
     """
     require_axes(columns, source)
-    # Signalling NaN, which damaged bytes may be, is NaN all the same.
-    with np.errstate(invalid="ignore"):
+    # Signalling NaN, which damaged bytes may be, is NaN all the same; what is beyond float64 becomes inf.
+    with np.errstate(over="ignore", invalid="ignore"):
         points = np.stack([columns[axis].astype(np.float64) for axis in AXES], axis=1)
     colored = all(channel in columns for channel in CHANNELS)
     colors = np.stack([columns[channel] for channel in CHANNELS], axis=1) if colored else None
@@ -70,14 +69,11 @@ def block_of_columns(columns: Mapping[str, np.ndarray], source: str) -> RowBlock
 
 
 def cloud_of_columns(columns: Mapping[str, np.ndarray], source: str) -> PointCloud:
-    """A cloud of x, y, z; red, green, blue where all three are there; everything else becomes a field.
+    """Make a cloud of columns, as `block_of_columns`; what is neither coordinate nor colour becomes a field.
 
     Args:
         columns: numbers [N] by name.
         source: the file.
-
-    Returns:
-        The cloud.
 
     Raises:
         InputError: a coordinate is missing, or the colours have no known range.
@@ -90,14 +86,11 @@ def cloud_of_columns(columns: Mapping[str, np.ndarray], source: str) -> PointClo
 
 
 def field_columns(name: str, block: np.ndarray) -> dict[str, np.ndarray]:
-    """The columns of one field of the Point Cloud Library.
+    """Split one field of the Point Cloud Library into columns [N] by name.
 
     Args:
         name: of the field. rgb and rgba, packed into four bytes, become red, green and blue.
         block: its numbers [N, count], of either byte order; with a count above 1 they become `name_0`, `name_1`, ...
-
-    Returns:
-        Numbers [N] by name.
     """
     count = block.shape[1]
     if count == 1 and name.lower() in PACKED_COLORS and block.dtype.itemsize == 4:
@@ -109,17 +102,23 @@ def field_columns(name: str, block: np.ndarray) -> dict[str, np.ndarray]:
     return {f"{name}_{index}": block[:, index] for index in range(count)}
 
 
+def rows_of_columns(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Join columns of one shape to records of that shape, little endian, with the names of the columns."""
+    row_type = np.dtype([(name, values.dtype.newbyteorder("<")) for name, values in columns.items()])
+    rows = np.empty(next(iter(columns.values())).shape, row_type)
+    for name, values in columns.items():
+        rows[name] = values
+    return rows
+
+
 def cast_column(values: Float64[np.ndarray, "..."], dtype: np.dtype, name: str, source: str) -> np.ndarray:
-    """Numbers read from text in the type that the header declares.
+    """Cast numbers read from text to the type that the header declares, in the machine's byte order.
 
     Args:
         values: the numbers as read.
         dtype: the declared type.
         name: the column, for the message.
         source: the file, for the message.
-
-    Returns:
-        The numbers in that type, in the machine's byte order.
 
     Raises:
         InputError: a fraction, NaN or a number out of range in an integer column.
@@ -139,11 +138,6 @@ def cast_column(values: Float64[np.ndarray, "..."], dtype: np.dtype, name: str, 
 
 
 def free_name(name: str, taken: Collection[str]) -> str:
-    """Another name for a column of an input, whose own a result needs: `input_NAME`, with a number where that is taken.
-
-    Args:
-        name: of the column.
-        taken: the names that it must not have.
-    """
+    """Rename a column of an input whose name a result needs: `input_NAME`, with a number where that is taken."""
     candidates = (f"input_{name}{suffix}" for suffix in itertools.chain([""], (f"_{n}" for n in itertools.count(2))))
     return next(candidate for candidate in candidates if candidate not in taken)

@@ -35,14 +35,11 @@ def require_array(values: object, name: str) -> None:
 
 
 def as_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray, "n 3"]:
-    """Coordinates [N, 3] as float64, copied only where the type changes; NaN and inf pass.
+    """Check coordinates [N, 3] and convert them to float64, copied only where the type changes; NaN and inf pass.
 
     Args:
         points: real numbers [N, 3].
         name: what the message calls them.
-
-    Returns:
-        The same numbers in float64.
 
     Raises:
         InputError: not real numbers, or not [N, 3].
@@ -70,18 +67,7 @@ def as_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray
 
 
 def as_finite_points(points: npt.ArrayLike, name: str = "points") -> Float64[np.ndarray, "n 3"]:
-    """As `as_points`, and NaN or inf is an error.
-
-    Args:
-        points: real, finite numbers [N, 3].
-        name: what the message calls them.
-
-    Returns:
-        The same numbers in float64.
-
-    Raises:
-        InputError: not real, not [N, 3] or not finite.
-    """
+    """Check and convert as `as_points`; an `InputError` also where a number is not finite."""
     array = as_points(points, name)
     if not np.isfinite(array).all():
         broken = ~np.isfinite(array).all(axis=1)

@@ -21,7 +21,7 @@ E57_COORDINATES = (
 
 
 def main() -> None:
-    """Answers requests until the input ends."""
+    """Answer requests until the input ends."""
     # What the libraries print must not get among the frames.
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
@@ -32,18 +32,18 @@ def main() -> None:
             for data in DECODERS[request["decoder"]](request):
                 _send(answers, b"D", data)
             _send(answers, b".", b"")
-        except MemoryError:
-            _send_error(answers, "MemoryError", "out of memory", None)
         except (KeyboardInterrupt, BrokenPipeError):
             return
         # A panic of Rust is no Exception.
         except BaseException as error:
+            kind = "MemoryError" if isinstance(error, MemoryError) else type(error).__name__
             missing = error.name if isinstance(error, ModuleNotFoundError) else None
-            _send_error(answers, type(error).__name__, str(error), missing)
+            details = {"kind": kind, "message": str(error)[:500], "name": missing}
+            _send(answers, b"E", json.dumps(details).encode())
 
 
 def decode_laz(request: dict[str, Any]) -> Iterator[bytes | bytearray]:
-    """The point records of a LAZ file, decompressed, some at a time; by LASzip itself where lazrs is too old for it."""
+    """Decompress the points of a LAZ file, some at a time; by LASzip itself where lazrs is too old for it."""
     import lazrs
 
     _limit_memory(request["memory"])
@@ -78,7 +78,7 @@ def _laszip_decompressor(file: BinaryIO) -> Callable[[bytearray], None]:
 
 
 def decode_mesh(request: dict[str, Any]) -> Iterator[bytes | bytearray]:
-    """The vertices of a mesh and their colours, float64 [N, 3] each."""
+    """Yield the vertices of a mesh and their colours, float64 [N, 3] each."""
     import numpy as np
     import open3d
 
@@ -90,7 +90,7 @@ def decode_mesh(request: dict[str, Any]) -> Iterator[bytes | bytearray]:
 
 
 def decode_e57(request: dict[str, Any]) -> Iterator[bytes | bytearray]:
-    """What an E57 file says of its scans, in JSON; then their points, float64 [N, fields], a block or more each.
+    """Yield what an E57 file says of its scans, in JSON; then their points, float64 [N, fields], in blocks.
 
     Only scans with Cartesian or spherical coordinates are decoded; each ends with an empty block.
     """
@@ -111,7 +111,7 @@ def decode_e57(request: dict[str, Any]) -> Iterator[bytes | bytearray]:
 
 
 def _scan_details(scan: Any) -> dict[str, Any]:
-    """Names of the numeric fields, number of points, and the pose: rotation w, x, y, z, and translation."""
+    """Names of the numeric fields, number of points, and the pose: rotation w, x, y, z, translation."""
     from pye57 import libe57
     from pye57.utils import get_fields
 
@@ -123,14 +123,8 @@ def _scan_details(scan: Any) -> dict[str, Any]:
     fields = [name for name in get_fields(prototype) if isinstance(prototype[name], numeric)]
     pose = None
     if scan.isDefined("pose"):
-        defaults = {"rotation": {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}, "translation": dict.fromkeys("xyz", 0.0)}
-        pose = [
-            [
-                float(scan[f"pose/{part}/{axis}"].value()) if scan.isDefined(f"pose/{part}/{axis}") else default[axis]
-                for axis in default
-            ]
-            for part, default in defaults.items()
-        ]
+        stated = [f"pose/rotation/{axis}" for axis in "wxyz"] + [f"pose/translation/{axis}" for axis in "xyz"]
+        pose = [float(scan[own].value()) if scan.isDefined(own) else float(own.endswith("w")) for own in stated]
     return {"fields": fields, "count": points.childCount(), "pose": pose}
 
 
@@ -172,10 +166,6 @@ def _send(answers: BinaryIO, kind: bytes, data: bytes | bytearray) -> None:
     answers.write(kind + len(data).to_bytes(8, "little"))
     answers.write(data)
     answers.flush()
-
-
-def _send_error(answers: BinaryIO, kind: str, message: str, name: str | None) -> None:
-    _send(answers, b"E", json.dumps({"kind": kind, "message": message[:500], "name": name}).encode())
 
 
 if __name__ == "__main__":

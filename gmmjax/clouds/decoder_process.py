@@ -1,5 +1,6 @@
 """A process of its own for libraries that a damaged file may crash: their end is then not ours."""
 
+import contextlib
 import json
 import os
 import subprocess
@@ -7,9 +8,8 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from gmmjax.errors import InputError, one_line
@@ -48,7 +48,13 @@ class Request:
     library: str
     memory: int
     seconds: float
-    details: dict[str, Any]
+    details: dict[str, Any] = field(default_factory=dict)
+
+    def line(self) -> bytes:
+        """The request as `decoder_main` reads it."""
+        memory = WORKING_MEMORY + MEMORY_OF_THREAD * (os.cpu_count() or 1) + self.memory
+        own = {"decoder": self.decoder, "path": os.path.abspath(self.file), "memory": memory, "sys_path": sys.path}
+        return json.dumps(self.details | own).encode() + b"\n"
 
 
 class DecoderProcess:
@@ -60,75 +66,51 @@ class DecoderProcess:
     def __enter__(self) -> "DecoderProcess":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._end()
 
     def decode(self, request: Request) -> Iterator[bytearray]:
-        """The data of a file, in the pieces in which the decoder gives them.
+        """Yield the data of a file, in the pieces in which the decoder gives them.
 
         Raises:
             InputError: the library crashed, or took too long or too much memory; it names the file.
             DecodingError: the library raised something.
         """
         process = self._running(request)
-        clock = _Clock(process, START + request.seconds)
-        finished = False
+        limit = left = START + request.seconds
+        kind, data = b"D", bytearray()
         try:
-            self._ask(process, request)
-            while (frame := clock.frame()) is not None:
-                kind, data = frame
-                finished = kind != b"D"
-                if finished:
-                    break
-                yield data
-            else:
-                status = process.wait()
-                raise _ended(request, status, clock.limit if clock.late else None)
+            # Where it has ended, reading its answer says how.
+            with contextlib.suppress(OSError):
+                assert process.stdin is not None
+                process.stdin.write(request.line())
+                process.stdin.flush()
+            while kind == b"D":
+                kind, data, left = _frame(process, left)
+                if kind == b"D":
+                    yield data
+            if not kind:
+                raise _ended(request, process.wait(), limit if left <= 0 else None)
         finally:
             # Half an answer must not be taken for the next one.
-            if not finished:
+            if kind not in (b"E", b"."):
                 self._end()
         if kind == b"E":
-            error = json.loads(data)
-            if error["kind"] == "MemoryError":
-                raise _too_large(request)
-            raise DecodingError(error["kind"], one_line(Exception(error["message"])), error["name"])
+            raise _raised(request, **json.loads(data))
 
-    def _running(self, request: Request) -> subprocess.Popen[bytes]:
+    def _running(self, request: Request) -> "subprocess.Popen[bytes]":
         if self._process is None or self._process.poll() is not None:
             if not sys.executable:
                 raise InputError(f"{request.file}: Python does not know its own program; read the file in plain Python")
             self._end()
+            pipe, program = subprocess.PIPE, [sys.executable, "-P", str(PROGRAM)]
             try:
-                self._process = subprocess.Popen(
-                    [sys.executable, "-P", str(PROGRAM)],
-                    stdin=subprocess.PIPE,
-                    stdout=subprocess.PIPE,
-                    stderr=subprocess.DEVNULL,
-                )
+                self._process = subprocess.Popen(program, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL)
             except OSError as error:
                 raise InputError(
                     f"{request.file}: no process can be started to read it ({error.strerror}); free some memory"
                 ) from error
         return self._process
-
-    def _ask(self, process: subprocess.Popen[bytes], request: Request) -> None:
-        assert process.stdin is not None
-        threads = MEMORY_OF_THREAD * (os.cpu_count() or 1)
-        content = request.details | {
-            "decoder": request.decoder,
-            "path": os.path.abspath(request.file),
-            "memory": WORKING_MEMORY + threads + request.memory,
-            "sys_path": sys.path,
-        }
-        try:
-            process.stdin.write(json.dumps(content).encode() + b"\n")
-            process.stdin.flush()
-        except OSError:
-            # It has ended: reading its answer says how.
-            pass
 
     def _end(self) -> None:
         process, self._process = self._process, None
@@ -137,71 +119,43 @@ class DecoderProcess:
         process.kill()
         for stream in (process.stdin, process.stdout):
             assert stream is not None
-            try:
-                stream.close()
             # What was not written yet cannot be any more.
-            except OSError:
-                pass
+            with contextlib.suppress(OSError):
+                stream.close()
         process.wait()
 
 
-class _Clock:
-    """Ends the process where it takes too long: what counts is the time for which its answer is waited for.
+def _frame(process: "subprocess.Popen[bytes]", seconds: float) -> tuple[bytes, bytearray, float]:
+    """The kind and the data of the next frame, and the seconds that are left; no kind where the process has ended.
 
-    Attributes:
-        limit: seconds that all frames together may take.
-        late: whether they took longer.
+    It is ended where its answer is waited for longer; what the caller does between two frames does not count.
     """
-
-    def __init__(self, process: subprocess.Popen[bytes], limit: float) -> None:
-        self._process, self._left = process, limit
-        self.limit, self.late = limit, False
-
-    def frame(self) -> tuple[bytes, bytearray] | None:
-        """The next frame, as `_frame`."""
-        timer = threading.Timer(self._left, self._stop)
-        start = time.monotonic()
-        timer.start()
-        try:
-            answer = _frame(self._process)
-        finally:
-            timer.cancel()
-        self._left -= time.monotonic() - start
-        if self._left < 0:
-            self._stop()
-        return None if self.late else answer
-
-    def _stop(self) -> None:
-        self.late = True
-        self._process.kill()
-
-
-def _frame(process: subprocess.Popen[bytes]) -> tuple[bytes, bytearray] | None:
-    """The kind and the data of the next frame, or None where the process has ended."""
-    assert process.stdout is not None
-    head = process.stdout.read(9)
-    if len(head) < 9:
-        return None
-    data = bytearray(int.from_bytes(head[1:], "little"))
-    if process.stdout.readinto(data) < len(data):  # type: ignore[attr-defined]
-        return None
-    return head[:1], data
+    timer, start = threading.Timer(seconds, process.kill), time.monotonic()
+    timer.start()
+    try:
+        assert process.stdout is not None
+        head = process.stdout.read(9)
+        data = bytearray(int.from_bytes(head[1:], "little"))
+        whole = len(head) == 9 and process.stdout.readinto(data) == len(data)  # type: ignore[attr-defined]
+    finally:
+        timer.cancel()
+    left = seconds - (time.monotonic() - start)
+    if left <= 0:
+        process.kill()
+    return head[:1] if whole and left > 0 else b"", data, left
 
 
 def _ended(request: Request, status: int, limit: float | None) -> InputError:
+    how = f"crashed on it ({f'signal {-status}' if status < 0 else f'exit status {status}'})"
     if limit is not None:
+        how = f"did not finish within {limit:.0f} s"
+    return InputError(f"{request.file}: {request.library} {how}; the file is damaged, copy or export it again")
+
+
+def _raised(request: Request, kind: str, message: str, name: str | None) -> Exception:
+    if kind == "MemoryError":
         return InputError(
-            f"{request.file}: {request.library} did not finish within {limit:.0f} s; the file is damaged, "
-            "copy or export it again"
+            f"{request.file}: {request.library} needs more memory for it than a file of its size takes; the file is "
+            "damaged, or the memory is full: copy it again, or free some memory"
         )
-    how = f"signal {-status}" if status < 0 else f"exit status {status}"
-    return InputError(
-        f"{request.file}: {request.library} crashed on it ({how}); the file is damaged, copy or export it again"
-    )
-
-
-def _too_large(request: Request) -> InputError:
-    return InputError(
-        f"{request.file}: {request.library} needs more memory for it than a file of its size takes; the file is "
-        "damaged, or the memory is full: copy it again, or free some memory"
-    )
+    return DecodingError(kind, one_line(Exception(message)), name)

@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,8 +14,6 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax.clouds.cloud_file import CloudFile, RowBlock
 from gmmjax.clouds.decoder_process import DecoderProcess, DecodingError, Request
-from gmmjax.clouds.files import require_file
-from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.clouds.reference_system import ANGLES, of_wkt
 from gmmjax.clouds.source_file import SourceFile
 from gmmjax.clouds.views import SensorViews
@@ -39,12 +36,12 @@ REPEATED = (*CARTESIAN, *SPHERICAL, *COLORS, INVALID, SPHERICAL_INVALID)
 SLOWEST, WORKING_MEMORY = 1_000_000, 1 << 29
 # Standard deviation of the elevations from even steps along the rows or columns of a scan, as a fraction of their
 # range, below which its pose is that of a turning scanner. Larger: merged scans have views from where nobody stood.
-MOST_UNEVENNESS = 0.02
+MAX_UNEVENNESS = 0.02
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Scan:
-    """What a file says of one of its scans.
+    """One of the scans of a file.
 
     Attributes:
         fields: the names of E57 of what its points have.
@@ -58,13 +55,13 @@ class Scan:
     pose: Float64[np.ndarray, "4 4"]
     posed: bool
 
-    def places(self, columns: dict[str, np.ndarray]) -> Float64[np.ndarray, "n 3"]:
-        """Coordinates in the frame of the scan; NaN where the scanner had no return.
+    def has(self, *names: str) -> bool:
+        """Whether the points have all of these fields."""
+        return set(names) <= set(self.fields)
 
-        Args:
-            columns: of some of its points, by name.
-        """
-        if set(CARTESIAN) <= set(self.fields):
+    def places(self, columns: dict[str, np.ndarray]) -> Float64[np.ndarray, "n 3"]:
+        """Coordinates, in the frame of the scan, of points given by their columns; NaN where there was no return."""
+        if self.has(*CARTESIAN):
             places, invalid = np.stack([columns[name] for name in CARTESIAN], axis=1), INVALID
         else:
             reach, azimuth, elevation = (np.ascontiguousarray(columns[name]) for name in SPHERICAL)
@@ -76,13 +73,6 @@ class Scan:
         if invalid in columns:
             places[columns[invalid] != 0] = np.nan
         return places
-
-    def turned_normals(self, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """The normals in the world, by their names in E57; none where the scan has none."""
-        if not set(NORMALS) <= set(self.fields):
-            return {}
-        normals = np.stack([columns[name] for name in NORMALS], axis=1) @ self.pose[:3, :3].T
-        return dict(zip(NORMALS, normals.T, strict=True))
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -100,38 +90,8 @@ class E57File(CloudFile):
         """How many scans with points the file holds."""
         return len(self._filled)
 
-    @functools.cached_property
-    def views(self) -> SensorViews | None:
-        """Where the scanner stood, where every scan has a pose and rows as of a turning scanner there; else None."""
-        evenness = self._evenness()
-        if not evenness:
-            return None
-        for block in self.row_blocks():
-            _add(evenness, block)
-        return self._views(evenness, lambda: (chunk.points for chunk in self.chunks()))
-
-    def read(self) -> PointCloud:
-        """All points, in memory.
-
-        Raises:
-            InputError: as `row_blocks`, or the memory does not hold them.
-        """
-        evenness = self._evenness()
-
-        def observed() -> Iterator[RowBlock]:
-            for block in self.row_blocks():
-                _add(evenness, block)
-                yield block
-
-        cloud = self._read(observed())
-        return dataclasses.replace(cloud, views=self._views(evenness, lambda: [cloud.points]))
-
     def blocks(self) -> Iterator[RowBlock]:
-        """All points, some at a time.
-
-        Raises:
-            InputError: the file is damaged or cut off.
-        """
+        """Yield all points, some at a time; raises an `InputError` where the file is damaged or cut off."""
         with _decoded(self.path, self.source.size) as blocks:
             next(blocks)
             number = 0
@@ -141,15 +101,35 @@ class E57File(CloudFile):
             # Ends the answer, and the process with it.
             next(blocks, None)
 
-    @property
+    def views_of(self, blocks: Callable[[], Iterable[RowBlock]]) -> SensorViews | None:
+        """Where the scanner stood, where every scan has a pose and rows as of a turning scanner there; else None."""
+        scans = self._filled
+        if not all(scan.posed and set(INDICES) & set(scan.fields) for scan in scans):
+            return None
+        lines = [{name: _Line() for name in INDICES if scan.has(name)} for scan in scans]
+        for block in blocks():
+            numbers = block.columns.get("scan", np.zeros(len(block.points)))
+            for number, (scan, own) in enumerate(zip(scans, lines, strict=True)):
+                # The scans follow each other.
+                part = block.part(slice(*map(int, np.searchsorted(numbers, [number, number + 1]))))
+                _add_elevations(own, scan, part)
+        if not all(any(line.unevenness < MAX_UNEVENNESS for line in own.values()) for own in lines):
+            return None
+        try:
+            stations = np.stack([scan.pose[:3, 3] for scan in scans])
+            return SensorViews.from_parts(lambda: (block.points for block in blocks()), stations)
+        # Such as a scanner that is too far away from its points.
+        except InputError:
+            return None
+
+    @functools.cached_property
     def _filled(self) -> list[Scan]:
         return [scan for scan in self.all_scans if scan.count]
 
     @functools.cached_property
     def _names(self) -> tuple[str, ...]:
         """Of all columns, those that only some of the scans have among them."""
-        names = dict.fromkeys(name for scan in self._filled for name in scan.fields if name not in REPEATED)
-        return tuple(names)
+        return tuple(dict.fromkeys(name for scan in self._filled for name in scan.fields if name not in REPEATED))
 
     def _scan_blocks(self, blocks: Iterator[bytearray], scan: Scan, number: int) -> Iterator[RowBlock]:
         found = 0
@@ -161,35 +141,22 @@ class E57File(CloudFile):
             raise InputError(f"{self.path}: declares a scan of {scan.count} points, {found} are there; copy it again")
 
     def _rows(self, scan: Scan, number: int, table: Float64[np.ndarray, "n fields"]) -> RowBlock:
-        columns = {name: table[:, index] for index, name in enumerate(scan.fields)}
+        columns = dict(zip(scan.fields, table.T, strict=True))
         points = transformed(scan.places(columns), scan.pose)
-        colors = None
-        if all(set(COLORS) <= set(own.fields) for own in self._filled):
-            colors = np.stack([columns[name] for name in COLORS], axis=1)
-        columns |= scan.turned_normals(columns)
+        colored = all(own.has(*COLORS) for own in self._filled)
+        colors = np.stack([columns[name] for name in COLORS], axis=1) if colored else None
+        if scan.has(*NORMALS):
+            normals = np.stack([columns[name] for name in NORMALS], axis=1) @ scan.pose[:3, :3].T
+            columns |= zip(NORMALS, normals.T, strict=True)
         fields = {name: columns.get(name, np.full(len(table), np.nan)) for name in self._names}
         if self.scans == 1:
             return RowBlock(points, fields, colors)
         fields["scan"] = np.full(len(table), number, np.int32)
         return RowBlock(points, fields, colors, np.full(len(table), number, np.int16))
 
-    def _evenness(self) -> "list[_Evenness]":
-        """That of each scan; none where a scan has no pose."""
-        scans = self._filled
-        return [_Evenness(scan) for scan in scans] if all(scan.posed for scan in scans) else []
 
-    def _views(self, evenness: "list[_Evenness]", parts: Callable[[], Iterable[np.ndarray]]) -> SensorViews | None:
-        if not evenness or not all(own.is_station for own in evenness):
-            return None
-        try:
-            return SensorViews.from_parts(parts, np.stack([scan.pose[:3, 3] for scan in self._filled]))
-        # Such as a scanner that is too far away from its points.
-        except InputError:
-            return None
-
-
-def open_e57(path: str | os.PathLike[str]) -> E57File:
-    """An E57 file: the points of all its scans, in the world, in metres.
+def open_e57(path: Path) -> E57File:
+    """Open an E57 file: the points of all its scans, in the world, in metres.
 
     Colours become bytes; all other fields of the points (intensity, time, row and column of the scan, ...) stay, with
     NaN in scans that do not have them; in a file of several scans the field `scan` is the number of each point's own.
@@ -200,24 +167,26 @@ def open_e57(path: str | os.PathLike[str]) -> E57File:
         path: the file.
 
     Returns:
-        The file, of which the descriptions of the scans are read.
+        The file, with the descriptions of its scans read.
 
     Raises:
         InputError: pye57 is not installed; the file is damaged, has no points, or a scan has no coordinates.
     """
-    file = require_file(path)
-    source = SourceFile.of(file)
-    with file.open("rb") as stream:
+    source = SourceFile.of(path)
+    with path.open("rb") as stream:
         if stream.read(len(SIGNATURE)) != SIGNATURE:
-            raise InputError(f"{file}: is no E57 file (it does not start with ASTM-E57); rename it to its real format")
-    with _decoded(file, source.size) as blocks:
+            raise InputError(f"{path}: is no E57 file (it does not start with ASTM-E57); rename it to its real format")
+    with _decoded(path, source.size) as blocks:
         details = json.loads(next(blocks, b"{}"))
     described = details.get("scans", [])
-    _check(described, file)
-    scans = tuple(_scan(own) for own in described)
+    if not any(own["count"] for own in described):
+        what = f"has no points in any of its scans ({len(described)})" if described else "has no scan"
+        raise InputError(f"{path}: {what}; export the file again with its point data")
+    total = len(described)
+    scans = tuple(_scan(own, path, f"scan {number} of {total}") for number, own in enumerate(described))
     system = of_wkt(details["coordinate_metadata"])
     return E57File(
-        path=file,
+        path=path,
         source=source,
         count=sum(scan.count for scan in scans),
         unit=system.unit if system.unit in ANGLES else UNIT,
@@ -229,7 +198,7 @@ def open_e57(path: str | os.PathLike[str]) -> E57File:
 @contextmanager
 def _decoded(file: Path, size: int) -> Iterator[Iterator[bytearray]]:
     """What the decoder says of a file: a description of the scans, and the blocks of their points."""
-    request = Request("e57", file, "pye57", WORKING_MEMORY + size, size / SLOWEST, {})
+    request = Request("e57", file, "pye57", WORKING_MEMORY + size, size / SLOWEST)
     try:
         with DecoderProcess() as decoder:
             yield decoder.decode(request)
@@ -243,90 +212,54 @@ def _decoded(file: Path, size: int) -> Iterator[Iterator[bytearray]]:
         ) from error
 
 
-def _check(scans: list[dict[str, Any]], file: Path) -> None:
-    """Whether there are points, with coordinates and a pose that is one."""
-    if not any(scan["count"] for scan in scans):
-        what = f"has no points in any of its scans ({len(scans)})" if scans else "has no scan"
-        raise InputError(f"{file}: {what}; export the file again with its point data")
-    for number, scan in enumerate(scans):
-        if scan["count"] and not any(set(axes) <= set(scan["fields"]) for axes in (CARTESIAN, SPHERICAL)):
-            listed = ", ".join(scan["fields"][:6]) or "nothing"
-            raise InputError(
-                f"{file}: scan {number} of {len(scans)} has neither Cartesian nor spherical coordinates, only: "
-                f"{listed}; export the file with Cartesian coordinates"
-            )
-        if scan["pose"] is not None and _pose(scan["pose"]) is None:
-            raise InputError(f"{file}: the pose of scan {number} of {len(scans)} is none; export the file again")
+def _scan(details: dict[str, Any], file: Path, name: str) -> Scan:
+    """A scan as the decoder describes it, which must have coordinates and a pose that is one."""
+    scan = Scan(tuple(details["fields"]), details["count"], np.eye(4), details["pose"] is not None)
+    if scan.count and not (scan.has(*CARTESIAN) or scan.has(*SPHERICAL)):
+        raise InputError(
+            f"{file}: {name} has neither Cartesian nor spherical coordinates, only: "
+            f"{', '.join(scan.fields[:6]) or 'nothing'}; export the file with Cartesian coordinates"
+        )
+    if not scan.posed:
+        return scan
+    pose = np.array(details["pose"])
+    if not np.isfinite(pose).all() or not 0.5 < np.linalg.norm(pose[:4]) < 2:
+        raise InputError(f"{file}: the pose of {name} is none; export the file again")
+    rotation = Rotation.from_quat(pose[[1, 2, 3, 0]]).as_matrix()
+    return dataclasses.replace(scan, pose=rigid_transform(rotation, pose[4:]))
 
 
-def _pose(pose: list[list[float]]) -> Float64[np.ndarray, "4 4"] | None:
-    rotation, translation = (np.array(part, np.float64) for part in pose)
-    if not (np.isfinite(rotation).all() and np.isfinite(translation).all() and 0.5 < np.linalg.norm(rotation) < 2):
-        return None
-    return rigid_transform(Rotation.from_quat(rotation[[1, 2, 3, 0]]).as_matrix(), translation)
-
-
-def _scan(details: dict[str, Any]) -> Scan:
-    pose = None if details["pose"] is None else _pose(details["pose"])
-    posed = pose is not None
-    return Scan(tuple(details["fields"]), details["count"], pose if pose is not None else np.eye(4), posed)
-
-
-class _Evenness:
-    """Whether elevations grow evenly with the row or the column of a scan, as from the place of a turning scanner."""
-
-    def __init__(self, scan: Scan) -> None:
-        self._to_scan = np.linalg.inv(scan.pose)
-        self._lines = {name: _Line() for name in INDICES if name in scan.fields}
-
-    def add(self, block: RowBlock) -> None:
-        """Takes some points of the scan into account."""
-        places = transformed(block.points, self._to_scan)
-        elevations = np.arctan2(places[:, 2], np.hypot(places[:, 0], places[:, 1]))
-        known = np.isfinite(elevations)
-        for name, line in self._lines.items():
-            line.add(block.columns[name][known], elevations[known])
-
-    @property
-    def is_station(self) -> bool:
-        """Whether they do."""
-        return any(line.unevenness < MOST_UNEVENNESS for line in self._lines.values())
-
-
-def _add(evenness: list[_Evenness], block: RowBlock) -> None:
-    """Takes a block of one scan into account for it."""
-    if evenness:
-        evenness[0 if block.scan is None else int(block.scan[0])].add(block)
+def _add_elevations(lines: "dict[str, _Line]", scan: Scan, block: RowBlock) -> None:
+    """Adds points of a scan to the lines of their elevations over its indices, by name."""
+    places = transformed(block.points, np.linalg.inv(scan.pose))
+    elevations = np.arctan2(places[:, 2], np.hypot(places[:, 0], places[:, 1]))
+    for name, line in lines.items():
+        line.add(block.columns[name], elevations)
 
 
 class _Line:
-    """The straight line through values over an index, of which some are given at a time."""
+    """The straight line through elevations over an index, of which some are given at a time."""
 
     def __init__(self) -> None:
-        self._count, self._mean, self._scatter = 0, np.zeros(2), np.zeros((2, 2))
-        self._lowest, self._highest = np.inf, -np.inf
+        self._moments, self._low, self._high = np.zeros((3, 3)), np.inf, -np.inf
 
-    def add(self, index: Float64[np.ndarray, " n"], values: Float64[np.ndarray, " n"]) -> None:
-        """Takes more values into account (Chan, Golub and LeVeque 1983)."""
-        if not len(index):
-            return
-        pairs = np.stack([index, values])
-        mean = pairs.mean(axis=1)
-        centred = pairs - mean[:, None]
-        total = self._count + len(index)
-        step = mean - self._mean
-        self._scatter += centred @ centred.T + np.outer(step, step) * (self._count * len(index) / total)
-        self._mean = self._mean + step * (len(index) / total)
-        self._count = total
-        self._lowest, self._highest = min(self._lowest, index.min()), max(self._highest, index.max())
+    @np.errstate(over="ignore", invalid="ignore")
+    def add(self, index: Float64[np.ndarray, " n"], elevations: Float64[np.ndarray, " n"]) -> None:
+        known = np.isfinite(index) & np.isfinite(elevations)
+        table = np.stack([np.ones(known.sum()), index[known], elevations[known]])
+        # Indices are whole numbers of at most some thousands: nothing is lost in their squares.
+        self._moments += table @ table.T
+        self._low = min(self._low, table[1].min(initial=np.inf))
+        self._high = max(self._high, table[1].max(initial=-np.inf))
 
     @property
+    @np.errstate(over="ignore", invalid="ignore")
     def unevenness(self) -> float:
-        """Standard deviation from the straight line over the index, as a fraction of the line's range."""
-        spread = self._scatter[0, 0]
-        if not spread:
+        """Standard deviation from the straight line, as a fraction of the line's range."""
+        if not self._low < self._high:
             return np.inf
-        slope = self._scatter[0, 1] / spread
-        extent = abs(slope) * (self._highest - self._lowest)
-        variance = max(self._scatter[1, 1] - slope * self._scatter[0, 1], 0.0) / self._count
-        return float(np.sqrt(variance) / extent) if extent else np.inf
+        count, mean = self._moments[0, 0], self._moments[0, 1:] / self._moments[0, 0]
+        scatter = self._moments[1:, 1:] / count - np.outer(mean, mean)
+        slope = scatter[0, 1] / scatter[0, 0]
+        extent = abs(slope) * (self._high - self._low)
+        return float(np.sqrt(max(scatter[1, 1] - slope * scatter[0, 1], 0.0)) / extent) if extent else np.inf

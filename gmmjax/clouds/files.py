@@ -1,4 +1,4 @@
-"""Files on their way in: what is wrong with a path is said once, with the remedy."""
+"""Checks of files before they are read, and small files of JSON and TOML."""
 
 import json
 import math
@@ -26,7 +26,7 @@ KINDS = {
 
 
 def require_file(path: str | os.PathLike[str], most: int | None = None) -> Path:
-    """The path of a regular file that exists, holds something and may be read; a link to such a file is one.
+    """Check that a path is of a regular file that exists, holds something and may be read, or a link to one.
 
     Every reader asks this before it opens a file: a pipe or a device may never end, or wait for ever.
 
@@ -66,14 +66,7 @@ def require_file(path: str | os.PathLike[str], most: int | None = None) -> Path:
 
 
 def read_bytes(path: str | os.PathLike[str], most: int | None = None) -> bytes:
-    """All bytes of a file.
-
-    Args:
-        path: the file.
-        most: bytes that it may have; None is any number.
-
-    Returns:
-        What the file holds, at least one byte.
+    """Read all bytes of a file, of which it may have at most so many.
 
     Raises:
         InputError: as `require_file`, or the file cannot be read to its end.
@@ -86,10 +79,7 @@ def read_bytes(path: str | os.PathLike[str], most: int | None = None) -> bytes:
 
 
 def parse_json(text: bytes) -> Any:
-    """What JSON text holds; numbers are finite, and whole ones fit 64 bits.
-
-    Args:
-        text: in UTF-8.
+    """Parse JSON in UTF-8, whose numbers must be finite, and whole ones fit 64 bits.
 
     Raises:
         ValueError: no JSON, nested too deeply, or with NaN, infinity or a number that is too large.
@@ -103,15 +93,7 @@ def parse_json(text: bytes) -> Any:
 
 
 def read_json(path: str | os.PathLike[str], remedy: str) -> Any:
-    """What a JSON file holds, as `parse_json`.
-
-    Args:
-        path: the file.
-        remedy: what to do where the file is no JSON.
-
-    Raises:
-        InputError: the file cannot be read, or is no JSON.
-    """
+    """Read a JSON file as `parse_json` does; raises an `InputError` with the remedy where it is none."""
     content = read_bytes(path, MOST_JSON)
     try:
         return parse_json(content)
@@ -120,7 +102,7 @@ def read_json(path: str | os.PathLike[str], remedy: str) -> Any:
 
 
 def read_json_record(path: str | os.PathLike[str], schema_version: int, remedy: str) -> dict[str, Any]:
-    """A JSON object that gmmjax wrote.
+    """Read a JSON object that gmmjax wrote.
 
     Args:
         path: the file.
@@ -143,7 +125,7 @@ def read_json_record(path: str | os.PathLike[str], schema_version: int, remedy: 
 
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The settings in a TOML file; whole numbers fit 64 bits, as TOML has it.
+    """Read the settings in a TOML file; whole numbers must fit 64 bits, as TOML has it.
 
     Raises:
         InputError: the file cannot be read, or is no TOML.

@@ -1,7 +1,6 @@
 """LAS and LAZ files: the header by laspy, the points some at a time, those of LAZ in a process of its own."""
 
 import dataclasses
-import os
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
@@ -13,9 +12,7 @@ from jaxtyping import Float64
 
 from gmmjax.clouds.cloud_file import Bounds, CloudFile, RowBlock
 from gmmjax.clouds.decoder_process import DecoderProcess, DecodingError, Request
-from gmmjax.clouds.files import require_file
-from gmmjax.clouds.number_table import cut_off
-from gmmjax.clouds.records import stored_records
+from gmmjax.clouds.records import require_records, stored_records
 from gmmjax.clouds.reference_system import GEOTIFF_TEXTS, ReferenceSystem, of_geotiff_keys, of_wkt
 from gmmjax.clouds.source_file import SourceFile
 from gmmjax.errors import InputError, one_line, warn
@@ -45,11 +42,7 @@ class LasFile(CloudFile):
     header: "LasHeader"
 
     def blocks(self) -> Iterator[RowBlock]:
-        """All points, some at a time.
-
-        Raises:
-            InputError: the file is damaged or cut off.
-        """
+        """Yield all points, some at a time; raises an `InputError` where the file is damaged or cut off."""
         with record_blocks(self.path, self.header) as blocks:
             for rows in blocks:
                 names = rows.dtype.names or ()
@@ -60,11 +53,8 @@ class LasFile(CloudFile):
                 yield RowBlock(coordinates(rows, self.header), columns, colors)
 
 
-def open_las(path: str | os.PathLike[str]) -> LasFile:
-    """A LAS or LAZ file, of which the header is read and checked.
-
-    Args:
-        path: the file.
+def open_las(path: Path) -> LasFile:
+    """Open a LAS or LAZ file, and check its header.
 
     Raises:
         InputError: the file cannot be read, is damaged or cut off.
@@ -72,17 +62,16 @@ def open_las(path: str | os.PathLike[str]) -> LasFile:
     Warns:
         InputWarning: heights in another unit than x and y.
     """
-    file = require_file(path)
-    source = SourceFile.of(file)
-    header = read_header(file, source.size)
+    source = SourceFile.of(path)
+    header = read_header(path, source.size)
     system = _reference_system(header)
     if system.heights is not None:
         warn(
-            f"{file}: states heights in {system.heights}, and x and y in another unit: distances and volumes would mix "
+            f"{path}: states heights in {system.heights}, and x and y in another unit: distances and volumes would mix "
             "both; convert the heights to the unit of x and y"
         )
     return LasFile(
-        path=file,
+        path=path,
         source=source,
         count=header.point_count,
         unit=system.unit,
@@ -93,7 +82,7 @@ def open_las(path: str | os.PathLike[str]) -> LasFile:
 
 
 def read_header(file: Path, size: int, *, whole: bool = False) -> "LasHeader":
-    """The header of a file, with its extended records.
+    """Read the header of a LAS or LAZ file of so many bytes, with its extended records.
 
     Args:
         file: LAS or LAZ.
@@ -112,9 +101,8 @@ def read_header(file: Path, size: int, *, whole: bool = False) -> "LasHeader":
             header = LasHeader.read_from(stream)
             with nullcontext() if whole else suppress(InputError):
                 if header.version.minor >= 4 and header.number_of_evlrs:
-                    _check_records(
-                        stream, range(header.start_of_first_evlr, size), header.number_of_evlrs, EVLR_HEADER, file
-                    )
+                    place = range(header.start_of_first_evlr, size)
+                    _check_records(stream, place, header.number_of_evlrs, EVLR_HEADER, file)
                     header.read_evlrs(stream)
         _check_points(header, size, file)
         return header
@@ -131,27 +119,16 @@ def read_header(file: Path, size: int, *, whole: bool = False) -> "LasHeader":
 
 
 def coordinates(rows: np.ndarray, header: "LasHeader") -> Float64[np.ndarray, "n 3"]:
-    """x, y and z of points, in float64.
-
-    Args:
-        rows: as of `record_blocks`.
-        header: of their file.
-    """
-    values = np.empty((len(rows), 3))
+    """Scale the coordinates of points that `record_blocks` gives."""
     # Scales of 1e300 make infinite coordinates, which are dropped and counted as everywhere.
     with np.errstate(over="ignore"):
-        for axis, name in enumerate("XYZ"):
-            values[:, axis] = rows[name] * header.scales[axis] + header.offsets[axis]
-    return values
+        whole = zip("XYZ", header.scales, header.offsets, strict=True)
+        return np.stack([rows[name] * scale + offset for name, scale, offset in whole], axis=1)
 
 
 @contextmanager
 def record_blocks(file: Path, header: "LasHeader") -> Iterator[Iterator[np.ndarray]]:
-    """The points of a file as they are there, some at a time, with the names of their dimensions by laspy.
-
-    Args:
-        file: LAS or LAZ.
-        header: of the file.
+    """Give the points of a file as they are there, some at a time, with laspy's names of their dimensions.
 
     Raises:
         InputError: while they are read: the file is damaged or cut off.
@@ -188,7 +165,7 @@ def _decompressed(file: Path, header: "LasHeader", decoder: DecoderProcess) -> I
 
 
 def _reference_system(header: "LasHeader") -> ReferenceSystem:
-    """What the file says of its coordinates; the WKT, where there is one, before the GeoTIFF keys."""
+    """The system of the coordinates; the WKT, where there is one, before the GeoTIFF keys."""
     records = [record for record in (*header.vlrs, *(header.evlrs or ())) if record.user_id == PROJECTION_USER]
     texts = {own.record_id: data for own in records if len(data := own.record_data_bytes()) < LONGEST}
     system = of_wkt(texts.get(WKT_RECORD, b"").decode("utf-8", "replace"))
@@ -198,7 +175,7 @@ def _reference_system(header: "LasHeader") -> ReferenceSystem:
 
 
 def _check_layout(stream: BinaryIO, size: int, file: Path) -> None:
-    """Whether the file is LAS and its bytes do not contradict its header: laspy believes any numbers."""
+    """Check that the file is LAS and its bytes do not contradict its header: laspy believes any numbers."""
     head = stream.read(SHORTEST_HEADER)
     if head[:4] != b"LASF":
         raise InputError(f"{file}: is no LAS or LAZ file (it does not start with LASF); rename it to its real format")
@@ -216,7 +193,7 @@ def _check_layout(stream: BinaryIO, size: int, file: Path) -> None:
 
 
 def _check_records(stream: BinaryIO, place: range, count: int, head: int, file: Path) -> None:
-    """Whether so many variable-length records end where they must: laspy does not notice that they are cut off."""
+    """Check that so many variable-length records end where they must: laspy does not notice that they are cut off."""
     start = place.start
     for number in range(count):
         # The length stands before a description of 32 bytes.
@@ -230,12 +207,12 @@ def _check_records(stream: BinaryIO, place: range, count: int, head: int, file: 
 
 
 def _check_points(header: "LasHeader", size: int, file: Path) -> None:
-    """Whether there is room for the points, and their coordinates are numbers."""
-    scales, offsets, count = header.scales, header.offsets, header.point_count
+    """Check that there is room for the points, and their coordinates are numbers."""
+    scales, offsets = header.scales, header.offsets
     if not (np.isfinite(scales).all() and np.isfinite(offsets).all() and (scales != 0).all()):
         raise InputError(f"{file}: has scales {scales.tolist()} and offsets {offsets.tolist()}; {DAMAGED}")
-    if header.are_points_compressed and not header.vlrs.get("LasZipVlr"):
+    if not header.are_points_compressed:
+        room = size - header.offset_to_point_data
+        require_records(file, room, header.point_format.dtype(), header.point_count, "points")
+    elif not header.vlrs.get("LasZipVlr"):
         raise InputError(f"{file}: is compressed and has no record of LASzip; {DAMAGED}")
-    available = (size - header.offset_to_point_data) // header.point_format.dtype().itemsize
-    if not header.are_points_compressed and available < count:
-        raise cut_off(count, available, "points", str(file))

@@ -1,6 +1,7 @@
 """Writing a LAS or LAZ file again with further dimensions, by laspy: the points' own bytes and the records stay."""
 
 import copy
+import functools
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
@@ -9,7 +10,6 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from gmmjax.clouds.atomic import atomic_write
-from gmmjax.clouds.cloud_file import Bounds
 from gmmjax.clouds.columns import free_name
 from gmmjax.clouds.las import coordinates, read_header, record_blocks
 from gmmjax.clouds.point_cloud import PointCloud
@@ -33,10 +33,6 @@ INDEX_RECORD = ("LAStools", 30)
 RANGE_BITS = 0b110
 
 
-class BoundsError(InputError):
-    """Points lie outside the bounds that were declared for them."""
-
-
 class LasSource(NamedTuple):
     """A file that is to be written again.
 
@@ -50,7 +46,7 @@ class LasSource(NamedTuple):
 
     @classmethod
     def of(cls, source: SourceFile) -> "LasSource":
-        """The file that a cloud was read from.
+        """Read the header of the file that a cloud was read from.
 
         Raises:
             InputError: it was changed since, its extended records run beyond its end, or laspy does not write its like.
@@ -72,10 +68,6 @@ class LasSource(NamedTuple):
     def ending(self) -> str:
         """Of the file that is written."""
         return ".laz" if self.compressed else ".las"
-
-    def represents(self, bounds: Bounds) -> bool:
-        """Whether the file's scale and offset can represent all points in a box."""
-        return bool(_represented(bounds, self.header.scales, self.header.offsets).all())
 
 
 class LasPart(NamedTuple):
@@ -102,7 +94,7 @@ def write_las(
     dimensions: Mapping[str, np.ndarray],
     descriptions: Mapping[str, str],
 ) -> None:
-    """`write_las_blocks` for a cloud in memory.
+    """Write as `write_las_blocks` a cloud in memory.
 
     Args:
         path: the file to write.
@@ -116,46 +108,42 @@ def write_las(
     """
     if (np.diff(cloud.rows) <= 0).any() or cloud.rows[-1] >= source.header.point_count:
         raise InputError(f"{source.file}: does not hold the points of the cloud in their order; read it again")
-
-    def part_of(first: int, points: Float64[np.ndarray, "n 3"]) -> LasPart:
-        place = slice(*map(int, np.searchsorted(cloud.rows, [first, first + len(points)])))
-        values = {name: own[place] for name, own in dimensions.items()}
-        return LasPart(cloud.rows[place] - first, cloud.points[place], values)
-
-    bounds = Bounds(cloud.points.min(axis=0), cloud.points.max(axis=0))
     described = {name: (values.dtype, descriptions[name]) for name, values in dimensions.items()}
-    write_las_blocks(path, source, part_of, described, bounds)
+    write_las_blocks(path, source, functools.partial(_part_of, cloud, dimensions), described)
+
+
+def _part_of(
+    cloud: PointCloud, dimensions: Mapping[str, np.ndarray], first: int, points: Float64[np.ndarray, "n 3"]
+) -> LasPart:
+    """The points of a cloud in memory that are of a block of its file."""
+    place = slice(*map(int, np.searchsorted(cloud.rows, [first, first + len(points)])))
+    values = {name: own[place] for name, own in dimensions.items()}
+    return LasPart(cloud.rows[place] - first, cloud.points[place], values)
 
 
 def write_las_blocks(
-    path: Path,
-    source: LasSource,
-    part_of: PartOf,
-    descriptions: Mapping[str, tuple[np.dtype, str]],
-    bounds: Bounds | None,
+    path: Path, source: LasSource, part_of: PartOf, descriptions: Mapping[str, tuple[np.dtype, str]]
 ) -> None:
-    """Writes the points of a LAS or LAZ file with further dimensions as extra bytes, whole or not at all.
+    """Write the points of a LAS or LAZ file with further dimensions as extra bytes, whole or not at all.
 
-    Version, point format, all dimensions, and the records as laspy keeps them, stay. A point whose coordinates are
-    those of the file keeps them bit for bit; others are rounded to the file's scale, and scale and offset change only
-    where they cannot represent them. Dimensions of the file with the name of a new one become `input_NAME`.
+    Version, point format, scale, all dimensions, and the records as laspy keeps them, stay. A point whose coordinates
+    are those of the file keeps them bit for bit; others are rounded to the file's scale, and the offset changes only
+    where it does not reach the first of them. Dimensions of the file with the name of a new one become `input_NAME`.
 
     Args:
         path: the file to write.
         source: the file that the points are read from, a block at a time.
-        part_of: what is written of a block of the file, of its first row and its coordinates.
+        part_of: gives what is written of a block of the file, of its first row and its coordinates.
         descriptions: type of each dimension, and what it is, in ASCII, at most 32 letters.
-        bounds: of all points that are written, where they are now; None: where they are in the file.
 
     Raises:
-        InputError: the file was changed, is damaged, or has what laspy does not write.
-        BoundsError: a point outside the bounds, which the file's numbers cannot represent.
+        InputError: the file was changed, is damaged, has what laspy does not write, or a scale too fine for its points.
         OSError: from writing, such as a full disk; `path` is then as it was.
     """
     with atomic_write(path) as file:
         target = _RememberingFile(file)
         try:
-            _write(target, source, part_of, _extended_header(source, descriptions, bounds))
+            _write(target, source, part_of, _extended_header(source, descriptions))
         except Exception as error:
             if target.failure is not None:
                 raise target.failure from error
@@ -166,22 +154,20 @@ def write_las_blocks(
             ) from error
 
 
-def _extended_header(
-    source: LasSource, descriptions: Mapping[str, tuple[np.dtype, str]], bounds: Bounds | None
-) -> "LasHeader":
-    """The header of the file with further dimensions, and with scales and offsets for points in a box."""
+def _extended_header(source: LasSource, descriptions: Mapping[str, tuple[np.dtype, str]]) -> "LasHeader":
+    """The header of the file with further dimensions."""
     from laspy import ExtraBytesParams
 
     header = copy.deepcopy(source.header)
     described = [own for record in header.vlrs.get("ExtraBytesVlr") for own in record.extra_bytes_structs]
     dimensions = header.point_format.dimensions
     taken = {*descriptions, *(own.name for own in dimensions)}
+    if (longest := max(own.num_elements for own in dimensions)) > LONGEST_UNTYPED:
+        raise InputError(
+            f"{source.file}: has {longest} bytes a point without a description, more than the {LONGEST_UNTYPED} of "
+            "one; export it with described extra bytes"
+        )
     for place, dimension in enumerate(dimensions):
-        if dimension.num_elements > LONGEST_UNTYPED:
-            raise InputError(
-                f"{source.file}: has {dimension.num_elements} bytes a point without a description, more than the "
-                f"{LONGEST_UNTYPED} of one; export it with described extra bytes"
-            )
         if not dimension.is_standard and dimension.name in descriptions:
             dimensions[place] = dimension._replace(name=free_name(dimension.name, taken)[:LONGEST_NAME])
     header.vlrs = [own for own in header.vlrs if (own.user_id, own.record_id) not in STORAGE_RECORDS]
@@ -193,8 +179,6 @@ def _extended_header(
         record.extra_bytes_structs[place] = own
     for own in record.extra_bytes_structs:
         own.options &= ~RANGE_BITS if own.data_type else ~0
-    if bounds is not None:
-        header.scales, header.offsets = _numbers_for(bounds, header)
     return header
 
 
@@ -203,13 +187,15 @@ def _write(target: "_RememberingFile", source: LasSource, part_of: PartOf, heade
     from laspy.vlrs.vlrlist import VLRList
 
     backend = LazBackend.LazrsParallel if source.compressed else None
-    writer = LasWriter(target, header, source.compressed, backend, closefd=False)
-    row_type, first, moved = header.point_format.dtype(), 0, False
+    row_type, first, moved, writer = header.point_format.dtype(), 0, False, None
     with record_blocks(source.file, source.header) as blocks:
         for block in blocks:
             places = coordinates(block, source.header)
             part = part_of(first, places)
             first += len(block)
+            if writer is None:
+                header.offsets = _offsets_for(part.points, header)
+                writer = LasWriter(target, header, source.compressed, backend, closefd=False)
             rows = np.empty(len(part.rows), row_type)
             _bytes_of(rows)[:, : block.itemsize] = _bytes_of(block)[part.rows]
             moved |= _place(rows, part.points, (places[part.rows] != part.points).any(axis=1), header, source)
@@ -218,6 +204,7 @@ def _write(target: "_RememberingFile", source: LasSource, part_of: PartOf, heade
             # Bounds beyond the range of floats are infinite.
             with np.errstate(over="ignore"):
                 writer.write_points(PackedPointRecord(rows, header.point_format))
+    assert writer is not None
     left_out = {*STORAGE_RECORDS, *([INDEX_RECORD] if moved else [])}
     if kept := [own for own in header.evlrs or () if (own.user_id, own.record_id) not in left_out]:
         writer.write_evlrs(VLRList(kept))
@@ -231,38 +218,28 @@ def _bytes_of(rows: np.ndarray) -> np.ndarray:
 def _place(
     rows: np.ndarray, points: Float64[np.ndarray, "n 3"], moved: np.ndarray, header: "LasHeader", source: LasSource
 ) -> bool:
-    """Puts points where they are now; whether any of them is written elsewhere than in its file."""
-    kept = _same_numbers(header, source.header)
-    whole = np.rint((points - header.offsets) / header.scales)
-    whole[~moved & kept] = 0
-    if len(whole) and not (-LARGEST - 1 <= whole.min() and whole.max() <= LARGEST):
-        raise BoundsError(f"{source.file}: its points lie outside the bounds that it declares")
-    for axis, name in enumerate("XYZ"):
-        rows[name] = np.where(moved | (not kept), whole[:, axis], rows[name])
-    return bool(moved.any()) or not kept
-
-
-def _same_numbers(header: "LasHeader", other: "LasHeader") -> bool:
-    return bool((header.scales == other.scales).all() and (header.offsets == other.offsets).all())
-
-
-def _represented(bounds: Bounds, scales: Float64[np.ndarray, "3"], offsets: Float64[np.ndarray, "3"]) -> np.ndarray:
-    """For each axis whether whole numbers of 32 bits times a scale and with an offset reach all points in a box."""
-    with np.errstate(over="ignore"):
-        return np.maximum(*(np.abs((edge - offsets) / scales) for edge in bounds)) < LARGEST
-
-
-def _numbers_for(bounds: Bounds, header: "LasHeader") -> tuple[np.ndarray, np.ndarray]:
-    """The file's own scales and offsets where they reach a box; else offsets in it, and, if need be, coarser scales."""
-    scales, (low, high) = header.scales, bounds
-    if _represented(bounds, scales, header.offsets).all():
-        return scales, header.offsets
+    """Put points where they are now, and tell whether any of them is written elsewhere than in its file."""
+    if (header.offsets != source.header.offsets).any():
+        moved = np.ones(len(rows), bool)
     with np.errstate(over="ignore", invalid="ignore"):
-        centre = low / 2 + high / 2
-        offsets = np.rint(centre / scales) * scales
-    offsets = np.where(np.isfinite(offsets), offsets, centre)
-    finest = np.maximum(high / 2 - low / 2, np.finfo(float).tiny) / (LARGEST - 1)
-    return np.where(_represented(bounds, scales, offsets), scales, 10.0 ** np.ceil(np.log10(finest))), offsets
+        whole = np.rint((points[moved] - header.offsets) / header.scales)
+    if not (np.abs(whole) <= LARGEST).all():
+        raise InputError(
+            f"{source.file}: its scale {header.scales.tolist()} is too fine for its points where they are now; export "
+            "it with a coarser one"
+        )
+    for axis, name in enumerate("XYZ"):
+        rows[name][moved] = whole[:, axis]
+    return bool(moved.any())
+
+
+def _offsets_for(points: Float64[np.ndarray, "n 3"], header: "LasHeader") -> Float64[np.ndarray, "3"]:
+    """The file's own offset of each axis where whole numbers of 32 bits reach the first point; else near that point."""
+    if not len(points):
+        return header.offsets
+    with np.errstate(over="ignore", invalid="ignore"):
+        reached = np.abs((points[0] - header.offsets) / header.scales) <= LARGEST
+        return np.where(reached, header.offsets, np.rint(points[0] / header.scales) * header.scales)
 
 
 class _RememberingFile:

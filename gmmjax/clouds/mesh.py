@@ -1,14 +1,14 @@
 """Reading the vertices of mesh files with Open3D, the optional extra `open3d`, in a process of its own."""
 
-import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gmmjax.clouds.colors import color_bytes
 from gmmjax.clouds.decoder_process import DecoderProcess, DecodingError, Request
-from gmmjax.clouds.files import require_file
 from gmmjax.clouds.point_cloud import PointCloud
+from gmmjax.clouds.source_file import SourceFile
 from gmmjax.errors import InputError, one_line
 
 SYSTEM_PACKAGES = "libusb-1.0-0 libgl1 libegl1 libgomp1"
@@ -18,42 +18,29 @@ MEMORY_OF_BYTE = 32
 SLOWEST = 100_000
 
 
-def read_mesh(path: str | os.PathLike[str]) -> PointCloud:
-    """The vertices of a mesh: .obj, .off, .stl, .gltf or .glb.
-
-    Args:
-        path: the file.
-
-    Returns:
-        The cloud, vertices in the order in which Open3D gives them, with their colours if the file has any.
+def open_mesh(path: Path) -> PointCloud:
+    """Read the vertices of a mesh, .obj, .off, .stl, .gltf or .glb, with their colours if the file has any.
 
     Raises:
         InputError: Open3D is not installed or cannot load, or the file cannot be read.
     """
-    file = require_file(path)
-    size = file.stat().st_size
-    request = Request("mesh", file, "Open3D", MEMORY_OF_BYTE * size, size / SLOWEST, {})
+    size = SourceFile.of(path).size
+    request = Request("mesh", path, "Open3D", MEMORY_OF_BYTE * size, size / SLOWEST)
     try:
         with DecoderProcess() as decoder:
             vertices, shades = (np.frombuffer(data, np.float64).reshape(-1, 3) for data in decoder.decode(request))
     except DecodingError as error:
         if error.kind in ("ModuleNotFoundError", "ImportError", "OSError"):
-            raise _cannot_load(f"{file}: reading {file.suffix} files", error, error.name) from error
-        raise InputError(f"{file}: Open3D cannot read it ({one_line(error)}); export the vertices as PLY") from error
+            raise _cannot_load(f"{path}: reading {path.suffix} files", error, error.name) from error
+        raise InputError(f"{path}: Open3D cannot read it ({one_line(error)}); export the vertices as PLY") from error
     if not len(vertices):
-        raise InputError(f"{file}: Open3D finds no vertices in it; check the file, or export the vertices as PLY")
-    colors = color_bytes(shades, str(file)) if len(shades) == len(vertices) else None
-    return PointCloud.from_rows(vertices, colors, source=str(file))
+        raise InputError(f"{path}: Open3D finds no vertices in it; check the file, or export the vertices as PLY")
+    colors = color_bytes(shades, str(path)) if len(shades) == len(vertices) else None
+    return PointCloud.from_rows(vertices, colors, source=str(path))
 
 
 def load_open3d(purpose: str) -> Any:
-    """The module open3d.
-
-    Args:
-        purpose: what it is for, at the start of the message.
-
-    Returns:
-        The module.
+    """Import open3d; `purpose` is what it is for, at the start of the message.
 
     Raises:
         InputError: it is not installed, or a library of the system that it needs is missing.

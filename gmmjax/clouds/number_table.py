@@ -1,5 +1,6 @@
 """Numbers in lines of text, fast where all is well and with the line number where it is not."""
 
+import io
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,9 +9,8 @@ from itertools import islice
 import numpy as np
 from jaxtyping import Float64
 
+from gmmjax.clouds.records import cut_off
 from gmmjax.errors import InputError
-
-NEWLINE, CARRIAGE_RETURN = b"\n", b"\r"
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,10 @@ class NumberedLines:
 
     def __iter__(self) -> Iterator[tuple[int, bytes]]:
         """Line numbers and lines, stripped."""
-        for number, raw in enumerate(_split(self.text), start=self.first):
+        text = self.text
+        if b"\r" in text:
+            text = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+        for number, raw in enumerate(io.BytesIO(text), start=self.first):
             line = raw.strip()
             if line and not line.startswith(self.comments):
                 yield number, line
@@ -38,10 +41,10 @@ class NumberedLines:
 def parse_table(
     lines: NumberedLines, columns: int, source: str, *, count: int, what: str, skip: int = 0
 ) -> Float64[np.ndarray, "n c"]:
-    """The numbers of consecutive lines.
+    """Parse the numbers of consecutive lines, separated by blanks.
 
     Args:
-        lines: the text; values are separated by blanks.
+        lines: the text.
         columns: how many numbers each line must have.
         source: the file, for messages.
         count: how many lines to read.
@@ -54,34 +57,20 @@ def parse_table(
     Raises:
         InputError: fewer lines, or one that is not `columns` numbers; the message has its number.
     """
-    stop = skip + count
-    rows = (line for _, line in islice(lines, skip, stop))
-    first = next(rows, None)
-    if first is None or not columns:
-        if count:
-            raise cut_off(count, 0, what, source)
-        return np.zeros((0, columns))
-    cause: ValueError | None = None
-    try:
-        table = np.loadtxt(itertools.chain([first], rows), comments=None, ndmin=2, encoding="latin1")
-    except ValueError as error:
-        cause, table = error, np.zeros((0, 0))
+    rows = (line for _, line in islice(lines, skip, skip + count))
+    table, cause = np.zeros((0, columns)), None
+    # NumPy warns where there is no line.
+    if first := next(rows, None):
+        try:
+            table = np.loadtxt(itertools.chain([first], rows), comments=None, ndmin=2, encoding="latin1")
+        except ValueError as error:
+            table, cause = np.zeros((0, 0)), error
     if table.shape == (count, columns):
         return table
-    available = sum(1 for _ in lines) - skip
-    if table.shape[1] == columns:
-        raise cut_off(count, available, what, source)
-    fault = _first_fault(lines, columns, source, skip, stop, cause)
-    if available < count:
-        raise InputError(f"{cut_off(count, available, what, source)} ({fault})") from cause
-    raise fault from cause
-
-
-def cut_off(declared: int, available: int, what: str, source: str) -> InputError:
-    """The error of a file that ends early."""
-    return InputError(
-        f"{source}: declares {declared} {what}, {available} are there; the file is cut off, copy or export it again"
-    )
+    if cause is None and table.shape[1] == columns:
+        raise cut_off(count, len(table), what, source)
+    _check_words(islice(lines, skip, skip + count), columns, source)
+    raise InputError(f"{source}: the numbers cannot be read ({cause}); write plain decimal numbers") from cause
 
 
 def is_number(token: bytes | str) -> bool:
@@ -95,31 +84,16 @@ def is_number(token: bytes | str) -> bool:
     return text.isascii() and "_" not in text
 
 
-def _split(text: bytes) -> Iterator[bytes]:
-    """Lines one at a time, so that a text of gigabytes is not held twice."""
-    if CARRIAGE_RETURN in text:
-        text = text.replace(b"\r\n", NEWLINE).replace(CARRIAGE_RETURN, NEWLINE)
-    start = 0
-    while (end := text.find(NEWLINE, start)) >= 0:
-        yield text[start:end]
-        start = end + 1
-    if start < len(text):
-        yield text[start:]
-
-
-def _first_fault(
-    lines: NumberedLines, columns: int, source: str, skip: int, stop: int, cause: Exception | None
-) -> InputError:
-    """What to say about the first line that cannot be read."""
-    for number, line in islice(lines, skip, stop):
+def _check_words(lines: Iterator[tuple[int, bytes]], columns: int, source: str) -> None:
+    """Raise an error for the first line that cannot be read, where there is one."""
+    for number, line in lines:
         words = line.split()
         strange = next((word for word in words if not is_number(word)), None)
         if strange is not None:
             shown = strange[:40].decode("ascii", "backslashreplace")
-            return InputError(f"{source}: line {number}: {shown!r} is no number; correct the line or make it a comment")
+            raise InputError(f"{source}: line {number}: {shown!r} is no number; correct the line or make it a comment")
         if len(words) != columns:
-            return InputError(
+            raise InputError(
                 f"{source}: line {number} has {len(words)} values where {columns} are expected; "
                 "the line is incomplete or the file is cut off"
             )
-    return InputError(f"{source}: the numbers cannot be read ({cause}); write plain decimal numbers")

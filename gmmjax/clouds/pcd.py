@@ -1,18 +1,17 @@
 """Reading PCD files, the format of the Point Cloud Library (version 0.7)."""
 
 import dataclasses
-import functools
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, UInt8
+from jaxtyping import Float64, Int64
 
-from gmmjax.clouds.cloud_file import CloudFile, RowBlock
+from gmmjax.clouds.cloud_file import RowBlock
 from gmmjax.clouds.columns import (
     AXES,
-    block_of_columns,
     canonical_names,
     cast_column,
     cloud_of_columns,
@@ -20,35 +19,23 @@ from gmmjax.clouds.columns import (
     require_axes,
 )
 from gmmjax.clouds.files import read_bytes, require_file
-from gmmjax.clouds.number_table import NumberedLines, cut_off, parse_table
+from gmmjax.clouds.number_table import NumberedLines, parse_table
 from gmmjax.clouds.ordered_frame import AT_ORIGIN, frame_views, pose_of
 from gmmjax.clouds.point_cloud import PointCloud
-from gmmjax.clouds.records import stored_records
+from gmmjax.clouds.records import RecordFile, cut_off, require_records
 from gmmjax.clouds.source_file import SourceFile
 from gmmjax.clouds.views import SensorViews
 from gmmjax.errors import InputError
 
 ENCODINGS = ("ascii", "binary", "binary_compressed")
 TYPES = {("F", 4), ("F", 8), *((kind, size) for kind in "IU" for size in (1, 2, 4, 8))}
+NUMBERS = ("SIZE", "COUNT", "WIDTH", "HEIGHT", "POINTS")
+KEYS = {"VERSION", "FIELDS", "COLUMNS", *NUMBERS, "VIEWPOINT", "TYPE", "DATA"}
 PADDING = "_"
-# Bytes of the longest header.
-LONGEST_HEADER = 1 << 20
+# Bytes of the longest header, and of the largest point that NumPy has a type for.
+LONGEST_HEADER, LARGEST_POINT = 1 << 20, 2**31 - 1
 # No three bytes of LZF stand for more than 264 bytes: data that claim more are damaged.
 LONGEST_EXPANSION = 90
-
-
-@dataclass(frozen=True)
-class Field:
-    """`count` numbers of a point; the name `_` is padding."""
-
-    name: str
-    dtype: np.dtype
-    count: int
-
-    @property
-    def size(self) -> int:
-        """Bytes in a point."""
-        return self.dtype.itemsize * self.count
 
 
 @dataclass(frozen=True)
@@ -56,7 +43,7 @@ class PcdHeader:
     """What a PCD file declares.
 
     Attributes:
-        fields: in the order of the file.
+        row_type: of a point; each field has an axis for its COUNT, and those with a blank in the name are padding.
         points: how many points, WIDTH times HEIGHT.
         encoding: ascii, binary or binary_compressed.
         body: the byte after the header.
@@ -65,13 +52,23 @@ class PcdHeader:
         stated: position and quaternion of the sensor, as declared; empty where they are no numbers.
     """
 
-    fields: tuple[Field, ...]
+    row_type: np.dtype
     points: int
     encoding: str
     body: int
     lines: int
     width: int | None
     stated: tuple[float, ...]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many numbers of a point each field has."""
+        return {name: self.row_type[name].shape[0] for name in self.row_type.names or ()}
+
+    @property
+    def names(self) -> list[str]:
+        """The fields that are no padding."""
+        return [name for name in self.counts if " " not in name]
 
     @property
     def grid(self) -> tuple[int, int] | None:
@@ -93,17 +90,22 @@ class PcdHeader:
     @property
     def dtype(self) -> np.dtype:
         """The type that holds all coordinates."""
-        axes = [field.dtype for field in self.fields if field.name in AXES]
-        return np.result_type(*axes) if axes else np.dtype(np.float64)
+        return np.result_type(*(self.row_type[axis].base for axis in AXES))
 
-    @property
-    def point_size(self) -> int:
-        """Bytes of a point that is not compressed."""
-        return sum(field.size for field in self.fields)
+    def columns(self, blocks: np.ndarray | Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The columns of points, of the numbers [N, COUNT] of each field."""
+        columns: dict[str, np.ndarray] = {}
+        for name in self.names:
+            columns |= field_columns(name, blocks[name])
+        return columns
+
+    def views(self, points: Float64[np.ndarray, "n 3"], rows: Int64[np.ndarray, " n"]) -> SensorViews | None:
+        """The view that an ordered frame was taken from, of its points and their rows; see `frame_views`."""
+        return None if self.width is None else frame_views(points, rows, self.width, self.stated)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PcdFile(CloudFile):
+class PcdFile(RecordFile):
     """A PCD file with the encoding binary.
 
     Attributes:
@@ -112,34 +114,20 @@ class PcdFile(CloudFile):
 
     header: PcdHeader
 
-    @functools.cached_property
-    def views(self) -> SensorViews | None:
-        """The view of an ordered frame, which is read for it; see `frame_views`."""
-        return None if self.header.width is None else self.read().views
+    def views_of(self, blocks: Callable[[], Iterable[RowBlock]]) -> SensorViews | None:
+        """The view of an ordered frame; see `frame_views`."""
+        if self.header.width is None or not (parts := list(blocks())):
+            return None
+        rows = [part.rows for part in parts if part.rows is not None]
+        return self.header.views(np.concatenate([part.points for part in parts]), np.concatenate(rows))
 
-    def read(self) -> PointCloud:
-        """All points, in memory.
-
-        Raises:
-            InputError: as `row_blocks`, or the memory does not hold them.
-        """
-        return _with_views(self._read(self.row_blocks()), self.header)
-
-    def blocks(self) -> Iterator[RowBlock]:
-        """All points, some at a time.
-
-        Raises:
-            InputError: the file is cut off.
-        """
-        row_type = np.dtype((np.void, self.header.point_size))
-        for rows in stored_records(self.path, self.header.body, row_type, self.count):
-            table = rows.view(np.uint8).reshape(len(rows), row_type.itemsize)
-            blocks = _split_bytes(table, self.header.fields)
-            yield block_of_columns(_columns(self.header, blocks), str(self.path))
+    def columns_of(self, rows: np.ndarray) -> Mapping[str, np.ndarray]:
+        """The columns of some points by name; see `open_pcd`."""
+        return self.header.columns(rows)
 
 
-def open_pcd(path: str | os.PathLike[str]) -> PcdFile | PointCloud:
-    """The points of a PCD file: ascii, binary or binary_compressed.
+def open_pcd(path: Path) -> PcdFile | PointCloud:
+    """Open a PCD file: ascii, binary or binary_compressed.
 
     rgb or rgba, packed into four bytes, become colours; the other fields keep their type, and one with COUNT above 1
     becomes `name_0`, `name_1`, ...; padding is left out. Organised clouds are flattened row by row, and pixels without
@@ -152,88 +140,67 @@ def open_pcd(path: str | os.PathLike[str]) -> PcdFile | PointCloud:
         path: the file.
 
     Returns:
-        The file, of which the header is read; where it is ascii or compressed, its points in the order of the file.
+        The file, with its header read; where it is ascii or compressed, its points in the order of the file.
 
     Raises:
         InputError: the file cannot be read, is no PCD, is cut off, or has no x, y, z.
     """
-    file, source = require_file(path), str(path)
-    written = SourceFile.of(file)
+    source = SourceFile.of(path)
     header = read_layout(path)
-    require_axes((field.name for field in header.fields if field.count == 1), source)
+    require_axes((name for name, count in header.counts.items() if count == 1), str(path))
     if header.encoding == "binary":
-        available = max(written.size - header.body, 0) // header.point_size
-        if available < header.points:
-            raise cut_off(header.points, available, "points", source)
-        return PcdFile(path=file, source=written, count=header.points, header=header)
+        require_records(path, source.size - header.body, header.row_type, header.points, "points")
+        return PcdFile(
+            path=path,
+            source=source,
+            count=header.points,
+            offset=header.body,
+            row_type=header.row_type,
+            header=header,
+        )
     blocks_of = _ascii_blocks if header.encoding == "ascii" else _compressed_blocks
-    blocks = blocks_of(read_bytes(file), header, source)
-    return _with_views(cloud_of_columns(_columns(header, blocks), source), header)
-
-
-def _columns(header: PcdHeader, blocks: list[np.ndarray]) -> dict[str, np.ndarray]:
-    """The columns of a table of all fields."""
-    columns: dict[str, np.ndarray] = {}
-    for field, block in zip(header.fields, blocks, strict=True):
-        if field.name != PADDING:
-            columns |= field_columns(field.name, block)
-    return columns
-
-
-def _with_views(cloud: PointCloud, header: PcdHeader) -> PointCloud:
-    if header.width is None:
-        return cloud
-    return dataclasses.replace(cloud, views=frame_views(cloud.points, cloud.rows, header.width, header.stated))
+    columns = header.columns(blocks_of(read_bytes(path)[header.body :], header, str(path)))
+    cloud = cloud_of_columns(columns, str(path))
+    return dataclasses.replace(cloud, views=header.views(cloud.points, cloud.rows))
 
 
 def read_layout(path: str | os.PathLike[str]) -> PcdHeader:
-    """What a PCD file says beside its points.
+    """Read what a PCD file says beside its points.
 
     Raises:
-        InputError: the file cannot be read, or is no PCD.
+        InputError: the file cannot be read, is no PCD, or a header line is missing or wrong.
     """
     file = require_file(path)
     with file.open("rb") as stream:
-        return parse_header(stream.read(LONGEST_HEADER), str(file))
+        data = stream.read(LONGEST_HEADER)
+    source = str(file)
+    entries, body, lines = _entries(data, source)
+    points, width = _shape(entries, source)
+    try:
+        stated = tuple(map(float, entries.get("VIEWPOINT", [])))
+    except ValueError:
+        stated = ()
+    return PcdHeader(_row_type(entries, source), points, entries["DATA"][0], body, lines, width, stated)
 
 
-def parse_header(data: bytes, source: str) -> PcdHeader:
-    """The header at the start of a PCD file.
-
-    Args:
-        data: the file.
-        source: its name, for messages.
-
-    Returns:
-        What the header declares.
-
-    Raises:
-        InputError: no PCD file, or a header line that is missing or wrong.
-    """
+def _entries(data: bytes, source: str) -> tuple[dict[str, list[str]], int, int]:
+    """The values of each line of the header by its key, the byte after the header, and the number of its lines."""
     entries: dict[str, list[str]] = {}
     position = lines = 0
-    while "DATA" not in entries:
-        end = data.find(b"\n", position)
-        line = data[position : end if end >= 0 else len(data)].decode("ascii", "replace").strip()
-        position, lines = end + 1, lines + 1
+    while "DATA" not in entries and position < len(data):
+        end = data.find(b"\n", position) + 1 or len(data)
+        line = data[position:end].decode("ascii", "replace").strip()
+        position, lines = end, lines + 1
         key, *values = line.split() or [""]
         if key and not key.startswith("#"):
-            if key not in ("VERSION", "FIELDS", "COLUMNS", *_NUMBERS, "VIEWPOINT", "TYPE", "DATA"):
+            if key not in KEYS:
                 raise InputError(f"{source}: line {lines} of the PCD header is not understood: {line[:80]!r}")
             entries["FIELDS" if key == "COLUMNS" else key] = values
-        if end < 0:
-            break
     if entries.get("DATA", [""])[:1] not in [[encoding] for encoding in ENCODINGS]:
         raise InputError(
             f"{source}: the PCD header has no line DATA with one of {', '.join(ENCODINGS)}; is it cut off?"
         )
-    body = position if position else len(data)
-    points, encoding = _point_count(entries, source), entries["DATA"][0]
-    viewpoint = _viewpoint(entries.get("VIEWPOINT", []))
-    return PcdHeader(_fields(entries, source), points, encoding, body, lines, _image_width(entries, source), viewpoint)
-
-
-_NUMBERS = ("SIZE", "COUNT", "WIDTH", "HEIGHT", "POINTS")
+    return entries, position, lines
 
 
 def _numbers(entries: dict[str, list[str]], key: str, length: int, source: str) -> list[int]:
@@ -246,9 +213,9 @@ def _numbers(entries: dict[str, list[str]], key: str, length: int, source: str) 
     return [int(value) for value in values]
 
 
-def _fields(entries: dict[str, list[str]], source: str) -> tuple[Field, ...]:
-    names = entries.get("FIELDS", [])
-    types = entries.get("TYPE", [])
+def _row_type(entries: dict[str, list[str]], source: str) -> np.dtype:
+    """The type of a point, as of `PcdHeader`."""
+    names, types = entries.get("FIELDS", []), entries.get("TYPE", [])
     sizes = _numbers(entries, "SIZE", len(names), source)
     counts = _numbers(entries, "COUNT", len(names), source) if "COUNT" in entries else [1] * len(names)
     if len(types) != len(names) or not all(pair in TYPES for pair in zip(types, sizes, strict=True)):
@@ -259,94 +226,73 @@ def _fields(entries: dict[str, list[str]], source: str) -> tuple[Field, ...]:
     kept = [name for name in names if name != PADDING]
     if repeated := {name for name in kept if kept.count(name) > 1}:
         raise InputError(f"{source}: the PCD header declares {sorted(repeated)} more than once; rename one of them")
-    return tuple(
-        Field(name, np.dtype(f"<{kind.lower()}{size}"), count)
-        for name, kind, size, count in zip(canonical_names(names), types, sizes, counts, strict=True)
-    )
+    if (length := sum(size * count for size, count in zip(sizes, counts, strict=True))) > LARGEST_POINT:
+        raise InputError(f"{source}: the PCD header declares points of {length} bytes, which cannot be; correct it")
+    own = [f"{name} {place}" if name == PADDING else name for place, name in enumerate(canonical_names(names))]
+    kinds = [(f"<{kind.lower()}{size}", (count,)) for kind, size, count in zip(types, sizes, counts, strict=True)]
+    return np.dtype([(name, *kind) for name, kind in zip(own, kinds, strict=True)])
 
 
-def _point_count(entries: dict[str, list[str]], source: str) -> int:
+def _shape(entries: dict[str, list[str]], source: str) -> tuple[int, int | None]:
+    """The number of points, and WIDTH where HEIGHT tells that they are the rows of an image."""
     declared = _numbers(entries, "POINTS", 1, source)[0] if "POINTS" in entries else None
     if "WIDTH" not in entries and declared is not None:
-        return declared
+        return declared, None
+    (width,) = _numbers(entries, "WIDTH", 1, source)
     height = _numbers(entries, "HEIGHT", 1, source)[0] if "HEIGHT" in entries else 1
-    area = _numbers(entries, "WIDTH", 1, source)[0] * height
-    if declared not in (None, area):
-        raise InputError(f"{source}: POINTS is {declared}, WIDTH times HEIGHT is {area}; correct the PCD header")
-    return area
+    if declared not in (None, width * height):
+        raise InputError(
+            f"{source}: POINTS is {declared}, WIDTH times HEIGHT is {width * height}; correct the PCD header"
+        )
+    return width * height, width if height > 1 else None
 
 
-def _image_width(entries: dict[str, list[str]], source: str) -> int | None:
-    """WIDTH where HEIGHT tells that the points are the rows of an image."""
-    if "WIDTH" not in entries or "HEIGHT" not in entries or _numbers(entries, "HEIGHT", 1, source)[0] < 2:
-        return None
-    return _numbers(entries, "WIDTH", 1, source)[0]
+def _ascii_blocks(body: bytes, header: PcdHeader, source: str) -> dict[str, np.ndarray]:
+    lines = NumberedLines(body, first=header.lines + 1, comments=(b"#",))
+    ends = np.cumsum(list(header.counts.values()))
+    table = parse_table(lines, int(ends[-1]), source, count=header.points, what="points")
+    blocks = dict(zip(header.counts, np.split(table, ends[:-1], axis=1), strict=True))
+    # What stands in a padding column need not be a number of its type.
+    return {name: cast_column(blocks[name], header.row_type[name].base, name, source) for name in header.names}
 
 
-def _viewpoint(values: list[str]) -> tuple[float, ...]:
-    try:
-        return tuple(float(value) for value in values)
-    except ValueError:
-        return ()
-
-
-def _ascii_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.ndarray]:
-    lines = NumberedLines(data[header.body :], first=header.lines + 1, comments=(b"#",))
-    width = sum(field.count for field in header.fields)
-    table = parse_table(lines, width, source, count=header.points, what="points")
-    ends = np.cumsum([field.count for field in header.fields])
-    blocks = np.split(table, ends[:-1], axis=1)
-    return [
-        # What stands in a padding column need not be a number of its type.
-        block if field.name == PADDING else cast_column(block, field.dtype, field.name, source)
-        for field, block in zip(header.fields, blocks, strict=True)
-    ]
-
-
-def _compressed_blocks(data: bytes, header: PcdHeader, source: str) -> list[np.ndarray]:
-    """Blocks of one field each; writers other than the Point Cloud Library's may store the padding too."""
-    if len(data) < header.body + 8:
+def _compressed_blocks(body: bytes, header: PcdHeader, source: str) -> dict[str, np.ndarray]:
+    """The numbers of the fields, one after the other; writers other than PCL's may store the padding too."""
+    if len(body) < 8:
         raise cut_off(header.points, 0, "points", source)
-    compressed, size = (int(number) for number in np.frombuffer(data, "<u4", 2, header.body))
-    start = header.body + 8
-    if len(data) - start < compressed:
+    compressed, size = (int(number) for number in np.frombuffer(body, "<u4", 2))
+    if len(body) - 8 < compressed:
         raise InputError(
-            f"{source}: declares {header.points} points in {compressed} compressed bytes, {len(data) - start} bytes "
-            "are there; the file is cut off, copy it again"
+            f"{source}: declares {header.points} points in {compressed} compressed bytes, {len(body) - 8} bytes are "
+            "there; the file is cut off, copy it again"
         )
-    with_padding = header.point_size
-    without_padding = sum(field.size for field in header.fields if field.name != PADDING)
-    if size not in (header.points * with_padding, header.points * without_padding):
+    stored = header.names
+    length = sum(header.row_type[name].itemsize for name in stored)
+    if size == header.points * header.row_type.itemsize:
+        stored = list(header.counts)
+    elif size != header.points * length:
         raise InputError(
-            f"{source}: holds {size} bytes for {header.points} points of {without_padding} bytes; the header is wrong"
+            f"{source}: holds {size} bytes for {header.points} points of {length} bytes; the header is wrong"
         )
     try:
-        expanded = expand_lzf(data[start : start + compressed], size)
+        expanded = expand_lzf(body[8 : 8 + compressed], size)
     except ValueError as error:
         raise InputError(f"{source}: the compressed data are damaged ({error}); copy or export it again") from error
-    blocks, offset = [], 0
-    for field in header.fields:
-        stored = field.name != PADDING or size == header.points * with_padding
-        width = field.size if stored else 0
-        block = np.frombuffer(expanded, np.uint8, header.points * width, offset)
-        blocks.append(block.view(field.dtype).reshape(header.points, width // field.dtype.itemsize))
-        offset += header.points * width
+    blocks, offset = {}, 0
+    for name in stored:
+        kind = header.row_type[name]
+        block = np.frombuffer(expanded, kind.base, header.points * kind.shape[0], offset)
+        blocks[name] = block.reshape(header.points, kind.shape[0])
+        offset += block.nbytes
     return blocks
 
 
 def expand_lzf(data: bytes, size: int) -> bytes:
-    """Expand data of LibLZF (Lehmann, LibLZF 3.6), which binary_compressed data are.
+    """Expand data of LibLZF (Lehmann, LibLZF 3.6), which binary_compressed data are, to `size` bytes.
 
     A control byte below 32 starts a run of that many bytes plus one, copied as they are. Any other one refers back:
     its top three bits are the length (7: a further byte is added) less two, its other bits and the next byte the
     distance less one.
-
-    Args:
-        data: compressed bytes.
-        size: how many bytes they stand for.
-
-    Returns:
-        The `size` bytes.
 
     Raises:
         ValueError: the data end early, refer back to before their start, or stand for another number of bytes.
@@ -372,21 +318,10 @@ def expand_lzf(data: bytes, size: int) -> bytes:
             start = len(expanded) - distance
             if start < 0:
                 raise ValueError("a reference goes back to before the start")
-            if length <= distance:
-                expanded += expanded[start : start + length]
-            else:
-                # The reference overlaps what it writes: the last `distance` bytes repeat.
-                expanded += (expanded[start:] * (length // distance + 1))[:length]
+            # Where the reference overlaps what it writes, the last `distance` bytes repeat.
+            expanded += (expanded[start : start + length] * (length // distance + 1))[:length]
     except IndexError:
         raise ValueError("the compressed data end early") from None
     if position > end or len(expanded) != size:
         raise ValueError(f"the data expand to {len(expanded)} bytes, not {size}")
     return bytes(expanded)
-
-
-def _split_bytes(rows: UInt8[np.ndarray, "n size"], fields: tuple[Field, ...]) -> list[np.ndarray]:
-    ends = np.cumsum([field.size for field in fields])
-    return [
-        rows[:, end - field.size : end].reshape(-1).view(field.dtype).reshape(len(rows), field.count)
-        for field, end in zip(fields, ends, strict=True)
-    ]

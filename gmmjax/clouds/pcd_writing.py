@@ -10,13 +10,29 @@ import numpy as np
 import numpy.typing as npt
 
 from gmmjax.clouds.atomic import atomic_write
-from gmmjax.clouds.columns import AXES
+from gmmjax.clouds.columns import AXES, PACKED_COLORS, rows_of_columns
 from gmmjax.clouds.coordinates import as_finite_points, require_array
 from gmmjax.clouds.ordered_frame import AT_ORIGIN, pose_of
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.errors import InputError
 
-COLORS = "rgb"
+
+@dataclasses.dataclass(frozen=True)
+class PcdForm:
+    """How a cloud is written.
+
+    Attributes:
+        shape: how many points; or rows and columns of an ordered frame, whose parts have the numbers of their pixels as
+            rows, and whose other pixels are NaN, or 0 in columns of whole numbers.
+        viewpoint: as of `write_pcd`.
+        dtype: of the coordinates, float32 or float64.
+        empty: whole numbers that pixels without a return have in place of 0, by the names of the fields.
+    """
+
+    shape: tuple[int, ...]
+    viewpoint: tuple[float, ...] = AT_ORIGIN
+    dtype: np.dtype = np.dtype(np.float64)
+    empty: Mapping[str, int] = dataclasses.field(default_factory=dict)
 
 
 def write_pcd(
@@ -47,40 +63,20 @@ def write_pcd(
     """
     require_array(points, f"{path}: points")
     array = np.asarray(points)
-    grid = array.shape[:-1]
     if array.ndim == 3 and array.shape[2] == 3 and array.dtype.kind == "f":
-        empty = np.isnan(array).all(axis=2)
-        as_finite_points(array[~empty], f"{path}: points")
+        as_finite_points(array[~np.isnan(array).all(axis=2)], f"{path}: points")
     else:
-        grid = as_finite_points(array, f"{path}: points").shape[:1]
+        as_finite_points(array, f"{path}: points")
     coordinates = array if array.dtype in (np.float32, np.float64) else array.astype(np.float64)
-    rows = _rows(coordinates, colors, fields or {}, grid, str(path))
-    header = _header_text(rows.dtype, grid, viewpoint, str(path))
+    rows = _rows(coordinates, colors, fields or {}, str(path))
+    header = _header_text(rows.dtype, PcdForm(rows.shape, viewpoint), str(path))
     with atomic_write(path) as file:
         file.write(header)
         file.write(rows.tobytes())
 
 
-@dataclasses.dataclass(frozen=True)
-class PcdForm:
-    """How a cloud that comes in parts is written.
-
-    Attributes:
-        shape: how many points; or rows and columns of an ordered frame, whose parts have the numbers of their pixels as
-            rows, and whose other pixels are NaN, or 0 in columns of whole numbers.
-        viewpoint: as of `write_pcd`.
-        dtype: of the coordinates, float32 or float64.
-        empty: whole numbers that pixels without a return have in place of 0, by the names of the fields.
-    """
-
-    shape: tuple[int, ...]
-    viewpoint: tuple[float, ...] = AT_ORIGIN
-    dtype: np.dtype = np.dtype(np.float64)
-    empty: Mapping[str, int] = dataclasses.field(default_factory=dict)
-
-
 def write_pcd_parts(path: str | os.PathLike[str], parts: Iterable[PointCloud], form: PcdForm) -> None:
-    """`write_pcd` for a cloud that comes in parts, such as one that is larger than the memory.
+    """Write as `write_pcd` a cloud that comes in parts, such as one that is larger than the memory.
 
     Args:
         path: the file to write.
@@ -94,10 +90,10 @@ def write_pcd_parts(path: str | os.PathLike[str], parts: Iterable[PointCloud], f
     written, no_return = 0, None
     with atomic_write(path) as file:
         for part in parts:
-            rows = _rows(part.points.astype(form.dtype), part.colors, part.fields, (len(part),), str(path))
+            rows = _rows(part.points.astype(form.dtype), part.colors, part.fields, str(path))
             if no_return is None:
                 no_return = _no_return(rows.dtype, form.empty)
-                file.write(_header_text(rows.dtype, form.shape, form.viewpoint, str(path)))
+                file.write(_header_text(rows.dtype, form, str(path)))
             if len(form.shape) == 2:
                 image = np.repeat(no_return, int(part.rows[-1]) + 1 - written)
                 image[part.rows - written] = rows
@@ -113,29 +109,26 @@ def write_pcd_parts(path: str | os.PathLike[str], parts: Iterable[PointCloud], f
 
 
 def _rows(
-    coordinates: np.ndarray,
-    colors: npt.ArrayLike | None,
-    fields: Mapping[str, npt.ArrayLike],
-    grid: tuple[int, ...],
-    source: str,
+    coordinates: np.ndarray, colors: npt.ArrayLike | None, fields: Mapping[str, npt.ArrayLike], source: str
 ) -> np.ndarray:
     """The points as they are in the file."""
+    grid = coordinates.shape[:-1]
     columns = {axis: coordinates[..., index] for index, axis in enumerate(AXES)}
     if colors is not None:
-        columns[COLORS] = _packed(np.asarray(colors), grid, source)
+        columns[PACKED_COLORS[0]] = _packed(np.asarray(colors), grid, source)
     for name, values in fields.items():
-        columns[name] = _checked_field(name, np.asarray(values), grid, columns, source)
-    rows = np.empty(grid, np.dtype([(name, values.dtype.newbyteorder("<")) for name, values in columns.items()]))
-    for name, values in columns.items():
-        rows[name] = values
-    return rows
+        # `_` is padding, and names end at blanks.
+        if not re.fullmatch(r"[A-Za-z][\w.-]*", name, re.ASCII) or name in columns or name in PACKED_COLORS:
+            raise InputError(f"{source}: field {name!r} cannot be a PCD field; use a new name of letters, digits and _")
+        columns[name] = _writable(name, np.asarray(values), grid, source)
+    return rows_of_columns(columns)
 
 
 def _no_return(row_type: np.dtype, empty: Mapping[str, int]) -> np.ndarray:
     """A pixel without a return, as one row."""
     row = np.zeros(1, row_type)
-    for name, (kind, *_) in (row_type.fields or {}).items():
-        row[name] = np.nan if kind.kind == "f" else empty.get(name, 0)
+    for name in row_type.names or ():
+        row[name] = np.nan if row_type[name].kind == "f" else empty.get(name, 0)
     return row
 
 
@@ -147,12 +140,8 @@ def _packed(colors: np.ndarray, grid: tuple[int, ...], source: str) -> np.ndarra
     return np.asarray(red << 16 | green << 8 | blue)
 
 
-def _checked_field(
-    name: str, values: np.ndarray, grid: tuple[int, ...], columns: Mapping[str, np.ndarray], source: str
-) -> np.ndarray:
-    # `_` is padding, and names end at blanks.
-    if not re.fullmatch(r"[A-Za-z][\w.-]*", name, re.ASCII) or name in columns or name in (COLORS, "rgba"):
-        raise InputError(f"{source}: field {name!r} cannot be a PCD field; use a new name of letters, digits and _")
+def _writable(name: str, values: np.ndarray, grid: tuple[int, ...], source: str) -> np.ndarray:
+    """The values in a type that PCD has."""
     if values.dtype.kind not in "fiub" or values.shape != grid:
         raise InputError(
             f"{source}: field {name!r} must be numbers {list(grid)}, not {values.dtype} {list(values.shape)}"
@@ -164,23 +153,22 @@ def _checked_field(
     return values
 
 
-def _header_text(row_type: np.dtype, shape: tuple[int, ...], viewpoint: tuple[float, ...], source: str) -> bytes:
-    if pose_of(viewpoint) is None:
+def _header_text(row_type: np.dtype, form: PcdForm, source: str) -> bytes:
+    if pose_of(form.viewpoint) is None:
         raise InputError(
-            f"{source}: viewpoint {viewpoint} must be a position x y z and a quaternion w x y z of length 1"
+            f"{source}: viewpoint {form.viewpoint} must be a position x y z and a quaternion w x y z of length 1"
         )
-    assert row_type.fields is not None
-    kinds = [kind for kind, *_ in row_type.fields.values()]
-    height, width = shape if len(shape) == 2 else (1, *shape)
+    kinds = [row_type[name] for name in row_type.names or ()]
+    height, width = form.shape if len(form.shape) == 2 else (1, *form.shape)
     lines = {
         "VERSION": "0.7",
-        "FIELDS": " ".join(row_type.fields),
+        "FIELDS": " ".join(row_type.names or ()),
         "SIZE": " ".join(str(kind.itemsize) for kind in kinds),
         "TYPE": " ".join(kind.kind.upper() for kind in kinds),
         "COUNT": " ".join("1" for _ in kinds),
         "WIDTH": str(width),
         "HEIGHT": str(height),
-        "VIEWPOINT": " ".join(f"{number:.17g}" for number in viewpoint),
+        "VIEWPOINT": " ".join(f"{number:.17g}" for number in form.viewpoint),
         "POINTS": str(height * width),
         "DATA": "binary",
     }

@@ -1,4 +1,4 @@
-"""The record that every reader returns."""
+"""The record of a cloud in memory."""
 
 import dataclasses
 import re
@@ -85,7 +85,7 @@ class PointCloud:
         source: str | None = None,
         views: SensorViews | None = None,
     ) -> "PointCloud":
-        """The cloud of those rows whose three coordinates are finite.
+        """Make a cloud of those rows whose three coordinates are finite.
 
         Args:
             points: real coordinates [N, 3], in any unit.
@@ -93,9 +93,6 @@ class PointCloud:
             fields: scalars [N] by name.
             source: the file that the rows came from, for messages.
             views: where the sensor stood, in the frame of the points; None where that is not known.
-
-        Returns:
-            The cloud; `rows` tells which row each point was, `rows_dropped` how many are gone.
 
         Raises:
             InputError: a shape or type that does not fit.
@@ -114,7 +111,7 @@ class PointCloud:
         return cls(coordinates, rows, color_rows, columns, int(len(finite) - len(rows)), source, views)
 
     def by_file(self) -> Iterator[tuple[slice, "PointCloud"]]:
-        """The points of each of the `files`, with the rows, colours and fields of that file, and where they are here.
+        """Yield the points of each of the `files`, with its own rows, colours and fields, and where they are here.
 
         Points, values and their number may have been changed since they were read; the rows must be ascending.
         """
@@ -149,11 +146,7 @@ class PointCloud:
 
 
 def intensity_field(names: Iterable[str]) -> str | None:
-    """The field with the intensity of the scanner's returns, by its name; None where there is none.
-
-    Args:
-        names: of all fields.
-    """
+    """The name, among those of all fields, of the intensity of the scanner's returns; None where there is none."""
     return next(filter(INTENSITY.fullmatch, names), None)
 
 

@@ -3,37 +3,38 @@
 import logging
 import os
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
-from gmmjax.clouds.arrays import open_npy, read_npz
+from gmmjax.clouds.arrays import open_npy, open_npz
 from gmmjax.clouds.cloud_file import CloudFile, WholeFile
 from gmmjax.clouds.e57 import open_e57
 from gmmjax.clouds.files import require_file
 from gmmjax.clouds.las import open_las
-from gmmjax.clouds.mesh import read_mesh
+from gmmjax.clouds.mesh import open_mesh
 from gmmjax.clouds.pcd import open_pcd
 from gmmjax.clouds.ply import open_ply
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.clouds.source_file import SourceFile
-from gmmjax.clouds.text import read_text
+from gmmjax.clouds.text import open_text
 from gmmjax.errors import InputError, shown
 
 logger = logging.getLogger(__name__)
 
-# Of each ending the function that opens the file, or that reads it where it has to be read whole.
-READERS: Mapping[str, Callable[[str | os.PathLike[str]], CloudFile | PointCloud]] = {
+# The function that opens a file of an ending, which is there and not empty; it gives a cloud where it reads all of it.
+READERS: Mapping[str, Callable[[Path], CloudFile | PointCloud]] = {
     ".ply": open_ply,
     ".pcd": open_pcd,
-    **dict.fromkeys((".xyz", ".asc", ".txt", ".csv", ".pts"), read_text),
+    **dict.fromkeys((".xyz", ".asc", ".txt", ".csv", ".pts"), open_text),
     ".npy": open_npy,
-    ".npz": read_npz,
+    ".npz": open_npz,
     **dict.fromkeys((".las", ".laz"), open_las),
     ".e57": open_e57,
-    **dict.fromkeys((".obj", ".off", ".stl", ".gltf", ".glb"), read_mesh),
+    **dict.fromkeys((".obj", ".off", ".stl", ".gltf", ".glb"), open_mesh),
 }
 
 
 def open_cloud(path: str | os.PathLike[str]) -> CloudFile:
-    """A file of points whose points are read later, some at a time; its ending tells the format as in `read_cloud`.
+    """Open a file of points that are read later, some at a time; its ending tells the format as in `read_cloud`.
 
     LAS, LAZ, E57, .npy and binary PLY and PCD take the memory of a chunk, whatever their size. All other formats, and
     ascii and compressed PLY and PCD, are read whole.
@@ -48,24 +49,22 @@ def open_cloud(path: str | os.PathLike[str]) -> CloudFile:
     if isinstance(path, list | tuple):
         raise InputError(f"{shown(path)}: are several files; read those of one survey with gmmjax.read_survey(paths)")
     file = require_file(path)
-    reader = READERS.get(file.suffix.lower())
-    if reader is None:
-        what = (
-            "of PTX, scans with their poses, which is not read"
-            if file.suffix.lower() == ".ptx"
-            else "of no known format"
-        )
+    ending = file.suffix.lower()
+    if ending not in READERS:
+        what = "of PTX, scans with their poses, which is not read" if ending == ".ptx" else "of no known format"
         raise InputError(f"{file}: the ending {file.suffix!r} is {what}; convert it to one of {' '.join(READERS)}")
     source = SourceFile.of(file)
-    opened = reader(file)
-    opened = WholeFile.of(file, source, opened) if isinstance(opened, PointCloud) else opened
+    opened = READERS[ending](file)
+    if isinstance(opened, PointCloud):
+        count = len(opened) + opened.rows_dropped
+        opened = WholeFile(path=file, source=source, count=count, unit=opened.unit, crs=opened.crs, cloud=opened)
     if not opened.count:
         raise InputError(f"{file}: has 0 points; export the cloud again")
     return opened
 
 
 def read_cloud(path: str | os.PathLike[str]) -> PointCloud:
-    """The point cloud in a file; its ending, in upper or lower case, tells the format.
+    """Read the point cloud in a file; its ending, in upper or lower case, tells the format.
 
     PLY, PCD, text (.xyz, .asc, .txt, .csv, .pts), NumPy (.npy, .npz), LAS and LAZ; E57 with the extra `e57`, and the
     vertices of meshes (.obj, .off, .stl, .gltf, .glb) with the extra `open3d`. Rows with NaN or inf are left out and
@@ -85,11 +84,7 @@ def read_cloud(path: str | os.PathLike[str]) -> PointCloud:
 
 
 def read_opened(file: CloudFile) -> PointCloud:
-    """The point cloud in a file that is open.
-
-    Raises:
-        InputError: it is damaged, was changed since, or has no finite point.
-    """
+    """Read an open file; raises an `InputError` where it is damaged, was changed since, or has no finite point."""
     cloud = file.read()
     if not len(cloud):
         raise InputError(

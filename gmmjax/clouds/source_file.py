@@ -22,11 +22,7 @@ class SourceFile:
 
     @classmethod
     def of(cls, path: Path) -> "SourceFile":
-        """The file as it is now.
-
-        Raises:
-            InputError: it is not there any more.
-        """
+        """Look at the file as it is now; raises an `InputError` where it is not there any more."""
         try:
             status = path.stat()
         except OSError as error:
@@ -39,18 +35,14 @@ class SourceFile:
         return self.path.suffix.lower()
 
     def require_unchanged(self) -> None:
-        """Checks that the file is the one that the cloud was read from.
-
-        Raises:
-            InputError: it was changed or removed since.
-        """
+        """Check that the file was not changed or removed since, and raise an `InputError` otherwise."""
         if SourceFile.of(self.path) != self:
             raise InputError(f"{self.path}: was changed since it was read; run the detection again")
 
 
 @dataclass(frozen=True)
 class FileRows:
-    """What one file gave to a cloud of several.
+    """The part of one file in a cloud of several.
 
     Attributes:
         file: that was read.

@@ -1,7 +1,6 @@
 """Reading clouds from lines of numbers: .xyz, .asc, .txt, .csv and .pts."""
 
 import codecs
-import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -41,8 +40,8 @@ MISSING = ["", "-nan", "-nan(ind)", "nan(ind)", "-NaN", "NA", "N/A", "NULL", "nu
 DARK = 7
 
 
-def read_text(path: str | os.PathLike[str]) -> PointCloud:
-    """The points of a text file, a point on each line, values separated by blanks, tabs, commas or semicolons.
+def open_text(path: Path) -> PointCloud:
+    """Read the points of a text file, a point on each line, values separated by blanks, tabs, commas or semicolons.
 
     Lines that start with # or // are comments. A line of words, or a comment, that names x, y, z and all other columns
     above the first point is used; without one, 3 columns are x y z, 4 are x y z intensity, 6 are x y z red green blue
@@ -72,7 +71,7 @@ def read_text(path: str | os.PathLike[str]) -> PointCloud:
     rows = _Rows(text, head, names, source)
     columns = rows.columns()
     if head.names is None:
-        columns = _checked_guess(columns, head, source, known=Path(path).suffix.lower() == ".pts")
+        columns = _checked_guess(columns, head, source, known=path.suffix.lower() == ".pts")
     return cloud_of_columns(columns, source)
 
 
@@ -89,9 +88,8 @@ def _decoded(content: bytes, source: str) -> bytes:
 def _names(head: TextHead, source: str) -> tuple[str, ...]:
     """A name for each column."""
     if head.names is None:
-        width = 3 if head.row is None else len(cells_of(head.row.content, head.separator))
-        if head.row is not None and width > 3 and not cells_of(head.row.content, head.separator)[-1]:
-            width -= 1
+        cells = list(AXES) if head.row is None else cells_of(head.row.content, head.separator)
+        width = len(cells) - (len(cells) > 3 and not cells[-1])
         if width not in LAYOUTS:
             assert head.row is not None
             raise InputError(
@@ -204,9 +202,8 @@ class _Rows:
         numbers = _numbers(with_commas)
         if not set(AXES) <= numbers or len(numbers) <= len(_numbers(table)):
             return table
-        cells = [
-            cell for _, row in self._numbered() for cell in row if "," in cell and is_number(cell.replace(",", "."))
-        ]
+        commas = (cell for _, row in self._numbered() for cell in row if "," in cell)
+        cells = [cell for cell in commas if is_number(cell.replace(",", "."))]
         if all(map(MAY_BE_THOUSANDS.fullmatch, cells)):
             raise InputError(
                 f"{self._source}: has numbers such as {shown(cells[0])}, whose comma may be a decimal one or one of "
@@ -216,7 +213,7 @@ class _Rows:
         return with_commas
 
     def _left_out(self, name: str, needed: set[str]) -> None:
-        """Warns of a column of text, or says where one that is needed is no number."""
+        """Warn of a column of text, or say where one that is needed is no number."""
         if name in needed:
             self._check({name})
         place = self._names.index(name)
@@ -234,7 +231,7 @@ class _Rows:
                 yield number, cells
 
     def _check(self, needed: set[str]) -> None:
-        """Raises an error for the first row that cannot be read, where there is one."""
+        """Raise an error for the first row that cannot be read, where there is one."""
         for number, cells in self._numbered():
             where = f"{self._source}: line {number}"
             if len(cells) != self._width or any(cells[len(self._names) :]):
@@ -250,12 +247,10 @@ class _Rows:
                 plain = cell.replace(",", ".") if self._decimal_commas else cell
                 if name in needed and not is_number(plain) and cell not in MISSING:
                     comma = ", nor are decimal commas beside decimal points read" if "," in cell else ""
-                    names = (
-                        "" if self._head.names else ", or name the columns in a first line: those of text are left out"
-                    )
-                    raise InputError(
-                        f"{where}: {shown(cell)} is no number{comma}; correct the line or make it a comment{names}"
-                    )
+                    remedy = "correct the line or make it a comment"
+                    if not self._head.names:
+                        remedy += ", or name the columns in a first line: those of text are left out"
+                    raise InputError(f"{where}: {shown(cell)} is no number{comma}; {remedy}")
 
 
 def _numbers(table: "pyarrow.Table") -> set[str]:
@@ -276,10 +271,10 @@ def _single_blanks(body: bytes) -> bytes:
 def _checked_guess(
     columns: Mapping[str, np.ndarray], head: TextHead, source: str, *, known: bool
 ) -> dict[str, np.ndarray]:
-    """The columns of a file without names, where their values do not contradict what is taken for their meaning.
+    """Rename the columns, as `LAYOUTS` names them, of a file without names to fields where their values contradict it.
 
     Args:
-        columns: as `LAYOUTS` names them.
+        columns: numbers by name.
         head: of the file.
         source: the file, for messages.
         known: whether the format tells the columns, as .pts does.

@@ -1,4 +1,4 @@
-"""What stands above the rows of a text file of points: names of columns, numbers of points, remarks."""
+"""The lines above the rows of a text file of points: names of columns, numbers of points, remarks."""
 
 import csv
 import re
@@ -13,7 +13,6 @@ from gmmjax.errors import InputError, shown, warn
 REMARK = re.compile(r"(?:#|//|%|;(?=[^;]*$))[#/%\s]*")
 # Of a remark before the names, such as "columns: ".
 LABEL = re.compile(r"[^,;:]*:\s*|(?:fields|columns)\s+", re.IGNORECASE)
-EXCEL_SEPARATOR = re.compile(r'"?sep=([;,\t])"?', re.IGNORECASE)
 WORD = re.compile(r'"[^"]*"|[^\s,;]+')
 BLANK_SEPARATED = re.compile(r'"[^"]*"|[^\s"]\S*')
 AXIS_WITH_UNIT = re.compile(r"([xyz])\s*[\[(].*[\])]", re.IGNORECASE)
@@ -30,7 +29,7 @@ class Line(NamedTuple):
 
 
 class TextHead(NamedTuple):
-    """What the lines above the first row say, and the first row itself.
+    """The content of the lines above the first row, and the first row itself.
 
     Attributes:
         row: the first row; None where there is none.
@@ -47,7 +46,7 @@ class TextHead(NamedTuple):
 
 
 def parse_head(text: bytes, source: str) -> TextHead:
-    """What stands above the first row.
+    """Parse the lines above the first row.
 
     The names are those of the line without numbers, or of the remark, that is nearest to the first row, names x, y and
     z, and has as many names as the row has cells.
@@ -60,12 +59,10 @@ def parse_head(text: bytes, source: str) -> TextHead:
         InputError: names that do not fit the rows, so that columns could only be guessed against them.
     """
     remarks, counts = list[Line](), list[Line]()
-    separator, header, row = "", None, None
+    header, row = None, None
     for line in _lines(text, source):
         words = _words(line.content)
-        if (found := EXCEL_SEPARATOR.fullmatch(line.content)) and header is None:
-            separator = found[1]
-        elif remark := REMARK.match(line.content):
+        if remark := REMARK.match(line.content):
             remarks.append(line._replace(content=line.content[remark.end() :]))
         elif len(words) == 1 and words[0].isascii() and words[0].isdigit() and len(words[0]) < 19:
             counts.append(line._replace(content=words[0]))
@@ -87,8 +84,9 @@ def parse_head(text: bytes, source: str) -> TextHead:
         )
     if row is None:
         return TextHead(None, None if header is None else tuple(_words(header.content)), tuple(counts), " ")
-    separator = separator or _separator(row, remarks if header is None else [header], source)
-    names = [own for line in (remarks if header is None else [header]) if (own := _fitting(line, row, separator))]
+    named = remarks if header is None else [header]
+    separator = _separator(row, named, source)
+    names = [own for line in named if (own := _fitting(line, row, separator))]
     if not names and header is not None:
         cells = cells_of(header.content, separator)
         names = [tuple(cells if _has_axes(cells) else _words(header.content))]
@@ -98,7 +96,7 @@ def parse_head(text: bytes, source: str) -> TextHead:
 
 
 def cells_of(line: str, separator: str) -> list[str]:
-    """The cells of a line without quotes and the blanks around them."""
+    """Split a line into its cells, without quotes and the blanks around them."""
     if separator == " ":
         cells = BLANK_SEPARATED.findall(line)
     else:
@@ -123,7 +121,7 @@ def _lines(text: bytes, source: str) -> Iterator[Line]:
             raise InputError(f"{source}: line {number} is binary, not text; give the file the ending of its format")
         content = text[start:end].decode("utf-8", "replace")
         if content.strip():
-            # A tab may be an empty cell, or what Excel's first line says.
+            # A tab may be an empty cell.
             yield Line(number, start, content.strip(" \v\f"))
         start = end + 1
 
@@ -147,13 +145,13 @@ def _has_axes(names: Sequence[str]) -> bool:
 
 
 def plain_names(names: Sequence[str]) -> list[str]:
-    """The names with x, y and z for "X", "Y (m)" and "z[m]", and so for colours and the intensity."""
+    """Rename "X", "Y (m)" and "z[m]" to x, y and z, and so for colours and the intensity."""
     without_units = [found[1] if (found := AXIS_WITH_UNIT.fullmatch(name)) else name for name in names]
     return ["intensity" if name.lower() == "intensity" else name for name in canonical_names(without_units)]
 
 
 def _separator(row: Line, named: Sequence[Line], source: str) -> str:
-    """What separates the cells of a row; `named` are the lines that may name its columns."""
+    """The separator of the cells of a row; `named` are the lines that may name its columns."""
     for separator in ";,\t":
         # A text in the row may have any of them.
         if any(separator in line.content and _fitting(line, row, separator) for line in named):
@@ -201,7 +199,7 @@ def _fitting(line: Line, row: Line, separator: str) -> tuple[str, ...] | None:
 
 
 def _check_remarks(remarks: Sequence[Line], row: Line, separator: str, source: str) -> None:
-    """Whether columns can be told without the remarks, none of which names them."""
+    """Check that columns can be told without the remarks, none of which names them."""
     width = len(cells_of(row.content, separator))
     for remark in reversed(remarks):
         words = plain_names(_words(remark.content))

@@ -14,8 +14,6 @@ from gmmjax.clouds import (
     CHANNELS,
     CHUNK_POINTS,
     EXTRA_TYPES,
-    Bounds,
-    BoundsError,
     CloudFile,
     LasPart,
     LasSource,
@@ -344,34 +342,13 @@ def _write_las(labelled: LabelledCloud, folder: Path, stem: str) -> str:
         return LasPart(rows, labelled.placed(coordinates[rows]), labelled.found_in(first + rows))
 
     described = {own: (labelled.found[own].dtype, text) for own, text in _described(labelled).items()}
-    declared = _declared_bounds(labelled, cloud)
-    try:
-        bounds = declared if declared is None or source.represents(declared) else _measured_bounds(labelled, cloud)
-        write_las_blocks(folder / name, source, part_of, described, bounds)
-    except BoundsError:
-        write_las_blocks(folder / name, source, part_of, described, _measured_bounds(labelled, cloud))
+    write_las_blocks(folder / name, source, part_of, described)
     return name
 
 
 def _described(labelled: LabelledCloud) -> dict[str, str]:
     """What each of the values that were found is."""
     return {name: DESCRIPTIONS.get(name, "") for name in labelled.found}
-
-
-def _declared_bounds(labelled: LabelledCloud, file: CloudFile) -> Bounds | None:
-    """A box around the box that the file declares, where it is written; None: nothing moves."""
-    if labelled.transform is None or file.bounds is None:
-        return None
-    choices = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1]), axis=-1).reshape(-1, 3)
-    corners = labelled.placed(np.where(choices == 0, file.bounds.lower, file.bounds.upper))
-    return Bounds(corners.min(axis=0), corners.max(axis=0))
-
-
-def _measured_bounds(labelled: LabelledCloud, file: CloudFile) -> Bounds:
-    """The box around the points where they are written."""
-    placed = (labelled.placed(chunk.points) for chunk in file.chunks())
-    boxes = np.stack([np.stack([points.min(axis=0), points.max(axis=0)]) for points in placed])
-    return Bounds(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
 
 
 WRITERS: Mapping[str, Callable[[LabelledCloud, Path, str], str]] = {

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gmmjax.clouds import PointCloud, intensity_field, open_cloud, read_cloud, write_pcd, write_ply
-from gmmjax.clouds.cloud_file import CloudFile
+from gmmjax.clouds import CloudFile, PointCloud, intensity_field, open_cloud, read_cloud, write_pcd, write_ply
 from gmmjax.errors import InputError
 from tests.clouds.formats import COUNT, WRITERS, write_all
 

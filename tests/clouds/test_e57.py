@@ -4,7 +4,7 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.evidence.view_checks import check_views
-from gmmjax.clouds import read_cloud
+from gmmjax.clouds import open_cloud, read_cloud
 from gmmjax.clouds.e57 import CARTESIAN
 from gmmjax.clouds.reference_system import ReferenceSystem
 from gmmjax.errors import InputError
@@ -75,6 +75,9 @@ def test_poses_of_turning_scanners_are_views(two_stations):
         own = cloud.points[cloud.fields["scan"] == view]
         assert cloud.views.in_field_of_view(cloud.views.in_camera(own, view)).all()
     assert check_views("before", Survey.of(cloud.points, cloud.views)) is None
+    opened = open_cloud(path).views
+    assert opened.field_of_view == cloud.views.field_of_view
+    np.testing.assert_array_equal(opened.poses, cloud.views.poses)
 
 
 def test_a_merged_cloud_has_no_views(tmp_path):

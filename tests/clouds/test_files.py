@@ -9,9 +9,16 @@ import pytest
 
 from gmmjax import Changes
 from gmmjax.cli.detect import read_settings
-from gmmjax.clouds import read_cloud, read_views
-from gmmjax.clouds.files import MOST_SETTINGS, parse_json, read_json, read_toml, require_file
-from gmmjax.clouds.reading import READERS
+from gmmjax.clouds import (
+    MOST_SETTINGS,
+    READERS,
+    parse_json,
+    read_cloud,
+    read_json,
+    read_toml,
+    read_views,
+    require_file,
+)
 from gmmjax.errors import InputError
 from gmmjax.evaluation.labelled_pair import read_pair
 from gmmjax.reporting.mixture_files import read_mixture

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from gmmjax.clouds import PointCloud, SensorViews
+from gmmjax.clouds import PointCloud
 from gmmjax.errors import InputError
 
 ROWS = hnp.arrays(np.float64, st.tuples(st.integers(0, 30), st.just(3)), elements=st.floats(allow_nan=True))
@@ -66,9 +66,3 @@ def test_rejects_attributes_that_do_not_fit(extra, message):
 def test_the_record_itself_takes_only_finite_points():
     with pytest.raises(InputError, match="from_rows"):
         PointCloud(np.array([[np.nan, 0, 0]]), np.arange(1))
-
-
-def test_views_are_kept():
-    views = SensorViews.at_origin([[0, 0, 1.0]])
-    assert PointCloud.from_rows([[0, 0, 1.0], [np.nan, 0, 0]], views=views).views is views
-    assert PointCloud.from_rows([[0, 0, 1.0]]).views is None

@@ -186,11 +186,12 @@ def _write_ply(folder: Path) -> list[str]:
     points = _points(20)
     write_ply(folder / "little.ply", points, colors=np.zeros((20, 3), np.uint8), fields={"label": np.arange(20)})
     header = (
-        b"ply\nformat binary_big_endian 1.0\nelement face 2\nproperty list uchar int vertex_indices\n"
-        b"element vertex 20\nproperty double x\nproperty double y\nproperty double z\nend_header\n"
+        b"ply\nformat binary_big_endian 1.0\nelement camera 2\nproperty short pan\nelement vertex 20\n"
+        b"property double x\nproperty double y\nproperty double z\nelement face 2\n"
+        b"property list uchar int vertex_indices\nend_header\n"
     )
     faces = (b"\x03" + np.arange(3, dtype=">i4").tobytes()) * 2
-    (folder / "big.ply").write_bytes(header + faces + points.astype(">f8").tobytes())
+    (folder / "big.ply").write_bytes(header + bytes(4) + points.astype(">f8").tobytes() + faces)
     return ["little.ply", "big.ply"]
 
 

@@ -3,7 +3,6 @@ import dataclasses
 import errno
 import io
 import os
-import struct
 
 import laspy
 import numpy as np
@@ -24,7 +23,7 @@ from gmmjax.clouds import (
     write_ply,
 )
 from gmmjax.errors import InputError, InputWarning
-from gmmjax.geometry.rigid import rigid_transform
+from gmmjax.geometry.rigid import rigid_transform, transformed
 from gmmjax.pair import Pair
 from gmmjax.reporting import write_scan
 from gmmjax.reporting.labelled_cloud import LabelledCloud, labelled_clouds, labelled_files, write_scans
@@ -300,16 +299,14 @@ def test_a_file_in_chunks_gives_what_a_cloud_in_memory_gives(files, tmp_path, mo
     assert (tmp_path / in_chunks).read_bytes() == (tmp_path / in_memory).read_bytes()
 
 
-def test_bounds_that_a_file_declares_wrongly(files, tmp_path):
-    """The points do not fit the file's own numbers where its box does: a coarser scale is taken."""
-    data = bytearray((files / "a.las").read_bytes())
-    struct.pack_into("<6d", data, 179, -3e6, -3e6, 5.4e6, 5.4e6, 100.0, 100.0)
-    (tmp_path / "a.las").write_bytes(data)
-    cloud, file = read_cloud(tmp_path / "a.las"), open_cloud(tmp_path / "a.las")
+def test_points_that_move_out_of_the_range_of_their_file(files, tmp_path):
+    """The offset gives way, for a cloud in memory as for one in its file."""
+    cloud, file = read_cloud(files / "a.las"), open_cloud(files / "a.las")
     motion = rigid_transform(translation=np.array([4e6, 0.0, 0.0]))
     found = found_about(file.count)
     names = [LabelledCloud(own, found, motion).write(tmp_path, f"b{place}") for place, own in enumerate((cloud, file))]
     assert (tmp_path / names[0]).read_bytes() == (tmp_path / names[1]).read_bytes()
+    np.testing.assert_allclose(read_cloud(tmp_path / names[0]).points, transformed(cloud.points, motion), atol=0.001)
 
 
 @pytest.mark.parametrize("name", ["a.las", "a.laz", "a.e57", "a.ply", "a.pcd"])
