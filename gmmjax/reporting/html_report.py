@@ -1,12 +1,14 @@
 """The report: one HTML file that needs nothing else, not even a network."""
 
 import dataclasses
+import os
 import re
 from html import escape
-from pathlib import PurePath
+from pathlib import Path, PurePath
 
-from gmmjax.changes import Changes
-from gmmjax.clouds import PointCloud, system_name
+from gmmjax.changes import Changes, GivenCloud, presented
+from gmmjax.clouds import PointCloud, atomic_write, system_name
+from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 from gmmjax.reporting.html_changes import changes_panel
 from gmmjax.reporting.html_explanations import explanation_hint, rejected_section, strongest_log_odds
@@ -30,6 +32,37 @@ from gmmjax.reporting.summary import (
 
 OPTION = re.compile(r"--[a-z][a-z-]*")
 CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+
+
+def write_report(
+    changes: Changes, path: str | os.PathLike[str], before: GivenCloud | None = None, after: GivenCloud | None = None
+) -> Path:
+    """Write the report, one HTML file that needs nothing else, as `gmmjax detect` does.
+
+    Args:
+        changes: what was found.
+        path: of the file; one that is there is replaced, and its folder is made where needed.
+        before: the before cloud that the changes were found in; None: that of `changes.clouds`.
+        after: the after cloud, as it was given to the detection; None likewise.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: clouds that are not known, or are not those of the changes; a file that cannot be written.
+    """
+    target = Path(path)
+    if target.is_dir():
+        raise InputError(f"{target}: is a folder; name the file, such as {target / 'report.html'}")
+    clouds, shown = presented(changes, before, after)
+    content = report_html(clouds.before, clouds.after, shown).encode()
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(target) as file:
+            file.write(content)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from error
+    return target
 
 
 def report_html(
