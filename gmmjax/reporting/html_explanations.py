@@ -77,7 +77,7 @@ def rejected_section(changes: Changes, longest: float) -> str:
 def _rejected(number: int, candidate: RejectedCandidate, changes: Changes, longest: float) -> str:
     unit = f" {changes.unit}" if changes.unit else ""
     points, centre, size = place_cells(candidate)
-    strongest = Facts.of(candidate.explanation, most=1, first="against", least_log_odds=0.0).listed
+    strongest = Facts.of(candidate.explanation, most=1, against_first=True, least=0.0).listed
     reason = "".join(f": {escape(one.sentence)}" for one in strongest)
     return f"""<li class="change candidate" data-rejected="{number}">
 <button type="button" class="row" aria-expanded="false" aria-controls="rejected-{number}"><b class="label">–</b>
