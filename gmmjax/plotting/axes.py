@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from gmmjax.reporting.quantities import rounded_down
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.text import Text
@@ -113,8 +115,7 @@ def draw_scale(ax: "Axes", lower: Float[np.ndarray, "2"], upper: Float[np.ndarra
         unit: of lengths; None: not known.
     """
     width, height = upper - lower
-    power = 10.0 ** np.floor(np.log10(width / 4))
-    length = max(step * power for step in (1, 2, 5) if step * power <= width / 4)
+    length = rounded_down(width / 4)
     left, bottom = lower + np.array([0.02 * width, 0.03 * height])
     ax.plot([left, left + length], [bottom, bottom], color="0.1", linewidth=2.5, solid_capstyle="butt", zorder=5)
     style: Style = {"ha": "center", "fontsize": "small", "zorder": 5, "textcoords": "offset points"}

@@ -23,7 +23,7 @@ from gmmjax.plotting.axes import (
 )
 from gmmjax.plotting.cloud_image import MOST_POINTS, PIXELS, Page, scan_colors
 from gmmjax.plotting.projection import Projection
-from gmmjax.reporting.map_cells import ChangeMap, ChangeMapSettings, change_map, check_upright
+from gmmjax.reporting.map_cells import ChangeMap, change_map, check_upright
 from gmmjax.reporting.palette import KIND_COLORS
 from gmmjax.reporting.splats import thinned
 from gmmjax.reporting.summary import answer, volumes_text
@@ -47,10 +47,10 @@ def plot_map(
     *,
     limit: float | None = None,
     ax: "Axes | None" = None,
-    grid: ChangeMapSettings = ChangeMapSettings(),
+    cell: float | None = None,
     pixels: int = PIXELS,
 ) -> "Axes":
-    """Draws a map from above, along z: where the surface rose (red) or sank (blue), and the outlines of the changes.
+    """Draw a map from above, along z: where the surface rose (red) or sank (blue), and the outlines of the changes.
 
     The scan is grey below the colours, which fade where nothing changed. Outlines have the colour of the kind of change
     and its label; a bar shows the scale.
@@ -61,7 +61,7 @@ def plot_map(
         after: the after cloud, as it was given to the detection; None likewise.
         limit: distance at which the colours end, in the unit of the clouds; None: from those of the changes.
         ax: where to draw; None: a new figure.
-        grid: of the map.
+        cell: edge of a cell, in the unit of the clouds; None: from the spacing of the points.
         pixels: of the longer edge of the picture of the scan.
 
     Returns:
@@ -72,7 +72,7 @@ def plot_map(
             z, or fill volumes.
     """
     clouds, changes = presented(changes, before, after)
-    found = change_map(changes, clouds, grid)
+    found = change_map(changes, clouds, cell)
     limit = _limit(found) if limit is None else limit
     if not limit > 0:
         raise InputError(f"limit={limit}: must be a positive length")
@@ -89,19 +89,14 @@ def plot_map(
     return ax
 
 
-def map_figure(
-    changes: Changes,
-    clouds: Pair[PointCloud],
-    grid: ChangeMapSettings = ChangeMapSettings(),
-    pixels: int = PIXELS,
-) -> "Figure":
-    """The map with a title, the volumes and the kinds of change: what `--map-2d FILE.png` writes.
+def map_figure(changes: Changes, clouds: Pair[PointCloud], cell: float | None = None, pixels: int = PIXELS) -> "Figure":
+    """Draw the map with a title, the volumes and the kinds of change: what `--map-2d FILE.png` writes.
 
     Args:
         changes: what was found.
         clouds: as they were given to the detection.
-        grid: of the map.
-        pixels: of the longer edge of the picture of the scan.
+        cell: as of `plot_map`.
+        pixels: as of `plot_map`.
 
     Raises:
         InputError: as `plot_map`.
@@ -113,7 +108,7 @@ def map_figure(
     extent = np.ptp(clouds.after.points[:, :2], axis=0)
     height = float(np.clip(8.5 * extent[1] / max(extent[0], np.finfo(float).tiny), 3.0, 11.0))
     figure = Figure(figsize=(10.5, height + 1.6), layout="compressed")
-    ax = plot_map(changes, *clouds, ax=figure.subplots(), grid=grid, pixels=pixels)
+    ax = plot_map(changes, *clouds, ax=figure.subplots(), cell=cell, pixels=pixels)
     names = [elided(PurePath(cloud.source).name) if cloud.source else "" for cloud in clouds]
     title = answer(changes) if not all(names) else f"{answer(changes)}\n{names[0]} → {names[1]}"
     verbatim(ax.set_title(title, fontsize="medium"))

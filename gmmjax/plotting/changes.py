@@ -57,7 +57,7 @@ def plot_changes(
     legend: bool = True,
     pixels: int = PIXELS,
 ) -> "Axes":
-    """Draws a scan with its changes, or both with all changes: changed points in the colour of their kind.
+    """Draw a scan with its changes, or both with all changes: changed points in the colour of their kind.
 
     The projection is parallel, with equal axes in the unit of the clouds and in the frame of the before cloud. Changed
     points have a white outline and are drawn over everything else, so that walls hide none. The boxes have the labels
@@ -103,7 +103,7 @@ def plot_overview(
     axes: Any = None,
     pixels: int = PIXELS,
 ) -> Any:
-    """Draws both scans, and the changes from above and from the side, with title, legend and scale.
+    """Draw both scans, and the changes from above and from the side, with title, legend and scale.
 
     Args:
         changes: what was found.
@@ -177,7 +177,7 @@ def plot_distance(
     ax: "Axes | None" = None,
     pixels: int = PIXELS,
 ) -> "Axes":
-    """Draws the after scan coloured by its signed distance from the surface of the before scan.
+    """Draw the after scan coloured by its signed distance from the surface of the before scan.
 
     Blue lies below the before surface and red above it, on the sides that the normals tell; grey has nothing to be
     compared with.

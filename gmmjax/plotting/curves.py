@@ -22,8 +22,8 @@ from gmmjax.plotting.axes import (
     with_unit,
 )
 from gmmjax.reporting.palette import KIND_COLORS
+from gmmjax.reporting.quantities import length_text
 from gmmjax.reporting.splats import thinned
-from gmmjax.reporting.summary import length_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,7 +38,7 @@ SURFACE_POINTS, OFFSETS = 60_000, 15_000
 
 
 def plot_grid_search(search: GridSearch, *, criterion: Criterion = "mdl", ax: "Axes | None" = None) -> "Axes":
-    """Draws the scores of a grid search over the number of components, a line for each covariance type.
+    """Draw the scores of a grid search over the number of components, a line for each covariance type.
 
     Args:
         search: its result.
@@ -69,7 +69,7 @@ def plot_grid_search(search: GridSearch, *, criterion: Criterion = "mdl", ax: "A
 
 
 def plot_message_length(fits: Fit | Sequence[Fit], *, ax: "Axes | None" = None) -> "Axes":
-    """Draws the message length of fits over their number of components; the shortest is marked.
+    """Draw the message length of fits over their number of components; the shortest is marked.
 
     The line joins the shortest length of each number. Fits of one cloud can be compared: the restarts of
     `fit_restarts`, or fits that start from, or end with, different numbers of components.
@@ -100,7 +100,7 @@ def plot_message_length(fits: Fit | Sequence[Fit], *, ax: "Axes | None" = None) 
 
 
 def plot_scores(rows: "Sequence[Row]", *, measure: Measure = "f1", ax: "Axes | None" = None) -> "Axes":
-    """Draws the scores of detectors as bars: a group for each condition, a bar for each detector.
+    """Draw the scores of detectors as bars: a group for each condition, a bar for each detector.
 
     Args:
         rows: of an `Evaluation`: its `rows`, or its `totals`.
@@ -163,7 +163,7 @@ def plot_bars(
 
 
 def plot_reliability(curves: "Reliability | Mapping[str, Reliability]", *, ax: "Axes | None" = None) -> "Axes":
-    """Draws reliability curves: what share of what was reported at a probability is true.
+    """Draw reliability curves: what share of what was reported at a probability is true.
 
     On the diagonal, what is reported at 0.9 is true nine times in ten; below it the probabilities are too high. Bars
     are 95 % intervals of the shares (Wilson 1927), by the number of probabilities in each bin.
@@ -217,7 +217,7 @@ def plot_registration(
     *,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draws how far the unchanged points of the after scan are from the surface of the before scan.
+    """Draw how far the unchanged points of the after scan are from the surface of the before scan.
 
     The distance is that from the plane through the nearest points of the before scan, along its normal: once for the
     scan as it was given, and once registered. Dashed lines are the residuals that the detection measured.

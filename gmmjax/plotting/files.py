@@ -17,7 +17,7 @@ from gmmjax.plotting.cloud_image import PIXELS
 from gmmjax.plotting.mixtures import plot_mixture
 from gmmjax.plotting.projection import Direction
 from gmmjax.reporting.geotiff import check_rasterio, write_geotiff
-from gmmjax.reporting.map_cells import ChangeMapSettings, change_map
+from gmmjax.reporting.map_cells import change_map
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,7 +65,7 @@ def check_map_file(path: str | os.PathLike[str], created: Path | None = None) ->
 
 
 def write_figure(path: str | os.PathLike[str], figure: "Figure") -> None:
-    """Writes a figure, whole or not at all; one that is there is replaced.
+    """Write a figure, whole or not at all; one that is there is replaced.
 
     Args:
         path: as of `check_figure_file`.
@@ -91,27 +91,24 @@ def write_figure(path: str | os.PathLike[str], figure: "Figure") -> None:
 
 
 def write_map(
-    path: str | os.PathLike[str],
-    changes: Changes,
-    clouds: Pair[PointCloud],
-    settings: ChangeMapSettings = ChangeMapSettings(),
+    path: str | os.PathLike[str], changes: Changes, clouds: Pair[PointCloud], cell: float | None = None
 ) -> None:
-    """Writes a map from above: a GeoTIFF for .tif and .tiff, else a picture; whole or not at all.
+    """Write a map from above: a GeoTIFF for .tif and .tiff, else a picture; whole or not at all.
 
     Args:
         path: of the file; one that is there is replaced.
         changes: what was found.
         clouds: as they were given to the detection.
-        settings: the grid of the GeoTIFF.
+        cell: as of `change_map`.
 
     Raises:
         InputError: as of `check_map_file`; scans that have no upward direction along z, or fill volumes.
     """
     check_map_file(path)
     if Path(path).suffix.lower() in GEOTIFF:
-        write_geotiff(path, change_map(changes, clouds, settings))
+        write_geotiff(path, change_map(changes, clouds, cell))
     else:
-        write_figure(path, map_figure(changes, clouds))
+        write_figure(path, map_figure(changes, clouds, cell))
 
 
 def overview_figure(changes: Changes, clouds: Pair[PointCloud], pixels: int = PIXELS) -> "Figure":

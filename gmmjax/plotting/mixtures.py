@@ -34,7 +34,7 @@ def plot_mixture(
     ax: "Axes | None" = None,
     pixels: int = PIXELS,
 ) -> "Axes":
-    """Draws the Gaussians of a mixture as ellipses, over the points that it was fitted to.
+    """Draw the Gaussians of a mixture as ellipses, over the points that it was fitted to.
 
     An ellipse is where the projected Gaussian is at this number of standard deviations. Points have the colour of their
     most probable Gaussian; there are six colours, so that the Gaussians of a larger mixture share them.
@@ -85,7 +85,7 @@ def plot_transport(
     unit: str | None = None,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draws a transport plan between two mixtures: the flow of mass from Gaussian to Gaussian.
+    """Draw a transport plan between two mixtures: the flow of mass from Gaussian to Gaussian.
 
     The width of an arrow is proportional to the mass that moves; what stays within a standard deviation has none.
     Gaussians of the before mixture are orange ellipses, those of the after mixture blue.

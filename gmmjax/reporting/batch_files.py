@@ -61,7 +61,7 @@ class Summary:
 
 
 def save_report(folder: Path, found: FoundPair, *, transform_after: bool = False) -> None:
-    """Writes what `detect` writes, and thumbnails.
+    """Write what `detect` writes, and thumbnails.
 
     Args:
         folder: to write to.
@@ -106,7 +106,7 @@ def summary_of(folder: RunFolder, names: Sequence[str]) -> Summary:
 
 
 def write_summary(folder: RunFolder, names: Sequence[str]) -> Summary:
-    """Writes the tables and the page of a run, as far as it has got.
+    """Write the tables and the page of a run, as far as it has got.
 
     Args:
         folder: of the run.
@@ -123,7 +123,7 @@ def write_summary(folder: RunFolder, names: Sequence[str]) -> Summary:
 
 
 def write_history(folder: RunFolder) -> list[ObjectHistory]:
-    """Writes the table and the page of the objects of a series, as far as it has got.
+    """Write the table and the page of the objects of a series, as far as it has got.
 
     Args:
         folder: of the run.

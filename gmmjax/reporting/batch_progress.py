@@ -11,7 +11,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
 
 class BatchProgress:
-    """Counts pairs, and shows how many are done.
+    """Count pairs, and shows how many are done.
 
     Attributes:
         total: pairs of the run.
@@ -25,7 +25,7 @@ class BatchProgress:
         self._began = time.monotonic()
 
     def count(self, *, done: bool, reused: bool) -> None:
-        """Counts a pair.
+        """Count a pair.
 
         Args:
             done: whether it has a result.
@@ -85,7 +85,7 @@ class _Lines(BatchProgress):
 
 @contextmanager
 def batch_progress(total: int, *, quiet: bool = False, every: float = 30.0) -> Iterator[BatchProgress]:
-    """Shows how far a run has got while the block runs.
+    """Show how far a run has got while the block runs.
 
     Args:
         total: pairs of the run.

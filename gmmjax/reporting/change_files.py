@@ -25,7 +25,7 @@ LOCAL_SYSTEM = 'LOCAL_CS["coordinates of the scans",UNIT["unknown",1]]'
 
 
 def write_table(path: Path, changes: Changes) -> None:
-    """Writes the changes as CSV: a row each, with the fields of `ChangeColumns` and the unit; what is None is empty.
+    """Write the changes as CSV: a row each, with the fields of `ChangeColumns` and the unit; what is None is empty.
 
     Args:
         path: the file to write.
@@ -45,7 +45,7 @@ def write_table(path: Path, changes: Changes) -> None:
 
 
 def write_map(path: Path, changes: Changes) -> None:
-    """Writes the changes as GeoJSON: the outline of each box from above, with the fields of its row as properties.
+    """Write the changes as GeoJSON: the outline of each box from above, with the fields of its row as properties.
 
     Coordinates are longitude and latitude in WGS 84, as RFC 7946 has them, where the system of the scans is known and
     rasterio is installed. Else they are those of the scans, and a `crs` member says so, of which QGIS and GDAL take

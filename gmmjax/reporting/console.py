@@ -21,6 +21,7 @@ from gmmjax.changes import Changes
 from gmmjax.errors import InputWarning, printable
 from gmmjax.reporting.explanations import broken, displaced_text, explanation_lines, rejected_text
 from gmmjax.reporting.palette import KIND_COLORS
+from gmmjax.reporting.quantities import percent
 from gmmjax.reporting.summary import (
     HEADINGS,
     answer,
@@ -28,7 +29,6 @@ from gmmjax.reporting.summary import (
     dropped_text,
     headings,
     object_rows,
-    percent,
     poses_text,
     registration_text,
     unobserved_text,

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 from gmmjax.changes import Change, Changes, Contribution, Explanation, RejectedCandidate
 from gmmjax.reporting.palette import KIND_COLORS
-from gmmjax.reporting.summary import measures_text, percent, place_cells
+from gmmjax.reporting.quantities import percent
+from gmmjax.reporting.summary import measures_text, place_cells
 
 GAP = "  "
 # Contributions below it are given as a sum alone: 0.1 changes a probability of 0.5 by 0.025.

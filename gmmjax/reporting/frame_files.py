@@ -37,7 +37,7 @@ AddFrame = Callable[[Frame, Pose | None], None]
 
 
 def write_frame(path: Path, frame: Frame, pose: Pose | None = None) -> None:
-    """Writes one frame, whole or not at all.
+    """Write one frame, whole or not at all.
 
     Args:
         path: `.pcd`, which keeps the order of the pixels and the pose, `.ply` or `.npz`.

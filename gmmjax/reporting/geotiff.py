@@ -29,7 +29,7 @@ def check_rasterio() -> None:
 
 
 def write_geotiff(path: str | os.PathLike[str], found: ChangeMap) -> None:
-    """Writes a map as GeoTIFF, whole or not at all: a band of float32 for each of `BANDS`, NaN where nothing is known.
+    """Write a map as GeoTIFF, whole or not at all: a band of float32 for each of `BANDS`, NaN where nothing is known.
 
     Origin and cell are in float64, so that coordinates of a survey lose nothing.
 

@@ -142,7 +142,7 @@ class LabelledCloud:
         return LasSource.of(self.file).ending if WRITERS[self.file.ending] is _write_las else self.file.ending
 
     def write(self, folder: Path, stem: str) -> str:
-        """Writes it in the format of its file where that is LAS, LAZ or PCD, else as PLY.
+        """Write it in the format of its file where that is LAS, LAZ or PCD, else as PLY.
 
         Args:
             folder: that is there.
@@ -222,7 +222,7 @@ def write_scan(
     columns: Mapping[str, np.ndarray],
     transform: Float64[np.ndarray, "4 4"] | None = None,
 ) -> Path:
-    """Writes a scan of any size with further values of each point: what `gmmjax detect` does with labels.
+    """Write a scan of any size with further values of each point: what `gmmjax detect` does with labels.
 
     LAS, LAZ and PCD stay what they are, with all that the file holds, as in a result; all others become PLY.
 
@@ -259,7 +259,7 @@ def write_scan(
 
 
 def write_scans(folder: Path, side: str, scans: Sequence[LabelledCloud]) -> list[str]:
-    """Writes a scan as a file, or those of a survey of several as files in a folder, with the names of their own.
+    """Write a scan as a file, or those of a survey of several as files in a folder, with the names of their own.
 
     Args:
         folder: that is there.

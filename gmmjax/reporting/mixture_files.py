@@ -38,7 +38,7 @@ def write_mixture(
     settings: Mapping[str, Any] | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Writes the live components of a fit as `mixture.json` and `mixture.npz`: both or none.
+    """Write the live components of a fit as `mixture.json` and `mixture.npz`: both or none.
 
     Args:
         folder: is made where needed; may be empty.

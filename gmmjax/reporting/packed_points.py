@@ -16,6 +16,7 @@ from gmmjax.reporting.camera import initial_camera
 from gmmjax.reporting.framing import shown_range, stretched
 from gmmjax.reporting.octree import DEEPEST, morton_codes, octree_bytes, parting_levels
 from gmmjax.reporting.palette import KIND_COLORS
+from gmmjax.reporting.quantities import rounded_up
 
 # The label of unchanged points.
 NO_LABEL = 0xFFFF
@@ -225,8 +226,7 @@ def _distance_limit(changes: Changes) -> float | None:
         return None
     # A single stray distance would make all others the colour of none.
     share = max(float(np.quantile(distances, 0.99)), float(np.finfo(np.float32).tiny))
-    power = 10.0 ** math.floor(math.log10(share))
-    return next(factor * power for factor in (1, 2, 5, 10, 20) if factor * power >= share)
+    return rounded_up(share)
 
 
 def _found(changes: Changes) -> Pair[_Found]:

@@ -128,7 +128,7 @@ class Pictures:
     def __init__(
         self, clouds: Pair[PointCloud], changes: Changes, settings: PictureSettings = PictureSettings()
     ) -> None:
-        """Prepares the clouds.
+        """Prepare the clouds.
 
         Args:
             clouds: that the changes were found in, the after cloud as given.
@@ -209,7 +209,7 @@ class Pictures:
 
 
 def write_thumbnails(folder: Path, clouds: Pair[PointCloud], changes: Changes) -> None:
-    """Writes `before.webp` and `after.webp`, see `Pictures.overview`. The same input gives the same bytes.
+    """Write `before.webp` and `after.webp`, see `Pictures.overview`. The same input gives the same bytes.
 
     Args:
         folder: where to; it must be there.

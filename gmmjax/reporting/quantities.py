@@ -6,6 +6,18 @@ import math
 METRIC = ((1.0, "m", 1.0), (0.01, "cm", 0.01), (0.0, "mm", 0.001))
 
 
+def rounded_up(length: float) -> float:
+    """Return the next length of 1, 2 or 5 times a power of ten, at least this one."""
+    power = 10.0 ** math.floor(math.log10(length))
+    return float(power * next(step for step in (1, 2, 5, 10) if step * power >= length * (1 - 1e-9)))
+
+
+def rounded_down(length: float) -> float:
+    """Return the greatest length of 1, 2 or 5 times a power of ten that is at most this one."""
+    power = 10.0 ** math.floor(math.log10(length))
+    return float(max(step * power for step in (1, 2, 5) if step * power <= length))
+
+
 def percent(probability: float) -> str:
     """A probability to whole percents; only certainty is 100 %."""
     shown = math.floor(probability * 100) if 0.99 < probability < 1 else round(probability * 100)

@@ -75,7 +75,7 @@ def write_result(
     transform_after: bool = False,
     overwrite: bool = False,
 ) -> Path:
-    """Writes all outputs of a detection, or none.
+    """Write all outputs of a detection, or none.
 
     Results are in the frame of the before cloud. Both scans keep the coordinates that they came with.
 
@@ -115,7 +115,7 @@ def write_tiled_result(
     transform_after: bool = False,
     overwrite: bool = False,
 ) -> Path:
-    """Writes all outputs of a detection in tiles, or none: the files of `write_result`.
+    """Write all outputs of a detection in tiles, or none: the files of `write_result`.
 
     The scans are read again, and written some points at a time. The report shows the points that were compared in the
     end: fine where something looks changed, and coarse elsewhere.
@@ -147,7 +147,7 @@ def write_tiled_result(
 def write_result_files(
     folder: Path, before: PointCloud, after: PointCloud, changes: Changes, *, transform_after: bool = False
 ) -> None:
-    """Writes the files of `write_result` into a folder that is there.
+    """Write the files of `write_result` into a folder that is there.
 
     Args:
         folder: to write to.
@@ -165,7 +165,7 @@ def write_result_files(
 
 
 def _transform(changes: Changes) -> np.ndarray | None:
-    """Takes the after scan into the frame of the before scan; None: it is in it."""
+    """Take the after scan into the frame of the before scan; None: it is in it."""
     return changes.registration.transform if changes.registration.applied else None
 
 
@@ -176,7 +176,7 @@ def _write_files(
     clouds: Pair[PointCloud],
     scans: Pair[list[LabelledCloud]],
 ) -> None:
-    """Writes the record, the scans with what was found of them, and a report of the clouds that are shown."""
+    """Write the record, the scans with what was found of them, and a report of the clouds that are shown."""
     changes.save(folder)
     write_table(folder / TABLE_FILE, changes)
     write_map(folder / MAP_FILE, changes)

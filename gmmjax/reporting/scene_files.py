@@ -44,7 +44,7 @@ def write_scene(
     settings: Mapping[str, Any] | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Writes a scene, all files or none.
+    """Write a scene, all files or none.
 
     `before.ply` and `after.ply`; `truth_before.npy` and `truth_after.npy` with -1 or the number of the change for each
     point; `scene.json` with the Gaussians that the points were drawn from.
@@ -85,7 +85,7 @@ def write_surveyed_scene(
     settings: Mapping[str, Any] | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Writes a surveyed scene, all files or none, as a pair that `gmmjax evaluate pairs` and `gmmjax tune` read.
+    """Write a surveyed scene, all files or none, as a pair that `gmmjax evaluate pairs` and `gmmjax tune` read.
 
     `before.ply` and `after.ply` in colour; `views_*.json` with the poses of the sensor; `truth_*.npy`, `unseen_*.npy`
     and `not_counted_*.npy`; `scene.json` with the kinds and motions of the changes, and the true registration.

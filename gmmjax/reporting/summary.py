@@ -9,14 +9,7 @@ from jaxtyping import Float
 from gmmjax.changes import NAMES, Change, Changes, Kind, RejectedCandidate, object_motion
 from gmmjax.clouds import PointCloud
 from gmmjax.pair import Pair, each
-from gmmjax.reporting.quantities import area_text as area_text
-from gmmjax.reporting.quantities import degrees_text as degrees_text
-from gmmjax.reporting.quantities import length_text as length_text
-from gmmjax.reporting.quantities import metric_text as metric_text
-from gmmjax.reporting.quantities import number_text as number_text
-from gmmjax.reporting.quantities import percent as percent
-from gmmjax.reporting.quantities import share as share
-from gmmjax.reporting.quantities import volume_text as volume_text
+from gmmjax.reporting.quantities import area_text, degrees_text, length_text, metric_text, percent, share, volume_text
 
 HEADINGS = ("Label", "Kind", "Probability", "Points", "Centre", "Size", "Volume")
 

@@ -19,7 +19,7 @@ USE = "Written by gmmjax tune; use it by: gmmjax detect BEFORE AFTER --out DIR -
 
 
 def write_tuned(path: str | os.PathLike[str], result: TuningResult | VerdictResult) -> None:
-    """Writes the settings as TOML for `gmmjax detect --config`, and beside it a tuned verdict.
+    """Write the settings as TOML for `gmmjax detect --config`, and beside it a tuned verdict.
 
     Args:
         path: of the TOML file.
@@ -66,7 +66,7 @@ def progress_file(path: str | os.PathLike[str]) -> Path:
 
 
 def write_state(path: str | os.PathLike[str], state: TuningState | VerdictState, fingerprint: str) -> None:
-    """Stores the state of a tuning, whole or not at all.
+    """Store the state of a tuning, whole or not at all.
 
     Args:
         path: an NPZ file.
