@@ -122,7 +122,7 @@ def map_figure(changes: Changes, clouds: Pair[PointCloud], cell: float | None = 
 
 
 def _limit(found: ChangeMap) -> float:
-    """The distance that the colours reach up to: of the changes or, without any, of all."""
+    """Return the distance that the colours reach up to: of the changes or, without any, of all."""
     known = np.isfinite(found.distance)
     changed = known & (found.label >= 0)
     values = np.abs(found.distance[changed if changed.any() else known])
@@ -130,14 +130,14 @@ def _limit(found: ChangeMap) -> float:
 
 
 def _colors(found: ChangeMap, limit: float, colors: Float[np.ndarray, "r c 4"]) -> Float[np.ndarray, "r c 4"]:
-    """The colours of the distances, which fade with them where nothing changed."""
+    """Return the colours of the distances, which fade with them where nothing changed."""
     strength = np.clip(np.abs(found.distance) / limit, 0, 1)
     opacity = np.where(found.label >= 0, 1.0, FAINT * strength)
     return np.dstack([colors[..., :3], np.where(np.isfinite(found.distance), opacity, 0.0)])
 
 
 def _draw_scan(cloud: PointCloud, changes: Changes, found: ChangeMap, ax: "Axes", pixels: int) -> Page:
-    """The after scan from above, in grey."""
+    """Draw the after scan from above, in grey."""
     east, north, up = np.eye(3)
     points = changes.registration.apply(cloud.points)
     points = points[thinned(np.arange(len(points)), MOST_POINTS)]
@@ -150,7 +150,7 @@ def _draw_scan(cloud: PointCloud, changes: Changes, found: ChangeMap, ax: "Axes"
 
 
 def _draw_outlines(changes: Changes, found: ChangeMap, ax: "Axes") -> None:
-    """The outline of the cells of each change, and its label beside it."""
+    """Draw the outline of the cells of each change, and its label beside it."""
     left, right, lower, upper = found.extent
     half = found.cell / 2
     # A frame of nothing, so that outlines at the edge of the map are closed.

@@ -49,9 +49,6 @@ def plot_mixture(
         ax: where to draw; None: a new figure.
         pixels: of the longer edge of the picture of the points.
 
-    Returns:
-        The axes.
-
     Raises:
         InputError: a mixture of another dimension than 2 and 3, or without any component; points of another dimension.
     """
@@ -99,9 +96,6 @@ def plot_transport(
         unit: of the coordinates and of the cost, for the labels.
         ax: where to draw; None: a new figure.
 
-    Returns:
-        The axes.
-
     Raises:
         InputError: mixtures that cannot be drawn; a plan of other mixtures.
     """
@@ -133,7 +127,7 @@ class _Live(NamedTuple):
     covariances: Float[np.ndarray, "k 3 3"]
 
     def reach(self, projection: Projection, deviations: float) -> Float[np.ndarray, "m 3"]:
-        """Points that are as far on the page as the ellipses."""
+        """Return points that are as far on the page as the ellipses."""
         variances = np.diagonal(projection.covariance_on_page(self.covariances), axis1=1, axis2=2)
         width, height = deviations * np.sqrt(np.maximum(variances, 0)).T[..., None]
         across, upwards = width * projection.right, height * projection.up
@@ -165,7 +159,7 @@ def _points_of(points: ArrayLike | PointCloud, dimension: int) -> np.ndarray:
 
 
 def _in_space(points: np.ndarray) -> Float[np.ndarray, "n 3"]:
-    """Points in 2-D on the plane z = 0."""
+    """Put points in 2-D on the plane z = 0."""
     return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
 
 
@@ -186,7 +180,7 @@ def _draw_ellipses(
 
 
 def _draw_flow(ax: "Axes", plan: np.ndarray, before: _Live, after: _Live, projection: Projection) -> None:
-    """An arrow for each mass that moves; negligible ones of an entropic plan are left out."""
+    """Draw an arrow for each mass that moves; negligible ones of an entropic plan are left out."""
     from matplotlib.patches import FancyArrowPatch
 
     sources, targets = projection.on_page(before.means), projection.on_page(after.means)

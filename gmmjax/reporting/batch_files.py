@@ -20,7 +20,7 @@ from gmmjax.batch import (
     write_table,
     write_tables,
 )
-from gmmjax.changes import Changes, presented
+from gmmjax.changes import Changes
 from gmmjax.clouds import read_cloud
 from gmmjax.pair import Pair
 from gmmjax.reporting.batch_index import batch_index_html
@@ -35,13 +35,8 @@ OBJECTS = "objects"
 
 @dataclasses.dataclass(frozen=True)
 class Summary:
-    """A run as far as it has got.
-
-    Attributes:
-        pairs: the rows of the pairs that are done or failed, in their order in the manifest.
-        changes: the rows of all changes.
-        convergence: the rows of all doublings of restarts.
-        missing: names of the pairs that are neither done nor failed.
+    """A run as far as it has got: the rows of the pairs that are done or failed, in their order in the manifest, of all
+    changes and all doublings of restarts; and the names of the pairs that are neither done nor failed.
     """
 
     pairs: tuple[PairRow, ...]
@@ -73,21 +68,16 @@ def save_report(folder: Path, found: FoundPair, *, transform_after: bool = False
     """
     changes, clouds = found.consensus.changes, found.loaded.clouds
     write_result_files(folder, clouds.before, clouds.after, changes, transform_after=transform_after)
-    write_thumbnails(folder, *presented(changes, *clouds))
+    write_thumbnails(folder, clouds, changes)
 
 
 def save_transformed_report(folder: Path, found: FoundPair) -> None:
-    """`save_report` with the after scan in the frame of the before scan."""
+    """Write what `save_report` writes, with the after scan in the frame of the before scan."""
     save_report(folder, found, transform_after=True)
 
 
 def summary_of(folder: RunFolder, names: Sequence[str]) -> Summary:
-    """The rows of a run, from what lies in its folder.
-
-    Args:
-        folder: of the run.
-        names: of all its pairs.
-    """
+    """Gather the rows of a run with these pairs, from what lies in its folder."""
     pairs: list[PairRow] = []
     changes: list[ChangeRow] = []
     convergence: list[ConvergenceRow] = []

@@ -303,13 +303,7 @@ def print_failures(failures: "Sequence[Failure]") -> None:
 
 
 def print_tuning(result: "TuningResult | VerdictResult", settings: Path, picture: Path) -> None:
-    """Print what was tuned, and what to do with the file.
-
-    Args:
-        result: of the tuning.
-        settings: the TOML file.
-        picture: of its course.
-    """
+    """Print what was tuned, and what to do with the file of the settings; its course is in the picture."""
     from gmmjax.tuning import VerdictResult
 
     table = plain_table("", "Start", "Tuned" if result.improved else "Tried", left=("",))

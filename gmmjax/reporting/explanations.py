@@ -15,12 +15,7 @@ LISTED = 0.1
 
 
 class Facts(NamedTuple):
-    """The facts of a candidate that are listed, and the others.
-
-    Attributes:
-        listed: the strongest first.
-        others: what is left.
-    """
+    """The facts of a candidate that are listed, the strongest first, and the others."""
 
     listed: Sequence[Contribution]
     others: Sequence[Contribution]
@@ -50,13 +45,13 @@ class Facts(NamedTuple):
 
 
 def signed(log_odds: float) -> str:
-    """Log odds to one decimal, always with their sign: "+3.1", "−0.4"."""
+    """Give log odds to one decimal, always with their sign: "+3.1", "−0.4"."""
     # Adding 0.0 makes a zero of minus zero.
     return f"{round(log_odds, 1) + 0.0:+.1f}".replace("-", "−")
 
 
 def verdict_text(explanation: Explanation) -> str:
-    """The three probabilities: "changed 95 %, unchanged 4 %, not observed 1 %"."""
+    """Give the three probabilities: "changed 95 %, unchanged 4 %, not observed 1 %"."""
     return (
         f"changed {percent(explanation.changed)}, unchanged {percent(explanation.unchanged)}, "
         f"not observed {percent(explanation.unobserved)}"
@@ -161,7 +156,7 @@ def _of_rejected(changes: Changes, width: int) -> Iterator[tuple[str, str]]:
 
 
 def _heading(candidate: RejectedCandidate, listed: tuple[RejectedCandidate, ...]) -> str:
-    """Kind, probability and reason, in columns."""
+    """Give kind, probability and reason, in columns."""
     kinds, reasons = max(len(one.kind) for one in listed), max(len(one.reason) for one in listed)
     share = percent(candidate.probability)
     return f"● {candidate.kind:<{kinds}}{GAP}{share:>5}{GAP}{candidate.reason:<{reasons}}{GAP}"

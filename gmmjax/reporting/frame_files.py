@@ -55,13 +55,10 @@ def write_frame(path: Path, frame: Frame, pose: Pose | None = None) -> None:
 
 @contextmanager
 def frame_archive(path: Path) -> Iterator[AddFrame]:
-    """An NPZ file of many frames, written whole or not at all; the points wait on the disk, not in memory.
+    """Write an NPZ file of many frames, whole or not at all; the points wait on the disk, not in memory.
 
     Its arrays: `points` float64 [N, 3] of all frames, `frame` int64 [N], the frame of each point, `times` float64 [V],
     and `poses` float64 [V, 4, 4], sensor to world, where every frame has one; the points are then in the world.
-
-    Args:
-        path: the file.
 
     Yields:
         A function that adds a frame.
@@ -100,12 +97,7 @@ def frame_archive(path: Path) -> Iterator[AddFrame]:
 
 @contextmanager
 def frame_folder(folder: Path, suffix: Literal["pcd", "ply"], *, overwrite: bool = False) -> Iterator[AddFrame]:
-    """A folder with a file for each frame and `frames.json`, which has their times and poses; whole or not at all.
-
-    Args:
-        folder: is made where needed.
-        suffix: the format of the files.
-        overwrite: replace an earlier folder of frames.
+    """Write a folder with a file for each frame and `frames.json`, their times and poses; whole or not at all.
 
     Yields:
         A function that adds a frame.
@@ -130,16 +122,12 @@ def frame_folder(folder: Path, suffix: Literal["pcd", "ply"], *, overwrite: bool
 
 
 def check_frame_folder(folder: Path, *, overwrite: bool = False) -> None:
-    """Whether `frame_folder` could write there. Changes nothing.
-
-    Raises:
-        InputError: as `output_folder`.
-    """
+    """Raise an InputError unless `frame_folder` could write there. Changes nothing."""
     check_output_folder(folder, _kind(folder), overwrite=overwrite)
 
 
 def _kind(folder: Path) -> FolderKind:
-    """What a folder of frames holds: of one that is there already, whatever frames it has."""
+    """Name the files of a folder of frames: those of one that is there already, whatever frames it has."""
     names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
     frames = tuple(name for name in names if re.fullmatch(r"frame_\d{6,}\.(pcd|ply)", name))
     return FolderKind("folder of frames", MARKER, "frames", frames)
@@ -178,7 +166,7 @@ def _compact(points: Float64[np.ndarray, "n 3"]) -> np.ndarray:
 
 
 def _by_pixel(frame: Frame, values: np.ndarray, empty: float | int) -> np.ndarray:
-    """Values of the points in the order of an ordered frame's pixels."""
+    """Put values of the points in the order of an ordered frame's pixels."""
     assert frame.width is not None and frame.height is not None
     image = np.full((frame.height * frame.width, *values.shape[1:]), empty, values.dtype)
     image[frame.cloud.rows] = values
@@ -187,7 +175,7 @@ def _by_pixel(frame: Frame, values: np.ndarray, empty: float | int) -> np.ndarra
 
 @contextmanager
 def _member(archive: zipfile.ZipFile, name: str, dtype: np.dtype, shape: tuple[int, ...]) -> Iterator[IO[bytes]]:
-    """An array of an archive, to be written in blocks."""
+    """Open an array of an archive, to be written in blocks."""
     with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as stream:
         header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
         np.lib.format.write_array_header_1_0(stream, header)

@@ -33,14 +33,7 @@ def strongest_log_odds(changes: Changes) -> float:
 
 
 def changes_panel(changes: Changes, rows: list[ObjectRow], close_ups: CloseUps, longest: float) -> str:
-    """Make the list of changes, with what sorts it and steps through it.
-
-    Args:
-        changes: what was found.
-        rows: of its objects.
-        close_ups: makes the pictures of an object.
-        longest: log odds of the longest bar.
-    """
+    """Make the list of changes, with what sorts it and steps through it; the longest bar is of `longest` log odds."""
     if not rows:
         threshold = percent(changes.config.threshold)
         return f"""<aside class="panel" aria-label="Changes"><h2>No change</h2>

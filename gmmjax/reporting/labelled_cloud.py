@@ -1,6 +1,7 @@
 """A scan with what was found about each of its points, in the format of its file and with all that the file held."""
 
 import dataclasses
+import functools
 import itertools
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from gmmjax.changes import Changes
+from gmmjax.changes import NAMES, Changes
 from gmmjax.clouds import (
     CHANNELS,
     CHUNK_POINTS,
@@ -33,7 +34,7 @@ from gmmjax.clouds import (
 )
 from gmmjax.errors import InputError, warn
 from gmmjax.geometry import transformed
-from gmmjax.pair import Pair
+from gmmjax.pair import Pair, each
 from gmmjax.reporting.palette import point_colors
 from gmmjax.reporting.written_fields import written_fields, written_names
 
@@ -56,15 +57,12 @@ LARGEST_INT = 2**31 - 1
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LabelledCloud:
-    """A scan of a result, in memory or in its file.
-
-    A scan in its file is read and written some points at a time, so that it may be larger than the memory; what is
-    written is the same.
+    """A scan of a result, in memory or in its file; one in its file is read and written some points at a time.
 
     Attributes:
         cloud: as it was given, or the file that it is in.
-        found: what was found, such as the names of `DESCRIPTIONS`: about each point of a cloud, or about each row of a
-            file, also those without a position. Arrays or memory maps.
+        found: what was found, by name, about each point of a cloud, or about each row of a file, also those without a
+            position. Arrays or memory maps.
         transform: takes it to where it is written; None: it is written where it is.
     """
 
@@ -74,39 +72,35 @@ class LabelledCloud:
 
     @property
     def file(self) -> SourceFile | None:
-        """What the scan was read from."""
+        """The file that the scan was read from."""
         return self.cloud.file if isinstance(self.cloud, PointCloud) else self.cloud.source
 
     @property
     def points(self) -> int:
-        """How many there are with a position."""
+        """The number of points with a position."""
         return len(self.cloud) if isinstance(self.cloud, PointCloud) else self.cloud.measures.points
 
     @property
     def rows(self) -> int:
-        """How many there are, among them those without a position."""
+        """The number of rows, among them those without a position."""
         cloud = self.cloud
         return len(cloud) + cloud.rows_dropped if isinstance(cloud, PointCloud) else cloud.count
 
     def placed(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
-        """Points of the scan where they are written."""
+        """Move points of the scan to where they are written."""
         return points if self.transform is None else transformed(points, self.transform)
 
     def found_in(self, rows: Int64[np.ndarray, " n"]) -> dict[str, np.ndarray]:
-        """What was found about rows of the file, which ascend."""
+        """Return what was found about rows of the file, which ascend."""
         first, last = (int(rows[0]), int(rows[-1]) + 1) if len(rows) else (0, 0)
         values = {name: copied_part(own, first, last) for name, own in self.found.items()}
         return values if last - first == len(rows) else {name: own[rows - first] for name, own in values.items()}
 
     def parts(self, reserved: tuple[str, ...] = ()) -> Iterator[PointCloud]:
-        """The scan as it is written, some points at a time.
+        """Yield the scan as it is written, some points at a time.
 
-        The fields are what was found, the scan's own colours as `scan_red` and so on, and its own fields, normals
-        turned with it. A field of the scan with the name of another one of these becomes `input_NAME`. The colours are
-        those of the kinds of change, or the scan's own, half way to grey; the scan's own where no kinds were found.
-
-        Args:
-            reserved: further names that a field must not have.
+        The colours are those of the kinds of change, or the scan's own where no kinds were found; fields are as of
+        `written_fields`, with `reserved` names that no field must have.
         """
         for scan, found in self._scans():
             yield dataclasses.replace(
@@ -117,7 +111,7 @@ class LabelledCloud:
             )
 
     def _scans(self) -> Iterator[tuple[PointCloud, dict[str, np.ndarray]]]:
-        """The scan as it was given, some points at a time, with what was found about them."""
+        """Yield the scan as it was given, some points at a time, with what was found about them."""
         if isinstance(self.cloud, PointCloud):
             for start in range(0, len(self.cloud), CHUNK_POINTS):
                 place = slice(start, start + CHUNK_POINTS)
@@ -126,7 +120,7 @@ class LabelledCloud:
             yield from ((cloud, self.found_in(cloud.rows)) for cloud in self.cloud.clouds())
 
     def by_file(self) -> "list[LabelledCloud]":
-        """Each scan of a survey in memory that was read from several files; any other cloud as it is."""
+        """Return each scan of a survey in memory that was read from several files; any other cloud as it is."""
         if not isinstance(self.cloud, PointCloud) or not self.cloud.files:
             return [self]
         return [
@@ -136,20 +130,13 @@ class LabelledCloud:
 
     @property
     def ending(self) -> str:
-        """Of the file that is written."""
+        """The ending of the file that is written."""
         if self.file is None or self.file.ending not in WRITERS:
             return ".ply"
         return LasSource.of(self.file).ending if WRITERS[self.file.ending] is _write_las else self.file.ending
 
     def write(self, folder: Path, stem: str) -> str:
-        """Write it in the format of its file where that is LAS, LAZ or PCD, else as PLY.
-
-        Args:
-            folder: that is there.
-            stem: the name of the file without its ending.
-
-        Returns:
-            The name of the file.
+        """Write it in the format of its file where that is LAS, LAZ or PCD, else as PLY, and return the file's name.
 
         Raises:
             InputError, OSError: the file cannot be written.
@@ -170,46 +157,24 @@ class LabelledCloud:
 def labelled_clouds(
     clouds: Pair[PointCloud], changes: Changes, transform_after: Float64[np.ndarray, "4 4"] | None = None
 ) -> Pair[LabelledCloud]:
-    """Both scans with what was found about their points.
-
-    Args:
-        clouds: as they were given.
-        changes: what was found between them.
-        transform_after: of the after cloud, as of `LabelledCloud`.
-    """
-
-    def labelled(cloud: PointCloud, side: str, transform: np.ndarray | None) -> LabelledCloud:
-        values = changes.point_values(side)
-        # Files of points have no truth values.
-        return LabelledCloud(cloud, {**values, "unobserved": values["unobserved"].astype(np.uint8)}, transform)
-
-    return Pair(labelled(clouds.before, "before", None), labelled(clouds.after, "after", transform_after))
+    """Put what was found beside both scans as they were given; `transform_after` moves the after scan."""
+    return each(
+        lambda cloud, side, transform: _labelled(cloud, changes.point_values(side), transform),
+        clouds,
+        NAMES,
+        Pair(None, transform_after),
+    )
 
 
-def check_point_counts(before: PointCloud, after: PointCloud, changes: Changes) -> None:
-    """Whether these can be the clouds that the changes were found in.
-
-    Raises:
-        InputError: clouds of other lengths than the labels.
-    """
-    for name, cloud, labels in (("before", before, changes.labels_before), ("after", after, changes.labels_after)):
-        if len(cloud) != len(labels):
-            raise InputError(
-                f"{name}: has {len(cloud)} points, the changes have labels for {len(labels)}; "
-                "give the clouds that the changes were found in"
-            )
+def _labelled(cloud: PointCloud, values: Mapping[str, np.ndarray], transform: np.ndarray | None) -> LabelledCloud:
+    # Files of points have no truth values.
+    return LabelledCloud(cloud, {**values, "unobserved": values["unobserved"].astype(np.uint8)}, transform)
 
 
 def labelled_files(
     survey: SurveyFiles, found: Mapping[str, np.ndarray], transform: Float64[np.ndarray, "4 4"] | None
 ) -> list[LabelledCloud]:
-    """Each scan of a survey in its file.
-
-    Args:
-        survey: the files.
-        found: about each row of the survey, by the names of `DESCRIPTIONS`. Arrays or memory maps.
-        transform: as of `LabelledCloud`.
-    """
+    """Put what was found about each row of a survey beside each of its files; arrays or memory maps."""
     return [
         LabelledCloud(file, {name: values[survey.rows_of(index)] for name, values in found.items()}, transform)
         for index, file in enumerate(survey.files)
@@ -259,12 +224,7 @@ def write_scan(
 
 
 def write_scans(folder: Path, side: str, scans: Sequence[LabelledCloud]) -> list[str]:
-    """Write a scan as a file, or those of a survey of several as files in a folder, with the names of their own.
-
-    Args:
-        folder: that is there.
-        side: "before" or "after": the name of the file without its ending, or of the folder.
-        scans: at least one, each of which was read from a file where they are several.
+    """Write a scan as a file `side`, or those of a survey of several as files of their own names in a folder `side`.
 
     Returns:
         The names of the files.
@@ -288,7 +248,7 @@ def write_scans(folder: Path, side: str, scans: Sequence[LabelledCloud]) -> list
 
 
 def _free_stem(stem: str, taken: set[str]) -> str:
-    """The stem, with a number where it is taken: some file systems do not tell upper from lower case."""
+    """Return the stem, with a number where it is taken: some file systems do not tell upper from lower case."""
     candidates = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
     return next(name for name in candidates if name.lower() not in taken)
 
@@ -296,18 +256,19 @@ def _free_stem(stem: str, taken: set[str]) -> str:
 def _write_ply(labelled: LabelledCloud, folder: Path, stem: str) -> str:
     with_rows = labelled.points < labelled.rows
     as_floats = _beyond_ply(labelled)
+    parts = (_ply_part(part, labelled, as_floats) for part in labelled.parts(("row",) if with_rows else ()))
+    comments = [COMMENT] if "label" in labelled.found else []
+    write_ply_parts(folder / f"{stem}.ply", parts, labelled.points, comments)
+    return f"{stem}.ply"
 
-    def part_of(part: PointCloud) -> PointCloud:
-        rows = {"row": part.rows if labelled.rows <= LARGEST_INT else part.rows.astype(np.float64)} if with_rows else {}
-        # The row stands beside what was found, before the fields of the scan.
-        ordered = {**{name: part.fields[name] for name in labelled.found}, **rows, **part.fields}
-        stored = {name: _for_ply(values, as_floats=name in as_floats) for name, values in ordered.items()}
-        return dataclasses.replace(part, fields=stored)
 
-    name = f"{stem}.ply"
-    parts = map(part_of, labelled.parts(("row",) if with_rows else ()))
-    write_ply_parts(folder / name, parts, labelled.points, [COMMENT] if "label" in labelled.found else [])
-    return name
+def _ply_part(part: PointCloud, labelled: LabelledCloud, as_floats: set[str]) -> PointCloud:
+    """Order the fields: what was found, the row where some have no position, the fields of the scan."""
+    fields = {name: part.fields[name] for name in labelled.found}
+    if labelled.points < labelled.rows:
+        fields["row"] = part.rows if labelled.rows <= LARGEST_INT else part.rows.astype(np.float64)
+    fields |= part.fields
+    return dataclasses.replace(part, fields={name: _for_ply(own, name in as_floats) for name, own in fields.items()})
 
 
 def _write_pcd(labelled: LabelledCloud, folder: Path, stem: str) -> str:
@@ -339,10 +300,7 @@ def _write_las(labelled: LabelledCloud, folder: Path, stem: str) -> str:
         write_las(folder / name, source, placed, labelled.found, _described(labelled))
         return name
 
-    def part_of(first: int, coordinates: Float64[np.ndarray, "n 3"]) -> LasPart:
-        rows = np.flatnonzero(np.isfinite(coordinates).all(axis=1))
-        return LasPart(rows, labelled.placed(coordinates[rows]), labelled.found_in(first + rows))
-
+    part_of = functools.partial(_las_part, labelled)
     described = {own: (labelled.found[own].dtype, text) for own, text in _described(labelled).items()}
     declared = _declared_bounds(labelled, cloud)
     try:
@@ -353,13 +311,18 @@ def _write_las(labelled: LabelledCloud, folder: Path, stem: str) -> str:
     return name
 
 
+def _las_part(labelled: LabelledCloud, first: int, coordinates: Float64[np.ndarray, "n 3"]) -> LasPart:
+    rows = np.flatnonzero(np.isfinite(coordinates).all(axis=1))
+    return LasPart(rows, labelled.placed(coordinates[rows]), labelled.found_in(first + rows))
+
+
 def _described(labelled: LabelledCloud) -> dict[str, str]:
-    """What each of the values that were found is."""
+    """Describe each of the values that were found."""
     return {name: DESCRIPTIONS.get(name, "") for name in labelled.found}
 
 
 def _declared_bounds(labelled: LabelledCloud, file: CloudFile) -> Bounds | None:
-    """A box around the box that the file declares, where it is written; None: nothing moves."""
+    """Return a box around the box that the file declares, where it is written; None: nothing moves."""
     if labelled.transform is None or file.bounds is None:
         return None
     choices = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1]), axis=-1).reshape(-1, 3)
@@ -368,7 +331,7 @@ def _declared_bounds(labelled: LabelledCloud, file: CloudFile) -> Bounds | None:
 
 
 def _measured_bounds(labelled: LabelledCloud, file: CloudFile) -> Bounds:
-    """The box around the points where they are written."""
+    """Measure the box around the points where they are written."""
     placed = (labelled.placed(chunk.points) for chunk in file.chunks())
     boxes = np.stack([np.stack([points.min(axis=0), points.max(axis=0)]) for points in placed])
     return Bounds(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
@@ -382,14 +345,14 @@ WRITERS: Mapping[str, Callable[[LabelledCloud, Path, str], str]] = {
 ENDINGS = (".ply", *WRITERS)
 
 
-def _for_ply(values: np.ndarray, *, as_floats: bool) -> np.ndarray:
-    """The values in a type that PLY has."""
+def _for_ply(values: np.ndarray, as_floats: bool) -> np.ndarray:
+    """Convert values to a type that PLY has."""
     too_long = values.dtype.kind == "f" and values.dtype.itemsize > 8
     return values.astype(np.float64) if as_floats or too_long else values
 
 
 def _beyond_ply(labelled: LabelledCloud) -> set[str]:
-    """Names, in the result, of the scan's whole numbers beyond 32 bits: they become float64, which holds 53 of them."""
+    """Name, as in the result, the scan's whole numbers beyond 32 bits: they become float64, which holds 53 of them."""
     cloud = labelled.cloud
     colored_anew = "kind" in labelled.found
     taken = {*labelled.found, *(("row",) if labelled.points < labelled.rows else ())}

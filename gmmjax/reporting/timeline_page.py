@@ -22,13 +22,7 @@ MOST_NAMES = 5
 
 
 class Stretch(NamedTuple):
-    """A piece of an object's bar.
-
-    Attributes:
-        start: in columns: 0 is the left edge of the first one, 0.5 its middle.
-        end: likewise.
-        known: whether the object is known to have been there.
-    """
+    """A piece of an object's bar, in columns, 0.5 being the middle of the first; whether it is `known` to be there."""
 
     start: float
     end: float

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gmmjax.clouds import PointCloud
 from gmmjax.pair import Pair
 from gmmjax.reporting.octree import morton_codes, octree_bytes, parting_levels
-from gmmjax.reporting.packed_points import NO_LABEL, packed_scene
+from gmmjax.reporting.packed_points import NO_LABEL, packed_scene, shown_range
 from tests.reporting.conftest import change, labelled
 
 SURVEY = np.array([4.5e5, 5.2e6, 300.0])
@@ -321,3 +321,11 @@ def _nothing():
         DetectionConfig(),
         {},
     )
+
+
+def test_one_stray_point_does_not_shrink_the_view(pair):
+    before, _, changes = pair
+    points = np.concatenate([np.repeat(before.points, 5, axis=0), [[1e4, 0, 0]]])
+    lower, upper = shown_range(points, changes)
+    assert (upper - lower).max() < 20
+    assert (lower < before.points.min(axis=0)).all()
