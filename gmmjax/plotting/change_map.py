@@ -23,7 +23,7 @@ from gmmjax.plotting.axes import (
 )
 from gmmjax.plotting.cloud_image import MOST_POINTS, PIXELS, Page, scan_colors
 from gmmjax.plotting.projection import Projection
-from gmmjax.reporting.map_cells import ChangeMap, change_map, check_upright
+from gmmjax.reporting.map_cells import ChangeMap, change_map
 from gmmjax.reporting.palette import KIND_COLORS
 from gmmjax.reporting.splats import thinned
 from gmmjax.reporting.summary import answer, volumes_text
@@ -101,7 +101,6 @@ def map_figure(changes: Changes, clouds: Pair[PointCloud], cell: float | None = 
     Raises:
         InputError: as `plot_map`.
     """
-    check_upright(clouds.after.points)
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TaskProgressColumn
 from rich.table import Table
 from rich.text import Text
 
-from gmmjax._messages import print_message as print_note
+from gmmjax._messages import print_message
 from gmmjax.changes import Changes
 from gmmjax.errors import InputWarning, printable
 from gmmjax.reporting.explanations import broken, displaced_text, explanation_lines, rejected_text
@@ -47,6 +47,8 @@ if TYPE_CHECKING:
 # Spaces between the columns of a table.
 GAP = 2
 NO_BREAK = "\u00a0"
+# A line on standard error, about the work and not about its result.
+print_note = print_message
 # Lines of each list of `print_batch`, and weights of each classifier of a tuning: those that say most.
 MOST_PAIRS, MOST_WEIGHTS = 10, 5
 # Of an evaluation, in the order of the documents' columns, which have longer ones.

@@ -1,7 +1,9 @@
 """Frames as files: one frame, a folder of frames, or one archive of many."""
 
+import functools
 import json
 import re
+import shutil
 import tempfile
 import zipfile
 from collections.abc import Callable, Iterator
@@ -66,33 +68,31 @@ def frame_archive(path: Path) -> Iterator[AddFrame]:
     Raises:
         InputError: no frame was added, or the folder cannot be written.
     """
-    times: list[float] = []
-    counts: list[int] = []
-    poses: list[Pose] = []
+    frames: list[tuple[float, int, Pose | None]] = []
     with atomic_write(path) as file, tempfile.TemporaryFile(dir=path.absolute().parent) as waiting:
-
-        def add(frame: Frame, pose: Pose | None) -> None:
-            times.append(frame.time)
-            counts.append(len(frame.cloud))
-            if pose is not None:
-                poses.append(pose)
-            waiting.write(_in_world(frame.cloud.points, pose).tobytes())
-
-        yield add
-        if not times:
+        yield functools.partial(_put_aside, waiting, frames)
+        if not frames:
             raise InputError(f"{path}: there are no frames to write; check the topic and the times")
         waiting.seek(0)
+        times, counts, given = zip(*frames, strict=True)
+        poses = [pose for pose in given if pose is not None]
         small = {"times": np.array(times)} | ({"poses": np.stack(poses)} if len(poses) == len(times) else {})
         with zipfile.ZipFile(file, "w") as archive:
             with _member(archive, "points", np.dtype(np.float64), (sum(counts), 3)) as stream:
-                while block := waiting.read(2**20):
-                    stream.write(block)
+                shutil.copyfileobj(waiting, stream)
             with _member(archive, "frame", np.dtype(np.int64), (sum(counts),)) as stream:
                 for index, count in enumerate(counts):
                     stream.write(np.full(count, index, np.int64).tobytes())
             for name, values in small.items():
                 with _member(archive, name, values.dtype, values.shape) as stream:
                     stream.write(values.tobytes())
+
+
+def _put_aside(
+    waiting: IO[bytes], frames: list[tuple[float, int, Pose | None]], frame: Frame, pose: Pose | None
+) -> None:
+    frames.append((frame.time, len(frame.cloud), pose))
+    waiting.write(_in_world(frame.cloud.points, pose).tobytes())
 
 
 @contextmanager
@@ -107,18 +107,18 @@ def frame_folder(folder: Path, suffix: Literal["pcd", "ply"], *, overwrite: bool
     """
     entries: list[dict[str, object]] = []
     with output_folder(folder, _kind(folder), overwrite=overwrite) as staging:
-
-        def add(frame: Frame, pose: Pose | None) -> None:
-            name = f"frame_{len(entries):06d}.{suffix}"
-            write_frame(staging / name, frame, pose)
-            placed = {} if pose is None else {"pose": pose.tolist()}
-            entries.append({"file": name, "time": frame.time, "points": len(frame.cloud), **placed})
-
-        yield add
+        yield functools.partial(_add_file, staging, suffix, entries)
         if not entries:
             raise InputError(f"{folder}: there are no frames to write; check the topic and the times")
         content = {"schema_version": SCHEMA_VERSION, "frames": entries}
         (staging / MARKER).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _add_file(folder: Path, suffix: str, entries: list[dict[str, object]], frame: Frame, pose: Pose | None) -> None:
+    name = f"frame_{len(entries):06d}.{suffix}"
+    write_frame(folder / name, frame, pose)
+    placed = {} if pose is None else {"pose": pose.tolist()}
+    entries.append({"file": name, "time": frame.time, "points": len(frame.cloud), **placed})
 
 
 def check_frame_folder(folder: Path, *, overwrite: bool = False) -> None:

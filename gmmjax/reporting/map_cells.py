@@ -96,18 +96,13 @@ def change_map(changes: Changes, clouds: Pair[PointCloud], cell: float | None = 
     probability = np.full(len(label), -np.inf)
     np.maximum.at(probability, points.cell, points.probability)
     probability[np.isneginf(probability)] = np.nan
+    distance, detection = (_means(points, label, own) for own in (points.distance, points.level_of_detection))
     # Rows count downwards.
-    bands = (
-        np.flipud(band.reshape(shape))
-        for band in (
-            _means(points, label, points.distance),
-            probability,
-            label,
-            _means(points, label, points.level_of_detection),
-        )
+    distance, probability, label, detection = (
+        np.flipud(band.reshape(shape)) for band in (distance, probability, label, detection)
     )
     top = float(corner[1] + shape[0] * edge)
-    return ChangeMap(float(corner[0]), top, edge, *bands, changes.unit, changes.crs)
+    return ChangeMap(float(corner[0]), top, edge, distance, probability, label, detection, changes.unit, changes.crs)
 
 
 class _Points(NamedTuple):

@@ -194,7 +194,7 @@ def test_the_same_clouds_give_the_same_small_files(pair, tmp_path):
 
 
 def test_other_clouds_than_those_of_the_changes_are_refused(pair, tmp_path):
-    with pytest.raises(InputError, match=r"before: has 12000 points, the changes have labels for 400"):
+    with pytest.raises(InputError, match=r"before: has 12,000 points, the changes have labels for 400"):
         thumbnails(tmp_path, pair[2], ROOM)
     assert not list(tmp_path.iterdir())
 
