@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import itertools
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,6 @@ from jaxtyping import Float64, Int64
 
 from gmmjax.changes import NAMES, Changes
 from gmmjax.clouds import (
-    CHANNELS,
     CHUNK_POINTS,
     EXTRA_TYPES,
     Bounds,
@@ -36,7 +35,7 @@ from gmmjax.errors import InputError, warn
 from gmmjax.geometry import transformed
 from gmmjax.pair import Pair, each
 from gmmjax.reporting.palette import point_colors
-from gmmjax.reporting.written_fields import written_fields, written_names
+from gmmjax.reporting.written_fields import written_fields
 
 # What is found about a point, as LAS describes its dimensions: in at most 32 letters.
 DESCRIPTIONS: Mapping[str, str] = {
@@ -96,13 +95,15 @@ class LabelledCloud:
         values = {name: copied_part(own, first, last) for name, own in self.found.items()}
         return values if last - first == len(rows) else {name: own[rows - first] for name, own in values.items()}
 
-    def parts(self, reserved: tuple[str, ...] = ()) -> Iterator[PointCloud]:
+    def parts(self, reserved: tuple[str, ...] = (), as_floats: Collection[str] = ()) -> Iterator[PointCloud]:
         """Yield the scan as it is written, some points at a time.
 
         The colours are those of the kinds of change, or the scan's own where no kinds were found; fields are as of
-        `written_fields`, with `reserved` names that no field must have.
+        `written_fields`, with `reserved` names that no field must have. Those of the scan `as_floats` become float64.
         """
         for scan, found in self._scans():
+            fields = {name: own.astype(float) if name in as_floats else own for name, own in scan.fields.items()}
+            scan = dataclasses.replace(scan, fields=fields)
             yield dataclasses.replace(
                 scan,
                 points=self.placed(scan.points),
@@ -255,20 +256,18 @@ def _free_stem(stem: str, taken: set[str]) -> str:
 
 def _write_ply(labelled: LabelledCloud, folder: Path, stem: str) -> str:
     with_rows = labelled.points < labelled.rows
-    as_floats = _beyond_ply(labelled)
-    parts = (_ply_part(part, labelled, as_floats) for part in labelled.parts(("row",) if with_rows else ()))
+    parts = labelled.parts(("row",) if with_rows else (), _beyond_ply(labelled))
     comments = [COMMENT] if "label" in labelled.found else []
-    write_ply_parts(folder / f"{stem}.ply", parts, labelled.points, comments)
+    ordered = (_with_row(part, labelled) for part in parts) if with_rows else parts
+    write_ply_parts(folder / f"{stem}.ply", ordered, labelled.points, comments)
     return f"{stem}.ply"
 
 
-def _ply_part(part: PointCloud, labelled: LabelledCloud, as_floats: set[str]) -> PointCloud:
-    """Order the fields: what was found, the row where some have no position, the fields of the scan."""
-    fields = {name: part.fields[name] for name in labelled.found}
-    if labelled.points < labelled.rows:
-        fields["row"] = part.rows if labelled.rows <= LARGEST_INT else part.rows.astype(np.float64)
-    fields |= part.fields
-    return dataclasses.replace(part, fields={name: _for_ply(own, name in as_floats) for name, own in fields.items()})
+def _with_row(part: PointCloud, labelled: LabelledCloud) -> PointCloud:
+    """Add the row of the file of each point, between what was found and the fields of the scan."""
+    rows = part.rows if labelled.rows <= LARGEST_INT else part.rows.astype(np.float64)
+    found = {name: part.fields[name] for name in labelled.found}
+    return dataclasses.replace(part, fields={**found, "row": rows, **part.fields})
 
 
 def _write_pcd(labelled: LabelledCloud, folder: Path, stem: str) -> str:
@@ -345,33 +344,23 @@ WRITERS: Mapping[str, Callable[[LabelledCloud, Path, str], str]] = {
 ENDINGS = (".ply", *WRITERS)
 
 
-def _for_ply(values: np.ndarray, as_floats: bool) -> np.ndarray:
-    """Convert values to a type that PLY has."""
-    too_long = values.dtype.kind == "f" and values.dtype.itemsize > 8
-    return values.astype(np.float64) if as_floats or too_long else values
-
-
 def _beyond_ply(labelled: LabelledCloud) -> set[str]:
-    """Name, as in the result, the scan's whole numbers beyond 32 bits: they become float64, which holds 53 of them."""
+    """Name the scan's fields that PLY has no type for; they become float64, which holds whole numbers of 53 bits."""
     cloud = labelled.cloud
-    colored_anew = "kind" in labelled.found
-    taken = {*labelled.found, *(("row",) if labelled.points < labelled.rows else ())}
-    if isinstance(cloud, PointCloud):
-        long = {name: own for name, own in cloud.fields.items() if own.dtype.kind in "iu" and own.dtype.itemsize == 8}
-        ranges = {name: (int(own.min()), int(own.max())) for name, own in long.items() if own.size}
-        names, colored, source = list(cloud.fields), cloud.colors is not None, cloud.source
-    else:
-        ranges, source = dict(cloud.measures.whole), str(cloud.path)
-        first = next(cloud.clouds(1))
-        names, colored = list(first.fields), first.colors is not None
-    written = written_names(names, {*taken, *(f"scan_{channel}" for channel in CHANNELS if colored and colored_anew)})
-    beyond = {
-        name: limits for name, limits in ranges.items() if min(limits) < -LARGEST_INT - 1 or max(limits) > LARGEST_INT
-    }
+    fields = (cloud if isinstance(cloud, PointCloud) else next(cloud.clouds(1))).fields
+    ranges = _ranges(cloud) if isinstance(cloud, PointCloud) else cloud.measures.whole
+    beyond = {name: own for name, own in ranges.items() if min(own) < -LARGEST_INT - 1 or max(own) > LARGEST_INT}
     for name, (low, high) in beyond.items():
         if max(-low, high) > EXACT:
+            source = cloud.source if isinstance(cloud, PointCloud) else cloud.path
             warn(
-                f"{source}: field {written[name]!r} runs from {low} to {high}, beyond PLY's numbers; it is rounded to "
-                "float64 in the result"
+                f"{source}: field {name!r} runs from {low} to {high}, beyond PLY's numbers; it is rounded to float64 "
+                "in the result"
             )
-    return {written[name] for name in beyond}
+    return {*beyond, *(name for name, own in fields.items() if own.dtype.kind == "f" and own.dtype.itemsize > 8)}
+
+
+def _ranges(cloud: PointCloud) -> dict[str, tuple[int, int]]:
+    """Return the lowest and highest value of each field of whole numbers of 64 bits."""
+    long = {name: own for name, own in cloud.fields.items() if own.dtype.kind in "iu" and own.dtype.itemsize == 8}
+    return {name: (int(own.min()), int(own.max())) for name, own in long.items() if own.size}
