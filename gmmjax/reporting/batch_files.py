@@ -35,8 +35,13 @@ OBJECTS = "objects"
 
 @dataclasses.dataclass(frozen=True)
 class Summary:
-    """A run as far as it has got: the rows of the pairs that are done or failed, in their order in the manifest, of all
-    changes and all doublings of restarts; and the names of the pairs that are neither done nor failed.
+    """A run as far as it has got.
+
+    Attributes:
+        pairs: the rows of the pairs that are done or failed, in their order in the manifest.
+        changes: the rows of all changes.
+        convergence: the rows of all doublings of restarts.
+        missing: names of the pairs that are neither done nor failed.
     """
 
     pairs: tuple[PairRow, ...]

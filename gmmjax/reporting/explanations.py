@@ -24,9 +24,7 @@ class Facts(NamedTuple):
     def of(
         cls, explanation: Explanation, most: int | None = None, *, against_first: bool = False, least: float = LISTED
     ) -> "Facts":
-        """List the contributions of a magnitude of at least `least`, `most` of them at most; the strongest, or those
-        against a change, first.
-        """
+        """List the `most` strongest contributions of a magnitude of at least `least`; those against first, if asked."""
         ranked = sorted(
             explanation.contributions,
             key=lambda one: (abs(one.log_odds) < least, against_first and one.log_odds > 0, -abs(one.log_odds)),

@@ -54,7 +54,7 @@ class Lattice(NamedTuple):
         return self.edge / 2**self.depth
 
     def codes(self, points: Float[np.ndarray, "n 3"]) -> UInt64[np.ndarray, " n"]:
-        """Return the places of points in the cube."""
+        """Return the Morton codes of points in the cube."""
         steps = np.floor((points - self.lower) / self.step).astype(np.int64)
         return morton_codes(np.clip(steps, 0, 2**self.depth - 1))
 

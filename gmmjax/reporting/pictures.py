@@ -228,7 +228,7 @@ def _chosen_camera(near: Pair[_Side], target: _Target, first: PlotCamera) -> Plo
 
 
 def _cameras(first: PlotCamera) -> Sequence[PlotCamera]:
-    """Place twelve around the vertical, 32 degrees above the horizon, from where the page looks from at first."""
+    """Place twelve cameras around the vertical, 32 degrees above the horizon, beginning where the page looks from."""
     across, _, _ = first.axes
     level = np.cross(across, first.up)
     height = np.radians(32.0)

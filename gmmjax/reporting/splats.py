@@ -30,7 +30,7 @@ def thinned(rows: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " m"]:
 
 
 def square_edge(points: int, covered: float, largest: int) -> int:
-    """Return the edge of the squares of this number of points that `covered` pixels are the area of, in pixels."""
+    """Return the edge, in pixels, of squares for all points that have `covered` pixels together; at most `largest`."""
     return int(np.clip(round(float(np.sqrt(covered / max(points, 1)))), 1, largest))
 
 
