@@ -87,6 +87,14 @@ def test_places_without_points_have_no_value():
     assert np.isnan(finer.distance[empty]).all() and np.isnan(finer.probability[empty]).all()
 
 
+def test_a_cell_of_two_changes_is_of_the_one_with_most_points():
+    changes, clouds = surveyed()
+    fewer = np.where(np.arange(20_600) < 20_300, -1, changes.labels_after)
+    found = change_map(dataclasses.replace(changes, labels_after=fewer), clouds, 100.0)
+    assert found.label.tolist() == [[0]]
+    np.testing.assert_allclose(found.distance, -0.3)
+
+
 def test_a_geotiff_lies_in_its_place_without_loss(tmp_path):
     rasterio = pytest.importorskip("rasterio")
     found = change_map(*surveyed("EPSG:25832"), CELL)
