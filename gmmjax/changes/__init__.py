@@ -114,13 +114,13 @@ if TYPE_CHECKING:
     from gmmjax.changes.prepare.units import in_one_system as in_one_system
     from gmmjax.changes.prepare.units import stated_system as stated_system
     from gmmjax.changes.prepare.units import stated_systems as stated_systems
-    from gmmjax.changes.presentation import GivenCloud as GivenCloud
     from gmmjax.changes.presentation import Presented as Presented
     from gmmjax.changes.presentation import presented as presented
     from gmmjax.changes.progress import Clock as Clock
     from gmmjax.changes.progress import Progress as Progress
     from gmmjax.changes.progress import silent as silent
     from gmmjax.changes.record import Changes as Changes
+    from gmmjax.changes.record import GivenCloud as GivenCloud
     from gmmjax.changes.registration import Registration as Registration
     from gmmjax.changes.signed_distance import CorePoints as CorePoints
     from gmmjax.changes.signed_distance import PointFigures as PointFigures

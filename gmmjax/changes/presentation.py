@@ -1,25 +1,15 @@
-"""How a record of changes shows itself: report, plot, notebook. The one module that imports packages that come later.
-
-They are imported when a method is called, and not before: a detection needs neither HTML nor plots.
-"""
+"""A record beside its clouds, as reports and plots take them."""
 
 import dataclasses
-import os
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import ArrayLike
 
+from gmmjax.changes.record import Changes, GivenCloud
 from gmmjax.changes.storage import OPTIONAL_FIGURES
-from gmmjax.clouds import PointCloud, atomic_write, scan_bounds, within
+from gmmjax.clouds import PointCloud, scan_bounds, within
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
-
-if TYPE_CHECKING:
-    from gmmjax.changes.record import Changes
-
-GivenCloud = ArrayLike | PointCloud
 
 
 class Presented(NamedTuple):
@@ -31,10 +21,10 @@ class Presented(NamedTuple):
     """
 
     clouds: Pair[PointCloud]
-    changes: "Changes"
+    changes: Changes
 
 
-def presented(changes: "Changes", before: GivenCloud | None = None, after: GivenCloud | None = None) -> Presented:
+def presented(changes: Changes, before: GivenCloud | None = None, after: GivenCloud | None = None) -> Presented:
     """The changes with their clouds, in a form that reports and plots take.
 
     Args:
@@ -73,46 +63,9 @@ def presented(changes: "Changes", before: GivenCloud | None = None, after: Given
     return Presented(clouds, changes)
 
 
-def _of_rows(changes: "Changes", time: str, rows: np.ndarray) -> "Changes":
+def _of_rows(changes: Changes, time: str, rows: np.ndarray) -> Changes:
     """The changes with the labels of some rows of one cloud."""
     names = [f"{name}_{time}" for name in ("labels", "probability", "unobserved", *OPTIONAL_FIGURES)]
     arrays = {name: getattr(changes, name) for name in names}
     kept: dict[str, Any] = {name: None if values is None else values[rows] for name, values in arrays.items()}
     return dataclasses.replace(changes, **kept)
-
-
-def write_report(
-    changes: "Changes", path: str | os.PathLike[str], before: GivenCloud | None, after: GivenCloud | None
-) -> Path:
-    """See `Changes.report`."""
-    from gmmjax.reporting import report_html
-
-    target = Path(path)
-    if target.is_dir():
-        raise InputError(f"{target}: is a folder; name the file, such as {target / 'report.html'}")
-    clouds, shown = presented(changes, before, after)
-    content = report_html(clouds.before, clouds.after, shown).encode()
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(target) as file:
-            file.write(content)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from error
-    return target
-
-
-def plotted(changes: "Changes", before: GivenCloud | None, after: GivenCloud | None, axes: Any) -> Any:
-    """See `Changes.plot`."""
-    from gmmjax.plotting import plot_overview
-
-    return plot_overview(changes, before, after, axes=axes)
-
-
-def notebook_html(changes: "Changes") -> str:
-    """What a notebook shows in place of the `repr`: a table, and a picture where the clouds are known."""
-    from gmmjax.reporting.notebook import changes_html
-
-    if changes.clouds is None:
-        return changes_html(changes, None)
-    clouds, shown = presented(changes)
-    return changes_html(shown, clouds)

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any, get_args, overload
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import ArrayLike, Bool, Float, Int
 
+from gmmjax._presenters import presenter
 from gmmjax.changes.change import Change, Kind, RejectedCandidate
 from gmmjax.changes.change_table import data_frame
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.plain_values import finite, text
-from gmmjax.changes.presentation import GivenCloud, notebook_html, plotted, write_report
 from gmmjax.changes.registration import Registration
 from gmmjax.changes.storage import (
     LABELS_FILE,
@@ -27,8 +27,11 @@ from gmmjax.changes.storage import (
     write_record,
 )
 from gmmjax.changes.total_volumes import VolumeTotals, volume_totals
+from gmmjax.clouds import PointCloud
 from gmmjax.errors import InputError, one_line, shown
 from gmmjax.pair import Pair
+
+GivenCloud = ArrayLike | PointCloud
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,7 +105,7 @@ class Changes:
         return f"<Changes: {counts or 'no change'}; {points}>"
 
     def _repr_html_(self) -> str:
-        return notebook_html(self)
+        return str(presenter("notebook")(self))
 
     def __len__(self) -> int:
         return len(self.items)
@@ -193,7 +196,7 @@ class Changes:
         Raises:
             InputError: clouds that are not known, or are not those of the changes; a file that cannot be written.
         """
-        return write_report(self, path, before, after)
+        return Path(presenter("report")(self, path, before, after))
 
     def plot(self, before: GivenCloud | None = None, after: GivenCloud | None = None, *, axes: Any = None) -> Any:
         """Draws both clouds, and the changes from above and from the side, with matplotlib.
@@ -211,7 +214,7 @@ class Changes:
         Raises:
             InputError: clouds that are not known, or are not those of the changes.
         """
-        return plotted(self, before, after, axes)
+        return presenter("plot")(self, before, after, axes=axes)
 
     def to_dict(self) -> dict[str, Any]:
         """The changes without the per-point arrays, as plain numbers, strings, lists and dictionaries (for JSON).

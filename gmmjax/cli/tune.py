@@ -80,7 +80,7 @@ def tune(
     tuning_files.write_tuned(out, result)
     state_file.unlink(missing_ok=True)
     if json:
-        console.print_tuning_json(result)
+        console.print_json(result)
     elif not quiet:
         console.print_tuning(result, out, picture)
     return 0

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from gmmjax.reporting.quantities import rounded_down
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.text import Text
@@ -19,12 +21,7 @@ Style = dict[str, Any]
 
 
 def axes_or_new(ax: "Axes | None", size: tuple[float, float]) -> "Axes":
-    """The axes that were given, or those of a new figure of pyplot, which notebooks show by themselves.
-
-    Args:
-        ax: of the user.
-        size: of a new figure, inches.
-    """
+    """Return the axes of the user, or those of a new figure of pyplot, inches, which notebooks show by themselves."""
     if ax is not None:
         return ax
     from matplotlib import pyplot
@@ -33,14 +30,14 @@ def axes_or_new(ax: "Axes | None", size: tuple[float, float]) -> "Axes":
 
 
 def verbatim(text: "Text") -> "Text":
-    """The text without any markup: a file's name with dollar signs or backslashes is no formula."""
+    """Return the text without any markup: a file's name with dollar signs or backslashes is no formula."""
     text.set_parse_math(False)
     text.set_usetex(False)
     return text
 
 
 def elided(name: str, longest: int = 44) -> str:
-    """A name with its middle left out where it is too long for a title."""
+    """Leave out the middle of a name that is too long for a title."""
     if len(name) <= longest:
         return name
     half = (longest - 1) // 2
@@ -48,25 +45,25 @@ def elided(name: str, longest: int = 44) -> str:
 
 
 def with_unit(text: str, unit: str | None) -> str:
-    """The label of an axis."""
+    """Label an axis."""
     return f"{text} ({unit})" if unit else text
 
 
 def light_frame(ax: "Axes", **grid: Any) -> None:
-    """A frame without its upper and right side, and a pale grid behind the data."""
+    """Draw a frame without its upper and right side, and a pale grid behind the data."""
     ax.spines[["top", "right"]].set_visible(False)
     ax.set_axisbelow(True)
     ax.grid(color="0.9", linewidth=0.8, **grid)
 
 
 def legend_inside(ax: "Axes", **place: Any) -> None:
-    """A legend whose entries are no formulas."""
+    """Draw a legend whose entries are no formulas."""
     for text in ax.legend(fontsize="small", **place).get_texts():
         verbatim(text)
 
 
 def legend_below(ax: "Axes", handles: Sequence[Any]) -> None:
-    """A legend in one row under the axes and their labels, where it hides nothing."""
+    """Draw a legend in one row under the axes and their labels, where it hides nothing."""
     from matplotlib.transforms import ScaledTranslation
 
     points = 40 if ax.get_xlabel() else 6
@@ -76,16 +73,7 @@ def legend_below(ax: "Axes", handles: Sequence[Any]) -> None:
 
 
 def distance_bar(ax: "Axes", limit: float, label: str) -> tuple[Any, Any]:
-    """Draw a colour bar of signed distances, blue below and red above, beside the axes.
-
-    Args:
-        ax: that the distances are drawn into.
-        limit: distance at which the colours end.
-        label: of the bar.
-
-    Returns:
-        The norm and the colour map.
-    """
+    """Draw a colour bar of signed distances up to a limit, blue below and red above; return norm and colour map."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -97,24 +85,16 @@ def distance_bar(ax: "Axes", limit: float, label: str) -> tuple[Any, Any]:
 
 
 def draw_label(ax: "Axes", text: str, above: tuple[float, float], color: str, edge: str = "none") -> None:
-    """The label of a change, above a place."""
+    """Draw the label of a change above a place."""
     box: Style = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": edge, "alpha": 0.8}
     style: Style = {"ha": "center", "va": "bottom", "fontsize": "small", "fontweight": "bold", "color": color}
     ax.annotate(text, above, xytext=(0, 3), textcoords="offset points", bbox=box, zorder=6, **style)
 
 
 def draw_scale(ax: "Axes", lower: Float[np.ndarray, "2"], upper: Float[np.ndarray, "2"], unit: str | None) -> None:
-    """A bar of 1, 2 or 5 times a power of ten, at most a quarter of the picture, in its lower left corner.
-
-    Args:
-        ax: where to draw.
-        lower: left and lower edge of the picture.
-        upper: right and upper edge.
-        unit: of lengths; None: not known.
-    """
+    """Draw a bar of a round length, at most a quarter of the picture, in the lower left of its two corners."""
     width, height = upper - lower
-    power = 10.0 ** np.floor(np.log10(width / 4))
-    length = max(step * power for step in (1, 2, 5) if step * power <= width / 4)
+    length = rounded_down(width / 4)
     left, bottom = lower + np.array([0.02 * width, 0.03 * height])
     ax.plot([left, left + length], [bottom, bottom], color="0.1", linewidth=2.5, solid_capstyle="butt", zorder=5)
     style: Style = {"ha": "center", "fontsize": "small", "zorder": 5, "textcoords": "offset points"}

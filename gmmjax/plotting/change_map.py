@@ -23,7 +23,7 @@ from gmmjax.plotting.axes import (
 )
 from gmmjax.plotting.cloud_image import MOST_POINTS, PIXELS, Page, scan_colors
 from gmmjax.plotting.projection import Projection
-from gmmjax.reporting.map_cells import ChangeMap, ChangeMapSettings, change_map, check_upright
+from gmmjax.reporting.map_cells import ChangeMap, change_map
 from gmmjax.reporting.palette import KIND_COLORS
 from gmmjax.reporting.splats import thinned
 from gmmjax.reporting.summary import answer, volumes_text
@@ -47,10 +47,10 @@ def plot_map(
     *,
     limit: float | None = None,
     ax: "Axes | None" = None,
-    grid: ChangeMapSettings = ChangeMapSettings(),
+    cell: float | None = None,
     pixels: int = PIXELS,
 ) -> "Axes":
-    """Draws a map from above, along z: where the surface rose (red) or sank (blue), and the outlines of the changes.
+    """Draw a map from above, along z: where the surface rose (red) or sank (blue), and the outlines of the changes.
 
     The scan is grey below the colours, which fade where nothing changed. Outlines have the colour of the kind of change
     and its label; a bar shows the scale.
@@ -61,7 +61,7 @@ def plot_map(
         after: the after cloud, as it was given to the detection; None likewise.
         limit: distance at which the colours end, in the unit of the clouds; None: from those of the changes.
         ax: where to draw; None: a new figure.
-        grid: of the map.
+        cell: edge of a cell, in the unit of the clouds; None: from the spacing of the points.
         pixels: of the longer edge of the picture of the scan.
 
     Returns:
@@ -72,7 +72,7 @@ def plot_map(
             z, or fill volumes.
     """
     clouds, changes = presented(changes, before, after)
-    found = change_map(changes, clouds, grid)
+    found = change_map(changes, clouds, cell)
     limit = _limit(found) if limit is None else limit
     if not limit > 0:
         raise InputError(f"limit={limit}: must be a positive length")
@@ -89,31 +89,25 @@ def plot_map(
     return ax
 
 
-def map_figure(
-    changes: Changes,
-    clouds: Pair[PointCloud],
-    grid: ChangeMapSettings = ChangeMapSettings(),
-    pixels: int = PIXELS,
-) -> "Figure":
-    """The map with a title, the volumes and the kinds of change: what `--map-2d FILE.png` writes.
+def map_figure(changes: Changes, clouds: Pair[PointCloud], cell: float | None = None, pixels: int = PIXELS) -> "Figure":
+    """Draw the map with a title, the volumes and the kinds of change: what `--map-2d FILE.png` writes.
 
     Args:
         changes: what was found.
         clouds: as they were given to the detection.
-        grid: of the map.
-        pixels: of the longer edge of the picture of the scan.
+        cell: as of `plot_map`.
+        pixels: as of `plot_map`.
 
     Raises:
         InputError: as `plot_map`.
     """
-    check_upright(clouds.after.points)
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
     extent = np.ptp(clouds.after.points[:, :2], axis=0)
     height = float(np.clip(8.5 * extent[1] / max(extent[0], np.finfo(float).tiny), 3.0, 11.0))
     figure = Figure(figsize=(10.5, height + 1.6), layout="compressed")
-    ax = plot_map(changes, *clouds, ax=figure.subplots(), grid=grid, pixels=pixels)
+    ax = plot_map(changes, *clouds, ax=figure.subplots(), cell=cell, pixels=pixels)
     names = [elided(PurePath(cloud.source).name) if cloud.source else "" for cloud in clouds]
     title = answer(changes) if not all(names) else f"{answer(changes)}\n{names[0]} → {names[1]}"
     verbatim(ax.set_title(title, fontsize="medium"))
@@ -127,7 +121,7 @@ def map_figure(
 
 
 def _limit(found: ChangeMap) -> float:
-    """The distance that the colours reach up to: of the changes or, without any, of all."""
+    """Return the distance that the colours reach up to: of the changes or, without any, of all."""
     known = np.isfinite(found.distance)
     changed = known & (found.label >= 0)
     values = np.abs(found.distance[changed if changed.any() else known])
@@ -135,14 +129,14 @@ def _limit(found: ChangeMap) -> float:
 
 
 def _colors(found: ChangeMap, limit: float, colors: Float[np.ndarray, "r c 4"]) -> Float[np.ndarray, "r c 4"]:
-    """The colours of the distances, which fade with them where nothing changed."""
+    """Return the colours of the distances, which fade with them where nothing changed."""
     strength = np.clip(np.abs(found.distance) / limit, 0, 1)
     opacity = np.where(found.label >= 0, 1.0, FAINT * strength)
     return np.dstack([colors[..., :3], np.where(np.isfinite(found.distance), opacity, 0.0)])
 
 
 def _draw_scan(cloud: PointCloud, changes: Changes, found: ChangeMap, ax: "Axes", pixels: int) -> Page:
-    """The after scan from above, in grey."""
+    """Draw the after scan from above, in grey."""
     east, north, up = np.eye(3)
     points = changes.registration.apply(cloud.points)
     points = points[thinned(np.arange(len(points)), MOST_POINTS)]
@@ -155,7 +149,7 @@ def _draw_scan(cloud: PointCloud, changes: Changes, found: ChangeMap, ax: "Axes"
 
 
 def _draw_outlines(changes: Changes, found: ChangeMap, ax: "Axes") -> None:
-    """The outline of the cells of each change, and its label beside it."""
+    """Draw the outline of the cells of each change, and its label beside it."""
     left, right, lower, upper = found.extent
     half = found.cell / 2
     # A frame of nothing, so that outlines at the edge of the map are closed.

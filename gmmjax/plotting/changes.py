@@ -57,7 +57,7 @@ def plot_changes(
     legend: bool = True,
     pixels: int = PIXELS,
 ) -> "Axes":
-    """Draws a scan with its changes, or both with all changes: changed points in the colour of their kind.
+    """Draw a scan with its changes, or both with all changes: changed points in the colour of their kind.
 
     The projection is parallel, with equal axes in the unit of the clouds and in the frame of the before cloud. Changed
     points have a white outline and are drawn over everything else, so that walls hide none. The boxes have the labels
@@ -72,9 +72,6 @@ def plot_changes(
         ax: where to draw; None: a new figure.
         legend: whether the kinds are explained.
         pixels: of the longer edge of the picture.
-
-    Returns:
-        The axes.
 
     Raises:
         InputError: clouds that are not known or are not those of the changes; an unknown direction.
@@ -103,7 +100,7 @@ def plot_overview(
     axes: Any = None,
     pixels: int = PIXELS,
 ) -> Any:
-    """Draws both scans, and the changes from above and from the side, with title, legend and scale.
+    """Draw both scans, and the changes from above and from the side, with title, legend and scale.
 
     Args:
         changes: what was found.
@@ -154,12 +151,7 @@ def draw_overview(
 
 
 def fit_height(figure: Any, axes: Any) -> None:
-    """Give a figure the height that its pictures of clouds need: corridors are wide, towers are high.
-
-    Args:
-        figure: of matplotlib.
-        axes: its axes [rows, columns], with pictures.
-    """
+    """Give a figure with pictures the height that they need: corridors are wide, towers are high."""
     shapes = [[np.ptp(ax.get_ylim()) / np.ptp(ax.get_xlim()) for ax in row] for row in axes]
     heights = [float(np.clip(max(row), 0.25, 1.3)) for row in shapes]
     axes[0, 0].get_gridspec().set_height_ratios(heights)
@@ -177,7 +169,7 @@ def plot_distance(
     ax: "Axes | None" = None,
     pixels: int = PIXELS,
 ) -> "Axes":
-    """Draws the after scan coloured by its signed distance from the surface of the before scan.
+    """Draw the after scan coloured by its signed distance from the surface of the before scan.
 
     Blue lies below the before surface and red above it, on the sides that the normals tell; grey has nothing to be
     compared with.
@@ -240,7 +232,7 @@ def _draw_overview(changes: Changes, clouds: Pair[PointCloud], axes: Sequence[An
 
 
 def _draw_clouds(clouds: Pair[PointCloud], changes: Changes, show: Shown, page: Page, ax: "Axes") -> None:
-    """What is unchanged below, what is changed over it."""
+    """Draw what is unchanged below, what is changed over it."""
     sides = zip(("before", "after"), clouds, Pair(changes.labels_before, changes.labels_after), strict=True)
     drawn = [(cloud, labels) for name, cloud, labels in sides if show in (name, "changes")]
     up = Projection.of("front", clouds.after.points).up
@@ -258,14 +250,14 @@ def _draw_clouds(clouds: Pair[PointCloud], changes: Changes, show: Shown, page: 
 def _unchanged(
     cloud: PointCloud, labels: Int[np.ndarray, " n"], up: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "m 3"], UInt8[np.ndarray, "m 3"]]:
-    """The points that are drawn, with their colours."""
+    """Return the points that are drawn, with their colours."""
     rows = thinned(np.flatnonzero(labels < 0), MOST_POINTS)
     points = cloud.points[rows]
     return points, scan_colors(points, None if cloud.colors is None else cloud.colors[rows], up)
 
 
 def _shown_labels(changes: Changes, show: Shown) -> list[int]:
-    """The changes that have points in the clouds that are shown."""
+    """List the changes that have points in the clouds that are shown."""
     sides = {"before": changes.labels_before, "after": changes.labels_after}
     if show == "changes":
         return list(range(len(changes)))
@@ -273,7 +265,7 @@ def _shown_labels(changes: Changes, show: Shown) -> list[int]:
 
 
 def _draw_boxes(changes: Changes, labels: Sequence[int], projection: Projection, ax: "Axes") -> None:
-    """The edges of the boxes, and the labels above them."""
+    """Draw the edges of the boxes, and the labels above them."""
     from matplotlib.collections import LineCollection
 
     for label in labels:
@@ -285,7 +277,7 @@ def _draw_boxes(changes: Changes, labels: Sequence[int], projection: Projection,
 
 
 def _draw_motions(changes: Changes, projection: Projection, ax: "Axes") -> None:
-    """An arrow from where a moved object was to where it is."""
+    """Draw an arrow from where a moved object was to where it is."""
     for labels in object_labels(changes):
         if len(labels) == 2:
             start, end = (projection.on_page(changes[label].box.centre) for label in labels)
@@ -303,7 +295,7 @@ def _handles(changes: Changes, labels: Sequence[int]) -> list[Any]:
 
 
 def _widest_side(clouds: Pair[PointCloud]) -> Direction:
-    """The one of the two level directions in which more of the scan is seen."""
+    """Return the one of the two level directions in which more of the scan is seen."""
     points = clouds.after.points
     pages = [Projection.of(direction, points).on_page(points)[:, 0] for direction in ("front", "side")]
     front, side = (np.ptp(np.quantile(page, [0.01, 0.99])) for page in pages)

@@ -12,8 +12,7 @@ from scipy.ndimage import uniform_filter
 
 from gmmjax.plotting.axes import draw_scale, verbatim, with_unit
 from gmmjax.plotting.projection import Projection
-from gmmjax.reporting.framing import stretched
-from gmmjax.reporting.palette import color_bytes, greyed, luminance
+from gmmjax.reporting.palette import color_bytes, greyed, luminance, stretched
 from gmmjax.reporting.splats import Projected, enclosed, nearest_points, square_edge
 
 if TYPE_CHECKING:
@@ -43,15 +42,7 @@ LAYERED, LAYERS, LEAST_LAYER = 0.35, 0.6, 0.03
 
 
 class Page(NamedTuple):
-    """The part of the page that a picture shows.
-
-    Attributes:
-        projection: from where.
-        lower: left and lower edge, in the unit of the clouds.
-        upper: right and upper edge.
-        height: of the picture, pixels.
-        width: likewise.
-    """
+    """The part of the page that a picture shows: lower left and upper right corner; height and width in pixels."""
 
     projection: Projection
     lower: Float[np.ndarray, "2"]
@@ -67,14 +58,7 @@ class Page(NamedTuple):
         shown: Float[np.ndarray, "m 3"],
         pixels: int = PIXELS,
     ) -> "Page":
-        """The page that holds all points but strays.
-
-        Args:
-            projection: from where.
-            points: of all clouds that are drawn.
-            shown: points that must be on the page.
-            pixels: of the longer edge of the picture.
-        """
+        """Return the page that holds all points but strays, and the `shown` ones; `pixels` long."""
         inner = np.quantile(projection.on_page(points), [STRAYS, 1 - STRAYS], axis=0)
         bounds = np.concatenate([inner, projection.on_page(shown)])
         lower, upper = bounds.min(axis=0), bounds.max(axis=0)
@@ -94,14 +78,14 @@ class Page(NamedTuple):
         return self.width / float(self.upper[0] - self.lower[0])
 
     def project(self, points: Float[np.ndarray, "n 3"]) -> Projected:
-        """Where points are in the picture, pixels; depths too, from a plane in front of them all."""
+        """Project points into the picture, pixels; depths too, from a plane in front of them all."""
         column, row = ((self.projection.on_page(points) - self.lower) * self.scale).T
         nearness = points @ self.projection.towards_eye * self.scale
         front = float(nearness.max(initial=-np.inf))
         return Projected(column, self.height - row, (front if len(points) else 0.0) - nearness + 1.0)
 
     def square(self, points: int) -> int:
-        """Pixels, edge of the squares of a number of points: the fewer there are, the larger."""
+        """Return the edge of the squares of a number of points, pixels: the fewer there are, the larger."""
         return square_edge(points, COVERED * self.width * self.height, LARGEST_SQUARE)
 
     def draw(self, picture: UInt8[np.ndarray, "h w 4"], ax: "Axes", layer: int, opacity: float = 1.0) -> None:
@@ -119,12 +103,7 @@ class Page(NamedTuple):
             self.draw(cloud_picture(points, colors, self), ax, 1, opacity)
 
     def dress(self, ax: "Axes", unit: str | None) -> None:
-        """Equal axes with their names; of an oblique view, which is along no axis, a bar that shows the scale.
-
-        Args:
-            ax: that the picture is drawn into.
-            unit: of lengths; None: not known.
-        """
+        """Name equal axes; of an oblique view, which is along no axis, draw a bar that shows the scale."""
         ax.set_aspect("equal")
         ax.set_xlim(self.lower[0], self.upper[0])
         ax.set_ylim(self.lower[1], self.upper[1])
@@ -140,7 +119,7 @@ class Page(NamedTuple):
 def cloud_picture(
     points: Float[np.ndarray, "n 3"], colors: UInt8[np.ndarray, "n 3"], page: Page
 ) -> UInt8[np.ndarray, "h w 4"]:
-    """Points in their colours, transparent where there is none; darker the further behind their surroundings."""
+    """Draw points in their colours, transparent where there is none; darker the further behind their surroundings."""
     projected, square = page.project(points), page.square(len(points))
     nearest = nearest_points(projected, square, page.height, page.width)
     wider = nearest_points(projected, square + GAP, page.height, page.width)
@@ -153,7 +132,7 @@ def cloud_picture(
 
 
 def is_layered(points: Float[np.ndarray, "n 3"], page: Page) -> bool:
-    """Whether in much of the picture something is behind something else, as a floor is behind a ceiling."""
+    """Tell whether in much of the picture something is behind something else, as a floor is behind a ceiling."""
     # Of sparse clouds a coarser grid, with some points in each cell.
     cells = int(np.clip(np.sqrt(len(points) / 16), 1, 60))
     projected, size = page.project(points), max(page.height, page.width) / cells
@@ -173,7 +152,7 @@ def is_layered(points: Float[np.ndarray, "n 3"], page: Page) -> bool:
 
 
 def density_picture(points: Float[np.ndarray, "n 3"], page: Page) -> UInt8[np.ndarray, "h w 4"]:
-    """Points as if seen by X-rays: the darker, the more of them are behind each other."""
+    """Draw points as if seen by X-rays: the darker, the more of them are behind each other."""
     square, projected = page.square(len(points)), page.project(points)
     counts, _, _ = np.histogram2d(
         projected.row, projected.column, bins=(page.height, page.width), range=((0, page.height), (0, page.width))
@@ -190,14 +169,7 @@ def density_picture(points: Float[np.ndarray, "n 3"], page: Page) -> UInt8[np.nd
 def marked_picture(
     points: Float[np.ndarray, "n 3"], colors: UInt8[np.ndarray, "n 3"], page: Page, others: int = 0
 ) -> UInt8[np.ndarray, "h w 4"]:
-    """Points in flat colours with a white outline, to be drawn over a cloud.
-
-    Args:
-        points: of the cloud.
-        colors: of each point.
-        page: what of it is shown.
-        others: points of the same cloud that are not drawn: the squares are as large as with them.
-    """
+    """Draw points in flat colours with a white outline; squares are as large as with `others` of the same cloud."""
     projected, size = page.project(points), (page.height, page.width)
     square = max(page.square(len(points) + others), LEAST_CHANGED)
     nearest = nearest_points(projected, square, *size)
@@ -210,13 +182,7 @@ def marked_picture(
 def scan_colors(
     points: Float[np.ndarray, "n 3"], colors: UInt8[np.ndarray, "n 3"] | None, up: Float[np.ndarray, "3"]
 ) -> UInt8[np.ndarray, "n 3"]:
-    """A scan's own colours, half way to grey; of one without colours that tell anything greys, the lighter the higher.
-
-    Args:
-        points: of the scan.
-        colors: its own; None: it has none.
-        up: what is up.
-    """
+    """Return a scan's own colours, half way to grey; without colours that tell anything greys, lighter the higher."""
     if colors is not None and len(colors) and np.ptp(luminance(colors)) > LEAST_CONTRAST:
         return greyed(colors)
     greys = DARKEST + (LIGHTEST - DARKEST) * stretched(points @ up)
@@ -224,12 +190,12 @@ def scan_colors(
 
 
 def flat_colors(names: list[str], numbers: Int[np.ndarray, " n"]) -> UInt8[np.ndarray, "n 3"]:
-    """The colour of each point, given by its place among some colours "#rrggbb"."""
+    """Return the colour of each point, given by its place among some colours "#rrggbb"."""
     return np.array([color_bytes(name) for name in names], np.uint8).reshape(-1, 3)[numbers]
 
 
 def _brightness(projected: Projected, nearest: Int[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """Eye-dome lighting as of the thumbnails, for a parallel projection: by differences of depth, not by octaves."""
+    """Shade as the thumbnails, for a parallel projection: by differences of depth, not by octaves."""
     covered = nearest >= 0
     depth = np.full(nearest.shape, 1e9)
     depth[covered] = projected.depth[nearest[covered]] * 100 / max(nearest.shape)

@@ -22,8 +22,8 @@ from gmmjax.plotting.axes import (
     with_unit,
 )
 from gmmjax.reporting.palette import KIND_COLORS
+from gmmjax.reporting.quantities import length_text
 from gmmjax.reporting.splats import thinned
-from gmmjax.reporting.summary import length_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,15 +38,12 @@ SURFACE_POINTS, OFFSETS = 60_000, 15_000
 
 
 def plot_grid_search(search: GridSearch, *, criterion: Criterion = "mdl", ax: "Axes | None" = None) -> "Axes":
-    """Draws the scores of a grid search over the number of components, a line for each covariance type.
+    """Draw the scores of a grid search over the number of components, a line for each covariance type.
 
     Args:
         search: its result.
         criterion: "mdl", "bic" or "aic"; the lowest score is marked.
         ax: where to draw; None: a new figure.
-
-    Returns:
-        The axes.
 
     Raises:
         InputError: an unknown criterion.
@@ -69,7 +66,7 @@ def plot_grid_search(search: GridSearch, *, criterion: Criterion = "mdl", ax: "A
 
 
 def plot_message_length(fits: Fit | Sequence[Fit], *, ax: "Axes | None" = None) -> "Axes":
-    """Draws the message length of fits over their number of components; the shortest is marked.
+    """Draw the message length of fits over their number of components; the shortest is marked.
 
     The line joins the shortest length of each number. Fits of one cloud can be compared: the restarts of
     `fit_restarts`, or fits that start from, or end with, different numbers of components.
@@ -77,9 +74,6 @@ def plot_message_length(fits: Fit | Sequence[Fit], *, ax: "Axes | None" = None) 
     Args:
         fits: one `Fit` with a leading axis of restarts, or several; those that are not finite are left out.
         ax: where to draw; None: a new figure.
-
-    Returns:
-        The axes.
 
     Raises:
         InputError: no fit is finite.
@@ -100,15 +94,12 @@ def plot_message_length(fits: Fit | Sequence[Fit], *, ax: "Axes | None" = None) 
 
 
 def plot_scores(rows: "Sequence[Row]", *, measure: Measure = "f1", ax: "Axes | None" = None) -> "Axes":
-    """Draws the scores of detectors as bars: a group for each condition, a bar for each detector.
+    """Draw the scores of detectors as bars: a group for each condition, a bar for each detector.
 
     Args:
         rows: of an `Evaluation`: its `rows`, or its `totals`.
         measure: "f1", "precision" or "recall" of the segments, or "point_f1", "point_precision" or "point_recall".
         ax: where to draw; None: a new figure.
-
-    Returns:
-        The axes.
 
     Raises:
         InputError: an unknown measure; no rows.
@@ -163,7 +154,7 @@ def plot_bars(
 
 
 def plot_reliability(curves: "Reliability | Mapping[str, Reliability]", *, ax: "Axes | None" = None) -> "Axes":
-    """Draws reliability curves: what share of what was reported at a probability is true.
+    """Draw reliability curves: what share of what was reported at a probability is true.
 
     On the diagonal, what is reported at 0.9 is true nine times in ten; below it the probabilities are too high. Bars
     are 95 % intervals of the shares (Wilson 1927), by the number of probabilities in each bin.
@@ -171,9 +162,6 @@ def plot_reliability(curves: "Reliability | Mapping[str, Reliability]", *, ax: "
     Args:
         curves: one, or several by name, such as the `changes` of a `ReliabilityRecord`.
         ax: where to draw; None: a new figure.
-
-    Returns:
-        The axes.
 
     Raises:
         InputError: no curve has any probability.
@@ -200,7 +188,7 @@ def plot_reliability(curves: "Reliability | Mapping[str, Reliability]", *, ax: "
 
 
 def reliability_figure(record: "ReliabilityRecord") -> "Figure":
-    """The curves of the changes that detectors report, and of all points."""
+    """Draw the curves of the changes that detectors report, and of all points."""
     from matplotlib.figure import Figure
 
     kinds = {"changes": record.changes, "points": record.points}
@@ -217,7 +205,7 @@ def plot_registration(
     *,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draws how far the unchanged points of the after scan are from the surface of the before scan.
+    """Draw how far the unchanged points of the after scan are from the surface of the before scan.
 
     The distance is that from the plane through the nearest points of the before scan, along its normal: once for the
     scan as it was given, and once registered. Dashed lines are the residuals that the detection measured.
@@ -227,9 +215,6 @@ def plot_registration(
         before: the before cloud; None: that of `changes.clouds`.
         after: the after cloud, as it was given to the detection; None likewise.
         ax: where to draw; None: a new figure.
-
-    Returns:
-        The axes.
 
     Raises:
         InputError: clouds that are not known or are not those of the changes; no point is unchanged.
@@ -263,7 +248,7 @@ def plot_registration(
 
 
 def _mark(ax: "Axes", across: float, upwards: float, text: str) -> None:
-    """A ring around the lowest place, and text below it."""
+    """Draw a ring around the lowest place, and text below it."""
     ring: Style = {"markerfacecolor": "none", "markeredgecolor": INK, "markeredgewidth": 1.6, "markersize": 13}
     ax.plot([across], [upwards], "o", zorder=6, **ring)
     ax.margins(y=0.18)
@@ -272,7 +257,7 @@ def _mark(ax: "Axes", across: float, upwards: float, text: str) -> None:
 
 
 def _count_axes(ax: "Axes", label: str) -> None:
-    """Axes of something over whole numbers of Gaussians."""
+    """Label axes of something over whole numbers of Gaussians."""
     from matplotlib.ticker import MaxNLocator
 
     light_frame(ax)
@@ -284,7 +269,7 @@ def _count_axes(ax: "Axes", label: str) -> None:
 
 
 def _counts_and_lengths(fits: Sequence[Fit]) -> tuple[np.ndarray, np.ndarray]:
-    """Of all fits that are finite the number of components and the message length."""
+    """Return the number of components and the message length of all fits that are finite."""
     counts, lengths = [np.zeros(0, int)], [np.zeros(0)]
     for fit in fits:
         length = np.atleast_1d(np.asarray(fit.message_length, float))
@@ -295,7 +280,7 @@ def _counts_and_lengths(fits: Sequence[Fit]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _wilson(true: np.ndarray, count: np.ndarray) -> Float[np.ndarray, "2 n"]:
-    """The lower and upper ends of the 95 % interval of a share, by Wilson's score."""
+    """Return the lower and upper ends of the 95 % interval of a share, by Wilson's score."""
     deviations, share = 1.96, true / count
     middle = (share + deviations**2 / (2 * count)) / (1 + deviations**2 / count)
     root = np.sqrt(share * (1 - share) / count + deviations**2 / (4 * count**2))

@@ -17,7 +17,7 @@ from gmmjax.plotting.cloud_image import PIXELS
 from gmmjax.plotting.mixtures import plot_mixture
 from gmmjax.plotting.projection import Direction
 from gmmjax.reporting.geotiff import check_rasterio, write_geotiff
-from gmmjax.reporting.map_cells import ChangeMapSettings, change_map
+from gmmjax.reporting.map_cells import change_map
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,7 +26,7 @@ GEOTIFF = (".tif", ".tiff")
 
 
 def check_figure_file(path: str | os.PathLike[str], created: Path | None = None) -> None:
-    """Whether a figure can be written to this file; called before a long computation.
+    """Check that a figure can be written to this file, before a long computation.
 
     Args:
         path: its ending tells the format: .png, .svg, .pdf or another one that matplotlib knows.
@@ -48,14 +48,10 @@ def check_figure_file(path: str | os.PathLike[str], created: Path | None = None)
 
 
 def check_map_file(path: str | os.PathLike[str], created: Path | None = None) -> None:
-    """Whether a map can be written to this file; called before a long computation.
-
-    Args:
-        path: .tif or .tiff for GeoTIFF, else as of `check_figure_file`.
-        created: as of `check_figure_file`.
+    """Check that a map can be written to this file: a figure, or .tif and .tiff for GeoTIFF.
 
     Raises:
-        InputError: as of `check_figure_file`; GeoTIFF without rasterio.
+        InputError: as `check_figure_file`; GeoTIFF without rasterio.
     """
     if Path(path).suffix.lower() not in GEOTIFF:
         check_figure_file(path, created)
@@ -65,7 +61,7 @@ def check_map_file(path: str | os.PathLike[str], created: Path | None = None) ->
 
 
 def write_figure(path: str | os.PathLike[str], figure: "Figure") -> None:
-    """Writes a figure, whole or not at all; one that is there is replaced.
+    """Write a figure, whole or not at all; one that is there is replaced.
 
     Args:
         path: as of `check_figure_file`.
@@ -91,40 +87,28 @@ def write_figure(path: str | os.PathLike[str], figure: "Figure") -> None:
 
 
 def write_map(
-    path: str | os.PathLike[str],
-    changes: Changes,
-    clouds: Pair[PointCloud],
-    settings: ChangeMapSettings = ChangeMapSettings(),
+    path: str | os.PathLike[str], changes: Changes, clouds: Pair[PointCloud], cell: float | None = None
 ) -> None:
-    """Writes a map from above: a GeoTIFF for .tif and .tiff, else a picture; whole or not at all.
+    """Write a map from above: a GeoTIFF for .tif and .tiff, else a picture; whole or not at all.
 
     Args:
         path: of the file; one that is there is replaced.
         changes: what was found.
         clouds: as they were given to the detection.
-        settings: the grid of the GeoTIFF.
+        cell: as of `change_map`.
 
     Raises:
         InputError: as of `check_map_file`; scans that have no upward direction along z, or fill volumes.
     """
     check_map_file(path)
     if Path(path).suffix.lower() in GEOTIFF:
-        write_geotiff(path, change_map(changes, clouds, settings))
+        write_geotiff(path, change_map(changes, clouds, cell))
     else:
-        write_figure(path, map_figure(changes, clouds))
+        write_figure(path, map_figure(changes, clouds, cell))
 
 
 def overview_figure(changes: Changes, clouds: Pair[PointCloud], pixels: int = PIXELS) -> "Figure":
-    """Both scans, and the changes from above and from the side; what `Changes.plot` draws.
-
-    Args:
-        changes: what was found.
-        clouds: as they were given to the detection.
-        pixels: of the longer edge of each picture.
-
-    Raises:
-        InputError: clouds that are not those of the changes.
-    """
+    """Draw both scans, and the changes from above and from the side; what `Changes.plot` draws."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11, 9), layout="compressed")
@@ -133,13 +117,7 @@ def overview_figure(changes: Changes, clouds: Pair[PointCloud], pixels: int = PI
 
 
 def fit_figure(fit: Fit, cloud: PointCloud, pixels: int = PIXELS) -> "Figure":
-    """A scan with the Gaussians of its mixture, as the report looks at first and from above.
-
-    Args:
-        fit: of one mixture.
-        cloud: that it was fitted to.
-        pixels: of the longer edge of each picture.
-    """
+    """Draw a scan with the Gaussians of its mixture, as the report looks at first and from above."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12, 6), layout="compressed")

@@ -34,7 +34,7 @@ def plot_mixture(
     ax: "Axes | None" = None,
     pixels: int = PIXELS,
 ) -> "Axes":
-    """Draws the Gaussians of a mixture as ellipses, over the points that it was fitted to.
+    """Draw the Gaussians of a mixture as ellipses, over the points that it was fitted to.
 
     An ellipse is where the projected Gaussian is at this number of standard deviations. Points have the colour of their
     most probable Gaussian; there are six colours, so that the Gaussians of a larger mixture share them.
@@ -48,9 +48,6 @@ def plot_mixture(
         unit: of the coordinates, for the labels.
         ax: where to draw; None: a new figure.
         pixels: of the longer edge of the picture of the points.
-
-    Returns:
-        The axes.
 
     Raises:
         InputError: a mixture of another dimension than 2 and 3, or without any component; points of another dimension.
@@ -85,7 +82,7 @@ def plot_transport(
     unit: str | None = None,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draws a transport plan between two mixtures: the flow of mass from Gaussian to Gaussian.
+    """Draw a transport plan between two mixtures: the flow of mass from Gaussian to Gaussian.
 
     The width of an arrow is proportional to the mass that moves; what stays within a standard deviation has none.
     Gaussians of the before mixture are orange ellipses, those of the after mixture blue.
@@ -98,9 +95,6 @@ def plot_transport(
         deviations: standard deviations of the ellipses.
         unit: of the coordinates and of the cost, for the labels.
         ax: where to draw; None: a new figure.
-
-    Returns:
-        The axes.
 
     Raises:
         InputError: mixtures that cannot be drawn; a plan of other mixtures.
@@ -133,7 +127,7 @@ class _Live(NamedTuple):
     covariances: Float[np.ndarray, "k 3 3"]
 
     def reach(self, projection: Projection, deviations: float) -> Float[np.ndarray, "m 3"]:
-        """Points that are as far on the page as the ellipses."""
+        """Return points that are as far on the page as the ellipses."""
         variances = np.diagonal(projection.covariance_on_page(self.covariances), axis1=1, axis2=2)
         width, height = deviations * np.sqrt(np.maximum(variances, 0)).T[..., None]
         across, upwards = width * projection.right, height * projection.up
@@ -165,7 +159,7 @@ def _points_of(points: ArrayLike | PointCloud, dimension: int) -> np.ndarray:
 
 
 def _in_space(points: np.ndarray) -> Float[np.ndarray, "n 3"]:
-    """Points in 2-D on the plane z = 0."""
+    """Put points in 2-D on the plane z = 0."""
     return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
 
 
@@ -186,7 +180,7 @@ def _draw_ellipses(
 
 
 def _draw_flow(ax: "Axes", plan: np.ndarray, before: _Live, after: _Live, projection: Projection) -> None:
-    """An arrow for each mass that moves; negligible ones of an entropic plan are left out."""
+    """Draw an arrow for each mass that moves; negligible ones of an entropic plan are left out."""
     from matplotlib.patches import FancyArrowPatch
 
     sources, targets = projection.on_page(before.means), projection.on_page(after.means)

@@ -14,13 +14,10 @@ AXES = ("x", "y", "z")
 
 
 class Projection(NamedTuple):
-    """A parallel projection; unit vectors in the axes of the clouds.
+    """A parallel projection: unit vectors to the right on the page, upwards on it and out of it.
 
     Attributes:
-        right: to the right on the page.
-        up: upwards on the page.
-        towards_eye: out of the page.
-        names: of the axis to the right and of the one upwards; None where they are not along axes of the clouds.
+        names: of the axes to the right and upwards; None where they are not along axes of the clouds.
     """
 
     right: Float[np.ndarray, "3"]
@@ -30,15 +27,7 @@ class Projection(NamedTuple):
 
     @classmethod
     def of(cls, direction: Direction, points: Float[np.ndarray, "n 3"]) -> "Projection":
-        """The projection from a direction; what is up is told from the cloud, as in the report.
-
-        Args:
-            direction: "oblique" (as the report looks at first), "above", "front" or "side".
-            points: of the cloud, at least one.
-
-        Raises:
-            InputError: an unknown direction.
-        """
+        """Look from "oblique" (as the report at first), "above", "front" or "side"; the points tell what is up."""
         check_choice("direction", direction, DIRECTIONS)
         camera = initial_camera(points)
         if direction == "oblique":
@@ -53,16 +42,16 @@ class Projection(NamedTuple):
         return cls(across, upwards, np.cross(across, upwards), (_name(across), _name(upwards)))
 
     def on_page(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 2"]:
-        """Where points are on the page, in the unit of the clouds."""
+        """Return where points are on the page, in the unit of the clouds."""
         return points @ np.stack([self.right, self.up], axis=1)
 
     def covariance_on_page(self, covariance: Float[np.ndarray, "*n 3 3"]) -> Float[np.ndarray, "*n 2 2"]:
-        """The covariance of the projected points."""
+        """Return the covariance of the projected points."""
         axes = np.stack([self.right, self.up])
         return axes @ covariance @ axes.T
 
 
 def _name(axis: Float[np.ndarray, "3"]) -> str:
-    """Of an axis of the clouds, with a minus where it points the other way."""
+    """Name an axis of the clouds, with a minus where it points the other way."""
     place = int(np.abs(axis).argmax())
     return f"{'−' if axis[place] < 0 else ''}{AXES[place]}"

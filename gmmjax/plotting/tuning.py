@@ -52,7 +52,7 @@ def _settings_figure(result: "TuningResult") -> "Figure":
 
 
 def _draw_losses(ax: "Axes", result: "TuningResult", start: int) -> None:
-    """The losses of a start, as far as it was followed."""
+    """Draw the losses of a start, as far as it was followed."""
     from gmmjax.tuning import ALL, HELD_BACK, TRAINED
 
     kinds = {TRAINED: ("trained on", ":", 1), HELD_BACK: ("held back", "--", 1), ALL: ("all pairs", "-", 2)}
@@ -62,7 +62,7 @@ def _draw_losses(ax: "Axes", result: "TuningResult", start: int) -> None:
 
 
 def _dress(ax: "Axes") -> None:
-    """Whole steps; a logarithmic axis where the values are positive and span a decade: less would show no numbers."""
+    """Show whole steps; a logarithmic axis where positive values span a decade: less would show no numbers."""
     from matplotlib.ticker import MaxNLocator
 
     light_frame(ax)
@@ -97,7 +97,7 @@ def _verdict_figure(result: "VerdictResult") -> "Figure":
 
 
 def _draw_scores(ax: "Axes", course: "VerdictCourse") -> None:
-    """The scores over the draws, the strongest first, from the start's, whose draw is infinite."""
+    """Draw the scores over the draws, the strongest first, from the start's, whose draw is infinite."""
     names = ["as it was" if np.isinf(draw) else f"{draw:g}" for draw in course.draws]
     ax.plot(names, course.losses, ".-", color=COLORS[0], label="held back")
     ax.plot(names[course.chosen], course.losses[course.chosen], **CHOSEN)
@@ -107,7 +107,7 @@ def _draw_scores(ax: "Axes", course: "VerdictCourse") -> None:
 
 
 def _draw_weights(ax: "Axes", course: "VerdictCourse") -> None:
-    """The twelve weights that moved most before and after; that which moved most on top."""
+    """Draw the twelve weights that moved most before and after; that which moved most on top."""
     names, before, after = zip(*course.moved_weights()[:12], strict=True)
     places = np.arange(len(names))
     ax.barh(places - 0.2, after, 0.38, color=COLORS[1], label="tuned")

@@ -12,16 +12,15 @@ if TYPE_CHECKING:
     from gmmjax.reporting.batch_index import batch_index_html as batch_index_html
     from gmmjax.reporting.geotiff import write_geotiff as write_geotiff
     from gmmjax.reporting.html_report import report_html as report_html
+    from gmmjax.reporting.html_report import write_report as write_report
     from gmmjax.reporting.labelled_cloud import write_scan as write_scan
     from gmmjax.reporting.map_cells import ChangeMap as ChangeMap
-    from gmmjax.reporting.map_cells import ChangeMapSettings as ChangeMapSettings
     from gmmjax.reporting.map_cells import change_map as change_map
     from gmmjax.reporting.map_cells import check_upright as check_upright
     from gmmjax.reporting.mixture_files import read_mixture as read_mixture
     from gmmjax.reporting.mixture_files import write_mixture as write_mixture
+    from gmmjax.reporting.notebook import notebook_html as notebook_html
     from gmmjax.reporting.page_parts import asset as asset
-    from gmmjax.reporting.page_parts import page_head as page_head
-    from gmmjax.reporting.page_parts import script_json as script_json
     from gmmjax.reporting.pictures import write_thumbnails as write_thumbnails
     from gmmjax.reporting.result_folder import check_result_folder as check_result_folder
     from gmmjax.reporting.result_folder import write_result as write_result

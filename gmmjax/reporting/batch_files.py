@@ -20,7 +20,7 @@ from gmmjax.batch import (
     write_table,
     write_tables,
 )
-from gmmjax.changes import Changes, presented
+from gmmjax.changes import Changes
 from gmmjax.clouds import read_cloud
 from gmmjax.pair import Pair
 from gmmjax.reporting.batch_index import batch_index_html
@@ -61,7 +61,7 @@ class Summary:
 
 
 def save_report(folder: Path, found: FoundPair, *, transform_after: bool = False) -> None:
-    """Writes what `detect` writes, and thumbnails.
+    """Write what `detect` writes, and thumbnails.
 
     Args:
         folder: to write to.
@@ -73,21 +73,16 @@ def save_report(folder: Path, found: FoundPair, *, transform_after: bool = False
     """
     changes, clouds = found.consensus.changes, found.loaded.clouds
     write_result_files(folder, clouds.before, clouds.after, changes, transform_after=transform_after)
-    write_thumbnails(folder, *presented(changes, *clouds))
+    write_thumbnails(folder, clouds, changes)
 
 
 def save_transformed_report(folder: Path, found: FoundPair) -> None:
-    """`save_report` with the after scan in the frame of the before scan."""
+    """Write what `save_report` writes, with the after scan in the frame of the before scan."""
     save_report(folder, found, transform_after=True)
 
 
 def summary_of(folder: RunFolder, names: Sequence[str]) -> Summary:
-    """The rows of a run, from what lies in its folder.
-
-    Args:
-        folder: of the run.
-        names: of all its pairs.
-    """
+    """Gather the rows of a run with these pairs, from what lies in its folder."""
     pairs: list[PairRow] = []
     changes: list[ChangeRow] = []
     convergence: list[ConvergenceRow] = []
@@ -106,7 +101,7 @@ def summary_of(folder: RunFolder, names: Sequence[str]) -> Summary:
 
 
 def write_summary(folder: RunFolder, names: Sequence[str]) -> Summary:
-    """Writes the tables and the page of a run, as far as it has got.
+    """Write the tables and the page of a run, as far as it has got.
 
     Args:
         folder: of the run.
@@ -123,7 +118,7 @@ def write_summary(folder: RunFolder, names: Sequence[str]) -> Summary:
 
 
 def write_history(folder: RunFolder) -> list[ObjectHistory]:
-    """Writes the table and the page of the objects of a series, as far as it has got.
+    """Write the table and the page of the objects of a series, as far as it has got.
 
     Args:
         folder: of the run.

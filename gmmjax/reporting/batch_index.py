@@ -6,7 +6,7 @@ from html import escape
 from typing import Any
 
 from gmmjax.batch import ChangeRow, PairRow
-from gmmjax.reporting.page_parts import asset, page_head, script_json
+from gmmjax.reporting.page_parts import page, script, script_json
 from gmmjax.reporting.palette import KIND_COLORS
 
 # As that of other pages, and images of the same folder. The origin of a file is opaque: that 'self' allows the files
@@ -20,7 +20,7 @@ CONTENT_POLICY = (
 def batch_index_html(
     title: str, pairs: Sequence[PairRow], changes: Sequence[ChangeRow], *, missing: Sequence[str] = ()
 ) -> str:
-    """The index of a batch run as one page, which loads nothing but the thumbnails.
+    """Make the index of a batch run, one page, which loads nothing but the thumbnails.
 
     It stands in the folder of the run, beside `pairs.csv` and `changes.csv`; thumbnails and reports are in
     `pairs/NAME/`, errors in `errors/`.
@@ -34,28 +34,19 @@ def batch_index_html(
     Returns:
         HTML. Names, paths, warnings and errors are text in it, whatever they hold.
     """
-    from gmmjax import __version__
-
-    return f"""{page_head(title, asset("batch_index.css"), policy=CONTENT_POLICY)}<body>
-<main>
-<header>
+    main = f"""<header>
 <p class="title">{escape(title)}</p><h1>{escape(batch_answer(pairs, missing))}</h1>
 <p class="files">Tables: <a href="pairs.csv">pairs.csv</a>, a row for each pair, and
 <a href="changes.csv">changes.csv</a>, a row for each change</p>
 </header>
 <noscript><p class="note">The list needs JavaScript; pairs.csv has the same rows.</p></noscript>
-<div id="index"></div>
-<footer>gmmjax {escape(__version__)}</footer>
-</main>
-<script type="application/json" id="run">{script_json(_content(pairs, changes, missing))}</script>
-<script>{asset("batch_index.js")}</script>
-</body>
-</html>
-"""
+<div id="index"></div>"""
+    rest = f"{script_json('run', _content(pairs, changes, missing))}\n{script('batch_index.js')}"
+    return page(title, "batch_index.css", main, rest, policy=CONTENT_POLICY)
 
 
 def batch_answer(pairs: Sequence[PairRow], missing: Sequence[str] = ()) -> str:
-    """The answer in a sentence: "187 of 200 pairs done, 3 failed, 10 missing; 61 with changes"."""
+    """Give the answer in a sentence: "187 of 200 pairs done, 3 failed, 10 missing; 61 with changes"."""
     total, done = len(pairs) + len(missing), sum(pair.status == "done" for pair in pairs)
     changed = sum(bool(pair.changes) for pair in pairs)
     of_total = f"{done:,} of {total:,}" if done < total else f"{total:,}"
@@ -67,10 +58,7 @@ def batch_answer(pairs: Sequence[PairRow], missing: Sequence[str] = ()) -> str:
 
 
 def _content(pairs: Sequence[PairRow], changes: Sequence[ChangeRow], missing: Sequence[str]) -> dict[str, Any]:
-    """What the script lists. Texts that several pairs share, as warnings are, are written once.
-
-    The pairs are in the natural order of their names, so that the script need not know it.
-    """
+    """List the pairs, in the natural order of their names; texts that several share, as warnings are, stand once."""
     found: dict[str, list[ChangeRow]] = {}
     for change in sorted(changes, key=lambda row: row.change):
         found.setdefault(change.name, []).append(change)
@@ -86,7 +74,7 @@ def _content(pairs: Sequence[PairRow], changes: Sequence[ChangeRow], missing: Se
 
 
 def _pair_values(pair: PairRow, changes: Sequence[ChangeRow], texts: dict[str, int]) -> list[Any]:
-    """A pair's values in the order that the script reads them in; `texts` gets what is not yet in it."""
+    """List a pair's values in the order that the script reads them in; add to `texts` what is not yet in it."""
     lines = [texts.setdefault(line, len(texts)) for line in pair.warnings.splitlines() if line]
     return [
         pair.name,
@@ -117,12 +105,12 @@ def _change_values(change: ChangeRow) -> list[Any]:
 
 
 def _is_second_half(change: ChangeRow) -> bool:
-    """Whether a moved object is listed already, by the half that comes first."""
+    """Tell whether a moved object is listed already, by the half that comes first."""
     return change.partner is not None and change.partner < change.change
 
 
 def _probability(value: float | None) -> float | None:
-    """To four decimals; only certainty is 1."""
+    """Round to four decimals; only certainty is 1."""
     return None if value is None else min(round(value, 4), 0.9999) if value < 1 else 1.0
 
 
@@ -131,6 +119,6 @@ def _short(value: float | None) -> float | None:
 
 
 def _natural(name: str) -> tuple[list[Any], str]:
-    """A key that sorts "scan 9" before "scan 10", whatever the case."""
+    """Return a key that sorts "scan 9" before "scan 10", whatever the case."""
     parts = re.split(r"(\d+)", name.casefold())
     return [int(part) if part.isdecimal() else part for part in parts], name

@@ -3,49 +3,42 @@
 import math
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
+# Seconds between two lines in a log.
+EVERY = 30.0
+
 
 class BatchProgress:
-    """Counts pairs, and shows how many are done.
+    """Counts of pairs: those of the run, with a result, without one, and with one of an earlier run."""
 
-    Attributes:
-        total: pairs of the run.
-        done: that have a result.
-        failed: that have none.
-        reused: of those done, from an earlier run.
-    """
-
-    def __init__(self, total: int) -> None:
+    def __init__(self, total: int, show: "Callable[[BatchProgress], object] | None" = None) -> None:
         self.total, self.done, self.failed, self.reused = total, 0, 0, 0
-        self._began = time.monotonic()
+        self._show, self._began = show, time.monotonic()
 
     def count(self, *, done: bool, reused: bool) -> None:
-        """Counts a pair.
-
-        Args:
-            done: whether it has a result.
-            reused: whether that is from an earlier run.
-        """
+        """Count a pair: whether it is `done`, has a result, and whether that is `reused` from an earlier run."""
         self.done += done
         self.failed += not done
         self.reused += reused
         if reused:
             # What was there costs nothing: the rate is that of what is computed.
             self._began = time.monotonic()
-        else:
-            self.show()
+        elif self._show is not None:
+            self._show(self)
 
-    def show(self) -> None:
-        """Nowhere."""
+    @property
+    def finished(self) -> int:
+        """The number of pairs that are done or failed."""
+        return self.done + self.failed
 
     @property
     def counts(self) -> str:
-        """How many pairs are done, in words: "37 of 200 done, 12 from before, 1 failed"."""
+        """The pairs that are done, in words: "37 of 200 done, 12 from before, 1 failed"."""
         parts = [f"{self.done} of {self.total} done"]
         parts += [f"{self.reused} from before"] if self.reused else []
         parts += [f"{self.failed} failed"] if self.failed else []
@@ -53,57 +46,38 @@ class BatchProgress:
 
     @property
     def text(self) -> str:
-        """How far it has got, in words: "37 of 200 done, 1 failed, 1.3 a second, 2 min left"."""
+        """The progress, in words: "37 of 200 done, 1 failed, 1.3 a second, 2 min left"."""
         parts = [self.counts]
-        computed, seconds = self.done + self.failed - self.reused, time.monotonic() - self._began
+        computed, seconds = self.finished - self.reused, time.monotonic() - self._began
         if computed and seconds > 0:
             rate = computed / seconds
-            parts += [_rate(rate), f"{_duration((self.total - self.done - self.failed) / rate)} left"]
+            parts += [_rate(rate), f"{_duration((self.total - self.finished) / rate)} left"]
         return ", ".join(parts)
 
 
-class _Bar(BatchProgress):
-    def __init__(self, total: int, progress: Progress) -> None:
-        super().__init__(total)
-        self._progress = progress
-        self._task = progress.add_task(self.text, total=total)
+class _Log:
+    """Prints a line where the latest is old enough, and at the end."""
 
-    def show(self) -> None:
-        self._progress.update(self._task, description=self.text, completed=self.done + self.failed)
+    def __init__(self) -> None:
+        self._latest = -math.inf
 
-
-class _Lines(BatchProgress):
-    def __init__(self, total: int, every: float) -> None:
-        super().__init__(total)
-        self._every, self._latest = every, -math.inf
-
-    def show(self) -> None:
-        if time.monotonic() - self._latest > self._every or self.done + self.failed == self.total:
+    def __call__(self, progress: BatchProgress) -> None:
+        if time.monotonic() - self._latest > EVERY or progress.finished == progress.total:
             self._latest = time.monotonic()
-            print(f"gmmjax: {self.text}", file=sys.stderr, flush=True)
+            print(f"gmmjax: {progress.text}", file=sys.stderr, flush=True)
 
 
 @contextmanager
-def batch_progress(total: int, *, quiet: bool = False, every: float = 30.0) -> Iterator[BatchProgress]:
-    """Shows how far a run has got while the block runs.
-
-    Args:
-        total: pairs of the run.
-        quiet: show nothing.
-        every: seconds between two lines in a log.
-
-    Yields:
-        What counts the pairs.
-    """
+def batch_progress(total: int, *, quiet: bool = False) -> Iterator[BatchProgress]:
+    """Show how far a run of `total` pairs has got while the block runs; yields what counts them."""
     console = Console(stderr=True)
-    if quiet:
-        yield BatchProgress(total)
-    elif not console.is_terminal:
-        yield _Lines(total, every)
-    else:
-        columns = SpinnerColumn(), BarColumn(20), TextColumn("{task.description}")
-        with Progress(*columns, console=console, transient=True) as progress:
-            yield _Bar(total, progress)
+    if quiet or not console.is_terminal:
+        yield BatchProgress(total, None if quiet else _Log())
+        return
+    columns = SpinnerColumn(), BarColumn(20), TextColumn("{task.description}")
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task(BatchProgress(total).text, total=total)
+        yield BatchProgress(total, lambda own: bar.update(task, description=own.text, completed=own.finished))
 
 
 def _rate(rate: float) -> str:

@@ -16,12 +16,7 @@ HALF_WIDTH = 0.85 * HALF_HEIGHT
 
 
 class PlotCamera(NamedTuple):
-    """A view: unit vectors in the axes of the clouds.
-
-    Attributes:
-        towards_eye: from the middle of the cloud to the eye.
-        up: what is up on the screen.
-    """
+    """A view: unit vectors towards the eye, from the middle of the cloud, and upwards on the screen."""
 
     towards_eye: Float[np.ndarray, "3"]
     up: Float[np.ndarray, "3"]
@@ -38,7 +33,7 @@ class PlotCamera(NamedTuple):
         shown: Float[np.ndarray, "m 3"] = np.empty((0, 3)),
         half_width: float = HALF_WIDTH,
     ) -> tuple[Float[np.ndarray, "3"], float]:
-        """What to look at, and from how far, so that all but the outermost hundredth of the points fill the view.
+        """Choose what to look at, and from how far, so that all but the outermost hundredth of the points are in view.
 
         Args:
             points: what is looked at, near the origin.
@@ -62,11 +57,7 @@ class PlotCamera(NamedTuple):
 
 
 def initial_camera(points: Float[np.ndarray, "n 3"]) -> PlotCamera:
-    """A depth camera's cloud from a little above and beside the sensor; else across the thinnest direction, z up.
-
-    Args:
-        points: the cloud, at least one point; metres.
-    """
+    """Look at a depth camera's cloud from beside the sensor; at others across the thinnest direction, z up. Metres."""
     for forward in (1, -1):
         # The two conventions differ by half a turn about x, and so do the views.
         turn = np.array([1, forward, forward])
@@ -84,7 +75,7 @@ def initial_camera(points: Float[np.ndarray, "n 3"]) -> PlotCamera:
 
 
 def _is_depth_camera(points: Float[np.ndarray, "n 3"]) -> bool:
-    """Whether a depth camera at the origin that looks along +z could have seen the points."""
+    """Tell whether a depth camera at the origin that looks along +z could have seen the points."""
     depth = points[:, 2]
     if not (depth > 0).all() or np.median(depth) > CAMERA_RANGE:
         return False
@@ -97,12 +88,12 @@ def _unit(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
 
 
 def _needed(seen: Float[np.ndarray, "n 3"], half_sizes: Float[np.ndarray, "2"]) -> Float[np.ndarray, " n"]:
-    """How far the eye must be from the centre of the view to have each point in it."""
+    """Return how far the eye must be from the centre of the view to have each point in it."""
     needed: Float[np.ndarray, " n"] = np.max(np.abs(seen[:, :2]) / half_sizes, axis=1) + seen[:, 2]
     return needed
 
 
 def _slopes(seen: Float[np.ndarray, "n 3"], axis: int, distance: float) -> Float[np.ndarray, " n"]:
-    """How far beside the line of sight points are seen, for each unit of depth."""
+    """Return how far beside the line of sight points are seen, for each unit of depth."""
     slopes: Float[np.ndarray, " n"] = seen[:, axis] / np.maximum(distance - seen[:, 2], 0.1 * distance)
     return slopes

@@ -25,15 +25,7 @@ LOCAL_SYSTEM = 'LOCAL_CS["coordinates of the scans",UNIT["unknown",1]]'
 
 
 def write_table(path: Path, changes: Changes) -> None:
-    """Writes the changes as CSV: a row each, with the fields of `ChangeColumns` and the unit; what is None is empty.
-
-    Args:
-        path: the file to write.
-        changes: what was found.
-
-    Raises:
-        InputError, OSError: the file cannot be written.
-    """
+    """Write the changes as CSV: a row each, with the fields of `ChangeColumns` and the unit; what is None is empty."""
     names = [field.name for field in dataclasses.fields(ChangeColumns)]
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
@@ -45,7 +37,7 @@ def write_table(path: Path, changes: Changes) -> None:
 
 
 def write_map(path: Path, changes: Changes) -> None:
-    """Writes the changes as GeoJSON: the outline of each box from above, with the fields of its row as properties.
+    """Write the changes as GeoJSON: the outline of each box from above, with the fields of its row as properties.
 
     Coordinates are longitude and latitude in WGS 84, as RFC 7946 has them, where the system of the scans is known and
     rasterio is installed. Else they are those of the scans, and a `crs` member says so, of which QGIS and GDAL take
@@ -77,7 +69,7 @@ def write_map(path: Path, changes: Changes) -> None:
 
 
 def _in_degrees(path: Path, outlines: list[np.ndarray], crs: str) -> list[np.ndarray] | None:
-    """Outlines in longitude and latitude; None, with a warning, where they cannot be converted."""
+    """Convert outlines to longitude and latitude; None, with a warning, where they cannot be converted."""
     degrees = longitude_latitude(np.concatenate([np.empty((0, 2)), *outlines]), crs)
     if degrees is None:
         warn(
@@ -90,7 +82,7 @@ def _in_degrees(path: Path, outlines: list[np.ndarray], crs: str) -> list[np.nda
 
 
 def _legacy_name(crs: str | None) -> str:
-    """A system as GeoJSON of 2008 names it; GDAL takes WKT, too, and then never takes lengths for degrees."""
+    """Name a system as GeoJSON of 2008 does; GDAL takes WKT, too, and then never takes lengths for degrees."""
     if crs is not None and (code := epsg_code(crs)) is not None:
         return f"urn:ogc:def:crs:{code.replace(':', '::')}"
     return crs if crs is not None and is_wkt(crs) else LOCAL_SYSTEM
@@ -103,7 +95,7 @@ def _feature(row: ChangeColumns, box: Box, outline: Float[np.ndarray, "n 2"], un
 
 
 def _outline(places: Float[np.ndarray, "8 2"]) -> Float[np.ndarray, "n 2"]:
-    """The outline of the corners of a box seen from above: a ring, two ends where it has no width, or a point."""
+    """Outline a box by its corners seen from above: a ring, two ends where it has no width, or a point."""
     centre = places.mean(axis=0)
     near = places - centre
     length = float(np.ptp(near, axis=0).max())
@@ -123,6 +115,6 @@ def _geometry(outline: Float[np.ndarray, "n 2"]) -> dict[str, Any]:
 
 
 def _area(ring: Float[np.ndarray, "n 2"]) -> float:
-    """What a ring of corners encloses, positive where it is counterclockwise."""
+    """Return the area that a ring of corners encloses, positive where it is counterclockwise."""
     following = np.roll(ring, -1, axis=0)
     return float((ring[:, 0] * following[:, 1] - following[:, 0] * ring[:, 1]).sum()) / 2

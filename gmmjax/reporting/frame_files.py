@@ -1,7 +1,9 @@
 """Frames as files: one frame, a folder of frames, or one archive of many."""
 
+import functools
 import json
 import re
+import shutil
 import tempfile
 import zipfile
 from collections.abc import Callable, Iterator
@@ -37,7 +39,7 @@ AddFrame = Callable[[Frame, Pose | None], None]
 
 
 def write_frame(path: Path, frame: Frame, pose: Pose | None = None) -> None:
-    """Writes one frame, whole or not at all.
+    """Write one frame, whole or not at all.
 
     Args:
         path: `.pcd`, which keeps the order of the pixels and the pose, `.ply` or `.npz`.
@@ -55,13 +57,10 @@ def write_frame(path: Path, frame: Frame, pose: Pose | None = None) -> None:
 
 @contextmanager
 def frame_archive(path: Path) -> Iterator[AddFrame]:
-    """An NPZ file of many frames, written whole or not at all; the points wait on the disk, not in memory.
+    """Write an NPZ file of many frames, whole or not at all; the points wait on the disk, not in memory.
 
     Its arrays: `points` float64 [N, 3] of all frames, `frame` int64 [N], the frame of each point, `times` float64 [V],
     and `poses` float64 [V, 4, 4], sensor to world, where every frame has one; the points are then in the world.
-
-    Args:
-        path: the file.
 
     Yields:
         A function that adds a frame.
@@ -69,27 +68,18 @@ def frame_archive(path: Path) -> Iterator[AddFrame]:
     Raises:
         InputError: no frame was added, or the folder cannot be written.
     """
-    times: list[float] = []
-    counts: list[int] = []
-    poses: list[Pose] = []
+    frames: list[tuple[float, int, Pose | None]] = []
     with atomic_write(path) as file, tempfile.TemporaryFile(dir=path.absolute().parent) as waiting:
-
-        def add(frame: Frame, pose: Pose | None) -> None:
-            times.append(frame.time)
-            counts.append(len(frame.cloud))
-            if pose is not None:
-                poses.append(pose)
-            waiting.write(_in_world(frame.cloud.points, pose).tobytes())
-
-        yield add
-        if not times:
+        yield functools.partial(_put_aside, waiting, frames)
+        if not frames:
             raise InputError(f"{path}: there are no frames to write; check the topic and the times")
         waiting.seek(0)
+        times, counts, given = zip(*frames, strict=True)
+        poses = [pose for pose in given if pose is not None]
         small = {"times": np.array(times)} | ({"poses": np.stack(poses)} if len(poses) == len(times) else {})
         with zipfile.ZipFile(file, "w") as archive:
             with _member(archive, "points", np.dtype(np.float64), (sum(counts), 3)) as stream:
-                while block := waiting.read(2**20):
-                    stream.write(block)
+                shutil.copyfileobj(waiting, stream)
             with _member(archive, "frame", np.dtype(np.int64), (sum(counts),)) as stream:
                 for index, count in enumerate(counts):
                     stream.write(np.full(count, index, np.int64).tobytes())
@@ -98,14 +88,16 @@ def frame_archive(path: Path) -> Iterator[AddFrame]:
                     stream.write(values.tobytes())
 
 
+def _put_aside(
+    waiting: IO[bytes], frames: list[tuple[float, int, Pose | None]], frame: Frame, pose: Pose | None
+) -> None:
+    frames.append((frame.time, len(frame.cloud), pose))
+    waiting.write(_in_world(frame.cloud.points, pose).tobytes())
+
+
 @contextmanager
 def frame_folder(folder: Path, suffix: Literal["pcd", "ply"], *, overwrite: bool = False) -> Iterator[AddFrame]:
-    """A folder with a file for each frame and `frames.json`, which has their times and poses; whole or not at all.
-
-    Args:
-        folder: is made where needed.
-        suffix: the format of the files.
-        overwrite: replace an earlier folder of frames.
+    """Write a folder with a file for each frame and `frames.json`, their times and poses; whole or not at all.
 
     Yields:
         A function that adds a frame.
@@ -115,31 +107,27 @@ def frame_folder(folder: Path, suffix: Literal["pcd", "ply"], *, overwrite: bool
     """
     entries: list[dict[str, object]] = []
     with output_folder(folder, _kind(folder), overwrite=overwrite) as staging:
-
-        def add(frame: Frame, pose: Pose | None) -> None:
-            name = f"frame_{len(entries):06d}.{suffix}"
-            write_frame(staging / name, frame, pose)
-            placed = {} if pose is None else {"pose": pose.tolist()}
-            entries.append({"file": name, "time": frame.time, "points": len(frame.cloud), **placed})
-
-        yield add
+        yield functools.partial(_add_file, staging, suffix, entries)
         if not entries:
             raise InputError(f"{folder}: there are no frames to write; check the topic and the times")
         content = {"schema_version": SCHEMA_VERSION, "frames": entries}
         (staging / MARKER).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def check_frame_folder(folder: Path, *, overwrite: bool = False) -> None:
-    """Whether `frame_folder` could write there. Changes nothing.
+def _add_file(folder: Path, suffix: str, entries: list[dict[str, object]], frame: Frame, pose: Pose | None) -> None:
+    name = f"frame_{len(entries):06d}.{suffix}"
+    write_frame(folder / name, frame, pose)
+    placed = {} if pose is None else {"pose": pose.tolist()}
+    entries.append({"file": name, "time": frame.time, "points": len(frame.cloud), **placed})
 
-    Raises:
-        InputError: as `output_folder`.
-    """
+
+def check_frame_folder(folder: Path, *, overwrite: bool = False) -> None:
+    """Raise an InputError unless `frame_folder` could write there. Changes nothing."""
     check_output_folder(folder, _kind(folder), overwrite=overwrite)
 
 
 def _kind(folder: Path) -> FolderKind:
-    """What a folder of frames holds: of one that is there already, whatever frames it has."""
+    """Name the files of a folder of frames: those of one that is there already, whatever frames it has."""
     names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
     frames = tuple(name for name in names if re.fullmatch(r"frame_\d{6,}\.(pcd|ply)", name))
     return FolderKind("folder of frames", MARKER, "frames", frames)
@@ -178,7 +166,7 @@ def _compact(points: Float64[np.ndarray, "n 3"]) -> np.ndarray:
 
 
 def _by_pixel(frame: Frame, values: np.ndarray, empty: float | int) -> np.ndarray:
-    """Values of the points in the order of an ordered frame's pixels."""
+    """Put values of the points in the order of an ordered frame's pixels."""
     assert frame.width is not None and frame.height is not None
     image = np.full((frame.height * frame.width, *values.shape[1:]), empty, values.dtype)
     image[frame.cloud.rows] = values
@@ -187,7 +175,7 @@ def _by_pixel(frame: Frame, values: np.ndarray, empty: float | int) -> np.ndarra
 
 @contextmanager
 def _member(archive: zipfile.ZipFile, name: str, dtype: np.dtype, shape: tuple[int, ...]) -> Iterator[IO[bytes]]:
-    """An array of an archive, to be written in blocks."""
+    """Open an array of an archive, to be written in blocks."""
     with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as stream:
         header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
         np.lib.format.write_array_header_1_0(stream, header)

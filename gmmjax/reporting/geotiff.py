@@ -21,7 +21,7 @@ BANDS = {
 
 
 def check_rasterio() -> None:
-    """Raises an `InputError` with the remedy, unless rasterio is there."""
+    """Raise an InputError with the remedy unless rasterio is there."""
     try:
         import rasterio  # noqa: F401
     except ImportError as error:
@@ -29,7 +29,7 @@ def check_rasterio() -> None:
 
 
 def write_geotiff(path: str | os.PathLike[str], found: ChangeMap) -> None:
-    """Writes a map as GeoTIFF, whole or not at all: a band of float32 for each of `BANDS`, NaN where nothing is known.
+    """Write a map as GeoTIFF, whole or not at all: a band of float32 for each of `BANDS`, NaN where nothing is known.
 
     Origin and cell are in float64, so that coordinates of a survey lose nothing.
 
@@ -80,15 +80,9 @@ def write_geotiff(path: str | os.PathLike[str], found: ChangeMap) -> None:
 
 
 def longitude_latitude(places: Float[np.ndarray, "n 2"], crs: str) -> Float[np.ndarray, "n 2"] | None:
-    """Places in degrees of WGS 84, by PROJ.
+    """Convert x and y of a system to longitude and latitude, degrees of WGS 84, by PROJ.
 
-    Args:
-        places: x and y in a system.
-        crs: the system, as of `Changes`.
-
-    Returns:
-        Longitude and latitude; None where rasterio is not installed, or the system is no map projection that GDAL knows
-        and that holds there.
+    None where rasterio is not installed, or the system is no map projection that GDAL knows and that holds there.
     """
     try:
         from rasterio.crs import CRS
@@ -107,7 +101,7 @@ def longitude_latitude(places: Float[np.ndarray, "n 2"], crs: str) -> Float[np.n
 
 
 def _gdal_system(crs: str) -> Any | None:
-    """A system as rasterio has it; None where GDAL does not know it."""
+    """Return a system as rasterio has it; None where GDAL does not know it."""
     import rasterio
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
@@ -124,7 +118,7 @@ def _gdal_system(crs: str) -> Any | None:
 
 
 def _reference_system(path: str | os.PathLike[str], crs: str | None) -> Any | None:
-    """As rasterio has it; None, with a warning, where GDAL does not know it."""
+    """Return a system as rasterio has it; None, with a warning, where GDAL does not know it."""
     if crs is None:
         return None
     system = _gdal_system(crs)

@@ -1,25 +1,27 @@
 """The report: one HTML file that needs nothing else, not even a network."""
 
 import dataclasses
+import os
 import re
+from collections.abc import Mapping, Sequence
 from html import escape
-from pathlib import PurePath
+from pathlib import Path, PurePath
+from typing import Any
 
-from gmmjax.changes import Changes
-from gmmjax.clouds import PointCloud, system_name
+from gmmjax.changes import Changes, GivenCloud, presented
+from gmmjax.clouds import PointCloud, atomic_write, system_name
+from gmmjax.errors import InputError
 from gmmjax.pair import Pair
-from gmmjax.reporting.html_changes import changes_panel
-from gmmjax.reporting.html_explanations import explanation_hint, rejected_section, strongest_log_odds
-from gmmjax.reporting.html_values import values_table
+from gmmjax.reporting.html_changes import changes_panel, explanation_hint, rejected_section, strongest_log_odds
 from gmmjax.reporting.html_viewer import keys_dialog, viewer_section
 from gmmjax.reporting.packed_points import packed_scene
-from gmmjax.reporting.page_parts import asset, page_head, script_json
+from gmmjax.reporting.page_parts import page, script, script_json
 from gmmjax.reporting.pictures import Pictures, PictureSettings
+from gmmjax.reporting.quantities import length_text
 from gmmjax.reporting.summary import (
     answer,
     dropped_rows,
     dropped_text,
-    length_text,
     object_rows,
     point_counts,
     poses_text,
@@ -32,6 +34,37 @@ OPTION = re.compile(r"--[a-z][a-z-]*")
 CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
+def write_report(
+    changes: Changes, path: str | os.PathLike[str], before: GivenCloud | None = None, after: GivenCloud | None = None
+) -> Path:
+    """Write the report, one HTML file that needs nothing else, as `gmmjax detect` does.
+
+    Args:
+        changes: what was found.
+        path: of the file; one that is there is replaced, and its folder is made where needed.
+        before: the before cloud that the changes were found in; None: that of `changes.clouds`.
+        after: the after cloud, as it was given to the detection; None likewise.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: clouds that are not known, or are not those of the changes; a file that cannot be written.
+    """
+    target = Path(path)
+    if target.is_dir():
+        raise InputError(f"{target}: is a folder; name the file, such as {target / 'report.html'}")
+    clouds, shown = presented(changes, before, after)
+    content = report_html(clouds.before, clouds.after, shown).encode()
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(target) as file:
+            file.write(content)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from error
+    return target
+
+
 def report_html(
     before: PointCloud,
     after: PointCloud,
@@ -40,7 +73,7 @@ def report_html(
     close_ups: PictureSettings = PictureSettings(),
     recorded: Changes | None = None,
 ) -> str:
-    """The report of a detection as one self-contained page.
+    """Make the report of a detection, one self-contained page.
 
     Args:
         before: the before cloud that the changes were found in.
@@ -65,27 +98,23 @@ def report_html(
     for record in packed.scene["changes"]:
         if record["label"] in pictures.directions:
             record["towardsEye"] = pictures.directions[record["label"]].tolist()
-    page = f"""{page_head(title or f"{names.before} → {names.after}", asset("report.css"))}<body>
-<main>
-{_header(clouds, names, changes if recorded is None else recorded, title)}
+    recorded = changes if recorded is None else recorded
+    main = f"""{_header(clouds, names, recorded, title)}
 <div class="bench">
 {viewer_section(packed.scene, names, pictures.overview(), changes)}
 {panel}
 </div>
 {explanation_hint(changes)}
-{rejected_section(changes, longest)}{_details(changes)}
-</main>
-{keys_dialog()}
-<script type="application/json" id="scene">{script_json(packed.scene)}</script>
+{rejected_section(changes, longest)}{_details(changes)}"""
+    rest = f"""{keys_dialog()}
+{script_json("scene", packed.scene)}
 <script type="application/octet-stream" id="points-before">{packed.points.before}</script>
 <script type="application/octet-stream" id="points-after">{packed.points.after}</script>
-<script>{asset("viewer.js")}</script>
-<script>{asset("report.js")}</script>
-</body>
-</html>
-"""
+{script("viewer.js")}
+{script("report.js")}"""
+    content = page(title or f"{names.before} → {names.after}", "report.css", main, rest)
     # Whatever was in a name: a page may hold no control characters.
-    return CONTROL_CHARACTERS.sub(lambda found: f"\\x{ord(found[0]):02x}", page)
+    return CONTROL_CHARACTERS.sub(lambda found: f"\\x{ord(found[0]):02x}", content)
 
 
 def _header(clouds: Pair[PointCloud], names: Pair[str], changes: Changes, title: str | None) -> str:
@@ -101,7 +130,7 @@ def _header(clouds: Pair[PointCloud], names: Pair[str], changes: Changes, title:
 
 
 def _facts(clouds: Pair[PointCloud], names: Pair[str], changes: Changes) -> dict[str, str]:
-    """What was compared and how well it lies, as HTML by name; empty where nothing is known."""
+    """Say what was compared and how well it lies, as HTML by name; "" where nothing is known."""
     dropped = " ".join(dropped_text(side, count) for side, count in dropped_rows(changes).items())
     registration = escape(registration_text(changes) or "")
     doubtful = changes.registration.in_doubt and registration
@@ -120,13 +149,8 @@ def _facts(clouds: Pair[PointCloud], names: Pair[str], changes: Changes) -> dict
 
 
 def _resolution(changes: Changes) -> str:
-    """How fine the comparison was, where that was recorded."""
-
-    def length(name: str) -> str | None:
-        value = changes.diagnostics.get(name)
-        return length_text(value, changes.unit) if isinstance(value, float) and value > 0 else None
-
-    size, finest, tolerance = map(length, ("voxel_size", "finest_voxel_size", "tolerance"))
+    """Say how fine the comparison was, where that was recorded."""
+    size, finest, tolerance = (_measured(changes, name) for name in ("voxel_size", "finest_voxel_size", "tolerance"))
     texts = []
     if size and finest in (None, size):
         texts.append(f"Compared in voxels of {size}.")
@@ -137,17 +161,46 @@ def _resolution(changes: Changes) -> str:
     return " ".join(texts)
 
 
-def _details(changes: Changes) -> str:
-    from gmmjax import __version__
+def _measured(changes: Changes, name: str) -> str | None:
+    value = changes.diagnostics.get(name)
+    return length_text(value, changes.unit) if isinstance(value, float) and value > 0 else None
 
-    settings = values_table(changes.config.to_dict())
-    diagnostics = values_table(
-        {"Earth mover's distance": changes.emd, "registration": changes.registration.to_dict(), **changes.diagnostics}
-    )
+
+def _details(changes: Changes) -> str:
+    diagnostics = {"Earth mover's distance": changes.emd, "registration": changes.registration.to_dict()}
     return f"""<details><summary>Settings and diagnostics</summary>
-<div class="details"><section><h2>Settings</h2>{settings}</section>
-<section><h2>Diagnostics</h2>{diagnostics}</section></div></details>
-<footer>gmmjax {escape(__version__)}</footer>"""
+<div class="details"><section><h2>Settings</h2>{_values_table(changes.config.to_dict())}</section>
+<section><h2>Diagnostics</h2>{_values_table(diagnostics | dict(changes.diagnostics))}</section></div></details>"""
+
+
+def _values_table(value: Any) -> str:
+    """Make nested tables of nested plain values; lists of scalars stand on one line."""
+    if isinstance(value, Mapping):
+        rows = "".join(
+            f'<tr><th scope="row">{escape(_readable(str(name)))}</th><td>{_values_table(content)}</td></tr>'
+            for name, content in value.items()
+        )
+        return f'<table class="values">{rows}</table>' if rows else "none"
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        return escape(_scalar(value))
+    if any(isinstance(item, Mapping | list | tuple) for item in value):
+        return "".join(f'<div class="item">{_values_table(item)}</div>' for item in value)
+    return escape(", ".join(_scalar(item) for item in value)) if value else "none"
+
+
+def _scalar(value: Any) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value:,}" if abs(value) >= 10_000 else str(value)
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _readable(name: str) -> str:
+    words = name.replace("_", " ")
+    return words[:1].upper() + words[1:]
 
 
 def _name(cloud: PointCloud, side: str) -> str:

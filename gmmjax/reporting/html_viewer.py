@@ -28,15 +28,7 @@ KEYS = (
 
 
 class Toggle(NamedTuple):
-    """A button of the toolbar.
-
-    Attributes:
-        name: of the viewer's setting.
-        text: on the button.
-        key: that does the same.
-        hint: what it does.
-        pressed: at first.
-    """
+    """A button of the toolbar: the viewer's setting, its text, key and hint, and whether it is pressed at first."""
 
     name: str
     text: str
@@ -69,7 +61,7 @@ COLORINGS = {
 
 
 def viewer_section(scene: Mapping[str, Any], names: Pair[str], overview: Pair[bytes], changes: Changes) -> str:
-    """The large view with its toolbar, the two small ones, and pictures for those who see none of them.
+    """Make the large view with its toolbar, the two small ones, and pictures for those who see none of them.
 
     Args:
         scene: what the viewer is given.
@@ -98,7 +90,7 @@ to turn, scroll to zoom, right-drag to move."></canvas>
 
 
 def keys_dialog() -> str:
-    """The list of keys."""
+    """Make the list of keys."""
     rows = "".join(f"<dt>{_keys(keys)}</dt><dd>{escape(text)}</dd>" for keys, text in KEYS)
     return f"""<dialog id="keys" aria-labelledby="keys-title"><h2 id="keys-title">Keys</h2><dl>{rows}</dl>
 <p>In a view: drag to turn, right-drag to move, scroll or pinch to zoom, click on a change to choose it.</p>

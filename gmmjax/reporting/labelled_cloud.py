@@ -1,17 +1,17 @@
 """A scan with what was found about each of its points, in the format of its file and with all that the file held."""
 
 import dataclasses
+import functools
 import itertools
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from gmmjax.changes import Changes
+from gmmjax.changes import NAMES, Changes
 from gmmjax.clouds import (
-    CHANNELS,
     CHUNK_POINTS,
     EXTRA_TYPES,
     CloudFile,
@@ -31,9 +31,9 @@ from gmmjax.clouds import (
 )
 from gmmjax.errors import InputError, warn
 from gmmjax.geometry import transformed
-from gmmjax.pair import Pair
+from gmmjax.pair import Pair, each
 from gmmjax.reporting.palette import point_colors
-from gmmjax.reporting.written_fields import written_fields, written_names
+from gmmjax.reporting.written_fields import written_fields
 
 # What is found about a point, as LAS describes its dimensions: in at most 32 letters.
 DESCRIPTIONS: Mapping[str, str] = {
@@ -54,15 +54,12 @@ LARGEST_INT = 2**31 - 1
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LabelledCloud:
-    """A scan of a result, in memory or in its file.
-
-    A scan in its file is read and written some points at a time, so that it may be larger than the memory; what is
-    written is the same.
+    """A scan of a result, in memory or in its file; one in its file is read and written some points at a time.
 
     Attributes:
         cloud: as it was given, or the file that it is in.
-        found: what was found, such as the names of `DESCRIPTIONS`: about each point of a cloud, or about each row of a
-            file, also those without a position. Arrays or memory maps.
+        found: what was found, by name, about each point of a cloud, or about each row of a file, also those without a
+            position. Arrays or memory maps.
         transform: takes it to where it is written; None: it is written where it is.
     """
 
@@ -72,41 +69,39 @@ class LabelledCloud:
 
     @property
     def file(self) -> SourceFile | None:
-        """What the scan was read from."""
+        """The file that the scan was read from."""
         return self.cloud.file if isinstance(self.cloud, PointCloud) else self.cloud.source
 
     @property
     def points(self) -> int:
-        """How many there are with a position."""
+        """The number of points with a position."""
         return len(self.cloud) if isinstance(self.cloud, PointCloud) else self.cloud.measures.points
 
     @property
     def rows(self) -> int:
-        """How many there are, among them those without a position."""
+        """The number of rows, among them those without a position."""
         cloud = self.cloud
         return len(cloud) + cloud.rows_dropped if isinstance(cloud, PointCloud) else cloud.count
 
     def placed(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
-        """Points of the scan where they are written."""
+        """Move points of the scan to where they are written."""
         return points if self.transform is None else transformed(points, self.transform)
 
     def found_in(self, rows: Int64[np.ndarray, " n"]) -> dict[str, np.ndarray]:
-        """What was found about rows of the file, which ascend."""
+        """Return what was found about rows of the file, which ascend."""
         first, last = (int(rows[0]), int(rows[-1]) + 1) if len(rows) else (0, 0)
         values = {name: copied_part(own, first, last) for name, own in self.found.items()}
         return values if last - first == len(rows) else {name: own[rows - first] for name, own in values.items()}
 
-    def parts(self, reserved: tuple[str, ...] = ()) -> Iterator[PointCloud]:
-        """The scan as it is written, some points at a time.
+    def parts(self, reserved: tuple[str, ...] = (), as_floats: Collection[str] = ()) -> Iterator[PointCloud]:
+        """Yield the scan as it is written, some points at a time.
 
-        The fields are what was found, the scan's own colours as `scan_red` and so on, and its own fields, normals
-        turned with it. A field of the scan with the name of another one of these becomes `input_NAME`. The colours are
-        those of the kinds of change, or the scan's own, half way to grey; the scan's own where no kinds were found.
-
-        Args:
-            reserved: further names that a field must not have.
+        The colours are those of the kinds of change, or the scan's own where no kinds were found; fields are as of
+        `written_fields`, with `reserved` names that no field must have. Those of the scan `as_floats` become float64.
         """
         for scan, found in self._scans():
+            fields = {name: own.astype(float) if name in as_floats else own for name, own in scan.fields.items()}
+            scan = dataclasses.replace(scan, fields=fields)
             yield dataclasses.replace(
                 scan,
                 points=self.placed(scan.points),
@@ -115,7 +110,7 @@ class LabelledCloud:
             )
 
     def _scans(self) -> Iterator[tuple[PointCloud, dict[str, np.ndarray]]]:
-        """The scan as it was given, some points at a time, with what was found about them."""
+        """Yield the scan as it was given, some points at a time, with what was found about them."""
         if isinstance(self.cloud, PointCloud):
             for start in range(0, len(self.cloud), CHUNK_POINTS):
                 place = slice(start, start + CHUNK_POINTS)
@@ -124,7 +119,7 @@ class LabelledCloud:
             yield from ((cloud, self.found_in(cloud.rows)) for cloud in self.cloud.clouds())
 
     def by_file(self) -> "list[LabelledCloud]":
-        """Each scan of a survey in memory that was read from several files; any other cloud as it is."""
+        """Return each scan of a survey in memory that was read from several files; any other cloud as it is."""
         if not isinstance(self.cloud, PointCloud) or not self.cloud.files:
             return [self]
         return [
@@ -134,20 +129,13 @@ class LabelledCloud:
 
     @property
     def ending(self) -> str:
-        """Of the file that is written."""
+        """The ending of the file that is written."""
         if self.file is None or self.file.ending not in WRITERS:
             return ".ply"
         return LasSource.of(self.file).ending if WRITERS[self.file.ending] is _write_las else self.file.ending
 
     def write(self, folder: Path, stem: str) -> str:
-        """Writes it in the format of its file where that is LAS, LAZ or PCD, else as PLY.
-
-        Args:
-            folder: that is there.
-            stem: the name of the file without its ending.
-
-        Returns:
-            The name of the file.
+        """Write it in the format of its file where that is LAS, LAZ or PCD, else as PLY, and return the file's name.
 
         Raises:
             InputError, OSError: the file cannot be written.
@@ -168,46 +156,24 @@ class LabelledCloud:
 def labelled_clouds(
     clouds: Pair[PointCloud], changes: Changes, transform_after: Float64[np.ndarray, "4 4"] | None = None
 ) -> Pair[LabelledCloud]:
-    """Both scans with what was found about their points.
-
-    Args:
-        clouds: as they were given.
-        changes: what was found between them.
-        transform_after: of the after cloud, as of `LabelledCloud`.
-    """
-
-    def labelled(cloud: PointCloud, side: str, transform: np.ndarray | None) -> LabelledCloud:
-        values = changes.point_values(side)
-        # Files of points have no truth values.
-        return LabelledCloud(cloud, {**values, "unobserved": values["unobserved"].astype(np.uint8)}, transform)
-
-    return Pair(labelled(clouds.before, "before", None), labelled(clouds.after, "after", transform_after))
+    """Put what was found beside both scans as they were given; `transform_after` moves the after scan."""
+    return each(
+        lambda cloud, side, transform: _labelled(cloud, changes.point_values(side), transform),
+        clouds,
+        NAMES,
+        Pair(None, transform_after),
+    )
 
 
-def check_point_counts(before: PointCloud, after: PointCloud, changes: Changes) -> None:
-    """Whether these can be the clouds that the changes were found in.
-
-    Raises:
-        InputError: clouds of other lengths than the labels.
-    """
-    for name, cloud, labels in (("before", before, changes.labels_before), ("after", after, changes.labels_after)):
-        if len(cloud) != len(labels):
-            raise InputError(
-                f"{name}: has {len(cloud)} points, the changes have labels for {len(labels)}; "
-                "give the clouds that the changes were found in"
-            )
+def _labelled(cloud: PointCloud, values: Mapping[str, np.ndarray], transform: np.ndarray | None) -> LabelledCloud:
+    # Files of points have no truth values.
+    return LabelledCloud(cloud, {**values, "unobserved": values["unobserved"].astype(np.uint8)}, transform)
 
 
 def labelled_files(
     survey: SurveyFiles, found: Mapping[str, np.ndarray], transform: Float64[np.ndarray, "4 4"] | None
 ) -> list[LabelledCloud]:
-    """Each scan of a survey in its file.
-
-    Args:
-        survey: the files.
-        found: about each row of the survey, by the names of `DESCRIPTIONS`. Arrays or memory maps.
-        transform: as of `LabelledCloud`.
-    """
+    """Put what was found about each row of a survey beside each of its files; arrays or memory maps."""
     return [
         LabelledCloud(file, {name: values[survey.rows_of(index)] for name, values in found.items()}, transform)
         for index, file in enumerate(survey.files)
@@ -220,7 +186,7 @@ def write_scan(
     columns: Mapping[str, np.ndarray],
     transform: Float64[np.ndarray, "4 4"] | None = None,
 ) -> Path:
-    """Writes a scan of any size with further values of each point: what `gmmjax detect` does with labels.
+    """Write a scan of any size with further values of each point: what `gmmjax detect` does with labels.
 
     LAS, LAZ and PCD stay what they are, with all that the file holds, as in a result; all others become PLY.
 
@@ -257,12 +223,7 @@ def write_scan(
 
 
 def write_scans(folder: Path, side: str, scans: Sequence[LabelledCloud]) -> list[str]:
-    """Writes a scan as a file, or those of a survey of several as files in a folder, with the names of their own.
-
-    Args:
-        folder: that is there.
-        side: "before" or "after": the name of the file without its ending, or of the folder.
-        scans: at least one, each of which was read from a file where they are several.
+    """Write a scan as a file `side`, or those of a survey of several as files of their own names in a folder `side`.
 
     Returns:
         The names of the files.
@@ -286,26 +247,25 @@ def write_scans(folder: Path, side: str, scans: Sequence[LabelledCloud]) -> list
 
 
 def _free_stem(stem: str, taken: set[str]) -> str:
-    """The stem, with a number where it is taken: some file systems do not tell upper from lower case."""
+    """Return the stem, with a number where it is taken: some file systems do not tell upper from lower case."""
     candidates = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
     return next(name for name in candidates if name.lower() not in taken)
 
 
 def _write_ply(labelled: LabelledCloud, folder: Path, stem: str) -> str:
     with_rows = labelled.points < labelled.rows
-    as_floats = _beyond_ply(labelled)
+    parts = labelled.parts(("row",) if with_rows else (), _beyond_ply(labelled))
+    comments = [COMMENT] if "label" in labelled.found else []
+    ordered = (_with_row(part, labelled) for part in parts) if with_rows else parts
+    write_ply_parts(folder / f"{stem}.ply", ordered, labelled.points, comments)
+    return f"{stem}.ply"
 
-    def part_of(part: PointCloud) -> PointCloud:
-        rows = {"row": part.rows if labelled.rows <= LARGEST_INT else part.rows.astype(np.float64)} if with_rows else {}
-        # The row stands beside what was found, before the fields of the scan.
-        ordered = {**{name: part.fields[name] for name in labelled.found}, **rows, **part.fields}
-        stored = {name: _for_ply(values, as_floats=name in as_floats) for name, values in ordered.items()}
-        return dataclasses.replace(part, fields=stored)
 
-    name = f"{stem}.ply"
-    parts = map(part_of, labelled.parts(("row",) if with_rows else ()))
-    write_ply_parts(folder / name, parts, labelled.points, [COMMENT] if "label" in labelled.found else [])
-    return name
+def _with_row(part: PointCloud, labelled: LabelledCloud) -> PointCloud:
+    """Add the row of the file of each point, between what was found and the fields of the scan."""
+    rows = part.rows if labelled.rows <= LARGEST_INT else part.rows.astype(np.float64)
+    found = {name: part.fields[name] for name in labelled.found}
+    return dataclasses.replace(part, fields={**found, "row": rows, **part.fields})
 
 
 def _write_pcd(labelled: LabelledCloud, folder: Path, stem: str) -> str:
@@ -337,17 +297,19 @@ def _write_las(labelled: LabelledCloud, folder: Path, stem: str) -> str:
         write_las(folder / name, source, placed, labelled.found, _described(labelled))
         return name
 
-    def part_of(first: int, coordinates: Float64[np.ndarray, "n 3"]) -> LasPart:
-        rows = np.flatnonzero(np.isfinite(coordinates).all(axis=1))
-        return LasPart(rows, labelled.placed(coordinates[rows]), labelled.found_in(first + rows))
-
+    part_of = functools.partial(_las_part, labelled)
     described = {own: (labelled.found[own].dtype, text) for own, text in _described(labelled).items()}
     write_las_blocks(folder / name, source, part_of, described)
     return name
 
 
+def _las_part(labelled: LabelledCloud, first: int, coordinates: Float64[np.ndarray, "n 3"]) -> LasPart:
+    rows = np.flatnonzero(np.isfinite(coordinates).all(axis=1))
+    return LasPart(rows, labelled.placed(coordinates[rows]), labelled.found_in(first + rows))
+
+
 def _described(labelled: LabelledCloud) -> dict[str, str]:
-    """What each of the values that were found is."""
+    """Describe each of the values that were found."""
     return {name: DESCRIPTIONS.get(name, "") for name in labelled.found}
 
 
@@ -359,33 +321,23 @@ WRITERS: Mapping[str, Callable[[LabelledCloud, Path, str], str]] = {
 ENDINGS = (".ply", *WRITERS)
 
 
-def _for_ply(values: np.ndarray, *, as_floats: bool) -> np.ndarray:
-    """The values in a type that PLY has."""
-    too_long = values.dtype.kind == "f" and values.dtype.itemsize > 8
-    return values.astype(np.float64) if as_floats or too_long else values
-
-
 def _beyond_ply(labelled: LabelledCloud) -> set[str]:
-    """Names, in the result, of the scan's whole numbers beyond 32 bits: they become float64, which holds 53 of them."""
+    """Name the scan's fields that PLY has no type for; they become float64, which holds whole numbers of 53 bits."""
     cloud = labelled.cloud
-    colored_anew = "kind" in labelled.found
-    taken = {*labelled.found, *(("row",) if labelled.points < labelled.rows else ())}
-    if isinstance(cloud, PointCloud):
-        long = {name: own for name, own in cloud.fields.items() if own.dtype.kind in "iu" and own.dtype.itemsize == 8}
-        ranges = {name: (int(own.min()), int(own.max())) for name, own in long.items() if own.size}
-        names, colored, source = list(cloud.fields), cloud.colors is not None, cloud.source
-    else:
-        ranges, source = dict(cloud.measures.whole), str(cloud.path)
-        first = next(cloud.clouds(1))
-        names, colored = list(first.fields), first.colors is not None
-    written = written_names(names, {*taken, *(f"scan_{channel}" for channel in CHANNELS if colored and colored_anew)})
-    beyond = {
-        name: limits for name, limits in ranges.items() if min(limits) < -LARGEST_INT - 1 or max(limits) > LARGEST_INT
-    }
+    fields = (cloud if isinstance(cloud, PointCloud) else next(cloud.clouds(1))).fields
+    ranges = _ranges(cloud) if isinstance(cloud, PointCloud) else cloud.measures.whole
+    beyond = {name: own for name, own in ranges.items() if min(own) < -LARGEST_INT - 1 or max(own) > LARGEST_INT}
     for name, (low, high) in beyond.items():
         if max(-low, high) > EXACT:
+            source = cloud.source if isinstance(cloud, PointCloud) else cloud.path
             warn(
-                f"{source}: field {written[name]!r} runs from {low} to {high}, beyond PLY's numbers; it is rounded to "
-                "float64 in the result"
+                f"{source}: field {name!r} runs from {low} to {high}, beyond PLY's numbers; it is rounded to float64 "
+                "in the result"
             )
-    return {written[name] for name in beyond}
+    return {*beyond, *(name for name, own in fields.items() if own.dtype.kind == "f" and own.dtype.itemsize > 8)}
+
+
+def _ranges(cloud: PointCloud) -> dict[str, tuple[int, int]]:
+    """Return the lowest and highest value of each field of whole numbers of 64 bits."""
+    long = {name: own for name, own in cloud.fields.items() if own.dtype.kind in "iu" and own.dtype.itemsize == 8}
+    return {name: (int(own.min()), int(own.max())) for name, own in long.items() if own.size}

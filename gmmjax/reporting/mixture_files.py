@@ -21,12 +21,7 @@ _ARRAYS = ("weights", "means", "covariances")
 
 
 def check_mixture_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-    """Whether `write_mixture` could write there; called before a long computation.
-
-    Raises:
-        InputError: the folder is a file, holds something else, holds a mixture and not `overwrite`, or cannot be
-            written.
-    """
+    """Raise an InputError unless `write_mixture` could write there, before a long computation."""
     check_output_folder(folder, MIXTURE, overwrite=overwrite)
 
 
@@ -38,7 +33,7 @@ def write_mixture(
     settings: Mapping[str, Any] | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Writes the live components of a fit as `mixture.json` and `mixture.npz`: both or none.
+    """Write the live components of a fit as `mixture.json` and `mixture.npz`: both or none.
 
     Args:
         folder: is made where needed; may be empty.

@@ -6,31 +6,31 @@ The styles are inline, and there is no background, so that it looks right in lig
 from html import escape
 from pathlib import PurePath
 
-from gmmjax.changes import Changes
+from gmmjax.changes import Changes, presented
 from gmmjax.clouds import PointCloud
 from gmmjax.pair import Pair
 from gmmjax.reporting.palette import KIND_COLORS
 from gmmjax.reporting.pictures import Pictures, PictureSettings, data_uri
 from gmmjax.reporting.summary import ObjectRow, answer, headings, object_rows, registration_text, volumes_text
 
+# Objects in the table: without a limit a thousand changes would bury the notebook.
+MOST_ROWS = 20
 
-def changes_html(changes: Changes, clouds: Pair[PointCloud] | None, most_rows: int = 20) -> str:
-    """The changes as a fragment of HTML that needs nothing else.
 
-    Args:
-        changes: what was found.
-        clouds: as they were given to the detection; None: they are not known, and there is no picture.
-        most_rows: objects in the table; without a limit a thousand changes would bury the notebook.
-    """
+def notebook_html(changes: Changes) -> str:
+    """Return the changes as a fragment of HTML that needs nothing else; with a picture where their clouds are known."""
+    clouds = None
+    if changes.clouds is not None:
+        clouds, changes = presented(changes)
     sentences = [text for text in (volumes_text(changes), registration_text(changes)) if text is not None]
     lines = [f'<p style="margin:0 0 .3em"><b>{escape(answer(changes))}</b></p>']
     if clouds is not None:
         lines.append(_pictures(clouds, changes))
     rows = object_rows(changes)
     if rows:
-        lines.append(_table(changes, rows[:most_rows]))
-    if len(rows) > most_rows:
-        left = len(rows) - most_rows
+        lines.append(_table(changes, rows[:MOST_ROWS]))
+    if len(rows) > MOST_ROWS:
+        left = len(rows) - MOST_ROWS
         lines.append(f'<p style="margin:.3em 0">and {left:,} more: changes.report("report.html") has all.</p>')
     lines += [f'<p style="margin:.3em 0;opacity:.75">{escape(text)}</p>' for text in sentences]
     return f'<div style="max-width:60em">{"".join(lines)}</div>'

@@ -8,11 +8,7 @@ DEEPEST = 16
 
 
 def morton_codes(steps: Int[np.ndarray, "n 3"]) -> UInt64[np.ndarray, " n"]:
-    """The bits of the three coordinates in turn: bit 0 of x, y and z, then bit 1, and so on.
-
-    Args:
-        steps: coordinates on the lattice, from 0 to 65,535.
-    """
+    """Interleave the bits of coordinates on the lattice, 0 to 65,535: bit 0 of x, y and z, then bit 1, and so on."""
     codes = np.zeros(len(steps), np.uint64)
     for axis in range(3):
         codes |= _spread(steps[:, axis].astype(np.uint64)) << np.uint64(axis)
@@ -20,16 +16,10 @@ def morton_codes(steps: Int[np.ndarray, "n 3"]) -> UInt64[np.ndarray, " n"]:
 
 
 def parting_levels(codes: UInt64[np.ndarray, " n"], depth: int = DEEPEST) -> Int[np.ndarray, " n"]:
-    """The level of the octree from which on each point is in another cell than the point before it.
+    """Find the level of the octree from which on each point is in another cell than the point before it.
 
-    The number of occupied cells of a level is that of the points that part there or above.
-
-    Args:
-        codes: in ascending order.
-        depth: of the octree.
-
-    Returns:
-        0 for the first point, `depth + 1` for one with the same code as the point before.
+    As many points part at a level or above as it has occupied cells. Codes ascend; the first point has 0, one with the
+    same code as the point before `depth + 1`.
     """
     differing = codes[1:] ^ codes[:-1]
     # 48 bits are exact in float64, whose exponent is their number.
@@ -39,11 +29,9 @@ def parting_levels(codes: UInt64[np.ndarray, " n"], depth: int = DEEPEST) -> Int
 
 
 def octree_bytes(codes: UInt64[np.ndarray, " n"], depth: int) -> UInt8[np.ndarray, " m"]:
-    """The octree breadth first, from the root: a byte for each node, whose bit i says whether there is a child i.
+    """Encode the octree breadth first: a byte for each node, whose bit i says whether there is a child i.
 
-    Args:
-        codes: of different points, in ascending order.
-        depth: of the octree: 3 bits of the codes for each level.
+    Codes, with 3 bits for each level, are of different points and ascend.
     """
     if depth == 0:
         return np.empty(0, np.uint8)
@@ -58,7 +46,7 @@ def octree_bytes(codes: UInt64[np.ndarray, " n"], depth: int) -> UInt8[np.ndarra
 
 
 def _spread(values: UInt64[np.ndarray, " n"]) -> UInt64[np.ndarray, " n"]:
-    """16 bits with two zeros between each and the next."""
+    """Put two zeros between each of 16 bits and the next."""
     for shift, mask in (
         (16, 0x00FF0000FF0000FF),
         (8, 0xF00F00F00F00F00F),

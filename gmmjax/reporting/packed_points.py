@@ -8,20 +8,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8, UInt64
 
-from gmmjax.changes import Changes
+from gmmjax.changes import NAMES, Changes
 from gmmjax.clouds import PointCloud, intensity_field
 from gmmjax.geometry import evenly_chosen
 from gmmjax.pair import Pair, each
 from gmmjax.reporting.camera import initial_camera
-from gmmjax.reporting.framing import shown_range, stretched
 from gmmjax.reporting.octree import DEEPEST, morton_codes, octree_bytes, parting_levels
-from gmmjax.reporting.palette import KIND_COLORS
+from gmmjax.reporting.palette import KIND_COLORS, stretched
+from gmmjax.reporting.quantities import rounded_up
 
 # The label of unchanged points.
 NO_LABEL = 0xFFFF
-SIDES = ("before", "after")
-
-
 # Points of one cloud in a page, at 4 bytes each: with more, a page of large scans is too large for a browser. Unchanged
 # points are left out before those of changes.
 MOST_POINTS = 1_000_000
@@ -45,13 +42,7 @@ class PackedScene(NamedTuple):
 
 
 class Lattice(NamedTuple):
-    """The cube that the octree of both clouds divides.
-
-    Attributes:
-        lower: its lower corner.
-        edge: its length, in the unit of the clouds.
-        depth: of the octree: there are 2 to this power steps along the edge.
-    """
+    """The cube that the octree of both clouds divides: lower corner, edge, and depth, 2**depth steps along the edge."""
 
     lower: Float[np.ndarray, "3"]
     edge: float
@@ -59,36 +50,17 @@ class Lattice(NamedTuple):
 
     @property
     def step(self) -> float:
-        """Between neighbours on the lattice; no point is further from its own than half of it along any axis."""
+        """The distance of neighbours; no point is further from its own than half of it along any axis."""
         return self.edge / 2**self.depth
 
     def codes(self, points: Float[np.ndarray, "n 3"]) -> UInt64[np.ndarray, " n"]:
-        """Of points in the cube."""
+        """Return the Morton codes of points in the cube."""
         steps = np.floor((points - self.lower) / self.step).astype(np.int64)
         return morton_codes(np.clip(steps, 0, 2**self.depth - 1))
 
 
-class _Found(NamedTuple):
-    """What was found of the points of one cloud: the arrays of `Changes`."""
-
-    labels: Int[np.ndarray, " n"]
-    probability: Float[np.ndarray, " n"]
-    unobserved: Bool[np.ndarray, " n"]
-    distance: Float[np.ndarray, " n"] | None
-
-    def chosen(self, order: Int[np.ndarray, " m"]) -> "_Found":
-        """Of some of the points."""
-        return _Found(*(None if values is None else values[order] for values in self))  # type: ignore[arg-type]
-
-
 class _Side(NamedTuple):
-    """One cloud, in the order of the octree.
-
-    Attributes:
-        order: the indices of the points that are packed.
-        codes: of their places on the lattice, all different.
-        spacing: of these points, in the unit of the clouds.
-    """
+    """The points of one cloud that are packed, by index in the order of the octree; places, all different; spacing."""
 
     order: Int[np.ndarray, " n"]
     codes: UInt64[np.ndarray, " n"]
@@ -96,34 +68,22 @@ class _Side(NamedTuple):
 
 
 def packed_scene(clouds: Pair[PointCloud], changes: Changes, most_points: int = MOST_POINTS) -> PackedScene:
-    """The clouds and what changed, for the viewer of the report.
+    """Pack the clouds, in the frame of the before cloud, and what changed, for the viewer of the report.
 
     The same clouds give the same bytes. A point is drawn at most half a step of `scene["quantisation"]` from where it
     is, along each axis; of the points at the same place one is kept, of a change where there is one.
-
-    Args:
-        clouds: in the frame of the before cloud.
-        changes: between them.
-        most_points: of each cloud.
     """
     lower, upper = shown_range(np.concatenate([cloud.points for cloud in clouds]), changes)
     # Coincident points have no extent, but float64 has steps.
     smallest = 2**DEEPEST * float(np.spacing(max(np.abs(lower).max(), np.abs(upper).max())))
     origin, edge = (lower + upper) / 2, max(float((upper - lower).max()), smallest)
     finest = Lattice(origin - edge / 2, edge)
-    found = _found(changes)
-    sides = each(
-        lambda cloud, own: _side(cloud.points, own.labels >= 0, finest, (lower, upper), most_points), clouds, found
-    )
+    labels = Pair(changes.labels_before, changes.labels_after)
+    sides = each(lambda cloud, own: _side(cloud.points, own >= 0, finest, (lower, upper), most_points), clouds, labels)
     lattice = finest._replace(depth=_depth(min(side.spacing for side in sides), edge))
     sides = sides.map(lambda side: _coarsened(side, lattice.depth))
     limit = _distance_limit(changes)
-    planes = each(
-        lambda cloud, side, found: _planes(cloud, found.chosen(side.order), side.order, limit),
-        clouds,
-        sides,
-        found,
-    )
+    planes = each(lambda name, cloud, side: _planes(changes, name, cloud, side.order, limit), NAMES, clouds, sides)
     camera = initial_camera(clouds.after.points if len(clouds.after) else clouds.before.points)
     scene = {
         "origin": origin.tolist(),
@@ -149,7 +109,7 @@ def packed_scene(clouds: Pair[PointCloud], changes: Changes, most_points: int = 
             {
                 "kind": candidate.kind,
                 "reason": candidate.reason,
-                "side": SIDES[candidate.kind == "appeared"],
+                "side": "after" if candidate.kind == "appeared" else "before",
                 **_box_record(candidate, origin),
             }
             for candidate in changes.rejected
@@ -159,6 +119,21 @@ def packed_scene(clouds: Pair[PointCloud], changes: Changes, most_points: int = 
     return PackedScene(scene, each(lambda side, own: _encoded(side.codes, lattice.depth, own), sides, planes))
 
 
+def shown_range(
+    points: Float[np.ndarray, "n 3"], changes: Changes
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Return the corners of the box that the views show: all points but strays, and the boxes of all changes."""
+    # One stray point far out must not shrink the scene to a dot.
+    inner = np.quantile(points, [0.001, 0.999], axis=0)
+    margin = 0.5 * (inner[1] - inner[0]).max()
+    lower, upper = np.maximum(points.min(axis=0), inner[0] - margin), np.minimum(points.max(axis=0), inner[1] + margin)
+    corners = np.concatenate([[lower, upper], *(change.box.corners() for change in changes.items)])
+    lower, upper = corners.min(axis=0), corners.max(axis=0)
+    # A plane along an axis still needs some depth.
+    pad = 0.03 * max(float((upper - lower).max()), float(np.finfo(np.float32).tiny))
+    return lower - pad, upper + pad
+
+
 def _side(
     points: Float[np.ndarray, "n 3"],
     changed: Bool[np.ndarray, " n"],
@@ -166,7 +141,7 @@ def _side(
     shown: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]],
     most_points: int,
 ) -> _Side:
-    """The points in the shown box, thinned out."""
+    """Choose the points in the shown box, thinned out."""
     inside = np.flatnonzero(np.all((points >= shown[0]) & (points <= shown[1]), axis=1))
     codes = lattice.codes(points[inside])
     # Among points of the same place those of changes come first.
@@ -180,7 +155,7 @@ def _side(
 
 
 def _thinned(levels: Int[np.ndarray, " n"], changed: Bool[np.ndarray, " n"], most: int) -> Int[np.ndarray, " m"]:
-    """At most so many points: those of changes, then one for each cell of the octree, then others at random."""
+    """Choose at most so many points: those of changes, then one for each cell of the octree, then others at random."""
     if len(levels) <= most:
         return np.arange(len(levels))
     changes = np.flatnonzero(changed)
@@ -196,7 +171,7 @@ def _thinned(levels: Int[np.ndarray, " n"], changed: Bool[np.ndarray, " n"], mos
 
 
 def _spacing(levels: Int[np.ndarray, " n"], edge: float) -> float:
-    """The spacing of points on surfaces, by how many cells they occupy that are so large that most have several."""
+    """Estimate the spacing of points on surfaces, by the occupied cells that are so large that most have several."""
     if not len(levels):
         return edge
     cells = np.cumsum(np.bincount(levels, minlength=DEEPEST + 1))
@@ -205,19 +180,19 @@ def _spacing(levels: Int[np.ndarray, " n"], edge: float) -> float:
 
 
 def _depth(spacing: float, edge: float) -> int:
-    """Depth of the octree whose steps are an eighth of the spacing: no lattice is seen among neighbouring points."""
+    """Return the depth of the octree whose steps are an eighth of the spacing: no lattice is seen among neighbours."""
     return int(np.clip(math.ceil(math.log2(edge / spacing)) + 3, 1, DEEPEST))
 
 
 def _coarsened(side: _Side, depth: int) -> _Side:
-    """The points on the lattice of this depth: of those that now share a place the first is kept."""
+    """Move the points to the lattice of this depth: of those that now share a place the first is kept."""
     codes = side.codes >> np.uint64(3 * (DEEPEST - depth))
     first = parting_levels(codes, depth) <= depth
     return side._replace(order=side.order[first], codes=codes[first])
 
 
 def _distance_limit(changes: Changes) -> float | None:
-    """Where the scale of the distances ends: 1, 2 or 5 times a power of ten, for its legend."""
+    """Return where the scale of the distances ends: 1, 2 or 5 times a power of ten, for its legend."""
     measured = [values for values in (changes.distance_before, changes.distance_after) if values is not None]
     distances = np.abs(np.concatenate(measured)) if measured else np.empty(0)
     distances = distances[np.isfinite(distances)]
@@ -225,44 +200,36 @@ def _distance_limit(changes: Changes) -> float | None:
         return None
     # A single stray distance would make all others the colour of none.
     share = max(float(np.quantile(distances, 0.99)), float(np.finfo(np.float32).tiny))
-    power = 10.0 ** math.floor(math.log10(share))
-    return next(factor * power for factor in (1, 2, 5, 10, 20) if factor * power >= share)
-
-
-def _found(changes: Changes) -> Pair[_Found]:
-    return Pair(
-        _Found(changes.labels_before, changes.probability_before, changes.unobserved_before, changes.distance_before),
-        _Found(changes.labels_after, changes.probability_after, changes.unobserved_after, changes.distance_after),
-    )
+    return rounded_up(share)
 
 
 def _planes(
-    cloud: PointCloud, found: _Found, order: Int[np.ndarray, " n"], limit: float | None
+    changes: Changes, name: str, cloud: PointCloud, order: Int[np.ndarray, " n"], limit: float | None
 ) -> dict[str, UInt8[np.ndarray, " n"]]:
-    """The attributes of the chosen points, a byte each."""
-    labels = np.where(found.labels < 0, NO_LABEL, np.minimum(found.labels, NO_LABEL - 1)).astype(np.uint16)
+    """Encode the attributes of the chosen points of the cloud of this name, a byte each."""
+    labels = getattr(changes, f"labels_{name}")[order]
+    labels = np.where(labels < 0, NO_LABEL, np.minimum(labels, NO_LABEL - 1)).astype(np.uint16)
+    probability = getattr(changes, f"probability_{name}")[order]
     planes = {
         "labelLow": (labels & 0xFF).astype(np.uint8),
         "labelHigh": (labels >> 8).astype(np.uint8),
-        "unobserved": found.unobserved.astype(np.uint8),
-        "probability": np.rint(found.probability * (PROBABILITY_LEVELS - 1)).astype(np.uint8),
+        "unobserved": getattr(changes, f"unobserved_{name}")[order].astype(np.uint8),
+        "probability": np.rint(probability * (PROBABILITY_LEVELS - 1)).astype(np.uint8),
     }
-    if found.distance is not None and limit is not None:
-        planes["distance"] = _distance_bytes(found.distance / limit)
-    values = _scan_values(cloud)
-    if values is not None:
-        planes |= _color_planes(values, order)
-    return planes
+    distance, values = getattr(changes, f"distance_{name}"), _scan_values(cloud)
+    if distance is not None and limit is not None:
+        planes["distance"] = _distance_bytes(distance[order] / limit)
+    return planes if values is None else planes | _color_planes(values, order)
 
 
 def _distance_bytes(shares: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
-    """From 1 for minus the limit to `DISTANCE_LEVELS` for the limit; 0 where nothing was measured."""
+    """Map minus the limit to 1, and the limit to `DISTANCE_LEVELS`; 0 where nothing was measured."""
     numbers = 1 + (DISTANCE_LEVELS - 1) * (np.clip(np.nan_to_num(shares), -1, 1) + 1) / 2
     return np.where(np.isnan(shares), 0, np.rint(numbers)).astype(np.uint8)
 
 
 def _scan_values(cloud: PointCloud) -> np.ndarray | None:
-    """The cloud's own colours, else its intensity; None without them, and where all points have the same."""
+    """Return the cloud's own colours, else its intensity; None without them, and where all points have the same."""
     values, name = cloud.colors, intensity_field(cloud.fields)
     if values is None and name is not None:
         values = cloud.fields[name]
@@ -271,7 +238,7 @@ def _scan_values(cloud: PointCloud) -> np.ndarray | None:
 
 
 def _color_planes(values: np.ndarray, order: Int[np.ndarray, " n"]) -> dict[str, UInt8[np.ndarray, " n"]]:
-    """Brightness and, of colours, two differences; each point's from the point before, as neighbours are alike."""
+    """Encode brightness and, of colours, two differences; each from the point before, as neighbours are alike."""
     if values.ndim == 1:
         grey = np.nan_to_num(values[order].astype(np.float64))
         brightness = np.rint(stretched(grey) * 255).astype(np.int16)
@@ -285,7 +252,7 @@ def _color_planes(values: np.ndarray, order: Int[np.ndarray, " n"]) -> dict[str,
 
 
 def _differences(values: Int[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
-    """From each value's predecessor, modulo 256."""
+    """Subtract each value's predecessor, modulo 256."""
     return np.diff(values, prepend=values.dtype.type(0)).astype(np.uint8)
 
 
@@ -303,7 +270,7 @@ def _change_records(changes: Changes, origin: Float[np.ndarray, "3"]) -> list[di
     return [
         {
             "label": label,
-            "side": SIDES[label not in of_before],
+            "side": "before" if label in of_before else "after",
             "kind": change.kind,
             "probability": change.probability,
             **_box_record(change, origin),
@@ -317,9 +284,9 @@ def _change_records(changes: Changes, origin: Float[np.ndarray, "3"]) -> list[di
 
 
 def _station_records(changes: Changes, origin: Float[np.ndarray, "3"]) -> list[dict[str, Any]]:
-    """Where the sensors stood, as far as that was recognised, in the frame of the before cloud."""
+    """List where the sensors stood, as far as that was recognised, in the frame of the before cloud."""
     records = []
-    for side, positions in zip(SIDES, changes.recognised_stations(), strict=True):
+    for side, positions in zip(NAMES, changes.recognised_stations(), strict=True):
         own = changes.registration.apply(positions) if side == "after" else positions
         for number, position in enumerate(own - origin, 1):
             records.append({"side": side, "number": number, "position": position.tolist()})
@@ -331,7 +298,7 @@ def _box_record(item: Any, origin: Float[np.ndarray, "3"]) -> dict[str, Any]:
 
 
 def _about(transform: Float[np.ndarray, "4 4"], origin: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
-    """The same rigid motion, of coordinates relative to the origin."""
+    """Return the same rigid motion, of coordinates relative to the origin."""
     moved = transform.copy()
     moved[:3, 3] += transform[:3, :3] @ origin - origin
     return moved

@@ -1,10 +1,11 @@
-"""What the HTML pages are made of: their head, assets of the package, and data that scripts read."""
+"""What the HTML pages share: one skeleton, the assets of the package, and data that scripts read."""
 
 import json
 from html import escape
 from importlib.resources import files
 from typing import Any
 
+from gmmjax import __version__
 from gmmjax.reporting.palette import KIND_COLORS
 
 # The browser itself then refuses to load anything from anywhere.
@@ -13,12 +14,14 @@ CONTENT_POLICY = (
 )
 
 
-def page_head(title: str, *sheets: str, policy: str = CONTENT_POLICY) -> str:
-    """Begin a page, up to the end of its head, with the styles that all pages share and the colours of the kinds.
+def page(title: str, sheet: str, main: str, rest: str, *, policy: str = CONTENT_POLICY) -> str:
+    """Make a page with the styles that all pages share, the colours of the kinds, and the version at its end.
 
     Args:
         title: of the page, as text.
-        sheets: styles of this page alone.
+        sheet: name of the asset with the styles of this page alone.
+        main: HTML of what it shows.
+        rest: HTML that follows, such as scripts.
         policy: what the browser may load.
     """
     kinds = " ".join(f"--{kind}: {color};" for kind, color in KIND_COLORS.items())
@@ -31,16 +34,30 @@ def page_head(title: str, *sheets: str, policy: str = CONTENT_POLICY) -> str:
 <meta name="color-scheme" content="light dark">
 <title>{escape(title)} · gmmjax</title>
 <style>:root {{ {kinds} }}
-{asset("base.css")}{"".join(sheets)}</style>
+{asset("base.css")}{asset(sheet)}</style>
 </head>
+<body>
+<main>
+{main}
+<footer>gmmjax {escape(__version__)}</footer>
+</main>
+{rest}
+</body>
+</html>
 """
 
 
-def asset(name: str, package: str = "gmmjax.reporting") -> str:
-    """The text of a file in the folder `assets/` of a package."""
-    return files(package).joinpath("assets", name).read_text(encoding="utf-8")
+def asset(name: str) -> str:
+    """Return the text of a file in the folder `assets/`."""
+    return files("gmmjax.reporting").joinpath("assets", name).read_text(encoding="utf-8")
 
 
-def script_json(content: Any) -> str:
-    """JSON that cannot end the script element that it stands in."""
-    return json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+def script(name: str) -> str:
+    """Return a script element with an asset."""
+    return f"<script>{asset(name)}</script>"
+
+
+def script_json(name: str, content: Any) -> str:
+    """Return a script element of JSON, which cannot end it."""
+    text = json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    return f'<script type="application/json" id="{name}">{text}</script>'

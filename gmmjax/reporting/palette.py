@@ -1,4 +1,4 @@
-"""Colours of the kinds of change: Okabe and Ito's, which colour-blind readers can tell apart."""
+"""Colours of the kinds of change, Okabe and Ito's, which colour-blind readers can tell apart, and of scans."""
 
 from collections.abc import Mapping
 
@@ -12,17 +12,15 @@ UNCHANGED_COLOR = (150, 152, 156)
 
 
 def color_bytes(color: str) -> tuple[int, int, int]:
-    """Red, green and blue of "#rrggbb"."""
+    """Return red, green and blue of "#rrggbb"."""
     red, green, blue = bytes.fromhex(color.removeprefix("#"))
     return red, green, blue
 
 
 def point_colors(kinds: UInt8[np.ndarray, " n"], colors: UInt8[np.ndarray, "n 3"] | None) -> UInt8[np.ndarray, "n 3"]:
-    """A colour for each point of a cloud: that of its kind of change, or its own, half way to grey, where unchanged.
+    """Colour each point of a cloud by its kind of change, or its own colour, half way to grey, where unchanged.
 
-    Args:
-        kinds: per point 0 where unchanged, else 1 and the index of the kind in `KIND_COLORS`.
-        colors: the scan's own colours; None where it has none.
+    Kinds are 0 where unchanged, else 1 and the index of the kind in `KIND_COLORS`.
     """
     grey = np.array(UNCHANGED_COLOR, np.uint8)
     result = np.tile(grey, (len(kinds), 1)) if colors is None else greyed(colors)
@@ -33,13 +31,22 @@ def point_colors(kinds: UInt8[np.ndarray, " n"], colors: UInt8[np.ndarray, "n 3"
 
 
 def luminance(colors: UInt8[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """How bright colours look, 0 to 1 (Rec. 601)."""
+    """Return how bright colours look, 0 to 1 (Rec. 601)."""
     weights = np.array([0.299, 0.587, 0.114]) / 255
     brightness: Float[np.ndarray, " n"] = colors @ weights
     return brightness
 
 
 def greyed(colors: UInt8[np.ndarray, "n 3"]) -> UInt8[np.ndarray, "n 3"]:
-    """Colours of unchanged points, half way to grey, so that those of the kinds stand out."""
+    """Mix colours of unchanged points with grey, half and half, so that those of the kinds stand out."""
     mixed = 0.5 * colors + 0.5 * np.array(UNCHANGED_COLOR)
     return np.rint(mixed).astype(np.uint8)
+
+
+def stretched(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Map values to 0 to 1, the lowest and highest hundredths cut off."""
+    lowest, highest = np.quantile(values, [0.01, 0.99]) if len(values) else (0.0, 0.0)
+    if highest <= lowest:
+        return np.full(len(values), 0.5)
+    stretched: Float[np.ndarray, " n"] = np.clip((values - lowest) / (highest - lowest), 0, 1)
+    return stretched

@@ -11,14 +11,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import binary_closing, binary_dilation, binary_fill_holes, distance_transform_edt
 
-from gmmjax.changes import Changes, Kind
+from gmmjax.changes import NAMES, Changes, Kind, presented
 from gmmjax.clouds import PointCloud, atomic_write
 from gmmjax.geometry import evenly_chosen
 from gmmjax.pair import Pair, each
 from gmmjax.reporting.camera import HALF_HEIGHT, PlotCamera, initial_camera
-from gmmjax.reporting.framing import stretched
-from gmmjax.reporting.labelled_cloud import check_point_counts
-from gmmjax.reporting.palette import KIND_COLORS, color_bytes, luminance
+from gmmjax.reporting.palette import KIND_COLORS, color_bytes, luminance, stretched
 from gmmjax.reporting.splats import Projected, depth_steps, enclosed, nearest_points, square_edge, thinned
 
 # Points of each cloud that the camera is chosen by: enough to see a post in front of the change.
@@ -45,7 +43,7 @@ class PictureSettings:
     max_points: int = 80_000
 
     def square(self, points: int) -> int:
-        """Edge of the square of a point, pixels: so large that the squares cover the picture two and a half times."""
+        """Return the edge of the square of a point, pixels: together they cover the picture two and a half times."""
         return square_edge(points, 2.5 * self.width * self.height, largest=9)
 
 
@@ -53,14 +51,7 @@ THUMBNAIL = PictureSettings(width=320, height=240, max_points=16_000)
 
 
 class _Side(NamedTuple):
-    """Points of one cloud in the frame of the before cloud.
-
-    Attributes:
-        points: coordinates.
-        colors: of the scan, or greys by height.
-        labels: per point -1 or the index of its change.
-        sensors: where the sensor stood; no rows where that is not known.
-    """
+    """Points of one cloud in the frame of the before cloud, their colours or greys, and places of the sensor."""
 
     points: Float[np.ndarray, "n 3"]
     colors: UInt8[np.ndarray, "n 3"]
@@ -68,22 +59,19 @@ class _Side(NamedTuple):
     sensors: Float[np.ndarray, "v 3"]
 
     def chosen(self, rows: Int[np.ndarray, " m"]) -> "_Side":
-        """Some of the points."""
+        """Return some of the points."""
         return _Side(self.points[rows], self.colors[rows], self.labels[rows], self.sensors)
 
     def thinned(self, changed: Bool[np.ndarray, " n"], most: int) -> "_Side":
-        """At most this number of the changed points, and of the others."""
+        """Keep at most this number of the changed points, and of the others."""
         return self.chosen(np.concatenate([thinned(np.flatnonzero(own), most) for own in (changed, ~changed)]))
 
 
 class _Target(NamedTuple):
-    """What a close-up is of.
+    """The changes that a close-up is of, all of one kind.
 
     Attributes:
-        labels: of the changes that are tinted.
-        kind: whose colour they have.
-        centre: in the middle of the picture.
-        points: some of their points, relative to the centre; those that lie far out are left out.
+        points: some of theirs, relative to the centre, without those that lie far out.
         radius: of the sphere about the centre that holds these points.
     """
 
@@ -95,13 +83,7 @@ class _Target(NamedTuple):
 
     @classmethod
     def of(cls, changes: Changes, labels: tuple[int, ...], points: Float[np.ndarray, "n 3"]) -> "_Target":
-        """The changes with these labels together.
-
-        Args:
-            changes: what was found.
-            labels: of the object.
-            points: of it, in both clouds; where there are none, as of a record made by hand, its box is shown.
-        """
+        """Gather changes with points of theirs in both clouds; without, as of a record made by hand, by their boxes."""
         if not len(points):
             points = np.concatenate([changes[label].box.corners() for label in labels])
         lower, upper = np.quantile(points, [0.02, 0.98], axis=0)
@@ -114,7 +96,7 @@ class _Target(NamedTuple):
         return cls(labels, changes[labels[0]].kind, centre, (points - centre)[inner], radius)
 
     def among(self, side: _Side) -> Bool[np.ndarray, " n"]:
-        """Which points of a cloud are its own."""
+        """Tell which points of a cloud are its own."""
         return np.isin(side.labels, self.labels)
 
 
@@ -128,13 +110,7 @@ class Pictures:
     def __init__(
         self, clouds: Pair[PointCloud], changes: Changes, settings: PictureSettings = PictureSettings()
     ) -> None:
-        """Prepares the clouds.
-
-        Args:
-            clouds: that the changes were found in, the after cloud as given.
-            changes: what was found.
-            settings: size of the pictures.
-        """
+        """Prepare the clouds that the changes were found in, the after cloud as given."""
         self._changes, self._settings = changes, settings
         self.directions: dict[int, np.ndarray] = {}
         self._camera = initial_camera(changes.registration.apply(clouds.after.points))
@@ -142,11 +118,7 @@ class Pictures:
         self._sides = each(self._side, clouds, labels, Pair(False, True))
 
     def close_ups(self, labels: tuple[int, ...]) -> Pair[bytes]:
-        """One object before and after, from one camera, its points tinted and outlined.
-
-        Args:
-            labels: of its change, or of both changes of a moved object.
-        """
+        """Draw one object, given by its labels, before and after, from one camera, its points tinted and outlined."""
         own = [np.flatnonzero(np.isin(side.labels, labels)) for side in self._sides]
         few = [side.points[thinned(rows, JUDGED_POINTS)] for side, rows in zip(self._sides, own, strict=True)]
         target = _Target.of(self._changes, labels, np.concatenate(few))
@@ -159,13 +131,13 @@ class Pictures:
         views = near.map(lambda side: _seen(side.points, camera, target.centre, distance, self._settings))
         drawn = each(lambda side, view: _drawn(side, view, target, self._settings), near, views)
         # Where the change was or will be is outlined in either picture.
-        outline = _outline(drawn.before.changed | drawn.after.changed)
+        outline = _outline(drawn.before[1] | drawn.after[1])
         for pixels, _ in drawn:
             pixels[outline] = *color_bytes(KIND_COLORS[target.kind]), 255
-        return drawn.map(lambda one: _webp(one.pixels))
+        return drawn.map(lambda one: _webp(one[0]))
 
     def overview(self) -> Pair[bytes]:
-        """Both clouds as a whole, from one camera.
+        """Draw both clouds as a whole, from one camera.
 
         Changed points have the colour of their kind and a white outline, and are drawn over everything else, so that a
         small change, or one behind a wall, is seen.
@@ -184,7 +156,7 @@ class Pictures:
         size = self._settings.height, self._settings.width
         view = _seen(side.points, self._camera, centre, distance, self._settings)
         changed = side.labels >= 0
-        pixels = _drawn(side.chosen(np.flatnonzero(~changed)), view.chosen(~changed), None, self._settings).pixels
+        pixels = _drawn(side.chosen(np.flatnonzero(~changed)), view.chosen(~changed), None, self._settings)[0]
         # A single changed point is six pixels wide with its outline of one and a half: less is easily missed.
         pixels[nearest_points(view.chosen(changed), 9, *size) >= 0] = 255
         nearest = nearest_points(view.chosen(changed), 6, *size)
@@ -209,7 +181,7 @@ class Pictures:
 
 
 def write_thumbnails(folder: Path, clouds: Pair[PointCloud], changes: Changes) -> None:
-    """Writes `before.webp` and `after.webp`, see `Pictures.overview`. The same input gives the same bytes.
+    """Write `before.webp` and `after.webp`, see `Pictures.overview`. The same input gives the same bytes.
 
     Args:
         folder: where to; it must be there.
@@ -219,19 +191,19 @@ def write_thumbnails(folder: Path, clouds: Pair[PointCloud], changes: Changes) -
     Raises:
         InputError: clouds that are not those of the changes, or a folder that cannot be written.
     """
-    check_point_counts(clouds.before, clouds.after, changes)
-    for side, content in zip(("before", "after"), Pictures(clouds, changes, THUMBNAIL).overview(), strict=True):
+    shown = presented(changes, *clouds)
+    for side, content in zip(NAMES, Pictures(shown.clouds, shown.changes, THUMBNAIL).overview(), strict=True):
         with atomic_write(folder / f"{side}.webp") as file:
             file.write(content)
 
 
 def data_uri(picture: bytes) -> str:
-    """A picture as the address of an image of a page."""
+    """Return a picture as the address of an image of a page."""
     return "data:image/webp;base64," + base64.b64encode(picture).decode("ascii")
 
 
 def _around(side: _Side, target: _Target) -> _Side:
-    """The points in a sphere about the change, twice as large as the picture."""
+    """Choose the points in a sphere about the change, twice as large as the picture."""
     reach = 2 * SURROUNDINGS * target.radius
     ends = np.searchsorted(side.points[:, 0], [target.centre[0] - reach, target.centre[0] + reach])
     within = np.arange(*ends)
@@ -239,13 +211,15 @@ def _around(side: _Side, target: _Target) -> _Side:
 
 
 def _chosen_camera(near: Pair[_Side], target: _Target, first: PlotCamera) -> PlotCamera:
-    """The direction in which the least stands in front of the change, and that its sensor looked from."""
+    """Choose the direction in which the least stands in front of the change, and that its sensor looked from."""
     cameras = _cameras(first)
     directions = np.stack([camera.towards_eye for camera in cameras])
     cost = 0.05 * (1 - directions @ first.towards_eye)
     for side in near:
-        cost += [_blocked_fraction(side, target, camera) for camera in cameras]
-        if target.among(side).any() and len(side.sensors):
+        own = int(target.among(side).sum())
+        blocked = np.array([_blocked(side, target, camera).sum() for camera in cameras])
+        cost += blocked / np.maximum(blocked + own, 1)
+        if own and len(side.sensors):
             sensors = side.sensors - target.centre
             lengths = np.maximum(np.linalg.norm(sensors, axis=1, keepdims=True), 1e-12)
             # The side of a thing that was never scanned is half as bad as one that is hidden.
@@ -254,27 +228,17 @@ def _chosen_camera(near: Pair[_Side], target: _Target, first: PlotCamera) -> Plo
 
 
 def _cameras(first: PlotCamera) -> Sequence[PlotCamera]:
-    """Twelve around the vertical, 32 degrees above the horizon, from where the page looks from at first."""
+    """Place twelve cameras around the vertical, 32 degrees above the horizon, beginning where the page looks from."""
     across, _, _ = first.axes
     level = np.cross(across, first.up)
     height = np.radians(32.0)
     turns = 2 * np.pi * np.arange(12) / 12
-    return [
-        PlotCamera(
-            np.cos(height) * (np.cos(turn) * level + np.sin(turn) * across) + np.sin(height) * first.up, first.up
-        )
-        for turn in turns
-    ]
-
-
-def _blocked_fraction(side: _Side, target: _Target, camera: PlotCamera) -> float:
-    """How much of what is seen in the direction of the change stands in front of it."""
-    blocked = int(_blocked(side, target, camera).sum())
-    return blocked / max(blocked + int(target.among(side).sum()), 1)
+    directions = (np.cos(turn) * level + np.sin(turn) * across for turn in turns)
+    return [PlotCamera(np.cos(height) * own + np.sin(height) * first.up, first.up) for own in directions]
 
 
 def _blocked(side: _Side, target: _Target, camera: PlotCamera) -> Bool[np.ndarray, " n"]:
-    """The points between the eye and the change: in line with it, nearer than its box, and higher than the ground."""
+    """Find the points between eye and change: in line with it, nearer than its box, and higher than the ground."""
     towards, up = camera.towards_eye, camera.up
     front, base = (target.points @ towards).max(), (target.points @ up).min()
     relative = side.points - target.centre
@@ -286,7 +250,7 @@ def _blocked(side: _Side, target: _Target, camera: PlotCamera) -> Bool[np.ndarra
 
 
 def _visible(side: _Side, target: _Target, camera: PlotCamera, distance: float, settings: PictureSettings) -> _Side:
-    """The points in the picture that do not stand in front of the change, not too many of them."""
+    """Choose the points in the picture that do not stand in front of the change, not too many of them."""
     seen = _seen(side.points, camera, target.centre, distance, settings)
     inside = (np.abs(seen.column / settings.width - 0.5) < 0.52) & (np.abs(seen.row / settings.height - 0.5) < 0.52)
     inside &= (seen.depth > 0) & ~_blocked(side, target, camera)
@@ -301,7 +265,7 @@ def _seen(
     distance: float,
     settings: PictureSettings,
 ) -> Projected:
-    """Where points are in the picture."""
+    """Project points into the picture."""
     across, upwards, towards_eye = ((points - centre) @ camera.axes.T).T
     depth = distance - towards_eye
     # Points behind the eye are not drawn; the limit keeps the scale of those beside it finite.
@@ -309,20 +273,10 @@ def _seen(
     return Projected(settings.width / 2 + scale * across, settings.height / 2 - scale * upwards, depth)
 
 
-class _Drawing(NamedTuple):
-    """A picture without its outline.
-
-    Attributes:
-        pixels: red, green, blue and opacity.
-        changed: where points of the target are seen.
-    """
-
-    pixels: UInt8[np.ndarray, "h w 4"]
-    changed: Bool[np.ndarray, "h w"]
-
-
-def _drawn(side: _Side, view: Projected, target: _Target | None, settings: PictureSettings) -> _Drawing:
-    """The points, shaded by steps of depth, those of the target tinted."""
+def _drawn(
+    side: _Side, view: Projected, target: _Target | None, settings: PictureSettings
+) -> tuple[UInt8[np.ndarray, "h w 4"], Bool[np.ndarray, "h w"]]:
+    """Draw the points, shaded by steps of depth, those of the target tinted; return where these are seen, too."""
     nearest = _nearest(view, settings)
     covered = nearest >= 0
     points = nearest[covered]
@@ -338,11 +292,11 @@ def _drawn(side: _Side, view: Projected, target: _Target | None, settings: Pictu
     pixels = np.zeros((*nearest.shape, 4), np.uint8)
     pixels[covered, :3] = np.rint(colors * shade[:, None]).astype(np.uint8)
     pixels[covered, 3] = 255
-    return _Drawing(pixels, changed)
+    return pixels, changed
 
 
 def _nearest(view: Projected, settings: PictureSettings) -> Int[np.ndarray, "h w"]:
-    """The index of the point at each pixel, -1 where there is none; narrow gaps are closed."""
+    """Find the point at each pixel, -1 where there is none; narrow gaps are closed."""
     inside = (view.column >= 0) & (view.column < settings.width) & (view.row >= 0) & (view.row < settings.height)
     nearest = nearest_points(view, settings.square(int(inside.sum())), settings.height, settings.width)
     covered = nearest >= 0
@@ -353,7 +307,7 @@ def _nearest(view: Projected, settings: PictureSettings) -> Int[np.ndarray, "h w
 
 
 def _outline(changed: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
-    """A line around where changed points are seen, but for gaps of up to 12 pixels between them."""
+    """Draw a line around where changed points are seen, but for gaps of up to 12 pixels between them."""
     square, closed = np.ones((3, 3)), 6
     margin = closed + OUTLINE
     padded = binary_fill_holes(binary_closing(np.pad(changed, margin), square, closed))

@@ -8,6 +8,8 @@ from jaxtyping import Float
 
 from gmmjax.batch import ObjectEvent, ObjectHistory
 from gmmjax.changes import Box
+from gmmjax.geometry import hull_corners
+from gmmjax.reporting.quantities import rounded_down
 
 # Pixels: the plan fits beside the time line, and a corridor along y is no page of its own.
 WIDTH, HIGHEST = 440, 560
@@ -17,7 +19,7 @@ MARGIN = 26.0
 
 @dataclasses.dataclass(frozen=True)
 class _Scale:
-    """From coordinates to pixels, y upwards."""
+    """Map coordinates to pixels, y upwards."""
 
     lower: Float[np.ndarray, "2"]
     pixels: float
@@ -29,11 +31,7 @@ class _Scale:
 
 
 def plan_svg(histories: Sequence[ObjectHistory]) -> str:
-    """The plan of objects of one frame, along z with x to the right.
-
-    Args:
-        histories: at least one.
-    """
+    """Draw the plan of objects of one frame, at least one, along z with x to the right."""
     boxes = [box for history in histories for event in history.events for box in (event.box, event.origin) if box]
     corners = np.concatenate([box.corners()[:, :2] for box in boxes])
     lower, upper = corners.min(axis=0), corners.max(axis=0)
@@ -63,12 +61,10 @@ def _object(history: ObjectHistory, scale: _Scale) -> str:
 
 
 def _numbers(histories: Sequence[ObjectHistory], scale: _Scale, apart: bool) -> str:
-    """The number of each object in its last box, or above the head of its arrow.
+    """Write the number of each object in its last box, or above the head of its arrow.
 
-    Args:
-        histories: of the objects.
-        scale: of the drawing.
-        apart: numbers that would cover one before, as where an object came to the place of another, are moved down.
+    Numbers that are to be `apart` are moved down where they would cover one before, as where an object came to the
+    place of another.
     """
     drawn: list[tuple[float, float, int]] = []
     for history in histories:
@@ -97,35 +93,12 @@ def _path(origin: Box, box: Box, scale: _Scale) -> str:
 
 
 def _outline(box: Box, scale: _Scale) -> str:
-    return " ".join(f"{x:.1f},{y:.1f}" for x, y in scale.places(_hull(box.corners()[:, :2])))
-
-
-def _hull(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
-    """The corners of the convex hull (Andrew 1979), also of points on a line."""
-    ordered = np.unique(points, axis=0)
-    return np.array([*_half_hull(ordered), *_half_hull(ordered[::-1])])
-
-
-def _half_hull(points: Float[np.ndarray, "n 2"]) -> list[np.ndarray]:
-    """The points of one side, without the last one."""
-    side: list[np.ndarray] = []
-    for point in points:
-        while len(side) > 1 and _turn(side[-2], side[-1], point) <= 0:
-            side.pop()
-        side.append(point)
-    return side[:-1] if len(side) > 1 else side
-
-
-def _turn(first: np.ndarray, second: np.ndarray, third: np.ndarray) -> float:
-    along, on = second - first, third - first
-    return float(along[0] * on[1] - along[1] * on[0])
+    return " ".join(f"{x:.1f},{y:.1f}" for x, y in hull_corners(scale.places(box.corners()[:, :2])))
 
 
 def _scale_bar(scale: _Scale) -> str:
-    """A bar of a round length beneath the plan, at most a fifth of the width."""
-    longest = WIDTH / 5 / scale.pixels
-    decade = 10.0 ** np.floor(np.log10(longest))
-    length = decade * max(step for step in (1, 2, 5) if step * decade <= longest)
+    """Draw a bar of a round length beneath the plan, at most a fifth of the width."""
+    length = rounded_down(WIDTH / 5 / scale.pixels)
     x, y = MARGIN, scale.height + 4
     end = x + length * scale.pixels
     return (

@@ -16,7 +16,6 @@ from gmmjax.reporting.html_report import report_html
 from gmmjax.reporting.labelled_cloud import (
     ENDINGS,
     LabelledCloud,
-    check_point_counts,
     labelled_clouds,
     labelled_files,
     write_scans,
@@ -47,22 +46,13 @@ RESULT = FolderKind("result", CHANGES_FILE, "changes", OTHERS, folders=(*NAMES,)
 
 
 def result_files(folder: Path) -> dict[str, str]:
-    """The files of a result that are there, with what they are; the folder of the scans of a survey ends with "/".
-
-    Args:
-        folder: that `write_result` wrote.
-    """
+    """List the files of a result that are there, with what they are; folders of the scans of a survey end with "/"."""
     there = {name: (folder / name).is_dir() if name in FOLDERS else (folder / name).is_file() for name in DESCRIPTIONS}
     return {name: text for name, text in DESCRIPTIONS.items() if there[name]}
 
 
 def check_result_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-    """Whether `write_result` could write there; called before a long computation.
-
-    Raises:
-        InputError: the folder is a file, holds something else, holds a result and not `overwrite`, or cannot be
-            written.
-    """
+    """Raise an InputError unless `write_result` could write there, before a long computation."""
     check_output_folder(folder, RESULT, overwrite=overwrite)
 
 
@@ -75,7 +65,7 @@ def write_result(
     transform_after: bool = False,
     overwrite: bool = False,
 ) -> Path:
-    """Writes all outputs of a detection, or none.
+    """Write all outputs of a detection, or none.
 
     Results are in the frame of the before cloud. Both scans keep the coordinates that they came with.
 
@@ -101,7 +91,6 @@ def write_result(
     Warns:
         InputWarning: the file of a scan was changed since it was read; it is written as PLY.
     """
-    check_point_counts(before, after, changes)
     with output_folder(folder, RESULT, overwrite=overwrite) as staging:
         write_result_files(staging, before, after, changes, transform_after=transform_after)
     return Path(folder)
@@ -115,20 +104,17 @@ def write_tiled_result(
     transform_after: bool = False,
     overwrite: bool = False,
 ) -> Path:
-    """Writes all outputs of a detection in tiles, or none: the files of `write_result`.
+    """Write the files of `write_result` for a detection in tiles, or none.
 
     The scans are read again, and written some points at a time. The report shows the points that were compared in the
     end: fine where something looks changed, and coarse elsewhere.
 
     Args:
-        folder: is made where needed; may be empty.
+        folder: as of `write_result`.
         surveys: the files that the changes were found in.
         found: what was found.
         transform_after: as of `write_result`.
-        overwrite: replace a previous result.
-
-    Returns:
-        The folder.
+        overwrite: as of `write_result`.
 
     Raises:
         InputError: the folder or a file cannot be written, or a scan was changed since it was read; the folder is then
@@ -147,25 +133,14 @@ def write_tiled_result(
 def write_result_files(
     folder: Path, before: PointCloud, after: PointCloud, changes: Changes, *, transform_after: bool = False
 ) -> None:
-    """Writes the files of `write_result` into a folder that is there.
-
-    Args:
-        folder: to write to.
-        before: the before cloud that the changes were found in.
-        after: the after cloud, as given.
-        changes: what was found.
-        transform_after: as of `write_result`.
-
-    Raises:
-        InputError, OSError: a file cannot be written.
-    """
-    labelled = labelled_clouds(Pair(before, after), changes, _transform(changes) if transform_after else None)
+    """Write the files of `write_result` into a folder that is there; InputError or OSError where that fails."""
     clouds, shown = presented(changes, before, after)
+    labelled = labelled_clouds(Pair(before, after), changes, _transform(changes) if transform_after else None)
     _write_files(folder, changes, shown, clouds, labelled.map(lambda own: own.by_file()))
 
 
 def _transform(changes: Changes) -> np.ndarray | None:
-    """Takes the after scan into the frame of the before scan; None: it is in it."""
+    """Return what takes the after scan into the frame of the before scan; None: it is in it."""
     return changes.registration.transform if changes.registration.applied else None
 
 
@@ -176,7 +151,7 @@ def _write_files(
     clouds: Pair[PointCloud],
     scans: Pair[list[LabelledCloud]],
 ) -> None:
-    """Writes the record, the scans with what was found of them, and a report of the clouds that are shown."""
+    """Write the record, the scans with what was found of them, and a report of the clouds that are shown."""
     changes.save(folder)
     write_table(folder / TABLE_FILE, changes)
     write_map(folder / MAP_FILE, changes)
@@ -188,6 +163,6 @@ def _write_files(
 
 
 def _portable(config: DetectionConfig) -> dict[str, Any]:
-    """The settings by name; the path is one that does not depend on the folder that it is used from."""
+    """Return the settings by name, with a path that does not depend on the folder that it is used from."""
     settings = config.to_dict()
     return settings if config.verdict is None else {**settings, "verdict": str(Path(config.verdict).resolve())}

@@ -7,25 +7,19 @@ from jaxtyping import Bool, Float, Float32, Int, Int32
 
 
 class Projected(NamedTuple):
-    """Points as a camera sees them.
-
-    Attributes:
-        column: pixels from the left edge of the picture.
-        row: pixels from its upper edge.
-        depth: distance along the line of sight; positive in front of the eye.
-    """
+    """Points as a camera sees them: pixels from the left and the upper edge; depth is positive in front of the eye."""
 
     column: Float[np.ndarray, " n"]
     row: Float[np.ndarray, " n"]
     depth: Float[np.ndarray, " n"]
 
     def chosen(self, chosen: Bool[np.ndarray, " n"]) -> "Projected":
-        """Some of the points."""
+        """Return some of the points."""
         return Projected(*(values[chosen] for values in self))
 
 
 def thinned(rows: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " m"]:
-    """At most this number of rows: one, at random, of each of as many equal parts; the same ones each time.
+    """Choose at most this number of rows: one, at random, of each of as many equal parts; the same ones each time.
 
     Every n-th row would make a pattern of a scan whose points are in the order of a grid.
     """
@@ -36,26 +30,15 @@ def thinned(rows: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " m"]:
 
 
 def square_edge(points: int, covered: float, largest: int) -> int:
-    """Pixels, edge of the squares of a number of points.
-
-    Args:
-        points: that are drawn.
-        covered: area of the squares of all points, pixels.
-        largest: edge, at most.
-    """
+    """Return the edge, in pixels, of squares for all points that have `covered` pixels together; at most `largest`."""
     return int(np.clip(round(float(np.sqrt(covered / max(points, 1)))), 1, largest))
 
 
 def nearest_points(points: Projected, square: int, height: int, width: int) -> Int32[np.ndarray, "h w"]:
-    """The index of the nearest point whose square covers a pixel, -1 where there is none.
+    """Find the nearest point whose square covers each pixel, -1 where there is none.
 
-    Depths are told apart to a 65,536th of their range; of equal ones the last point is taken.
-
-    Args:
-        points: what is drawn.
-        square: pixels, edge of the square around each point.
-        height: of the picture, pixels.
-        width: likewise.
+    Depths are told apart to a 65,536th of their range; of equal ones the last point is taken. `square` is the edge in
+    pixels.
     """
     # With a margin, every square lies in the picture as a whole.
     wide = width + 2 * square
@@ -72,28 +55,26 @@ def nearest_points(points: Projected, square: int, height: int, width: int) -> I
 
 
 def enclosed(covered: Bool[np.ndarray, "h w"], gap: int) -> Bool[np.ndarray, "h w"]:
-    """The pixels that are not covered, and have covered ones on both sides, or above and below, at most `gap` away."""
-    height, width = covered.shape
-    padded = np.pad(covered, gap)
+    """Find the uncovered pixels with covered ones on both sides, or above and below, at most `gap` pixels away."""
+    left, right, above, below = (
+        _beside(covered, gap, down, across) for down, across in ((0, -1), (0, 1), (-1, 0), (1, 0))
+    )
+    return ~covered & (left & right | above & below)
 
-    def beside(down: int, right: int) -> Bool[np.ndarray, "h w"]:
-        shifted = np.zeros_like(covered)
-        for step in range(1, gap + 1):
-            row, column = gap + step * down, gap + step * right
-            shifted |= padded[row : row + height, column : column + width]
-        return shifted
 
-    return ~covered & (beside(0, -1) & beside(0, 1) | beside(-1, 0) & beside(1, 0))
+def _beside(covered: Bool[np.ndarray, "h w"], gap: int, down: int, across: int) -> Bool[np.ndarray, "h w"]:
+    """Find the pixels with a covered one at most `gap` pixels away in a direction."""
+    (height, width), padded, found = covered.shape, np.pad(covered, gap), np.zeros_like(covered)
+    for step in range(1, gap + 1):
+        row, column = gap + step * down, gap + step * across
+        found |= padded[row : row + height, column : column + width]
+    return found
 
 
 def depth_steps(depth: Float32[np.ndarray, "h w"], largest: float) -> Float32[np.ndarray, "h w"]:
-    """By how many octaves of depth a pixel lies behind its four neighbours, on average; eye-dome lighting.
+    """Measure by how many octaves of depth, at most, a pixel lies behind each of its four neighbours, on average.
 
-    Boucheny, Ribes: Eye-dome lighting: a non-photorealistic shading technique (2011).
-
-    Args:
-        depth: of each pixel; inf where there is nothing, behind which nothing lies.
-        largest: octaves that a neighbour counts at most.
+    That is eye-dome lighting (Boucheny and Ribes 2011). A depth is inf where there is nothing.
     """
     octaves = np.log2(np.pad(depth, 1, constant_values=np.inf), dtype=np.float32)
     # Larger than any depth and, unlike inf, with differences.
@@ -105,7 +86,7 @@ def depth_steps(depth: Float32[np.ndarray, "h w"], largest: float) -> Float32[np
 
 
 def _farthest_first(depth: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """The order of the points, by 16 bits of their depth: NumPy sorts these by radix, in a tenth of the time."""
+    """Order the points by 16 bits of their depth: NumPy sorts these by radix, in a tenth of the time."""
     if not len(depth) or np.ptp(depth) == 0:
         return np.arange(len(depth))
     nearness = depth.max() - depth

@@ -9,14 +9,7 @@ from jaxtyping import Float
 from gmmjax.changes import NAMES, Change, Changes, Kind, RejectedCandidate, object_motion
 from gmmjax.clouds import PointCloud
 from gmmjax.pair import Pair, each
-from gmmjax.reporting.quantities import area_text as area_text
-from gmmjax.reporting.quantities import degrees_text as degrees_text
-from gmmjax.reporting.quantities import length_text as length_text
-from gmmjax.reporting.quantities import metric_text as metric_text
-from gmmjax.reporting.quantities import number_text as number_text
-from gmmjax.reporting.quantities import percent as percent
-from gmmjax.reporting.quantities import share as share
-from gmmjax.reporting.quantities import volume_text as volume_text
+from gmmjax.reporting.quantities import area_text, degrees_text, length_text, metric_text, percent, share, volume_text
 
 HEADINGS = ("Label", "Kind", "Probability", "Points", "Centre", "Size", "Volume")
 
@@ -30,10 +23,7 @@ class ObjectRow(NamedTuple):
         kind: of change.
         label: the labels, "0" or "0, 3".
         text: the kind, of a moved object with its motion: "moved 0.10 m, turned 6°".
-        probability: to whole percents.
-        points: how many of them the scan has.
-        centre: mean of its points, in the unit of the clouds.
-        size: edges of its box.
+        probability, points, centre, size: with the unit in `headings`.
         volume: with a sign for what was gained or lost, unless the object moved; empty where it was not measured.
         area: likewise, without a sign.
     """
@@ -56,7 +46,7 @@ class ObjectRow(NamedTuple):
 
 
 def answer(changes: Changes) -> str:
-    """The answer in a sentence: "2 changes: 1 appeared, 1 disappeared". A moved object counts once."""
+    """Give the answer in a sentence: "2 changes: 1 appeared, 1 disappeared". A moved object counts once."""
     counts = changes.object_counts()
     total = sum(counts.values())
     if total == 0:
@@ -66,13 +56,13 @@ def answer(changes: Changes) -> str:
 
 
 def headings(changes: Changes) -> tuple[str, ...]:
-    """`HEADINGS`, those of coordinates with the unit, where it is known."""
+    """Return `HEADINGS`, those of coordinates with the unit, where it is known."""
     unit = f" ({changes.unit})" if changes.unit else ""
     return tuple(heading + unit * (heading in ("Centre", "Size")) for heading in HEADINGS)
 
 
 def object_rows(changes: Changes) -> list[ObjectRow]:
-    """The objects that changed as text, in the order of their first change; coordinates all have as many decimals."""
+    """List the objects that changed, in the order of their first change; coordinates all have as many decimals."""
     decimals = [_decimals(change.box.extent) for change in changes.items]
     # At least three digits of the largest object, and two of the smallest.
     digits = max(min(decimals), max(decimals) - 1) if decimals else 0
@@ -80,7 +70,7 @@ def object_rows(changes: Changes) -> list[ObjectRow]:
 
 
 def object_labels(changes: Changes) -> list[tuple[int, ...]]:
-    """The labels of each object: one, or both of a moved object, that in the before scan first."""
+    """List the labels of each object: one, or both of a moved object, that in the before scan first."""
     found: list[tuple[int, ...]] = []
     for label, change in enumerate(changes.items):
         partner = change.partner
@@ -92,56 +82,43 @@ def object_labels(changes: Changes) -> list[tuple[int, ...]]:
 
 
 def motion_text(changes: Changes, labels: tuple[int, int]) -> str:
-    """The motion of an object in words: "moved 0.10 m, turned 6°"; that it turned is left out where it did not."""
+    """Describe the motion of an object: "moved 0.10 m, turned 6°"; that it turned is left out where it did not."""
     distance, degrees = object_motion(changes, labels)
     turned = "" if degrees is None or degrees < 0.5 else f", turned {degrees:.0f}°"
     return f"moved {length_text(distance, changes.unit)}{turned}"
 
 
 def dropped_rows(changes: Changes) -> dict[str, int]:
-    """How many rows of each cloud had NaN or infinite coordinates, for the clouds that had any."""
+    """Count the rows of each cloud that had NaN or infinite coordinates, for the clouds that had any."""
     sides = {side: changes.diagnostics.get(side) for side in ("before", "after")}
     counts = {side: int(found.get("rows_dropped", 0)) for side, found in sides.items() if isinstance(found, dict)}
     return {side: count for side, count in counts.items() if count}
 
 
 def dropped_text(side: str, count: int) -> str:
-    """What `dropped_rows` counts, in a sentence."""
+    """Say what `dropped_rows` counts."""
     rows, were = ("row", "was") if count == 1 else ("rows", "were")
     return f"{count:,} {rows} of the {side} cloud had no finite position and {were} left out."
 
 
 def point_counts(changes: Changes, clouds: Pair[PointCloud]) -> Pair[int]:
-    """How many points were compared; more than the clouds that are shown have, where these are thinned.
-
-    Args:
-        changes: the record.
-        clouds: that are shown.
-    """
-
-    def count(side: str, cloud: PointCloud) -> int:
-        return max(int(changes.diagnostics.get(side, {}).get("points", 0)), len(cloud))
-
-    return each(count, NAMES, clouds)
+    """Count the points that were compared: more than the clouds that are shown have, where these are thinned."""
+    compared = NAMES.map(lambda side: int(changes.diagnostics.get(side, {}).get("points", 0)))
+    return each(max, compared, clouds.map(len))
 
 
 def unobserved_text(changes: Changes) -> str | None:
-    """How much of each cloud the other survey did not see, in a sentence; None where it saw all or nothing is known."""
+    """Say how much of each cloud the other survey did not see; None where it saw all or nothing is known."""
     shares = {"before": changes.unobserved_before.mean(), "after": changes.unobserved_after.mean()}
     parts = [f"{share(float(part))} of the {side} cloud" for side, part in shares.items() if part > 0]
     return f"Not observed by the other survey: {' and '.join(parts)}." if parts else None
 
 
 def own_volume_text(changes: Changes, change: Change, *, signed: bool = True) -> str:
-    """The volume of a change, "+17.3 ± 0.4 m³", "+0.03 m³ (hull)", or "in 3" where it is another one's; "": not known.
+    """Give the volume of a change: "+17.3 ± 0.4 m³", "+0.03 m³ (hull)", "in 3" where it is another one's; else "".
 
-    Of a change of which a part was gained and the rest lost it is both: "−170 ± 4 m³, +96 ± 2 m³". It has no sign
-    where nothing tells which of them was gained.
-
-    Args:
-        changes: whose volumes have one unit.
-        change: one of them.
-        signed: whether it has the sign of what was gained or lost.
+    Of a change of which a part was gained and the rest lost it is both: "−170 ± 4 m³, +96 ± 2 m³". It has a sign where
+    it is to be `signed` and is known to be gained or lost. All volumes of a record have one unit.
     """
     if change.volume_counted_in is not None:
         return f"in {change.volume_counted_in}"
@@ -157,12 +134,7 @@ def own_volume_text(changes: Changes, change: Change, *, signed: bool = True) ->
 
 
 def measures_text(changes: Changes, change: Change) -> str | None:
-    """Area and volume of a change and how they were measured, in words; None where they were not.
-
-    Args:
-        changes: whose volumes have one unit.
-        change: one of them.
-    """
+    """Give area and volume of a change and how they were measured; None where they were not."""
     if change.volume_counted_in is not None:
         return f"the other surface of change {change.volume_counted_in}, whose volume it is"
     if change.area is None or change.volume is None:
@@ -172,7 +144,7 @@ def measures_text(changes: Changes, change: Change) -> str | None:
 
 
 def volumes_text(changes: Changes) -> str | None:
-    """The volume that was gained and lost in all, in a sentence; None where no change has one."""
+    """Say what volume was gained and lost in all; None where no change has one."""
     totals = changes.volume_totals()
     if totals is None:
         return None
@@ -198,7 +170,7 @@ def volumes_text(changes: Changes) -> str | None:
 
 
 def _why_unsigned(changes: Changes) -> str:
-    """Why volumes have no sign, and the remedy, in sentences."""
+    """Say why volumes have no sign, and the remedy."""
     if changes.diagnostics.get("outer_side") == "up":
         return (
             "Of walls and ceilings height does not tell on which side the free space is: give the sensor's position "
@@ -211,7 +183,7 @@ def _why_unsigned(changes: Changes) -> str:
 
 
 def registration_text(changes: Changes) -> str | None:
-    """How far the after scan was moved and how well it fits, in a sentence; None where nothing is known."""
+    """Say how far the after scan was moved and how well it fits; None where nothing is known."""
     registration, unit = changes.registration, changes.unit
     if registration.overlap is None:
         return None
@@ -237,7 +209,7 @@ def registration_text(changes: Changes) -> str | None:
 
 
 def poses_text(changes: Changes) -> str | None:
-    """Whether the poses of the sensor were known and what rests on that, in sentences; None where they play no part.
+    """Say whether the poses of the sensor were known and what rests on that; None where they play no part.
 
     A change rests on its shape alone where the poses of the other survey are not known: that of an object that appeared
     on those of the before scan.
@@ -255,7 +227,7 @@ def poses_text(changes: Changes) -> str | None:
 
 
 def _how_to_give_poses(changes: Changes, missing: list[str]) -> str:
-    """The options that give the poses of these sides, in a sentence."""
+    """Name the options that give the poses of these sides."""
     options = " or ".join(option for side in missing for option in (f"--sensor-{side} X Y Z", f"--views-{side} FILE"))
     if len(missing) == 2:
         # What lies below the origin is no depth frame.
@@ -265,7 +237,7 @@ def _how_to_give_poses(changes: Changes, missing: list[str]) -> str:
 
 
 def _views_used(changes: Changes) -> dict[str, int] | None:
-    """Of each side the number of views that were used; None where no method asks for them."""
+    """Count the views that were used of each side; None where no method asks for them."""
     sides = {side: changes.diagnostics.get(side) for side in ("before", "after")}
     if changes.diagnostics.get("volumetric"):
         return None
@@ -274,7 +246,7 @@ def _views_used(changes: Changes) -> dict[str, int] | None:
 
 
 def _known_text(changes: Changes, known: list[str], missing: list[str]) -> str:
-    """Of which sides the poses are known, and how: given, or recognised in the scan."""
+    """Say of which sides the poses are known, and how: given, or recognised in the scan."""
     recognised = changes.recognised_stations()
     stations = {side: len(getattr(recognised, side)) for side in known}
     given = [side for side in known if not stations[side]]
@@ -292,7 +264,7 @@ def _known_text(changes: Changes, known: list[str], missing: list[str]) -> str:
 
 
 def _resting(changes: Changes, missing: list[str]) -> str:
-    """What was judged without the poses of these sides; empty where nothing was."""
+    """Say what was judged without the poses of these sides; "" where nothing was."""
     # What appeared is in the after scan, and was judged by what the before survey saw in its place.
     judge = {"appeared": "before", "disappeared": "after"}
     shapes = 0
@@ -310,20 +282,14 @@ def _resting(changes: Changes, missing: list[str]) -> str:
 
 
 def place_cells(found: Change | RejectedCandidate, decimals: int | None = None) -> tuple[str, str, str]:
-    """Number of points, centre and size, as in `HEADINGS`; the decimals are those of `place_text`."""
+    """Give the number of points, centre and size, as in `HEADINGS`."""
     return (f"{found.point_count:,}", *place_text(found.mean, found.box.extent, decimals))
 
 
 def place_text(
     centre: Float[np.ndarray, "3"], extent: Float[np.ndarray, "3"], decimals: int | None = None
 ) -> tuple[str, str]:
-    """A centre and a size.
-
-    Args:
-        centre: coordinates.
-        extent: edges of the box.
-        decimals: of all numbers; None: as many as show the longest edge in three digits.
-    """
+    """Give a centre and a size, in decimals that show the longest edge in three digits unless they are given."""
     digits = _decimals(extent) if decimals is None else decimals
     return ", ".join(f"{value:.{digits}f}" for value in centre), " × ".join(f"{value:.{digits}f}" for value in extent)
 
@@ -339,12 +305,12 @@ def _object_row(changes: Changes, labels: tuple[int, ...], decimals: int) -> Obj
 
 
 def _volume_text(changes: Changes, value: float, error: float | None) -> str:
-    """A volume in the unit that all volumes of a record have."""
+    """Give a volume in the unit that all volumes of a record have."""
     greatest = max((change.volume for change in changes if change.volume is not None), default=0.0)
     return volume_text(value, changes.unit, error, greatest=greatest)
 
 
 def _decimals(extent: np.ndarray) -> int:
-    """Decimals that show the longest edge in three digits."""
+    """Return the decimals that show the longest edge in three digits."""
     longest = float(extent.max())
     return 3 if longest <= 0 else min(max(2 - math.floor(math.log10(longest)), 0), 9)

@@ -10,30 +10,65 @@ from urllib.parse import quote
 from gmmjax.batch import EpochTree, EventKind, ObjectEvent, ObjectHistory, epoch_trees
 from gmmjax.errors import check_choice
 from gmmjax.pair import Pair
-from gmmjax.reporting.page_parts import asset, page_head
+from gmmjax.reporting.page_parts import page, script
 from gmmjax.reporting.plan_view import plan_svg
-from gmmjax.reporting.summary import percent, place_text
+from gmmjax.reporting.quantities import percent
+from gmmjax.reporting.summary import place_text
 
 SIGNS: Mapping[EventKind, str] = {"came": "+", "moved": "→", "went": "×"}
 HEADINGS = ("Object", "Event", "When", "Probability", "Moved by", "Points", "Centre", "Size", "Shown by")
-
-
 # Epochs without a comparison that are named in the heading; the others are counted.
 MOST_NAMES = 5
 
 
 class Stretch(NamedTuple):
-    """A piece of an object's bar.
-
-    Attributes:
-        start: in columns: 0 is the left edge of the first one, 0.5 its middle.
-        end: likewise.
-        known: whether the object is known to have been there.
-    """
+    """A piece of an object's bar, in columns, 0.5 being the middle of the first; whether it is `known` to be there."""
 
     start: float
     end: float
     known: bool
+
+
+class _Series(NamedTuple):
+    """What the page shows: the arguments of `timeline_html`, and which epochs were compared with each other."""
+
+    epochs: Sequence[str]
+    histories: Sequence[ObjectHistory]
+    pair_names: Mapping[tuple[int, int], str]
+    trees: Sequence[EpochTree]
+
+    @property
+    def missing(self) -> list[int]:
+        """The epochs that were compared with no other one."""
+        return [tree.root for tree in self.trees if len(tree.epochs) == 1]
+
+    @property
+    def connected(self) -> list[EpochTree]:
+        """The other epochs, by what they can be followed through."""
+        return [tree for tree in self.trees if len(tree.epochs) > 1]
+
+    def link(self, event: ObjectEvent) -> str | None:
+        """Return the address of the report of the comparison that shows an event; None where it has no name."""
+        name = self.pair_names.get((event.comparison.before, event.comparison.after))
+        return None if name is None else f"pairs/{quote(name, safe='')}/report.html"
+
+    def when(self, event: ObjectEvent) -> str:
+        """Say when it happened."""
+        if event.previous == event.epoch - 1:
+            return f"in {self.epochs[event.epoch]}"
+        return f"between {self.epochs[event.previous]} and {self.epochs[event.epoch]}"
+
+    def sentence(self, event: ObjectEvent) -> str:
+        """Say what happened, after the name of the object."""
+        did = f"{event.kind}{' back' if event.returned else ''}"
+        if event.distance is not None:
+            did += f" by {event.distance:.3g}"
+        facts = [f"probability {percent(event.probability)}"]
+        if event.moved_probability is not None:
+            facts.append(f"the same object {percent(event.moved_probability)}")
+        if event.change is None:
+            facts.append(f"it no longer differs from {self.epochs[event.comparison.before]}")
+        return f"{did} {self.when(event)}: {', '.join(facts)}"
 
 
 def timeline_html(
@@ -44,7 +79,7 @@ def timeline_html(
     against: str,
     pair_names: Mapping[tuple[int, int], str],
 ) -> str:
-    """The time line of a series as one page, which loads nothing.
+    """Make the time line of a series, one page, which loads nothing.
 
     It stands in the folder of the run, beside `objects.csv`; the reports of the pairs are in `pairs/NAME/`.
 
@@ -61,30 +96,18 @@ def timeline_html(
     Raises:
         InputError: an unknown `against`, or pairs that are not of these epochs.
     """
-    from gmmjax import __version__
-
     check_choice("against", against, ("previous", "first"))
-    trees = epoch_trees(epochs, [Pair(*pair) for pair in pair_names])
-    body = _no_objects(epochs, trees)
-    if histories:
-        body = _objects(epochs, histories, trees, pair_names)
-    return f"""{page_head(title, asset("timeline.css"))}<body>
-<main>
-<header>
+    series = _Series(epochs, histories, pair_names, epoch_trees(epochs, [Pair(*pair) for pair in pair_names]))
+    main = f"""<header>
 <p class="title">{escape(title)}</p><h1>{escape(series_answer(epochs, histories))}</h1>
 <p class="files">{_compared(epochs, against)}</p>
-{_gaps(epochs, trees)}{_legend(histories)}</header>
-{body}
-<footer>gmmjax {escape(__version__)}</footer>
-</main>
-<script>{asset("timeline.js")}</script>
-</body>
-</html>
-"""
+{_gaps(series)}{_legend(histories)}</header>
+{_objects(series) if histories else _no_objects(series)}"""
+    return page(title, "timeline.css", main, script("timeline.js"))
 
 
 def series_answer(epochs: Sequence[str], histories: Sequence[ObjectHistory]) -> str:
-    """The answer in a sentence: "12 epochs, 5 objects: 3 came, 1 moved twice, 2 went". Counted are objects."""
+    """Give the answer in a sentence: "12 epochs, 5 objects: 3 came, 1 moved twice, 2 went". Counted are objects."""
     counted = _counted(len(epochs), "epoch")
     if not histories:
         return f"{counted}: no object came, moved or went"
@@ -95,7 +118,7 @@ def series_answer(epochs: Sequence[str], histories: Sequence[ObjectHistory]) -> 
 
 
 def _often(times: Sequence[int]) -> str:
-    """How often, where it was not once each."""
+    """Say how often, where it was not once each."""
     if set(times) == {1}:
         return ""
     if len(set(times)) == 1:
@@ -117,16 +140,14 @@ def _compared(epochs: Sequence[str], against: str) -> str:
     )
 
 
-def _gaps(epochs: Sequence[str], trees: Sequence[EpochTree]) -> str:
-    """What is not known, in sentences."""
-    missing = [tree.root for tree in trees if len(tree.epochs) == 1]
-    notes = []
+def _gaps(series: _Series) -> str:
+    """Say what is not known."""
+    epochs, missing, notes = series.epochs, series.missing, []
     if missing and len(epochs) > 1:
         names = ", ".join(f"<b>{escape(epochs[epoch])}</b>" for epoch in missing[:MOST_NAMES])
         more = f" and {len(missing) - MOST_NAMES:,} more" if len(missing) > MOST_NAMES else ""
         notes.append(f"Compared with no other epoch: {names}{more}. What was there then is not known.")
-    connected = [tree for tree in trees if len(tree.epochs) > 1]
-    for before, after in itertools.pairwise(connected):
+    for before, after in itertools.pairwise(series.connected):
         notes.append(
             f"No comparison connects <b>{escape(epochs[after.root])}</b> to the epochs before: objects are followed up "
             f"to <b>{escape(epochs[before.epochs[-1]])}</b>, and anew from <b>{escape(epochs[after.root])}</b> on."
@@ -141,44 +162,34 @@ def _legend(histories: Sequence[ObjectHistory]) -> str:
     return f'<ul class="legend">{marks}{states if histories else ""}</ul>\n'
 
 
-def _no_objects(epochs: Sequence[str], trees: Sequence[EpochTree]) -> str:
-    if all(len(tree.epochs) == 1 for tree in trees):
+def _no_objects(series: _Series) -> str:
+    if not series.connected:
         return '<p class="none">No two epochs were compared.</p>'
-    return f'<p class="none">No change was found between the {len(epochs):,} epochs.</p>'
+    return f'<p class="none">No change was found between the {len(series.epochs):,} epochs.</p>'
 
 
-def _objects(
-    epochs: Sequence[str],
-    histories: Sequence[ObjectHistory],
-    trees: Sequence[EpochTree],
-    pair_names: Mapping[tuple[int, int], str],
-) -> str:
-    plans = "".join(_plan(epochs, tree, histories) for tree in trees)
+def _objects(series: _Series) -> str:
+    plans = "".join(_plan(series, tree) for tree in series.trees)
     return f"""<div class="series">
-{_timeline(epochs, histories, trees, pair_names)}
+{_timeline(series)}
 <div class="plans">{plans}</div>
 </div>
-{_table(epochs, histories, pair_names)}"""
+{_table(series)}"""
 
 
-def _timeline(
-    epochs: Sequence[str],
-    histories: Sequence[ObjectHistory],
-    trees: Sequence[EpochTree],
-    pair_names: Mapping[tuple[int, int], str],
-) -> str:
-    missing = {tree.root for tree in trees if len(tree.epochs) == 1}
-    begins = {tree.root for tree in trees if len(tree.epochs) > 1 and tree.root}
+def _timeline(series: _Series) -> str:
+    epochs, missing = series.epochs, series.missing
     heads = "".join(_head(number, name, number in missing) for number, name in enumerate(epochs))
     gaps = "".join(f'<span class="gap" style="--at:{epoch}"></span>' for epoch in sorted(missing))
-    gaps += "".join(f'<span class="begin" style="--at:{epoch}"></span>' for epoch in sorted(begins))
-    rows = "".join(_row(epochs, history, pair_names) for history in histories)
+    begins = sorted(tree.root for tree in series.connected if tree.root)
+    gaps += "".join(f'<span class="begin" style="--at:{epoch}"></span>' for epoch in begins)
+    rows = "".join(_row(series, history) for history in series.histories)
     # Pixels: the columns leave the plan its place in a window of 1,400, and none is narrower than the mark of an event.
     column = max(22, min(110, 800 // max(len(epochs), 1)))
     # A letter is 7 pixels wide; beside the marks there is room for numbers from 64 on.
     upright = " upright" if 7 * max(map(len, epochs)) > column else ""
     labelled = " labelled" if column >= 64 else ""
-    sizes = f"--widest:{column}px;--count:{len(epochs)};--rows:{len(histories)}"
+    sizes = f"--widest:{column}px;--count:{len(epochs)};--rows:{len(series.histories)}"
     return f"""<section class="timeline{upright}{labelled}" style="{sizes}" tabindex="0" aria-label="Time line">
 <div class="epochs"><b>Object</b>{heads}</div>
 <div class="columns" aria-hidden="true">{gaps}</div>
@@ -193,13 +204,13 @@ def _head(number: int, name: str, missing: bool) -> str:
     return f'<span{style} style="--at:{number}" title="{escape(said)}">{escape(name)}</span>'
 
 
-def _row(epochs: Sequence[str], history: ObjectHistory, pair_names: Mapping[tuple[int, int], str]) -> str:
+def _row(series: _Series, history: ObjectHistory) -> str:
     bars = "".join(
         f'<span class="bar{"" if stretch.known else " unknown"}" style="--at:{stretch.start:g};'
         f'--length:{stretch.end - stretch.start:g}"></span>'
         for stretch in stretches(history)
     )
-    marks = "".join(_mark(epochs, history, event, pair_names) for event in history.events)
+    marks = "".join(_mark(series, history, event) for event in history.events)
     return (
         f'<li data-object="{history.number}"><button type="button" aria-pressed="false" '
         f'aria-label="Object {history.number}: show it in the plan">{history.number}</button>'
@@ -208,7 +219,7 @@ def _row(epochs: Sequence[str], history: ObjectHistory, pair_names: Mapping[tupl
 
 
 def stretches(history: ObjectHistory) -> list[Stretch]:
-    """The pieces of an object's bar: from where it came, or the edge, to where it went, or the edge."""
+    """List the pieces of an object's bar: from where it came, or the edge, to where it went, or the edge."""
     return _joined(list(_pieces(history.presence)))
 
 
@@ -228,7 +239,7 @@ def _pieces(presence: Sequence[bool | None]) -> Iterator[Stretch]:
 
 
 def _joined(pieces: Sequence[Stretch]) -> list[Stretch]:
-    """Without those of no length, and as few as will do."""
+    """Join pieces that continue each other, and leave out those of no length."""
     joined: list[Stretch] = []
     for piece in pieces:
         if joined and joined[-1].known == piece.known and joined[-1].end == piece.start:
@@ -238,81 +249,46 @@ def _joined(pieces: Sequence[Stretch]) -> list[Stretch]:
     return joined
 
 
-def _mark(
-    epochs: Sequence[str], history: ObjectHistory, event: ObjectEvent, pair_names: Mapping[tuple[int, int], str]
-) -> str:
-    said = escape(f"Object {history.number} {_sentence(epochs, event)}")
+def _mark(series: _Series, history: ObjectHistory, event: ObjectEvent) -> str:
+    said = escape(f"Object {history.number} {series.sentence(event)}")
     moved = f"{event.distance:.2g} · " if event.distance is not None else ""
     label = f"<small>{moved}{percent(event.probability)}</small>"
-    sign = SIGNS[event.kind]
-    link = _link(event, pair_names)
+    link = series.link(event)
     start, end = ("<span", "</span>") if link is None else (f'<a href="{link}"', "</a>")
     return (
         f'{start} class="mark {event.kind}" style="--at:{event.epoch}" title="{said}" aria-label="{said}">'
-        f"{sign}{label}{end}"
+        f"{SIGNS[event.kind]}{label}{end}"
     )
 
 
-def _link(event: ObjectEvent, pair_names: Mapping[tuple[int, int], str]) -> str | None:
-    """The address of the report of the comparison that shows an event; None where it has no name."""
-    name = pair_names.get((event.comparison.before, event.comparison.after))
-    return None if name is None else f"pairs/{quote(name, safe='')}/report.html"
-
-
-def _sentence(epochs: Sequence[str], event: ObjectEvent) -> str:
-    """What happened, after the name of the object."""
-    did = f"{event.kind}{' back' if event.returned else ''}"
-    if event.distance is not None:
-        did += f" by {event.distance:.3g}"
-    facts = [f"probability {percent(event.probability)}"]
-    if event.moved_probability is not None:
-        facts.append(f"the same object {percent(event.moved_probability)}")
-    if event.change is None:
-        facts.append(f"it no longer differs from {epochs[event.comparison.before]}")
-    return f"{did} {_when(epochs, event)}: {', '.join(facts)}"
-
-
-def _when(epochs: Sequence[str], event: ObjectEvent) -> str:
-    if event.previous == event.epoch - 1:
-        return f"in {epochs[event.epoch]}"
-    return f"between {epochs[event.previous]} and {epochs[event.epoch]}"
-
-
-def _plan(epochs: Sequence[str], tree: EpochTree, histories: Sequence[ObjectHistory]) -> str:
-    """The plan of the objects in the frame of a tree; none where it has no object."""
-    own = [history for history in histories if history.frame == tree.root]
+def _plan(series: _Series, tree: EpochTree) -> str:
+    """Draw the plan of the objects in the frame of a tree; "" where it has no object."""
+    own = [history for history in series.histories if history.frame == tree.root]
     if not own:
         return ""
-    name = escape(epochs[tree.root])
+    name = escape(series.epochs[tree.root])
     return f"<figure><figcaption><b>Plan</b><span>along z, frame of {name}</span></figcaption>{plan_svg(own)}</figure>"
 
 
-def _table(epochs: Sequence[str], histories: Sequence[ObjectHistory], pair_names: Mapping[tuple[int, int], str]) -> str:
+def _table(series: _Series) -> str:
     head = "".join(f'<th scope="col">{heading}</th>' for heading in HEADINGS)
-    rows = "".join(_table_row(epochs, own, event, pair_names) for own in histories for event in own.events)
-    count = sum(len(own.events) for own in histories)
-    return f"""<details class="events"><summary>{_counted(count, "event")} as a table</summary>
+    rows = [_table_row(series, own, event) for own in series.histories for event in own.events]
+    return f"""<details class="events"><summary>{_counted(len(rows), "event")} as a table</summary>
 <section class="scroll"><table><thead><tr>{head}</tr></thead>
-<tbody>{rows}</tbody></table></section></details>"""
+<tbody>{"".join(rows)}</tbody></table></section></details>"""
 
 
-def _table_row(
-    epochs: Sequence[str], history: ObjectHistory, event: ObjectEvent, pair_names: Mapping[tuple[int, int], str]
-) -> str:
-    kind = f'<i class="dot {event.kind}"></i>{event.kind}{" back" if event.returned else ""}'
-    centre, size = place_text(event.box.centre, event.box.extent)
-    before, after = (epochs[epoch] for epoch in event.comparison)
-    shown, link = f"{escape(before)} → {escape(after)}", _link(event, pair_names)
-    moved = "" if event.distance is None else f"{event.distance:.3g}"
+def _table_row(series: _Series, history: ObjectHistory, event: ObjectEvent) -> str:
+    before, after = (series.epochs[epoch] for epoch in event.comparison)
+    shown, link = f"{escape(before)} → {escape(after)}", series.link(event)
     cells = (
-        escape(_when(epochs, event)),
+        f"<b>{history.number}</b>",
+        f'<i class="dot {event.kind}"></i>{event.kind}{" back" if event.returned else ""}',
+        escape(series.when(event)),
         percent(event.probability),
-        moved,
+        "" if event.distance is None else f"{event.distance:.3g}",
         f"{event.point_count:,}",
-        centre,
-        size,
+        *place_text(event.box.centre, event.box.extent),
         shown if link is None else f'<a href="{link}">{shown}</a>',
     )
-    return (
-        f"<tr><td><b>{history.number}</b></td><td>{kind}</td>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
-    )
+    return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"

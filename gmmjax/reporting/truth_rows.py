@@ -31,7 +31,7 @@ class TruthRow(NamedTuple):
 
 
 def truth_rows(scene: SurveyedScene, changes: Changes) -> list[TruthRow]:
-    """A row for each true change that has points in a cloud, in the order of their numbers."""
+    """List the true changes that have points in a cloud, in the order of their numbers."""
     scanned = np.unique(np.concatenate(list(scene.truth)))
     return [
         _row(scene, changes, number, cast(Kind, kind)) for number, kind in enumerate(scene.kinds) if number in scanned
@@ -39,7 +39,7 @@ def truth_rows(scene: SurveyedScene, changes: Changes) -> list[TruthRow]:
 
 
 def false_labels(scene: SurveyedScene, changes: Changes) -> list[int]:
-    """The labels of reported changes of whose points less than half changed in truth."""
+    """List the labels of reported changes of whose points less than half changed in truth."""
     true, reported = scene.truth, Pair(changes.labels_before, changes.labels_after)
     found = []
     for label in range(len(changes.items)):
@@ -70,7 +70,7 @@ def _row(scene: SurveyedScene, changes: Changes, number: int, kind: Kind) -> Tru
 
 
 def _most(labels: np.ndarray) -> int | None:
-    """The label that at least half of these points have; None: they have none, or there are no points."""
+    """Return the label that at least half of these points have; None: they have none, or there are no points."""
     if not len(labels) or (labels >= 0).mean() < 0.5:
         return None
     numbers, counts = np.unique(labels[labels >= 0], return_counts=True)

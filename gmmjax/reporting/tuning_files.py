@@ -19,15 +19,7 @@ USE = "Written by gmmjax tune; use it by: gmmjax detect BEFORE AFTER --out DIR -
 
 
 def write_tuned(path: str | os.PathLike[str], result: TuningResult | VerdictResult) -> None:
-    """Writes the settings as TOML for `gmmjax detect --config`, and beside it a tuned verdict.
-
-    Args:
-        path: of the TOML file.
-        result: of `tune`.
-
-    Raises:
-        InputError: a file that cannot be written.
-    """
+    """Write the settings as TOML for `gmmjax detect --config`, and a tuned verdict beside them."""
     settings = result.config.to_dict()
     if isinstance(result, VerdictResult):
         lines = _verdict_comments(result)
@@ -43,7 +35,7 @@ def write_tuned(path: str | os.PathLike[str], result: TuningResult | VerdictResu
 
 
 def verdict_file(path: str | os.PathLike[str]) -> Path:
-    """Where a tuned verdict lies."""
+    """Return the path of a tuned verdict."""
     return Path(path).with_suffix(".verdict.json")
 
 
@@ -61,18 +53,12 @@ def _comments(result: TuningResult) -> list[str]:
 
 
 def progress_file(path: str | os.PathLike[str]) -> Path:
-    """Where the state of an unfinished tuning lies."""
+    """Return the path of the state of an unfinished tuning."""
     return Path(path).with_suffix(".progress.npz")
 
 
 def write_state(path: str | os.PathLike[str], state: TuningState | VerdictState, fingerprint: str) -> None:
-    """Stores the state of a tuning, whole or not at all.
-
-    Args:
-        path: an NPZ file.
-        state: of `tune`.
-        fingerprint: what the tuning was called with.
-    """
+    """Store the state of a tuning, and the fingerprint of what it was called with, whole or not at all."""
     arrays = _measured_arrays(state) if isinstance(state, VerdictState) else _course_arrays(state)
     with atomic_write(path) as file:
         np.savez(file, fingerprint=np.array(fingerprint), allow_pickle=False, **arrays)
@@ -84,7 +70,7 @@ def _course_arrays(state: TuningState) -> dict[str, np.ndarray]:
 
 
 def _measured_arrays(state: VerdictState) -> dict[str, np.ndarray]:
-    """The candidates of each pair, and how many pairs there are."""
+    """Gather the candidates of each pair, and how many pairs there are."""
     arrays = {MEASURED: np.array(len(state.measured))}
     for number, pair in enumerate(state.measured):
         for side, rows in zip(NAMES, pair, strict=True):
@@ -93,7 +79,7 @@ def _measured_arrays(state: VerdictState) -> dict[str, np.ndarray]:
 
 
 def read_state(path: str | os.PathLike[str], fingerprint: str) -> TuningState | VerdictState:
-    """The state of an unfinished tuning.
+    """Read the state of an unfinished tuning.
 
     Raises:
         InputError: a file that is damaged, or of a tuning with other pairs or settings.
@@ -115,22 +101,23 @@ def read_state(path: str | os.PathLike[str], fingerprint: str) -> TuningState | 
 
 
 def _measured_state(path: str | os.PathLike[str], stored: dict[str, np.ndarray], remedy: str) -> VerdictState:
-    def rows(number: int, side: str) -> CandidateRows:
-        own = CandidateRows(*(stored[f"{number}/{side}/{column}"] for column in CandidateRows._fields))
-        count, facts = len(own.kind), len(names_of(poses=side == NAMES.after))
-        if own.values.shape != (count, facts) or any(column.shape != (count,) for column in own[1:]):
-            raise ValueError("its arrays do not fit each other")
-        return own
-
     try:
         numbers = range(int(stored[MEASURED]))
-        return VerdictState(tuple(NAMES.map(functools.partial(rows, number)) for number in numbers))
+        return VerdictState(tuple(NAMES.map(functools.partial(_candidates, stored, number)) for number in numbers))
     except (KeyError, ValueError, TypeError) as error:
         raise InputError(f"{path}: is damaged ({error}); {remedy}") from error
 
 
+def _candidates(stored: dict[str, np.ndarray], number: int, side: str) -> CandidateRows:
+    own = CandidateRows(*(stored[f"{number}/{side}/{column}"] for column in CandidateRows._fields))
+    count, facts = len(own.kind), len(names_of(poses=side == NAMES.after))
+    if own.values.shape != (count, facts) or any(column.shape != (count,) for column in own[1:]):
+        raise ValueError("its arrays do not fit each other")
+    return own
+
+
 def _fits(state: TuningState) -> bool:
-    """Whether the arrays are those of one tuning: of one number of starts, settings and steps."""
+    """Tell whether the arrays are those of one tuning: of one number of starts, settings and steps."""
     if state.free.ndim != 2 or state.losses.ndim != 3 or not len(state.losses):
         return False
     (starts, settings), steps = state.free.shape, len(state.losses)
@@ -141,6 +128,8 @@ def _fits(state: TuningState) -> bool:
         "losses": (steps, starts, 3),
         "baseline": (3,),
     }
-    kinds = {name: "b" if name == "racing" else "f" for name in shapes}
     arrays = {name: getattr(state, name) for name in shapes}
-    return all(values.shape == shapes[name] and values.dtype.kind == kinds[name] for name, values in arrays.items())
+    return all(
+        own.shape == shapes[name] and own.dtype.kind == ("b" if name == "racing" else "f")
+        for name, own in arrays.items()
+    )

@@ -18,16 +18,10 @@ def written_fields(
     reserved: tuple[str, ...],
     transform: Float64[np.ndarray, "4 4"] | None,
 ) -> dict[str, np.ndarray]:
-    """What is written beside the coordinates of some points.
+    """Name what is written beside the coordinates of some points, in the order of the file.
 
-    The fields are what was found, the scan's own colours as `scan_red` and so on where others are written in their
-    place, and its own fields.
-
-    Args:
-        scan: the points, as they were given.
-        found: values of each point by name.
-        reserved: further names that a field of the scan must not have.
-        transform: takes the scan to where it is written, and turns its normals; None: it stays.
+    That is what was found, the scan's own colours as `scan_red` and so on where those of the kinds take their place,
+    and its own fields, normals turned by the transform. None of these has one of the `reserved` names.
     """
     fields = dict(found)
     if scan.colors is not None and "kind" in found:
@@ -38,12 +32,7 @@ def written_fields(
 
 
 def written_names(own: Iterable[str], taken: set[str]) -> dict[str, str]:
-    """What the fields of a scan are called in the result, by their names.
-
-    Args:
-        own: the names.
-        taken: names of what is written beside them; a field of such a name becomes `input_NAME`.
-    """
+    """Name the fields of a scan in the result; one whose name is `taken` becomes `input_NAME`."""
     originals = tuple(own)
     names: dict[str, str] = {}
     for name in originals:
@@ -54,7 +43,7 @@ def written_names(own: Iterable[str], taken: set[str]) -> dict[str, str]:
 
 
 def _turned(fields: Mapping[str, np.ndarray], transform: np.ndarray | None) -> dict[str, np.ndarray]:
-    """The fields, in their order; normals turned as the points are."""
+    """Return the fields, in their order; normals turned as the points are."""
     turned = dict(fields)
     for names in NORMALS if transform is not None else ():
         if all(name in fields and fields[name].dtype.kind == "f" for name in names):
@@ -65,6 +54,6 @@ def _turned(fields: Mapping[str, np.ndarray], transform: np.ndarray | None) -> d
 
 
 def _plain(name: str) -> str:
-    """A name that PLY and PCD can have: of letters, digits, dots, - and _, with a letter in front."""
+    """Return a name that PLY and PCD can have: of letters, digits, dots, - and _, with a letter in front."""
     plain = re.sub(r"[^A-Za-z0-9_.-]", "_", name)
     return plain if re.match(r"[A-Za-z]", plain) else f"field_{plain}"

@@ -9,10 +9,9 @@ from matplotlib import pyplot
 from gmmjax import InputError
 from gmmjax.pair import Pair
 from gmmjax.plotting import check_map_file, map_figure, plot_map, write_map
-from gmmjax.reporting import ChangeMapSettings
 from tests.reporting.test_map_cells import OFFSET, surveyed
 
-SMALL = {"grid": ChangeMapSettings(cell=0.1), "pixels": 120}
+SMALL = {"cell": 0.1, "pixels": 120}
 
 
 def test_changes_are_coloured_outlined_and_numbered_in_their_place():

@@ -2,7 +2,7 @@ import pytest
 
 from gmmjax.evaluation import Evaluation, Failure, Row, Scores
 from gmmjax.reporting import console
-from gmmjax.reporting.evaluation_table import evaluation_lines
+from gmmjax.reporting.console import evaluation_lines
 
 
 def row(detector, condition, scores, seconds=1.5, failed=0):

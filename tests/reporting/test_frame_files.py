@@ -56,7 +56,7 @@ def test_far_coordinates_keep_their_digits(tmp_path):
     assert read_cloud(tmp_path / "frame.pcd").points.tolist() == points.tolist()
 
 
-@pytest.mark.parametrize("poses", [[None, None], [POSE, POSE]])
+@pytest.mark.parametrize("poses", [[None, None], [POSE, POSE], [None, POSE]])
 def test_an_archive_of_frames(tmp_path, poses):
     own = [frame(5.0, 0), frame(6.0, 1)]
     with frame_archive(tmp_path / "frames.npz") as add:
@@ -64,7 +64,9 @@ def test_an_archive_of_frames(tmp_path, poses):
             add(each, pose)
     with np.load(tmp_path / "frames.npz", allow_pickle=False) as arrays:
         assert set(arrays) == {"points", "frame", "times"} | ({"poses"} if poses[0] is not None else set())
-        expected = np.concatenate([each.cloud.points if poses[0] is None else in_world(each) for each in own])
+        expected = np.concatenate(
+            [each.cloud.points if pose is None else in_world(each) for each, pose in zip(own, poses, strict=True)]
+        )
         np.testing.assert_allclose(arrays["points"], expected, atol=1e-12)
         assert np.bincount(arrays["frame"]).tolist() == [len(each.cloud) for each in own]
         assert arrays["times"].tolist() == [5.0, 6.0]

@@ -133,6 +133,18 @@ def test_each_change_says_why(pair, explained):
     assert "<details open" not in text
 
 
+def test_more_than_six_facts_are_shown_on_request(pair, explained):
+    facts = tuple(
+        dataclasses.replace(explained[0].explanation.contributions[0], sentence=f"fact {n}") for n in range(8)
+    )
+    own = dataclasses.replace(explained[0].explanation, contributions=facts)
+    items = (dataclasses.replace(explained[0], explanation=own), *explained.items[1:])
+    text = text_of(*pair[:2], dataclasses.replace(explained, items=items))
+    first, more = text.split("<summary>2 more facts</summary>")
+    assert [f"fact {n}<" in first for n in range(8)] == [True] * 6 + [False] * 2
+    assert all(f"fact {n}<" in more for n in (6, 7))
+
+
 def test_without_explanations_there_is_no_why(page):
     assert "<h3>Why</h3>" not in page
     assert "rejected-section" not in without_scripts(page)

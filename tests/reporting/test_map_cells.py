@@ -11,13 +11,12 @@ from gmmjax import InputError
 from gmmjax.changes import Changes, DetectionConfig
 from gmmjax.clouds import PointCloud
 from gmmjax.pair import Pair
-from gmmjax.reporting import ChangeMapSettings, change_map, write_geotiff
+from gmmjax.reporting import change_map, write_geotiff
 from tests.reporting.conftest import OWN_SYSTEM, change
 
 # UTM: float32 has steps of half a metre there.
 OFFSET = np.array([691_000.125, 5_336_000.25, 500.0])
 CELL = 0.25
-SETTINGS = ChangeMapSettings(cell=CELL, stray_share=0.0)
 
 
 def surveyed(crs=None):
@@ -61,7 +60,7 @@ def at(found, band, x, y):
 
 
 def test_each_place_has_its_distance_probability_and_change():
-    found = change_map(*surveyed(), SETTINGS)
+    found = change_map(*surveyed(), CELL)
     places = {(1.5, 1.5): (-0.3, 0.9, 0, 0.04), (6.5, 4.5): (0.3, 0.8, 1, 0.04), (4.1, 3.1): (0.0, 0.0, -1, 0.01)}
     for (x, y), expected in places.items():
         bands = found.distance, found.probability, found.label, found.level_of_detection
@@ -82,15 +81,23 @@ def test_a_cell_is_found_from_the_points_and_is_a_round_number():
 
 def test_places_without_points_have_no_value():
     changes, clouds = surveyed()
-    finer = change_map(changes, clouds, ChangeMapSettings(cell=0.01))
+    finer = change_map(changes, clouds, 0.01)
     empty = np.isnan(finer.label)
     assert empty.mean() > 0.5
     assert np.isnan(finer.distance[empty]).all() and np.isnan(finer.probability[empty]).all()
 
 
+def test_a_cell_of_two_changes_is_of_the_one_with_most_points():
+    changes, clouds = surveyed()
+    fewer = np.where(np.arange(20_600) < 20_300, -1, changes.labels_after)
+    found = change_map(dataclasses.replace(changes, labels_after=fewer), clouds, 100.0)
+    assert found.label.tolist() == [[0]]
+    np.testing.assert_allclose(found.distance, -0.3)
+
+
 def test_a_geotiff_lies_in_its_place_without_loss(tmp_path):
     rasterio = pytest.importorskip("rasterio")
-    found = change_map(*surveyed("EPSG:25832"), SETTINGS)
+    found = change_map(*surveyed("EPSG:25832"), CELL)
     write_geotiff(tmp_path / "a map.tif", found)
     with rasterio.open(tmp_path / "a map.tif") as raster:
         assert (raster.count, raster.dtypes[0], raster.crs.to_epsg()) == (4, "float32", 25832)
@@ -112,7 +119,7 @@ def test_a_geotiff_lies_in_its_place_without_loss(tmp_path):
 def test_a_geotiff_has_a_system_that_has_no_code(tmp_path):
     rasterio = pytest.importorskip("rasterio")
     own = OWN_SYSTEM.replace('"central_meridian",9', '"central_meridian",9.5')
-    write_geotiff(tmp_path / "a.tif", change_map(*surveyed(own), SETTINGS))
+    write_geotiff(tmp_path / "a.tif", change_map(*surveyed(own), CELL))
     with rasterio.open(tmp_path / "a.tif") as raster:
         assert raster.crs == rasterio.crs.CRS.from_wkt(own)
         assert (raster.crs.to_epsg(), raster.crs.to_dict()["lon_0"]) == (None, 9.5)
@@ -121,7 +128,7 @@ def test_a_geotiff_has_a_system_that_has_no_code(tmp_path):
 @pytest.mark.parametrize("crs", ["EPSG:999999", "WGS 84 / UTM zone 32N (north)"])
 def test_a_system_that_is_not_known_is_left_out_with_a_warning(tmp_path, crs):
     rasterio = pytest.importorskip("rasterio")
-    found = change_map(*surveyed(crs), SETTINGS)
+    found = change_map(*surveyed(crs), CELL)
     with pytest.warns(UserWarning, match=f"{re.escape(crs)} is not known"):
         write_geotiff(tmp_path / "a.tif", found)
     with rasterio.open(tmp_path / "a.tif") as raster:
@@ -133,11 +140,11 @@ def test_what_cannot_be_a_map_is_told(tmp_path):
     with pytest.raises(InputError, match="signed distances"):
         change_map(dataclasses.replace(changes, distance_before=None), clouds)
     with pytest.raises(InputError, match="choose a larger one"):
-        change_map(changes, clouds, ChangeMapSettings(cell=1e-6))
+        change_map(changes, clouds, 1e-6)
     with pytest.raises(InputError, match="positive"):
-        change_map(changes, clouds, ChangeMapSettings(cell=-1.0))
+        change_map(changes, clouds, -1.0)
     with pytest.raises(InputError):
-        write_geotiff(tmp_path / "missing" / "a.tif", change_map(changes, clouds, SETTINGS))
+        write_geotiff(tmp_path / "missing" / "a.tif", change_map(changes, clouds, CELL))
 
 
 def test_a_depth_camera_has_no_map_from_above():

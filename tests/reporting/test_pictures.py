@@ -10,7 +10,7 @@ from gmmjax.clouds import PointCloud
 from gmmjax.errors import InputError
 from gmmjax.pair import Pair
 from gmmjax.reporting import write_thumbnails
-from gmmjax.reporting.palette import KIND_COLORS, color_bytes
+from gmmjax.reporting.palette import KIND_COLORS, color_bytes, stretched
 from gmmjax.reporting.pictures import Pictures, PictureSettings
 from tests.reporting.conftest import change, labelled
 
@@ -194,7 +194,7 @@ def test_the_same_clouds_give_the_same_small_files(pair, tmp_path):
 
 
 def test_other_clouds_than_those_of_the_changes_are_refused(pair, tmp_path):
-    with pytest.raises(InputError, match=r"before: has 12000 points, the changes have labels for 400"):
+    with pytest.raises(InputError, match=r"before: has 12,000 points, the changes have labels for 400"):
         thumbnails(tmp_path, pair[2], ROOM)
     assert not list(tmp_path.iterdir())
 
@@ -202,3 +202,8 @@ def test_other_clouds_than_those_of_the_changes_are_refused(pair, tmp_path):
 def test_a_folder_that_is_missing_is_named(pair, tmp_path):
     with pytest.raises(InputError, match="nowhere"):
         thumbnails(tmp_path / "nowhere", unchanged(pair, ROOM), ROOM)
+
+
+def test_values_without_a_range_are_in_the_middle_of_the_scale():
+    np.testing.assert_array_equal(stretched(np.full(3, 7.0)), 0.5)
+    assert stretched(np.arange(101.0))[[0, 100]].tolist() == [0.0, 1.0]

@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.registration import Registration
 from gmmjax.geometry.rigid import rigid_transform, rotation_about
+from gmmjax.reporting.quantities import percent
 from gmmjax.reporting.summary import (
     HEADINGS,
     answer,
@@ -13,7 +14,6 @@ from gmmjax.reporting.summary import (
     headings,
     measures_text,
     object_rows,
-    percent,
     poses_text,
     registration_text,
     unobserved_text,
