@@ -4,7 +4,6 @@
 """
 
 import argparse
-import functools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, get_args
@@ -49,26 +48,16 @@ SIGNS = MatchFacts(
 OF_FAMILIES = 0.5
 # Of the weights, in observations: keeps those of facts that tell nothing near zero.
 RIDGE = 1.0
+# Scenes of each kind that are made for this. Fewer: the weights differ from sample to sample.
+SCENES = 120
+# Weight of an example of two objects in different places: fewer things move, and more come and go, than in the scenes
+# that are learned from. Empirical. 1: a pair is as probable as there.
+OTHERS = 2.0
 # Spacings by which a transform may misplace an object's points and still be right.
 RIGHT = 4.0
 # By how much less a wrong transform of the right object may fit than the true one, as a fraction of its points: what
 # looks the same after a rotation is recognised all the same.
 AS_GOOD = 0.1
-
-
-class LearningSettings(NamedTuple):
-    """What is learned from.
-
-    Attributes:
-        scenes: number of scenes of each kind that is made for this. Fewer: the weights differ from sample to sample.
-        scene: what the rearranged places are like.
-        others: weight of an example of two objects in different places: fewer things move, and more come and go, than
-            in the scenes that are learned from. Empirical. 1: a pair is as probable as there.
-    """
-
-    scenes: int = 120
-    scene: SceneSettings = SceneSettings()
-    others: float = 2.0
 
 
 class Example(NamedTuple):
@@ -122,33 +111,32 @@ def _misplaced(found: FoundScene, number: int, transform: Float64[np.ndarray, "4
     return max(float(np.quantile(distances, 0.9)) for distances in apart) / spacing
 
 
-def examples(first_seed: int, settings: LearningSettings, workers: int = 1) -> list[Example]:
+def examples(first_seed: int, scenes: int, workers: int = 1) -> list[Example]:
     """Those of all scenes from a seed on.
 
     Args:
         first_seed: of the first scene of each kind.
-        settings: how many scenes, and what they are like.
+        scenes: number of scenes of each kind that is made for this.
         workers: number of processes; the result does not depend on it.
     """
-    counts = {kind: int(settings.scenes * (OF_FAMILIES if kind in FAMILIES else 1)) for kind in KINDS_OF_SCENES}
+    counts = {kind: int(scenes * (OF_FAMILIES if kind in FAMILIES else 1)) for kind in KINDS_OF_SCENES}
     jobs = [(kind, first_seed + index) for kind, count in counts.items() for index in range(count)]
-    of_scene = functools.partial(examples_of_scene, settings=settings.scene)
-    return [example for own in over_workers(of_scene, jobs, workers) for example in own]
+    return [example for own in over_workers(examples_of_scene, jobs, workers) for example in own]
 
 
-def examples_of_scene(job: tuple[str, int], settings: SceneSettings) -> list[Example]:
+def examples_of_scene(job: tuple[str, int], settings: SceneSettings = SceneSettings()) -> list[Example]:
     """The examples of the scene of a kind and a seed."""
     kind, seed = job
     found = found_scene(kind, seed, settings)
     return [] if found is None else list(examples_of(kind, found))
 
 
-def learned(given: Sequence[Example], settings: LearningSettings) -> SameObjectModel:
+def learned(given: Sequence[Example], others: float = OTHERS) -> SameObjectModel:
     """A logistic model for each situation, by penalised maximum likelihood, with the known signs of the weights.
 
     Args:
         given: the examples.
-        settings: the weight of the examples, and the penalty.
+        others: weight of an example of two objects in different places.
 
     Raises:
         InputError: too few examples of a situation.
@@ -158,7 +146,7 @@ def learned(given: Sequence[Example], settings: LearningSettings) -> SameObjectM
         own = [example for example in given if example.situation == situation]
         if len({example.one_object for example in own}) < 2:
             raise InputError(f"the scenes have no two kinds of examples {situation!r}; learn from more scenes")
-        models[situation] = _fitted(own, 1.0 if situation == "in place" else settings.others)
+        models[situation] = _fitted(own, 1.0 if situation == "in place" else others)
     return models
 
 
@@ -184,15 +172,15 @@ def _fitted(given: Sequence[Example], others: float) -> LogisticWeights:
     return LogisticWeights(means, scales, best[1:], float(best[0]))
 
 
-def left_out_log_odds(given: Sequence[Example], settings: LearningSettings) -> Float64[np.ndarray, " e"]:
+def left_out_log_odds(given: Sequence[Example], others: float = OTHERS) -> Float64[np.ndarray, " e"]:
     """The log odds of every example by what is learned from all other kinds of scenes.
 
     Args:
         given: the examples.
-        settings: of the learning.
+        others: as of `learned`.
     """
     models = {
-        kind: learned([example for example in given if example.kind != kind], settings)
+        kind: learned([example for example in given if example.kind != kind], others)
         for kind in {example.kind for example in given}
     }
     return np.array([models[example.kind][example.situation].log_odds(example.facts) for example in given])
@@ -224,15 +212,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Writes the parameter file, and prints how well each kind of scene is judged by what the others teach."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("output", type=Path, help="the parameter file")
-    parser.add_argument("--scenes", type=int, default=LearningSettings().scenes, help="of each kind")
+    parser.add_argument("--scenes", type=int, default=SCENES, help="of each kind")
     parser.add_argument("--seed", type=int, default=0, help="of the first scene")
     parser.add_argument("--workers", type=int, default=1, help="number of processes")
     given = parser.parse_args(arguments)
-    settings = LearningSettings(scenes=given.scenes)
-    found = examples(given.seed, settings, given.workers)
+    found = examples(given.seed, given.scenes, given.workers)
     with atomic_write(given.output) as file:
-        file.write(learned(found, settings).to_json().encode())
-    print(*summary(found, left_out_log_odds(found, settings), MOVED_THRESHOLD), sep="\n")
+        file.write(learned(found).to_json().encode())
+    print(*summary(found, left_out_log_odds(found), MOVED_THRESHOLD), sep="\n")
 
 
 if __name__ == "__main__":
