@@ -36,7 +36,6 @@ class Options:
         topic: topic of the point clouds; optional if the bag has only one.
         at: a single frame, the one nearest to this time: seconds as in the time stamps, or +SECONDS from
             the start of the bag.
-        tolerance: largest difference from that time, in seconds.
         every: many frames: one out of this many.
         rate: many frames: at most this number a second.
         start: no frame before this time.
@@ -63,7 +62,6 @@ class Options:
     out: Annotated[Path | None, "PATH"] = None
     topic: Annotated[str | None, "TOPIC"] = None
     at: Annotated[str | None, "TIME"] = None
-    tolerance: Annotated[float, "SECONDS"] = 0.5
     every: Annotated[int | None, "N"] = None
     rate: Annotated[float | None, "HZ"] = None
     start: Annotated[str | None, "TIME"] = None
@@ -170,7 +168,7 @@ def _write(bag: "Bag", out: Path, options: Options, progress: Progress) -> dict[
     if options.at is not None:
         time = _time("--at", options.at, bag)
         assert time is not None
-        frame = bag.frame_at(topic, time, options.tolerance)
+        frame = bag.frame_at(topic, time)
         return _write_frame(frame, trajectory, out, options)
     every = 1 if options.every is None else options.every
 
