@@ -8,7 +8,7 @@ from typing import Any
 
 from gmmjax import __version__
 from gmmjax.batch.fingerprint import Fingerprint
-from gmmjax.batch.rows import ChangeRow, ConvergenceRow, PairRow
+from gmmjax.batch.rows import ChangeRow, PairRow
 from gmmjax.changes import DetectionConfig
 from gmmjax.clouds import atomic_write, read_json_record
 from gmmjax.errors import InputError, one_line
@@ -49,10 +49,6 @@ class Request:
         settings.pop("verdict", None)
         return cls(settings, config.restarts, until_stable, files)
 
-    def same_fits(self, other: "Request") -> bool:
-        """Whether a restart of one is a restart of the other."""
-        return self.settings == other.settings
-
 
 @dataclasses.dataclass(frozen=True)
 class PairRecord:
@@ -64,7 +60,6 @@ class PairRecord:
         files: what was written, by name.
         pair: its row of the summary.
         changes: the rows of its changes.
-        convergence: the rows of its doublings of the restarts; () where nobody asked.
         seconds: of reading, detecting and writing, and of the stages of the detection.
         finished: when it was done, seconds since 1970.
         version: of gmmjax.
@@ -75,7 +70,6 @@ class PairRecord:
     files: Mapping[str, Fingerprint]
     pair: PairRow
     changes: tuple[ChangeRow, ...]
-    convergence: tuple[ConvergenceRow, ...]
     seconds: Mapping[str, float]
     finished: float
     version: str = __version__
@@ -124,7 +118,6 @@ class PairRecord:
                 {name: Fingerprint(**own) for name, own in content["files"].items()},
                 PairRow(**content["pair"]),
                 tuple(ChangeRow(**row) for row in content["changes"]),
-                tuple(ConvergenceRow(**row) for row in content["convergence"]),
                 {stage: float(seconds) for stage, seconds in content["seconds"].items()},
                 float(content["finished"]),
                 str(content["version"]),

@@ -67,22 +67,6 @@ class PairRow:
 
 
 @dataclasses.dataclass(frozen=True)
-class ConvergenceRow:
-    """How the probabilities of a pair converged: a row for each doubling of its restarts.
-
-    Attributes:
-        name: of the pair.
-        restarts: number of them after the doubling.
-        difference: the largest, over the changes before and after it, of the mean absolute difference of the
-            probabilities of a change's points.
-    """
-
-    name: str
-    restarts: int
-    difference: float
-
-
-@dataclasses.dataclass(frozen=True)
 class ChangeRow:
     """A change of a pair in the summary. Lengths are in the unit of the clouds, in the frame of the before cloud.
 
@@ -123,24 +107,15 @@ class ChangeRow:
 
 @dataclasses.dataclass(frozen=True)
 class ObjectRow:
-    """An event in the history of an object of a series. Lengths are in the unit of the clouds.
+    """An `ObjectEvent` of an object of a series in the table: epochs by name, the box by its centre and edges.
 
     Attributes:
         object: number of the object, from 1.
         event: index of the event in the object's history.
-        kind: "came", "moved" or "went".
-        epoch: name of the first epoch in which it shows.
-        previous: name of the latest epoch before that in which it was known to be otherwise.
+        kind: as of `ObjectEvent`, and so are all fields that are not listed here.
         epoch_index: index of the epoch in the series.
-        probability: of the change that shows it; where the want of one shows it, of the latest change before.
-        moved_probability: of an object that moved, that it is the same; None where it was not computed.
-        distance: of an object that moved, how far its centre did.
-        returned: of an object that came, whether it had been there before, and gone.
         before: name of the earlier epoch of the comparison that shows it.
         after: name of the later one.
-        change: index of the change in that comparison; None where the want of one shows it.
-        overlap: share of the points by which the change was linked to the object, 0 to 1.
-        point_count: points of the change.
         frame: name of the epoch in whose frame the centre is.
         centre_x: centre of the object's box: where it is from then on, or was until then.
         centre_y: likewise.

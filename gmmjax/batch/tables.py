@@ -1,4 +1,4 @@
-"""What a run writes: the summary as tables, a row a pair, a row a change, as CSV and Parquet; and any other file."""
+"""Tables as CSV and Parquet, and any other file, whole or not at all."""
 
 import csv
 import dataclasses
@@ -9,26 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from gmmjax.batch.rows import ChangeRow, ConvergenceRow, PairRow
 from gmmjax.clouds import atomic_write
 from gmmjax.errors import InputError
-
-
-def write_tables(
-    folder: Path,
-    pairs: Sequence[PairRow],
-    changes: Sequence[ChangeRow],
-    convergence: Sequence[ConvergenceRow] = (),
-) -> None:
-    """Writes the tables `pairs` and `changes`, and `convergence` where there is any, each as CSV and Parquet.
-
-    Raises:
-        InputError: a file cannot be written.
-    """
-    write_table(folder, "pairs", PairRow, pairs)
-    write_table(folder, "changes", ChangeRow, changes)
-    if convergence:
-        write_table(folder, "convergence", ConvergenceRow, convergence)
 
 
 def write_table(folder: Path, name: str, kind: type, rows: Sequence[Any]) -> None:

@@ -40,12 +40,10 @@ def batch(
     config: Annotated[Path | None, "FILE.toml"] = None,
     workers: int | None = None,
     scheduler: Annotated[str | None, "tcp://HOST:PORT"] = None,
-    send: bool = False,
     shard: Annotated[str | None, "K/N"] = None,
     merge: bool = False,
     series: Against | None = None,
     until_stable: bool = False,
-    stable_within: Annotated[float, "P"] = 0.01,
     fail_fast: bool = False,
     transform_after: bool = False,
     overwrite: bool = False,
@@ -55,8 +53,8 @@ def batch(
     """Find what changed in many pairs of scans: a result for each, tables of all, and a page to browse them.
 
     The manifest is a table, .csv or .tsv, with the columns name, before and after, and optionally views_before,
-    views_after, config, or any setting by its name; or JSON lines (.jsonl) with the same keys. Paths in it are relative
-    to it. The same command resumes an interrupted run, and computes again what was made otherwise.
+    views_after, config, or any setting by its name. Paths in it are relative to it. The same command resumes an
+    interrupted run, and computes again what was made otherwise.
 
     Args:
         manifest: table of the pairs.
@@ -66,14 +64,12 @@ def batch(
         config: settings for all pairs; options override them.
         workers: processes of this machine. Default: one a core.
         scheduler: address of a Dask scheduler, whose workers compute in their place.
-        send: read the scans here and send them to workers that do not see the files.
         shard: compute a part of the run, such as 3/100; the others are computed elsewhere, into the same folder.
         merge: compute nothing; write the tables and the page for what is in the folder, such as after all shards.
         series: the manifest lists the epochs of one place in order: name, cloud, and optionally views. Each is
             compared with its predecessor or with the first, and the changes are linked into objects with a history.
-        until_stable: for each pair, stop when doubling the restarts changes no probability by `stable_within` or more;
+        until_stable: for each pair, stop when doubling the restarts changes no probability by one percent or more;
             `restarts` is then the maximum.
-        stable_within: largest change of a probability that counts as stable.
         fail_fast: stop at the first failure.
         transform_after: write the after scans in the frames of the before scans; by default they keep their own.
         overwrite: replace the results of a run with other settings.
@@ -91,10 +87,9 @@ def batch(
     options: dict[str, Any] = {
         "out": out,
         "config": detection,
-        "until_stable": stable_within if until_stable else None,
+        "until_stable": 0.01 if until_stable else None,
         "workers": workers,
         "scheduler": scheduler,
-        "send": send,
         "save": save_transformed_report if transform_after else save_report,
         "overwrite": overwrite,
         "fail_fast": fail_fast,

@@ -7,7 +7,6 @@ from pathlib import Path
 from gmmjax.batch import (
     ChangeRow,
     Comparison,
-    ConvergenceRow,
     FoundPair,
     ObjectHistory,
     ObjectRow,
@@ -18,7 +17,6 @@ from gmmjax.batch import (
     object_rows,
     write_file,
     write_table,
-    write_tables,
 )
 from gmmjax.changes import Changes, presented
 from gmmjax.clouds import read_cloud
@@ -40,13 +38,11 @@ class Summary:
     Attributes:
         pairs: the rows of the pairs that are done or failed, in their order in the manifest.
         changes: the rows of all changes.
-        convergence: the rows of all doublings of restarts.
         missing: names of the pairs that are neither done nor failed.
     """
 
     pairs: tuple[PairRow, ...]
     changes: tuple[ChangeRow, ...]
-    convergence: tuple[ConvergenceRow, ...]
     missing: tuple[str, ...]
 
     @property
@@ -71,7 +67,7 @@ def save_report(folder: Path, found: FoundPair, *, transform_after: bool = False
     Raises:
         InputError, OSError: a file cannot be written.
     """
-    changes, clouds = found.consensus.changes, found.loaded.clouds
+    changes, clouds = found.consensus.changes, found.clouds
     write_result_files(folder, clouds.before, clouds.after, changes, transform_after=transform_after)
     write_thumbnails(folder, *presented(changes, *clouds))
 
@@ -90,7 +86,6 @@ def summary_of(folder: RunFolder, names: Sequence[str]) -> Summary:
     """
     pairs: list[PairRow] = []
     changes: list[ChangeRow] = []
-    convergence: list[ConvergenceRow] = []
     missing = []
     for name in names:
         failed, record = folder.failed(name), folder.result(name)
@@ -99,10 +94,9 @@ def summary_of(folder: RunFolder, names: Sequence[str]) -> Summary:
         elif record is not None:
             pairs.append(record.pair)
             changes.extend(record.changes)
-            convergence.extend(record.convergence)
         else:
             missing.append(name)
-    return Summary(tuple(pairs), tuple(changes), tuple(convergence), tuple(missing))
+    return Summary(tuple(pairs), tuple(changes), tuple(missing))
 
 
 def write_summary(folder: RunFolder, names: Sequence[str]) -> Summary:
@@ -116,7 +110,8 @@ def write_summary(folder: RunFolder, names: Sequence[str]) -> Summary:
         InputError: a file cannot be written.
     """
     summary = summary_of(folder, names)
-    write_tables(folder.path, summary.pairs, summary.changes, summary.convergence)
+    write_table(folder.path, "pairs", PairRow, summary.pairs)
+    write_table(folder.path, "changes", ChangeRow, summary.changes)
     page = batch_index_html(folder.path.name, summary.pairs, summary.changes, missing=summary.missing)
     write_file(folder.path / INDEX_FILE, page.encode())
     return summary

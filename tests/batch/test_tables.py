@@ -3,7 +3,7 @@ import csv
 import pytest
 from pyarrow import parquet
 
-from gmmjax.batch import ChangeRow, PairRow, write_tables
+from gmmjax.batch import ChangeRow, PairRow, write_table
 from gmmjax.errors import InputError
 
 PAIRS = (
@@ -14,7 +14,8 @@ CHANGES = (ChangeRow('a "b", <c>', 0, "moved", 0.75, None, 0.9, 12.5, 300, 1, 1.
 
 
 def test_both_formats_hold_the_rows(tmp_path):
-    write_tables(tmp_path, PAIRS, CHANGES)
+    write_table(tmp_path, "pairs", PairRow, PAIRS)
+    write_table(tmp_path, "changes", ChangeRow, CHANGES)
     with (tmp_path / "pairs.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [(row["name"], row["error"], row["changes"]) for row in rows] == [
@@ -27,7 +28,7 @@ def test_both_formats_hold_the_rows(tmp_path):
 
 
 def test_columns_have_their_types_without_rows(tmp_path):
-    write_tables(tmp_path, PAIRS, ())
+    write_table(tmp_path, "changes", ChangeRow, ())
     schema = parquet.read_schema(tmp_path / "changes.parquet")
     assert str(schema.field("probability").type) == "double"
     assert str(schema.field("partner").type) == "int64"
@@ -37,4 +38,4 @@ def test_columns_have_their_types_without_rows(tmp_path):
 def test_a_table_that_cannot_be_written(tmp_path):
     (tmp_path / "pairs.csv").mkdir()
     with pytest.raises(InputError, match=r"pairs\.csv: is a folder"):
-        write_tables(tmp_path, PAIRS, CHANGES)
+        write_table(tmp_path, "pairs", PairRow, PAIRS)
