@@ -80,7 +80,7 @@ def test_shards_are_merged(scans, tmp_path):
 def test_a_series_has_a_time_line(scans, tmp_path):
     manifest = scans.with_name("epochs.csv")
     manifest.write_text("name,cloud\nMonday,before0.ply\nTuesday,after0.ply\n")
-    result = run(manifest, "--out", tmp_path / "run", "--series", "previous", *FLAGS)
+    result = run(manifest, "--out", tmp_path / "run", "--series", *FLAGS)
     assert result.returncode == 0, result.stderr
     assert result.stdout.splitlines()[0] == "2 epochs, 1 object: 1 came"
     assert {"timeline.html", "objects.csv", "objects.parquet"} <= set(os.listdir(tmp_path / "run"))
@@ -124,8 +124,8 @@ def test_warnings_and_whole_errors_are_printed(capsys):
         (["{scans}", "--shard", "4/3"], "shard 4/3: the number must be from 1 to 3"),
         (["{scans}", "--until-stable"], "until_stable needs restarts"),
         (["{scans}", "--workers", "0"], "--workers 0 must be at least 1"),
-        (["{scans}", "--series", "first", "--shard", "1/2"], "goes without --pairs and --shard"),
-        (["{scans}", "--series", "first"], "line 2: has no cloud"),
+        (["{scans}", "--series", "--shard", "1/2"], "goes without --pairs and --shard"),
+        (["{scans}", "--series"], "line 2: has no cloud"),
         (["{scans}.no"], "no such file"),
         (["--merge"], "holds no run (no run.json)"),
         (["--merge", "--shard", "1/2"], "--merge is of all shards"),

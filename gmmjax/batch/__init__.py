@@ -4,6 +4,7 @@ from gmmjax.batch.comparison import Comparison as Comparison
 from gmmjax.batch.comparison import Coverage as Coverage
 from gmmjax.batch.detect_many import BatchResult as BatchResult
 from gmmjax.batch.detect_many import detect_many as detect_many
+from gmmjax.batch.history import EpochTree as EpochTree
 from gmmjax.batch.history import EventKind as EventKind
 from gmmjax.batch.history import ObjectEvent as ObjectEvent
 from gmmjax.batch.history import ObjectHistory as ObjectHistory
@@ -26,14 +27,12 @@ from gmmjax.batch.run_folder import RunRecord as RunRecord
 from gmmjax.batch.run_folder import Shard as Shard
 from gmmjax.batch.run_folder import run_folder as run_folder
 from gmmjax.batch.scan_pair import BatchPair as BatchPair
-from gmmjax.batch.series import Against as Against
 from gmmjax.batch.series import Epoch as Epoch
 from gmmjax.batch.series import compared_epochs as compared_epochs
 from gmmjax.batch.series import detect_series as detect_series
 from gmmjax.batch.series import read_epochs as read_epochs
 from gmmjax.batch.tables import write_file as write_file
 from gmmjax.batch.tables import write_table as write_table
-from gmmjax.batch.tracks import EpochTree as EpochTree
 from gmmjax.batch.worker import FoundPair as FoundPair
 from gmmjax.batch.worker import Save as Save
 from gmmjax.batch.worker import save_changes as save_changes

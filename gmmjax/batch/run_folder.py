@@ -157,7 +157,7 @@ class RunRecord:
     Attributes:
         names: of all pairs, of all shards.
         settings: of the run by name, those that are not the default; without the restarts.
-        series: what the epochs of a series are compared with, "previous" or "first"; None: it is no series.
+        series: what the epochs of a series are compared with, "previous"; None: it is no series.
         epochs: of a series, in their order.
         version: of gmmjax.
     """

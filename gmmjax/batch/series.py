@@ -1,18 +1,17 @@
-"""A series: many epochs of one place, each compared with its predecessor or with the first one."""
+"""A series: many epochs of one place, each compared with its predecessor."""
 
 import itertools
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 from gmmjax.batch.detect_many import BatchResult, detect_many
 from gmmjax.batch.manifest import Entry, read_lines
 from gmmjax.batch.run_folder import RunFolder, RunRecord
 from gmmjax.batch.scan_pair import LONGEST_NAME, BatchPair, check_name
 from gmmjax.changes import DetectionConfig
-from gmmjax.errors import InputError, check_choice, shown
+from gmmjax.errors import InputError, shown
 
-Against = Literal["previous", "first"]
 REQUIRED = ("name", "cloud")
 
 
@@ -55,10 +54,8 @@ def read_epochs(path: Path, config: DetectionConfig = DetectionConfig()) -> list
     return epochs
 
 
-def detect_series(
-    epochs: Sequence[Epoch], *, out: Path, against: Against = "previous", **options: Any
-) -> Generator[BatchResult, None, None]:
-    """Compares each epoch of a series with an earlier one.
+def detect_series(epochs: Sequence[Epoch], *, out: Path, **options: Any) -> Generator[BatchResult, None, None]:
+    """Compares each epoch of a series with the one before.
 
     Where an epoch cannot be compared with its predecessor, because that one cannot be read, it is compared with the
     latest one before that can be.
@@ -66,7 +63,6 @@ def detect_series(
     Args:
         epochs: in the order of time.
         out: folder of the run.
-        against: "previous" or "first".
         options: of `detect_many`.
 
     Yields:
@@ -75,44 +71,36 @@ def detect_series(
     Raises:
         InputError, ComputationError: as `detect_many`.
     """
-    check_choice("against", against, get_args(Against))
+    names = [epoch.name for epoch in epochs]
+    pairs = {pair_name(names, pair): pair for pair in itertools.pairwise(range(len(epochs)))}
     done = []
-    pairs = [(0 if against == "first" else later - 1, later) for later in range(1, len(epochs))]
-    for result, pair in _results(epochs, pairs, pairs, out, against, options):
+    for result in _results(epochs, pairs, pairs, out, options):
         if result.done:
-            done.append(pair)
+            done.append(pairs[result.name])
         yield result
-    bridges = _bridges(len(epochs), done) if against == "previous" else []
-    if bridges:
-        yield from (result for result, _ in _results(epochs, bridges, pairs + bridges, out, against, options))
+    if bridges := {pair_name(names, pair): pair for pair in _bridges(len(epochs), done)}:
+        yield from _results(epochs, bridges, {**pairs, **bridges}, out, options)
 
 
 def _results(
     epochs: Sequence[Epoch],
-    pairs: Sequence[tuple[int, int]],
-    known: Sequence[tuple[int, int]],
+    pairs: Mapping[str, tuple[int, int]],
+    known: Iterable[str],
     out: Path,
-    against: Against,
     options: Mapping[str, Any],
-) -> Generator[tuple[BatchResult, tuple[int, int]], None, None]:
-    """The results of some of the known pairs, each with its pair."""
-    names = [epoch.name for epoch in epochs]
-    record = RunRecord.of(
-        [pair_name(names, pair) for pair in known],
-        options.get("config") or DetectionConfig(),
-        series=against,
-        epochs=tuple(names),
-    )
-    by_name = {pair_name(names, pair): pair for pair in pairs}
-    chosen = [_batch_pair(epochs, pair) for pair in pairs]
-    for result in detect_many(chosen, out=out, record=record, **options):
-        yield result, by_name[result.name]
+) -> Generator[BatchResult, None, None]:
+    """The results of some pairs of a run that has all that are known."""
+    config = options.get("config") or DetectionConfig()
+    names = tuple(epoch.name for epoch in epochs)
+    record = RunRecord.of(list(known), config, series="previous", epochs=names)
+    chosen = [_batch_pair(name, *(epochs[index] for index in pair)) for name, pair in pairs.items()]
+    yield from detect_many(chosen, out=out, record=record, **options)
 
 
 def compared_epochs(folder: RunFolder) -> Mapping[tuple[int, int], str]:
     """The pairs of a series that are done: by the indices of their epochs, the earlier one first, the name.
 
-    Each epoch is the later one of one pair at most.
+    Each epoch is the earlier and the later one of one pair at most.
 
     Raises:
         InputError: a folder without a series.
@@ -127,7 +115,8 @@ def compared_epochs(folder: RunFolder) -> Mapping[tuple[int, int], str]:
         if name in known and folder.failed(name) is None and folder.result(name) is not None:
             # The closest one counts: a bridge is not needed any more once its gap is closed.
             found[pair[1]] = (pair, name)
-    return dict(found.values())
+    closest = {pair[0]: (pair, name) for pair, name in sorted(found.values(), reverse=True)}
+    return dict(sorted(closest.values()))
 
 
 def pair_name(names: Sequence[str], pair: tuple[int, int]) -> str:
@@ -147,9 +136,7 @@ def _bridges(count: int, done: Sequence[tuple[int, int]]) -> list[tuple[int, int
     return bridges
 
 
-def _batch_pair(epochs: Sequence[Epoch], pair: tuple[int, int]) -> BatchPair:
-    before, after = (epochs[index] for index in pair)
-    name = pair_name([epoch.name for epoch in epochs], pair)
+def _batch_pair(name: str, before: Epoch, after: Epoch) -> BatchPair:
     return BatchPair(name, before.cloud, after.cloud, before.views, after.views, after.config)
 
 

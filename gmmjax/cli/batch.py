@@ -3,7 +3,7 @@
 import contextlib
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from gmmjax.changes import DetectionConfig
 from gmmjax.cli.detect import read_settings
@@ -19,7 +19,6 @@ COMMON = (
     *("manifest", "out", "overwrite", "pairs", "series", "workers", "scheduler", "shard", "merge"),
     *("until_stable", "restarts", "fail_fast", "transform_after", "config", "quiet"),
 )
-Against = Literal["previous", "first"]
 SERIES_FILES = {
     "timeline.html": "when each object came, moved and went",
     "objects.csv": "a row for each event of an object; objects.parquet is the same",
@@ -42,7 +41,7 @@ def batch(
     scheduler: Annotated[str | None, "tcp://HOST:PORT"] = None,
     shard: Annotated[str | None, "K/N"] = None,
     merge: bool = False,
-    series: Against | None = None,
+    series: bool = False,
     until_stable: bool = False,
     fail_fast: bool = False,
     transform_after: bool = False,
@@ -67,7 +66,7 @@ def batch(
         shard: compute a part of the run, such as 3/100; the others are computed elsewhere, into the same folder.
         merge: compute nothing; write the tables and the page for what is in the folder, such as after all shards.
         series: the manifest lists the epochs of one place in order: name, cloud, and optionally views. Each is
-            compared with its predecessor or with the first, and the changes are linked into objects with a history.
+            compared with its predecessor, and the changes are linked into objects with a history.
         until_stable: for each pair, stop when doubling the restarts changes no probability by one percent or more;
             `restarts` is then the maximum.
         fail_fast: stop at the first failure.
@@ -94,11 +93,11 @@ def batch(
         "overwrite": overwrite,
         "fail_fast": fail_fast,
     }
-    if series is not None:
+    if series:
         if part is not None or manifest is None:
             raise InputError("--series needs a MANIFEST of epochs, and goes without --pairs and --shard")
         epochs = read_epochs(manifest, detection)
-        results, count = detect_series(epochs, against=series, **options), len(epochs) - 1
+        results, count = detect_series(epochs, **options), len(epochs) - 1
     else:
         given = _pairs(manifest, pairs, detection)
         results, count = detect_many(given, shard=part, **options), len(given if part is None else part.of(given))
