@@ -40,7 +40,7 @@ def test_it_says_what_changed_and_where_the_files_are(done):
 
 def test_it_writes_what_it_says(done):
     _, folder = done
-    names = set("run.json index.html pairs.csv pairs.parquet changes.csv changes.parquet pairs errors".split())
+    names = set("run.json index.html pairs.csv changes.csv pairs errors".split())
     assert {path.name for path in folder.iterdir() if not path.name.startswith(".")} == names
     files = {"before.ply", "after.ply", "before.webp", "after.webp", "report.html", "config.toml"}
     files |= {"changes.json", "changes.csv", "changes.geojson", "labels.npz", "fits.npz", "pair.json"}
@@ -83,7 +83,7 @@ def test_a_series_has_a_time_line(scans, tmp_path):
     result = run(manifest, "--out", tmp_path / "run", "--series", *FLAGS)
     assert result.returncode == 0, result.stderr
     assert result.stdout.splitlines()[0] == "2 epochs, 1 object: 1 came"
-    assert {"timeline.html", "objects.csv", "objects.parquet"} <= set(os.listdir(tmp_path / "run"))
+    assert {"timeline.html", "objects.csv"} <= set(os.listdir(tmp_path / "run"))
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from gmmjax.batch.comparison import Comparison as Comparison
 from gmmjax.batch.comparison import Coverage as Coverage
 from gmmjax.batch.detect_many import BatchResult as BatchResult
 from gmmjax.batch.detect_many import detect_many as detect_many
+from gmmjax.batch.history import OBJECT_COLUMNS as OBJECT_COLUMNS
 from gmmjax.batch.history import EpochTree as EpochTree
 from gmmjax.batch.history import EventKind as EventKind
 from gmmjax.batch.history import ObjectEvent as ObjectEvent
@@ -18,7 +19,6 @@ from gmmjax.batch.pools import AbstractPool as AbstractPool
 from gmmjax.batch.pools import Workers as Workers
 from gmmjax.batch.pools import died as died
 from gmmjax.batch.rows import ChangeRow as ChangeRow
-from gmmjax.batch.rows import ObjectRow as ObjectRow
 from gmmjax.batch.rows import PairRow as PairRow
 from gmmjax.batch.rows import PairStatus as PairStatus
 from gmmjax.batch.run_folder import RUN_FILE as RUN_FILE

@@ -1,4 +1,4 @@
-"""What the history of objects needs of one finished pair of a series: its changes and their points, not the clouds."""
+"""A finished pair of a series as the history of objects needs it: its changes and their points, not the clouds."""
 
 import dataclasses
 
@@ -61,7 +61,7 @@ class Comparison:
 
     @classmethod
     def of(cls, before_epoch: int, after_epoch: int, changes: Changes, clouds: Pair[PointCloud]) -> "Comparison":
-        """What is kept of a pair.
+        """Keep what the history needs of a pair.
 
         Raises:
             InputError: changes of other clouds.

@@ -19,7 +19,7 @@ from gmmjax.errors import ComputationError, InputError, shown
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BatchResult:
-    """What became of a pair.
+    """The result of a pair.
 
     Attributes:
         name: of the pair.
@@ -38,7 +38,7 @@ class BatchResult:
 
     @property
     def done(self) -> bool:
-        """Whether the pair has a result."""
+        """True where the pair has a result."""
         return self.pair.status == "done"
 
     def changes(self) -> Changes:
@@ -133,7 +133,7 @@ def _check_until_stable(until_stable: float | None, config: DetectionConfig) -> 
 def _task(
     pair: BatchPair, config: DetectionConfig, until_stable: float | None, folder: RunFolder | None, save: Save
 ) -> PairTask:
-    """What is to be done with a pair. Its paths are absolute: a worker may be started in another folder."""
+    """The task of a pair. Its paths are absolute: a worker may be started in another folder."""
     files: dict[str, Any] = {role: Path(os.path.abspath(file)) for role, file in pair.files().items()}
     own = pair.config or config
     if own.verdict is not None:
@@ -152,7 +152,7 @@ def _in_folder(
     overwrite: bool,
     fail_fast: bool,
 ) -> Generator[BatchResult, None, None]:
-    """What is there already, and then what is computed, largest first: like sizes meet the same compiled programs."""
+    """Results that are there, then those computed, largest first: like sizes meet the same compiled programs."""
     run_folder(folder.path)
     with folder.locked(shard):
         folder.prepare(record, overwrite=overwrite)

@@ -3,21 +3,24 @@
 import dataclasses
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from gmmjax.batch.comparison import Comparison
 from gmmjax.batch.linking import Linker, Sighting, Track
-from gmmjax.batch.rows import ObjectRow
 from gmmjax.changes import Box
 from gmmjax.errors import InputError
 from gmmjax.geometry import transformed
 from gmmjax.pair import Pair
 
 EventKind = Literal["came", "moved", "went"]
-# Fields of an event that are columns of its row.
-SHARED = ("kind", "probability", "moved_probability", "distance", "returned", "change", "overlap", "point_count")
+BOX_COLUMNS = ("centre_x", "centre_y", "centre_z", "extent_1", "extent_2", "extent_3")
+# Those of the table of objects: the fields of an event, with epochs by name.
+OBJECT_COLUMNS = (
+    *("object", "event", "kind", "epoch", "previous", "epoch_index", "probability", "moved_probability", "distance"),
+    *("returned", "before", "after", "change", "overlap", "point_count", "frame", *BOX_COLUMNS),
+)
 
 
 class EpochTree(NamedTuple):
@@ -34,7 +37,7 @@ class EpochTree(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ObjectEvent:
-    """What became of an object between two epochs. Lengths are in the unit of the clouds.
+    """The coming, moving or going of an object between two epochs. Lengths are in the unit of the clouds.
 
     Attributes:
         kind: "came", "moved" or "went".
@@ -149,8 +152,8 @@ def epoch_trees(epochs: Sequence[str], pairs: Iterable[Pair[int]]) -> list[Epoch
     return [EpochTree(chain[0], tuple(chain)) for chain in chains]
 
 
-def object_rows(histories: Sequence[ObjectHistory]) -> list[ObjectRow]:
-    """The table of the objects: a row for each event, object after object."""
+def object_rows(histories: Sequence[ObjectHistory]) -> list[dict[str, Any]]:
+    """The table of the objects: a row for each event, object after object, by `OBJECT_COLUMNS`."""
     return [_row(history, number, event) for history in histories for number, event in enumerate(history.events)]
 
 
@@ -219,18 +222,13 @@ def _event(
     )
 
 
-def _row(history: ObjectHistory, number: int, event: ObjectEvent) -> ObjectRow:
-    names = history.epochs
-    return ObjectRow(
-        object=history.number,
-        event=number,
-        epoch=names[event.epoch],
-        previous=names[event.previous],
-        epoch_index=event.epoch,
-        before=names[event.comparison.before],
-        after=names[event.comparison.after],
-        frame=names[history.frame],
-        **{name: getattr(event, name) for name in SHARED},
-        **dict(zip(("centre_x", "centre_y", "centre_z"), event.box.centre.tolist(), strict=True)),
-        **dict(zip(("extent_1", "extent_2", "extent_3"), event.box.extent.tolist(), strict=True)),
-    )
+def _row(history: ObjectHistory, number: int, event: ObjectEvent) -> dict[str, Any]:
+    names, comparison = history.epochs, event.comparison
+    values = {
+        **{name: getattr(event, name) for name in OBJECT_COLUMNS if hasattr(event, name)},
+        **{"object": history.number, "event": number, "epoch_index": event.epoch, "frame": names[history.frame]},
+        **{"epoch": names[event.epoch], "previous": names[event.previous]},
+        **{"before": names[comparison.before], "after": names[comparison.after]},
+        **dict(zip(BOX_COLUMNS, [*event.box.centre.tolist(), *event.box.extent.tolist()], strict=True)),
+    }
+    return {name: values[name] for name in OBJECT_COLUMNS}

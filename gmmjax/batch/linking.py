@@ -39,7 +39,7 @@ class Sighting(NamedTuple):
 
 @dataclasses.dataclass(eq=False)
 class Track:
-    """What the comparisons say of one object.
+    """One object, by what the comparisons say.
 
     Attributes:
         home: where it was before the first change that shows it; None: it came.
@@ -76,7 +76,7 @@ class Track:
         return shown[max((other for other in shown if other < epoch), default=min(shown))]
 
     def presence(self, epochs: Sequence[int], hidden: Iterable[int]) -> dict[int, bool | None]:
-        """Of each epoch whether the object was there; None where that is not known.
+        """Tell for each epoch whether the object was there; None where that is not known.
 
         What a change says of an epoch holds for all epochs beside it without a change of the object, as far as its
         place was observed. Where two changes contradict each other, one between them was not found, and it is not known
@@ -110,7 +110,7 @@ class Linker:
             self._add(comparison)
 
     def presence(self) -> list[dict[int, bool | None]]:
-        """Of each object in each epoch whether it was there; None where that is not known."""
+        """Tell for each object and epoch whether it was there; None where that is not known."""
         hidden: dict[Track, list[int]] = {track: [] for track in self.tracks}
         for epoch in self._frames:
             asked = [track for track in self.tracks if epoch not in track.there]
@@ -195,7 +195,7 @@ class Linker:
         return self.tracks[-1]
 
     def _hidden(self, tracks: Sequence[Track], epoch: int) -> list[bool]:
-        """Of objects whether the survey of an epoch did not observe where they were last."""
+        """Tell which objects were last where the survey of an epoch did not observe."""
         first = self._comparisons[0]
         coverage, frame = first.coverage.after, self._frames[epoch]
         for comparison in self._comparisons:

@@ -61,7 +61,7 @@ class Entry(NamedTuple):
 
 
 class Named(Protocol):
-    """What a line of a manifest is made into."""
+    """A pair or an epoch, made of a line of a manifest."""
 
     @property
     def name(self) -> str:
@@ -108,7 +108,7 @@ def pairs_in_folders(pattern: str) -> list[BatchPair]:
 
 
 def read_lines(path: Path, required: Sequence[str], files: Sequence[str], make: Callable[[Entry], Made]) -> list[Made]:
-    """What is made of the lines of a manifest, whose names differ and whose files are there.
+    """Read the lines of a manifest, whose names differ and whose files are there.
 
     Args:
         path: of the manifest.
@@ -137,7 +137,7 @@ def read_lines(path: Path, required: Sequence[str], files: Sequence[str], make: 
 
 
 class _Problems:
-    """What is wrong with a manifest, to be told together: one column may be wrong in each line."""
+    """Errors of a manifest, to be told together: one column may be wrong in each line."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

@@ -1,4 +1,4 @@
-"""What is written beside the result of a pair: of what it was made, and its rows of the summary."""
+"""The record beside the result of a pair: of what it was made, and its rows of the summary."""
 
 import dataclasses
 import json
@@ -28,7 +28,7 @@ def chosen_settings(config: DetectionConfig) -> dict[str, Any]:
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-    """What was asked for of a pair, apart from its scans.
+    """A request for the result of a pair, apart from its scans.
 
     Attributes:
         settings: of the detection, by name, those that are not the default; without the restarts.
@@ -44,7 +44,7 @@ class Request:
 
     @classmethod
     def of(cls, config: DetectionConfig, until_stable: float | None, files: str) -> "Request":
-        """What is asked for by a config. A verdict's file is known by its content, among the inputs."""
+        """The request by a config. A verdict's file is known by its content, among the inputs."""
         settings = chosen_settings(config)
         settings.pop("verdict", None)
         return cls(settings, config.restarts, until_stable, files)
@@ -75,7 +75,7 @@ class PairRecord:
     version: str = __version__
 
     def is_of(self, inputs: Mapping[str, Path | Fingerprint]) -> bool:
-        """Whether it was made of these inputs, by this version.
+        """True where it was made of these inputs, by this version.
 
         Args:
             inputs: files, or the fingerprints of what is in memory, by what each is to the pair.
@@ -90,7 +90,7 @@ class PairRecord:
         )
 
     def is_whole(self, folder: Path) -> bool:
-        """Whether all that was written is there as it was written."""
+        """True where all that was written is there as it was written."""
         return all(known.matches(folder / name) for name, known in self.files.items())
 
     def write(self, path: Path) -> None:

@@ -37,7 +37,7 @@ class Place:
 
     @functools.cached_property
     def tree(self) -> cKDTree:
-        """Of the points."""
+        """Search tree of the points."""
         return cKDTree(self.points)
 
     @functools.cached_property
@@ -150,7 +150,7 @@ def _bounds(places: Sequence[Place]) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def _pieces(preferred: Float[np.ndarray, "k n"], pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Of the known and the new places without a partner those that overlap one that has one."""
+    """The known and the new places without a partner that overlap one that has one."""
     rows, columns = {row for row, _ in pairs}, {column for _, column in pairs}
     same: Bool[np.ndarray, "k n"] = preferred > 0
     found = []

@@ -66,7 +66,7 @@ class LocalPool(AbstractPool):
         return lane.submit(function, *arguments)
 
     def lost(self, error: BaseException) -> ComputationError | None:
-        """Whether processes cannot even be started; see `AbstractPool`."""
+        """The error where processes cannot even be started; see `AbstractPool`."""
         if all(lane is None or lane.began for lane in self._lanes):
             return None
         return ComputationError(
@@ -95,12 +95,12 @@ class _Lane:
 
     @property
     def began(self) -> bool:
-        """Whether the process was there, or is still being started."""
+        """True where the process was there, or is still being started."""
         return not self._process.done() or self._process.exception() is None
 
     @property
     def free(self) -> bool:
-        """Whether it has nothing to do."""
+        """True where it has nothing to do."""
         return self._latest is None or self._latest.done()
 
     def submit(self, function: Any, *arguments: Any) -> "Future[Any]":
@@ -170,7 +170,7 @@ class ClusterPool(ExecutorPool):
         super().__init__(self._client.get_executor(pure=False), 2 * threads)
 
     def lost(self, error: BaseException) -> ComputationError | None:
-        """Whether the scheduler has gone; see `AbstractPool`."""
+        """The error where the scheduler has gone; see `AbstractPool`."""
         if not isinstance(error, CancelledError | OSError) and self._client.status == "running":
             return None
         return ComputationError(
@@ -187,7 +187,7 @@ class ClusterPool(ExecutorPool):
 
 
 def died(error: BaseException) -> bool:
-    """Whether an error of a future means that the worker died, by the standard library or by Dask."""
+    """True where an error of a future means that the worker died, by the standard library or by Dask."""
     return isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"
 
 

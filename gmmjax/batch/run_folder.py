@@ -114,7 +114,7 @@ class RunFolder:
             _make_folder(self.path / name)
 
     def run_record(self) -> "RunRecord | None":
-        """What was to be computed here; None where nothing was.
+        """The record of the run; None where there is none.
 
         Raises:
             InputError: a record that is damaged.
@@ -152,7 +152,7 @@ class RunFolder:
 
 @dataclasses.dataclass(frozen=True)
 class RunRecord:
-    """What is to be computed in a folder.
+    """The pairs and settings of a run.
 
     Attributes:
         names: of all pairs, of all shards.

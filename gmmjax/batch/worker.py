@@ -1,4 +1,4 @@
-"""What a worker does with a pair: read, detect, write. Everything here can run in another process."""
+"""A pair in a worker, which may be another process: read, detect, write."""
 
 import dataclasses
 import time
@@ -69,7 +69,7 @@ class PairTask:
 
     @property
     def request(self) -> Request:
-        """What is asked for, apart from the scans."""
+        """The request, apart from the scans."""
         return Request.of(self.config, self.until_stable, self.save.__name__)
 
     def inputs(self) -> dict[str, Path]:
@@ -83,7 +83,7 @@ class PairTask:
 
 
 class PairResult(NamedTuple):
-    """What became of a pair.
+    """The result of a pair.
 
     Attributes:
         name: of the pair.

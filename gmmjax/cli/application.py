@@ -139,7 +139,7 @@ def overview(width: int) -> str:
 
 
 def _unknown(words: list[str]) -> str:
-    """What is wrong with words that do not begin with a command, and what may be meant."""
+    """Name the error of words that do not begin with a command, and what may be meant."""
     if not words[0]:
         return "give a command, such as detect; gmmjax --help lists them"
     name, places = words[0], (" ".join(words[:2]), words[0])

@@ -21,12 +21,12 @@ COMMON = (
 )
 SERIES_FILES = {
     "timeline.html": "when each object came, moved and went",
-    "objects.csv": "a row for each event of an object; objects.parquet is the same",
+    "objects.csv": "a row for each event of an object",
 }
 SUMMARY_FILES = {
     "index.html": "all pairs, to sort and search",
-    "pairs.csv": "a row for each pair; pairs.parquet is the same",
-    "changes.csv": "a row for each change; changes.parquet is the same",
+    "pairs.csv": "a row for each pair",
+    "changes.csv": "a row for each change",
     "pairs": "a folder for each pair, with its report",
 }
 

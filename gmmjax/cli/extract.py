@@ -1,6 +1,7 @@
 """`gmmjax extract BAG --out FILE`."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -28,7 +29,7 @@ COMMON = (
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """What is taken from the bag, and what becomes of it.
+    """The selection from the bag, and the output.
 
     Attributes:
         out: output: one frame as .pcd, .ply or .npz; many frames as one .npz, or as a folder; a map as .ply.
@@ -170,12 +171,11 @@ def _write(bag: "Bag", out: Path, options: Options, progress: Progress) -> dict[
         assert time is not None
         frame = bag.frame_at(topic, time)
         return _write_frame(frame, trajectory, out, options)
-    every = 1 if options.every is None else options.every
-
-    def frames() -> Iterable["Frame"]:
-        wanted = bag.frames(topic, every=every, rate=options.rate, start=start, end=end)
-        return _with_progress(wanted, bag.start if start is None else start, bag.end if end is None else end, progress)
-
+    first, last = bag.start if start is None else start, bag.end if end is None else end
+    wanted = functools.partial(
+        bag.frames, topic, every=1 if options.every is None else options.every, rate=options.rate, start=start, end=end
+    )
+    frames = functools.partial(_with_progress, wanted, first, last, progress)
     if options.map is not None:
         assert trajectory is not None
         return _write_map(frames, trajectory, out, options)
@@ -252,7 +252,7 @@ def _views_of(out: Path) -> Path:
 
 
 def _trajectory(bag: "Bag", topic: str, options: Options, progress: Progress) -> "Trajectory | None":
-    """Of the sensor, where poses are asked for."""
+    """The trajectory of the sensor, where poses are asked for."""
     from gmmjax.surveys import pose_matrix, sensor_trajectory
 
     if options.poses is None:
@@ -271,8 +271,10 @@ def _trajectory(bag: "Bag", topic: str, options: Options, progress: Progress) ->
     )
 
 
-def _with_progress(frames: Iterable["Frame"], start: float, end: float, progress: Progress) -> Iterator["Frame"]:
-    for frame in frames:
+def _with_progress(
+    frames: Callable[[], Iterable["Frame"]], start: float, end: float, progress: Progress
+) -> Iterator["Frame"]:
+    for frame in frames():
         progress("Reading the frames", (frame.time - start) / max(end - start, 1e-9))
         yield frame
 

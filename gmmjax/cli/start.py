@@ -1,4 +1,4 @@
-"""What the process does while the program is imported: it searches for no garbage, and Ctrl-C ends it at once."""
+"""The process while the program is imported: it searches for no garbage, and Ctrl-C ends it at once."""
 
 import functools
 import gc

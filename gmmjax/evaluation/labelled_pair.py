@@ -53,7 +53,7 @@ class LabelledPair:
 
     @property
     def unchanged(self) -> bool:
-        """Whether nothing changed."""
+        """True where nothing changed."""
         return bool((self.before.truth < 0).all() and (self.after.truth < 0).all())
 
     def without_views(self) -> "LabelledPair":

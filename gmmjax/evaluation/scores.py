@@ -136,7 +136,7 @@ def score_labelled_pair(
 
 
 def segment_truth(labels: Int[np.ndarray, " n"], cloud: LabelledCloud) -> dict[int, int]:
-    """What each detected segment of a cloud truly is.
+    """Find the true change of each detected segment of a cloud.
 
     Args:
         labels: per point -1 or the id of a detected change.

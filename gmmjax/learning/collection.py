@@ -163,7 +163,7 @@ def _of_scene(task: tuple[str, int]) -> Pair[CandidateRows] | str:
 
 
 def _resolutions(pair: LabelledPair) -> list[ResolutionSettings]:
-    """What the scene is registered at: as always, and in few voxels where it has more points."""
+    """The resolutions that the scene is registered at: the usual one, and few voxels where it has more points."""
     few = ResolutionSettings(voxels=REGISTERED_VOXELS)
     dense = max(len(pair.before.points), len(pair.after.points)) > REGISTERED_VOXELS > 0
     return [ResolutionSettings(), *([few] if dense else [])]

@@ -93,7 +93,7 @@ def examples_of(kind: str, found: FoundScene) -> Iterator[Example]:
 
 
 def _as_good(found: FoundScene, number: int, pair: PairHypothesis) -> bool:
-    """Whether a transform brings a thing to where it is, or fits what was seen of it as well as the one that does."""
+    """True where a transform brings a thing to where it is, or fits what was seen of it as well as the true one."""
     if _misplaced(found, number, pair.transform) < RIGHT:
         return True
     fits, true = (match_of(pair.compared, own).fit for own in (pair.transform, found.motion(number)))
@@ -157,19 +157,21 @@ def _fitted(given: Sequence[Example], others: float) -> LogisticWeights:
     means, scales = facts.mean(axis=0), np.maximum(facts.std(axis=0), 1e-3)
     weights = np.where(truth > 0, 1.0, others)
     rows = np.clip((facts - means) / scales, -FARTHEST, FARTHEST)
-
-    def loss(parameters: np.ndarray) -> tuple[float, np.ndarray]:
-        log_odds = parameters[0] + rows @ parameters[1:]
-        likelihood = weights @ (truth * log_odds - np.logaddexp(0, log_odds))
-        value = RIDGE / 2 * parameters[1:] @ parameters[1:] - likelihood
-        error = weights * (1 / (1 + np.exp(-log_odds)) - truth)
-        return float(value), np.concatenate([[error.sum()], rows.T @ error + RIDGE * parameters[1:]])
-
     bounds = [(None, None), *((0 if sign > 0 else None, 0 if sign < 0 else None) for sign in SIGNS)]
-    best = minimize(loss, np.zeros(len(SIGNS) + 1), jac=True, method="L-BFGS-B", bounds=bounds).x
+    start, examples = np.zeros(len(SIGNS) + 1), (rows, truth, weights)
+    best = minimize(_loss, start, examples, jac=True, method="L-BFGS-B", bounds=bounds).x
     # Six digits, so that the file does not depend on the last bits of the machine's arithmetic.
     means, scales, best = (np.array([float(f"{value:.6g}") for value in own]) for own in (means, scales, best))
     return LogisticWeights(means, scales, best[1:], float(best[0]))
+
+
+def _loss(parameters: np.ndarray, rows: np.ndarray, truth: np.ndarray, weights: np.ndarray) -> tuple[float, np.ndarray]:
+    """The penalised negative log likelihood, and its gradient."""
+    log_odds = parameters[0] + rows @ parameters[1:]
+    likelihood = weights @ (truth * log_odds - np.logaddexp(0, log_odds))
+    value = RIDGE / 2 * parameters[1:] @ parameters[1:] - likelihood
+    error = weights * (1 / (1 + np.exp(-log_odds)) - truth)
+    return float(value), np.concatenate([[error.sum()], rows.T @ error + RIDGE * parameters[1:]])
 
 
 def left_out_log_odds(given: Sequence[Example], others: float = OTHERS) -> Float64[np.ndarray, " e"]:

@@ -132,15 +132,17 @@ def _fitted(rows: _Rows, names: Sequence[str], penalty: float) -> Verdict:
     with jax.enable_x64(True):
         columns = jax.vmap(start.columns)(jnp.asarray(rows.facts))
         arguments = [columns, *(jnp.asarray(own) for own in (rows.kind, rows.weight, signs))]
-
-        def objective(free: np.ndarray) -> tuple[float, np.ndarray]:
-            value, gradient = _penalised(jnp.asarray(free), *arguments, penalty)
-            return float(value), np.asarray(gradient)
-
-        options = {"maxiter": MOST_STEPS}
-        best = minimize(objective, free, jac=True, bounds=bounds_of(signs), method="L-BFGS-B", options=options)
+        options, bounds = {"maxiter": MOST_STEPS}, bounds_of(signs)
+        best = minimize(
+            _objective, free, (arguments, penalty), jac=True, bounds=bounds, method="L-BFGS-B", options=options
+        )
         weights, bias = signed(jnp.asarray(best.x), arguments[-1])
     return dataclasses.replace(start, weights=np.asarray(weights), bias=np.asarray(bias))
+
+
+def _objective(free: np.ndarray, arguments: Sequence[jax.Array], penalty: float) -> tuple[float, np.ndarray]:
+    value, gradient = _penalised(jnp.asarray(free), *arguments, penalty)
+    return float(value), np.asarray(gradient)
 
 
 def _bends(facts: Float[np.ndarray, "n f"], kind: Int[np.ndarray, " n"]) -> Float[np.ndarray, " f"]:

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gmmjax.batch import (
+    OBJECT_COLUMNS,
     ChangeRow,
     Comparison,
     FoundPair,
     ObjectHistory,
-    ObjectRow,
     PairRow,
     RunFolder,
     compared_epochs,
@@ -28,7 +28,6 @@ from gmmjax.reporting.timeline_page import timeline_html
 
 INDEX_FILE = "index.html"
 TIMELINE_FILE = "timeline.html"
-OBJECTS = "objects"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,8 +109,9 @@ def write_summary(folder: RunFolder, names: Sequence[str]) -> Summary:
         InputError: a file cannot be written.
     """
     summary = summary_of(folder, names)
-    write_table(folder.path, "pairs", PairRow, summary.pairs)
-    write_table(folder.path, "changes", ChangeRow, summary.changes)
+    for name, kind, rows in (("pairs", PairRow, summary.pairs), ("changes", ChangeRow, summary.changes)):
+        columns = [field.name for field in dataclasses.fields(kind)]
+        write_table(folder.path / f"{name}.csv", columns, map(vars, rows))
     page = batch_index_html(folder.path.name, summary.pairs, summary.changes, missing=summary.missing)
     write_file(folder.path / INDEX_FILE, page.encode())
     return summary
@@ -131,7 +131,7 @@ def write_history(folder: RunFolder) -> list[ObjectHistory]:
     assert record is not None and record.series is not None
     comparisons = [_comparison(folder, epochs, name) for epochs, name in pairs.items()]
     histories = object_histories(record.epochs, comparisons)
-    write_table(folder.path, OBJECTS, ObjectRow, object_rows(histories))
+    write_table(folder.path / "objects.csv", OBJECT_COLUMNS, object_rows(histories))
     page = timeline_html(folder.path.name, record.epochs, histories, against=record.series, pair_names=pairs)
     write_file(folder.path / TIMELINE_FILE, page.encode())
     return histories
