@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gmmjax import detect_changes, read_cloud
-from gmmjax.batch import detect_many, read_manifest
+from gmmjax.batch import BatchPair, detect_many, read_manifest
 from gmmjax.changes import DetectionConfig
 from gmmjax.errors import ComputationError, InputError
 from tests.batch.runs import SETTINGS, contents, environment, wait_for, worker, write_manifest
@@ -85,9 +85,10 @@ def started(folder):
         made.stop()
 
 
-def test_results_in_memory_need_no_folder(pairs, cluster):
-    (result,) = detect_many(pairs[:1], config=CONFIG, scheduler=cluster.address)
-    expected = detect_changes(read_cloud(pairs[0].before), read_cloud(pairs[0].after), config=CONFIG)
+def test_clouds_are_sent_and_results_come_back_without_files(pairs, cluster):
+    clouds = pairs[0].clouds.map(read_cloud)
+    (result,) = detect_many([BatchPair("x", *clouds)], config=CONFIG, scheduler=cluster.address)
+    expected = detect_changes(*clouds, config=CONFIG)
     np.testing.assert_array_equal(result.changes().labels_after, expected.labels_after)
     assert [change.to_dict() for change in result.changes()] == [change.to_dict() for change in expected]
 

@@ -33,14 +33,15 @@ def detect(epochs, out, **options):
 
 
 def test_each_is_compared_with_its_predecessor(epochs, tmp_path):
-    results = detect(epochs, tmp_path)
+    folder = tmp_path / "run"
+    results = detect(epochs, folder)
     assert sorted(results) == ["day 0 to day 1", "day 1 to day 2", "day 2 to day 3"]
     assert [results[name].pair.changes for name in sorted(results)] == [0, 1, 0]
-    histories = write_history(run_folder(tmp_path))
+    histories = write_history(run_folder(folder))
     assert [[(event.kind, event.epoch) for event in own.events] for own in histories] == [[("came", 2)]]
-    with (tmp_path / "objects.csv").open(newline="") as file:
+    with (folder / "objects.csv").open(newline="") as file:
         assert [row["epoch"] for row in csv.DictReader(file)] == ["day 2"]
-    assert "day 3" in (tmp_path / "timeline.html").read_text()
+    assert "day 3" in (folder / "timeline.html").read_text()
 
 
 def test_a_gap_is_bridged_until_it_is_closed(epochs, tmp_path):
