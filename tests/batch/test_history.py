@@ -163,6 +163,16 @@ def test_an_object_found_in_two_pieces_is_one():
     assert history.events[1].change == 1
 
 
+@pytest.mark.parametrize(("shift", "objects"), [(0.5, 1), (0.95, 2)])
+def test_places_are_one_where_most_points_of_one_lie_at_the_other(shift, objects):
+    """The change that shows that it went is off along its longest edge, by a half and by nearly all of it."""
+    comparisons = chain([BoxAt((None, HERE, None))], [np.eye(4)] * 3)
+    (points,) = comparisons[1].points
+    along = shift * EXTENT[0] * np.array([np.cos(HERE[2]), np.sin(HERE[2]), 0.0])
+    comparisons[1] = dataclasses.replace(comparisons[1], points=(points + along,))
+    assert len(object_histories(EPOCHS[:3], comparisons)) == objects
+
+
 def test_things_that_touch_and_go_as_one_have_both_gone():
     beside = (0.5, 0.5, 0.3)
     things = [BoxAt((None, HERE, HERE, None)), BoxAt((None, None, beside, None))]
