@@ -238,4 +238,5 @@ def _value(name: str, text: str) -> Any:
 def _pair_in(folder: Path) -> BatchPair:
     check_name(folder.name, f"{folder}: name")
     clouds = Pair(*NAMES).map(lambda side: cloud_file(folder, side))
-    return BatchPair(folder.name, *clouds, *(views_file(folder, side) for side in NAMES))
+    views = Pair(*NAMES).map(lambda side: views_file(folder, side))
+    return BatchPair(folder.name, clouds.before, clouds.after, views.before, views.after)
