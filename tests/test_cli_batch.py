@@ -13,7 +13,7 @@ from gmmjax.cli import main
 from gmmjax.errors import InputError
 from gmmjax.reporting.batch_files import Summary
 from gmmjax.reporting.console import print_batch
-from tests.batch.runs import FLAGS, run, run_process, write_manifest
+from tests.batch.runs import FLAGS, run, write_manifest
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def scans(tmp_path_factory):
 @pytest.fixture(scope="module")
 def done(scans, tmp_path_factory):
     folder = tmp_path_factory.mktemp("run") / "run"
-    return run_process(scans, "--out", folder, "--workers", "1", *FLAGS), folder
+    return run(scans, "--out", folder, *FLAGS), folder
 
 
 def test_it_says_what_changed_and_where_the_files_are(done):
@@ -40,7 +40,7 @@ def test_it_says_what_changed_and_where_the_files_are(done):
 
 def test_it_writes_what_it_says(done):
     _, folder = done
-    names = set("run.json index.html pairs.csv pairs.parquet changes.csv changes.parquet pairs errors".split())
+    names = set("run.json index.html pairs.csv changes.csv pairs errors".split())
     assert {path.name for path in folder.iterdir() if not path.name.startswith(".")} == names
     files = {"before.ply", "after.ply", "before.webp", "after.webp", "report.html", "config.toml"}
     files |= {"changes.json", "changes.csv", "changes.geojson", "labels.npz", "fits.npz", "pair.json"}
@@ -55,7 +55,7 @@ def test_it_writes_what_it_says(done):
 
 def test_a_second_time_there_is_nothing_to_do(scans, done):
     _, folder = done
-    again = run(scans, "--out", folder, "--workers", "1", *FLAGS)
+    again = run(scans, "--out", folder, *FLAGS)
     assert again.returncode == 0
     assert again.stdout == done[0].stdout
 
@@ -63,14 +63,14 @@ def test_a_second_time_there_is_nothing_to_do(scans, done):
 @pytest.mark.slow
 def test_shards_are_merged(scans, tmp_path):
     folder = tmp_path / "my run"
-    first = run(scans, "--out", folder, "--shard", "1/2", "--workers", "1", *FLAGS)
+    first = run(scans, "--out", folder, "--shard", "1/2", *FLAGS)
     assert first.returncode == 0
     assert "2 of 2 done; when all shards are: gmmjax batch --merge --out '" in first.stdout
     assert not (folder / "pairs.csv").exists()
     merged = run("--merge", "--out", folder)
     assert merged.returncode == 1
     assert merged.stdout.splitlines()[0] == "2 of 3 pairs done, 1 missing; 2 with changes"
-    run(scans, "--out", folder, "--shard", "2/2", "--workers", "1", *FLAGS)
+    run(scans, "--out", folder, "--shard", "2/2", *FLAGS)
     merged = run("--merge", "--out", folder)
     assert merged.returncode == 0
     assert merged.stdout.splitlines()[0] == "3 pairs done; 3 with changes"
@@ -80,10 +80,10 @@ def test_shards_are_merged(scans, tmp_path):
 def test_a_series_has_a_time_line(scans, tmp_path):
     manifest = scans.with_name("epochs.csv")
     manifest.write_text("name,cloud\nMonday,before0.ply\nTuesday,after0.ply\n")
-    result = run(manifest, "--out", tmp_path / "run", "--series", "previous", "--workers", "1", *FLAGS)
+    result = run(manifest, "--out", tmp_path / "run", "--series", *FLAGS)
     assert result.returncode == 0, result.stderr
     assert result.stdout.splitlines()[0] == "2 epochs, 1 object: 1 came"
-    assert {"timeline.html", "objects.csv", "objects.parquet"} <= set(os.listdir(tmp_path / "run"))
+    assert {"timeline.html", "objects.csv"} <= set(os.listdir(tmp_path / "run"))
 
 
 @pytest.mark.slow
@@ -93,11 +93,11 @@ def test_a_pair_that_fails_is_listed(scans, tmp_path):
     manifest = scans.with_name("bad.csv")
     manifest.write_text("name,before,after\n[red]bad[/red],bad.ply,after1.ply\ngood,before0.ply,after0.ply\n")
     manifest.write_text(manifest.read_text().replace("[/red]", "[red]"))
-    result = run(manifest, "--out", tmp_path / "run", "--workers", "1", *FLAGS)
+    result = run(manifest, "--out", tmp_path / "run", *FLAGS)
     assert result.returncode == 1
     assert result.stdout.startswith("1 of 2 pairs done, 1 failed; 1 with changes")
     assert re.search(r"  \[red\]bad\[red\]: .*bad\.ply: is no PLY file", result.stdout)
-    stopped = run(manifest, "--out", tmp_path / "other", "--fail-fast", "--workers", "1", *FLAGS)
+    stopped = run(manifest, "--out", tmp_path / "other", "--fail-fast", *FLAGS)
     assert stopped.returncode == 1
     assert "gmmjax: error: pair [red]bad[red]: " in stopped.stderr
 
@@ -109,7 +109,7 @@ def test_warnings_and_whole_errors_are_printed(capsys):
         PairRow("yard", "failed", failure(InputError(error))),
         PairRow("shed", "failed", failure(ValueError(error))),
     )
-    print_batch(Summary(rows, (), (), ()))
+    print_batch(Summary(rows, (), ()))
     printed = capsys.readouterr().out
     assert "\n1 with warnings\n  hall: after: 1 stray point; no poses\n" in printed
     assert f"\n2 failed\n  yard: {error}\n" in printed
@@ -124,8 +124,8 @@ def test_warnings_and_whole_errors_are_printed(capsys):
         (["{scans}", "--shard", "4/3"], "shard 4/3: the number must be from 1 to 3"),
         (["{scans}", "--until-stable"], "until_stable needs restarts"),
         (["{scans}", "--workers", "0"], "--workers 0 must be at least 1"),
-        (["{scans}", "--series", "first", "--shard", "1/2"], "goes without --pairs and --shard"),
-        (["{scans}", "--series", "first"], "line 2: has no cloud"),
+        (["{scans}", "--series", "--shard", "1/2"], "goes without --pairs and --shard"),
+        (["{scans}", "--series"], "line 2: has no cloud"),
         (["{scans}.no"], "no such file"),
         (["--merge"], "holds no run (no run.json)"),
         (["--merge", "--shard", "1/2"], "--merge is of all shards"),

@@ -11,13 +11,13 @@ from drawing import saved
 from matplotlib import pyplot
 
 from gmmjax.evaluation import Reliability
-from gmmjax.learning import CHANGED, TrainingSettings, learned, read_rows
+from gmmjax.learning import CHANGED, PENALTIES, learned, read_rows
 
 
 def of_families_left_out(rows: Path, *, poses: bool, penalties: tuple[float, ...]) -> Reliability:
     """The curve over all candidates, each judged by what was learned on all other families."""
     families = read_rows(rows).of(poses=poses)
-    _, left_out = learned(families, poses=poses, settings=TrainingSettings(penalties=penalties))
+    _, left_out = learned(families, poses=poses, penalties=penalties)
     probability = np.concatenate([own[:, CHANGED] for own in left_out.probabilities.values()])
     kinds = np.concatenate([families[name].kind for name in left_out.probabilities])
     return Reliability.of(probability, kinds == CHANGED)
@@ -50,7 +50,7 @@ def main() -> None:
     """Draws both curves."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("rows", type=Path)
-    parser.add_argument("--penalties", type=float, nargs="+", default=list(TrainingSettings().penalties))
+    parser.add_argument("--penalties", type=float, nargs="+", default=list(PENALTIES))
     arguments = parser.parse_args()
     curves = {
         name: of_families_left_out(arguments.rows, poses=poses, penalties=tuple(arguments.penalties))

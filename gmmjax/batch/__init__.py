@@ -4,6 +4,8 @@ from gmmjax.batch.comparison import Comparison as Comparison
 from gmmjax.batch.comparison import Coverage as Coverage
 from gmmjax.batch.detect_many import BatchResult as BatchResult
 from gmmjax.batch.detect_many import detect_many as detect_many
+from gmmjax.batch.history import OBJECT_COLUMNS as OBJECT_COLUMNS
+from gmmjax.batch.history import EpochTree as EpochTree
 from gmmjax.batch.history import EventKind as EventKind
 from gmmjax.batch.history import ObjectEvent as ObjectEvent
 from gmmjax.batch.history import ObjectHistory as ObjectHistory
@@ -17,8 +19,6 @@ from gmmjax.batch.pools import AbstractPool as AbstractPool
 from gmmjax.batch.pools import Workers as Workers
 from gmmjax.batch.pools import died as died
 from gmmjax.batch.rows import ChangeRow as ChangeRow
-from gmmjax.batch.rows import ConvergenceRow as ConvergenceRow
-from gmmjax.batch.rows import ObjectRow as ObjectRow
 from gmmjax.batch.rows import PairRow as PairRow
 from gmmjax.batch.rows import PairStatus as PairStatus
 from gmmjax.batch.run_folder import RUN_FILE as RUN_FILE
@@ -27,16 +27,12 @@ from gmmjax.batch.run_folder import RunRecord as RunRecord
 from gmmjax.batch.run_folder import Shard as Shard
 from gmmjax.batch.run_folder import run_folder as run_folder
 from gmmjax.batch.scan_pair import BatchPair as BatchPair
-from gmmjax.batch.scan_pair import LoadedPair as LoadedPair
-from gmmjax.batch.series import Against as Against
 from gmmjax.batch.series import Epoch as Epoch
 from gmmjax.batch.series import compared_epochs as compared_epochs
 from gmmjax.batch.series import detect_series as detect_series
 from gmmjax.batch.series import read_epochs as read_epochs
 from gmmjax.batch.tables import write_file as write_file
 from gmmjax.batch.tables import write_table as write_table
-from gmmjax.batch.tables import write_tables as write_tables
-from gmmjax.batch.tracks import EpochTree as EpochTree
 from gmmjax.batch.worker import FoundPair as FoundPair
 from gmmjax.batch.worker import Save as Save
 from gmmjax.batch.worker import save_changes as save_changes

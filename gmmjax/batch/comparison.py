@@ -1,4 +1,4 @@
-"""What the history of objects needs of one finished pair of a series: its changes and their points, not the clouds."""
+"""A finished pair of a series as the history of objects needs it: its changes and their points, not the clouds."""
 
 import dataclasses
 
@@ -20,26 +20,21 @@ COVERAGE_POINTS = 4000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Coverage:
-    """Which places of one cloud of a pair the other survey observed.
+    """Which places of one cloud of a pair the other survey observed; by default all.
 
     Attributes:
         points: of the cloud, in the frame of the before cloud; none where the other survey observed all of it.
         unobserved: per point whether the other survey did not observe its place.
     """
 
-    points: Float[np.ndarray, "n 3"]
-    unobserved: Bool[np.ndarray, " n"]
-
-    @classmethod
-    def complete(cls) -> "Coverage":
-        """Of a cloud that the other survey observed completely."""
-        return cls(np.empty((0, 3)), np.empty(0, bool))
+    points: Float[np.ndarray, "n 3"] = dataclasses.field(default_factory=lambda: np.empty((0, 3)))
+    unobserved: Bool[np.ndarray, " n"] = dataclasses.field(default_factory=lambda: np.empty(0, bool))
 
     @classmethod
     def of(cls, points: Float[np.ndarray, "n 3"], unobserved: Bool[np.ndarray, " n"]) -> "Coverage":
         """The coverage of a cloud, by a part of its points."""
         if not unobserved.any():
-            return cls.complete()
+            return cls()
         kept = evenly_chosen(len(points), COVERAGE_POINTS)
         return cls(points[kept], unobserved[kept])
 
@@ -62,21 +57,26 @@ class Comparison:
     registration: Registration
     sides: tuple[int, ...]
     points: tuple[Float[np.ndarray, "_ 3"], ...]
-    coverage: Pair[Coverage] = dataclasses.field(default_factory=lambda: Pair(Coverage.complete(), Coverage.complete()))
+    coverage: Pair[Coverage] = Pair(Coverage(), Coverage())
 
     @classmethod
     def of(cls, before_epoch: int, after_epoch: int, changes: Changes, clouds: Pair[PointCloud]) -> "Comparison":
-        """What is kept of a pair.
+        """Keep what the history needs of a pair.
 
         Raises:
-            InputError: epochs in the wrong order, or changes of other clouds.
+            InputError: changes of other clouds.
         """
-        epochs, labels = Pair(before_epoch, after_epoch), Pair(changes.labels_before, changes.labels_after)
-        _check(epochs, labels, clouds)
+        labels = Pair(changes.labels_before, changes.labels_after)
+        for time, label, cloud in zip(("before", "after"), labels, clouds, strict=True):
+            if len(label) != len(cloud):
+                raise InputError(
+                    f"{time}: has {len(cloud)} points, the changes have labels for {len(label)}; "
+                    "pass the cloud that was compared"
+                )
         registered = Pair(clouds.before.points, changes.registration.apply(clouds.after.points))
         found = [_points_of(index, change, labels, registered) for index, change in enumerate(changes)]
         return cls(
-            epochs=epochs,
+            epochs=Pair(before_epoch, after_epoch),
             changes=changes.items,
             registration=changes.registration,
             sides=tuple(side for side, _ in found),
@@ -94,16 +94,3 @@ def _points_of(
     side = kinds.get(change.kind, int(len(rows.after) > len(rows.before)))
     own, cloud = (rows.after, clouds.after) if side else (rows.before, clouds.before)
     return side, cloud[own[evenly_chosen(len(own), CHANGE_POINTS)]] if len(own) else change.mean[None]
-
-
-def _check(epochs: Pair[int], labels: Pair[Int[np.ndarray, " _"]], clouds: Pair[PointCloud]) -> None:
-    if not 0 <= epochs.before < epochs.after:
-        raise InputError(
-            f"epochs {epochs.before} and {epochs.after}: the before cloud must be of an earlier epoch, counted from 0"
-        )
-    for time, label, cloud in zip(("before", "after"), labels, clouds, strict=True):
-        if len(label) != len(cloud):
-            raise InputError(
-                f"{time}: has {len(cloud)} points, the changes have labels for {len(label)}; "
-                "pass the cloud that was compared"
-            )

@@ -10,17 +10,16 @@ from typing import Any
 from gmmjax.batch.driver import results_of
 from gmmjax.batch.pools import Workers
 from gmmjax.batch.rows import ChangeRow, PairRow
-from gmmjax.batch.run_folder import RunFolder, RunRecord, Shard, recorded, run_folder, with_kept_fits
+from gmmjax.batch.run_folder import RunFolder, RunRecord, Shard, run_folder
 from gmmjax.batch.scan_pair import BatchPair, check_distinct
-from gmmjax.batch.sending import sent_results
-from gmmjax.batch.worker import PairResult, PairTask, Save, save_changes
+from gmmjax.batch.worker import PairResult, PairTask, Save, recorded, save_changes
 from gmmjax.changes import Changes, DetectionConfig
 from gmmjax.errors import ComputationError, InputError, shown
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BatchResult:
-    """What became of a pair.
+    """The result of a pair.
 
     Attributes:
         name: of the pair.
@@ -39,7 +38,7 @@ class BatchResult:
 
     @property
     def done(self) -> bool:
-        """Whether the pair has a result."""
+        """True where the pair has a result."""
         return self.pair.status == "done"
 
     def changes(self) -> Changes:
@@ -69,7 +68,6 @@ def detect_many(
     capacity: int | None = None,
     shard: Shard | None = None,
     record: RunRecord | None = None,
-    send: bool = False,
     save: Save = save_changes,
     overwrite: bool = False,
     fail_fast: bool = False,
@@ -91,13 +89,11 @@ def detect_many(
             more than this; `restarts` is then the most. None: all are made.
         workers: processes on this machine; None: one a core.
         scheduler: address of a Dask scheduler, such as tcp://10.0.0.1:8786, whose workers compute in place of processes
-            of this machine. They must see the files by the same paths, or `send`.
+            of this machine. They read and write the files by the same paths.
         executor: any other `concurrent.futures.Executor` in their place.
-        capacity: chunks of pairs that an `executor` is given before the first one is done: more than it has workers.
+        capacity: pairs that an `executor` is given before the first one is done: more than it has workers.
         shard: the part of the run that is computed; the others are computed elsewhere. None: all.
         record: what the folder is told to be of, where these pairs are a part of it; None: of these pairs.
-        send: whether the clouds are read here and sent to the workers, and the results are written here: for workers
-            that do not see the files.
         save: writes the result of a pair into its folder.
         overwrite: whether `out` may be of a run with other settings, whose results are replaced.
         fail_fast: whether the first pair that fails ends the run.
@@ -109,20 +105,20 @@ def detect_many(
         InputError: pairs of one name, a folder that cannot be used, or that another run is using.
         ComputationError: the workers are lost, results cannot be written, or a pair failed and `fail_fast`.
     """
-    place = Workers(workers, scheduler, executor, capacity)
+    place, config = Workers(workers, scheduler, executor, capacity), config or DetectionConfig()
     if shard is not None and out is None:
         raise InputError("shard needs out: the parts of a run meet in its folder")
-    settings = _BatchSettings(config or DetectionConfig(), until_stable, save, overwrite, fail_fast, send)
-    _check_until_stable(until_stable, settings.config)
+    _check_until_stable(until_stable, config)
     if out is not None or isinstance(pairs, Sequence):
         pairs = list(pairs)
         check_distinct([pair.name for pair in pairs], "pairs")
-    if out is None:
+    folder = None if out is None else RunFolder(Path(os.path.abspath(out)))
+    tasks = (_task(pair, config, until_stable, folder, save) for pair in pairs)
+    if folder is None:
         count = len(pairs) if isinstance(pairs, list) else None
-        return _computed((settings.task(pair, None) for pair in pairs), place, settings, None, count)
-    assert isinstance(pairs, list)
-    record = record or RunRecord.of([pair.name for pair in pairs], settings.config)
-    return _in_folder(pairs, Path(os.path.abspath(out)), record, shard, place, settings)
+        return _computed(tasks, place, folder, count, fail_fast=fail_fast)
+    record = record or RunRecord.of([pair.name for pair in pairs], config)
+    return _in_folder(list(tasks), folder, record, shard, place, overwrite=overwrite, fail_fast=fail_fast)
 
 
 def _check_until_stable(until_stable: float | None, config: DetectionConfig) -> None:
@@ -134,78 +130,64 @@ def _check_until_stable(until_stable: float | None, config: DetectionConfig) -> 
         raise InputError("until_stable needs restarts, the most that are made, such as restarts=64")
 
 
-@dataclasses.dataclass(frozen=True)
-class _BatchSettings:
-    """What all pairs of a run have in common."""
-
-    config: DetectionConfig
-    until_stable: float | None
-    save: Save
-    overwrite: bool
-    fail_fast: bool
-    send: bool
-
-    def task(self, pair: BatchPair, folder: RunFolder | None) -> PairTask:
-        """What is to be done with a pair. Its paths are absolute: a worker may be started in another folder."""
-        files: dict[str, Any] = {role: Path(os.path.abspath(file)) for role, file in pair.files().items()}
-        placed = dataclasses.replace(pair, **files)
-        config = self.config if pair.config is None else pair.config
-        if config.verdict is not None:
-            config = dataclasses.replace(config, verdict=os.path.abspath(config.verdict))
-        place = None if folder is None else folder.pair(pair.name)
-        return PairTask(placed, config, self.until_stable, place, self.save)
+def _task(
+    pair: BatchPair, config: DetectionConfig, until_stable: float | None, folder: RunFolder | None, save: Save
+) -> PairTask:
+    """The task of a pair. Its paths are absolute: a worker may be started in another folder."""
+    files: dict[str, Any] = {role: Path(os.path.abspath(file)) for role, file in pair.files().items()}
+    own = pair.config or config
+    if own.verdict is not None:
+        own = dataclasses.replace(own, verdict=os.path.abspath(own.verdict))
+    place = None if folder is None else folder.pair(pair.name)
+    return PairTask(dataclasses.replace(pair, **files), own, until_stable, place, save)
 
 
 def _in_folder(
-    pairs: list[BatchPair],
-    out: Path,
+    tasks: list[PairTask],
+    folder: RunFolder,
     record: RunRecord,
     shard: Shard | None,
     place: Workers,
-    settings: _BatchSettings,
+    *,
+    overwrite: bool,
+    fail_fast: bool,
 ) -> Generator[BatchResult, None, None]:
-    """What is there already, and then what is computed, largest first: like sizes meet the same compiled programs."""
-    folder = run_folder(out)
+    """Results that are there, then those computed, largest first: like sizes meet the same compiled programs."""
+    run_folder(folder.path)
     with folder.locked(shard):
-        folder.prepare(record, overwrite=settings.overwrite)
+        folder.prepare(record, overwrite=overwrite)
         waiting = []
-        for pair in pairs if shard is None else shard.of(pairs):
-            task = settings.task(pair, folder)
+        for task in tasks if shard is None else shard.of(tasks):
             known = recorded(task)
             if known is None:
                 waiting.append(task)
             else:
-                folder.clear_error(pair.name)
-                yield BatchResult(pair.name, known.pair, known.changes, task.folder, reused=True)
+                folder.clear_error(task.pair.name)
+                yield BatchResult(task.pair.name, known.pair, known.changes, task.folder, reused=True)
         waiting.sort(key=_size, reverse=True)
         if waiting:
-            yield from _computed(map(with_kept_fits, waiting), place, settings, folder, len(waiting))
+            yield from _computed(iter(waiting), place, folder, len(waiting), fail_fast=fail_fast)
 
 
 def _computed(
-    tasks: Iterator[PairTask],
-    place: Workers,
-    settings: _BatchSettings,
-    folder: RunFolder | None,
-    count: int | None,
+    tasks: Iterator[PairTask], place: Workers, folder: RunFolder | None, count: int | None, *, fail_fast: bool
 ) -> Generator[BatchResult, None, None]:
     known: dict[str, PairTask] = {}
-
-    def remembered(tasks: Iterator[PairTask]) -> Iterator[PairTask]:
-        for task in tasks:
-            if task.pair.name in known:
-                raise InputError(f"pairs: the name {shown(task.pair.name)} is there more than once")
-            known[task.pair.name] = task
-            yield task
-
-    results = sent_results if settings.send else results_of
-    for result in results(remembered(tasks), place.pool(count)):
+    for result in results_of(_remembered(tasks, known), place.pool(count)):
         task = known[result.name]
         # Without the clouds, which may be in memory: only the name must not come again.
         known[result.name] = dataclasses.replace(task, pair=BatchPair(result.name, "", ""))
         yield _kept(result, task, folder)
-        if result.record is None and settings.fail_fast:
+        if result.record is None and fail_fast:
             raise ComputationError(f"pair {result.name}: {result.error}")
+
+
+def _remembered(tasks: Iterator[PairTask], known: dict[str, PairTask]) -> Iterator[PairTask]:
+    for task in tasks:
+        if task.pair.name in known:
+            raise InputError(f"pairs: the name {shown(task.pair.name)} is there more than once")
+        known[task.pair.name] = task
+        yield task
 
 
 def _kept(result: PairResult, task: PairTask, folder: RunFolder | None) -> BatchResult:

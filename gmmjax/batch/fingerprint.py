@@ -1,4 +1,4 @@
-"""What a file held: its content by a hash, and its size and time, which save reading it again."""
+"""The content of a file by a hash, with its size and time, which save reading it again."""
 
 import dataclasses
 import hashlib
@@ -40,7 +40,7 @@ class Fingerprint:
             raise InputError(f"{path}: cannot be read ({error.strerror or error}); check the path") from error
 
     def matches(self, path: Path) -> bool:
-        """Whether a file has this content; it is read only where its time is another one, and the size the same."""
+        """True where a file has this content; it is read only where its time is another one, and the size the same."""
         try:
             status = path.stat()
             if status.st_size != self.size:

@@ -1,99 +1,147 @@
 """Links the changes of the comparisons of a series into objects, in the order of the epochs."""
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from gmmjax.batch.comparison import Comparison
-from gmmjax.batch.places import Link, Place, linked, near
-from gmmjax.batch.tracks import EpochTree, Sighting, Track, not_observed
-from gmmjax.changes import Box
+from gmmjax.batch.places import Place, linked, not_observed, of_same_shape
+from gmmjax.changes import Box, Change
 from gmmjax.geometry import transformed
+from gmmjax.pair import Pair
 
-# Two places are one where more than this share of the points of the smaller one lie at points of the other: as in the
-# scores of detection. Lower: neighbours that touch become one; higher: what was seen from other sides becomes two.
-SAME_OBJECT = 0.5
-# Share of the points of both places from which on what comes where an object went is that object again.
-SAME_SHAPE = 0.8
-# Where more than this share of a place's points was not observed, it is not known whether the object was there.
-UNOBSERVED = 0.5
+
+class Sighting(NamedTuple):
+    """A change that shows an object.
+
+    Attributes:
+        epochs: of the comparison.
+        number: index of the change in it.
+        change: the change.
+        place: its points and box in the frame of the series.
+        motion: of a change that moved, in the frame of the series; else None.
+        overlap: share of the points that the change and the object's known place have in common, 1 where that link was
+            not needed.
+        returned: whether the object had gone, and something of its shape is in its place again.
+    """
+
+    epochs: Pair[int]
+    number: int
+    change: Change
+    place: Place
+    motion: Float[np.ndarray, "4 4"] | None
+    overlap: float = 1.0
+    returned: bool = False
+
+
+@dataclasses.dataclass(eq=False)
+class Track:
+    """One object, by what the comparisons say.
+
+    Attributes:
+        home: where it was before the first change that shows it; None: it came.
+        arrivals: by epoch, what shows the object where it had not been in the epoch before.
+        departures: by epoch, what shows that it is no longer where it had been.
+        there: whether it was there, in the epochs for which a change says so.
+    """
+
+    home: Place | None = None
+    arrivals: dict[int, Sighting] = dataclasses.field(default_factory=dict)
+    departures: dict[int, Sighting] = dataclasses.field(default_factory=dict)
+    there: dict[int, bool] = dataclasses.field(default_factory=dict)
+
+    def departs(self, sighting: Sighting) -> None:
+        """Adds a change of the before cloud: the object was there, and is not any more."""
+        self.departures[sighting.epochs.after] = sighting
+        self.there |= {sighting.epochs.before: True, sighting.epochs.after: False}
+
+    def arrives(self, sighting: Sighting, *, from_elsewhere: bool) -> None:
+        """Adds a change of the after cloud; from elsewhere: the object was in the before cloud, in another place."""
+        self.arrivals[sighting.epochs.after] = sighting
+        self.there |= {sighting.epochs.before: from_elsewhere, sighting.epochs.after: True}
+
+    def place(self, epoch: int) -> Place:
+        """Where it was seen last, up to an epoch; before that, where it was at first."""
+        arrived = [other for other in self.arrivals if other <= epoch]
+        if arrived or self.home is None:
+            return self.arrivals[max(arrived, default=min(self.arrivals))].place
+        return self.home
+
+    def latest_sighting(self, epoch: int) -> Sighting:
+        """The latest change that shows it before an epoch; the first one where none does."""
+        shown = {**self.arrivals, **self.departures}
+        return shown[max((other for other in shown if other < epoch), default=min(shown))]
+
+    def presence(self, epochs: Sequence[int], hidden: Iterable[int]) -> dict[int, bool | None]:
+        """Tell for each epoch whether the object was there; None where that is not known.
+
+        What a change says of an epoch holds for all epochs beside it without a change of the object, as far as its
+        place was observed. Where two changes contradict each other, one between them was not found, and it is not known
+        when.
+        """
+        said = [{self.there[epoch]} if epoch in self.there else set() for epoch in epochs]
+        unsaid = {*epochs} - {*self.there, *hidden}
+        free = [index for index, epoch in enumerate(epochs) if epoch in unsaid]
+        for index in reversed(free):
+            said[index] |= said[index + 1] if index + 1 < len(said) else set()
+        for index in free:
+            said[index] |= said[index - 1] if index else set()
+        return {epoch: next(iter(own)) if len(own) == 1 else None for epoch, own in zip(epochs, said, strict=True)}
 
 
 class Linker:
-    """The objects of the epochs that can be compared with each other.
+    """The objects of epochs of which each was compared with the one before.
 
     Attributes:
-        tree: of these epochs.
         tracks: of the objects.
     """
 
-    def __init__(self, tree: EpochTree, comparisons: Mapping[int, Comparison]) -> None:
-        """Links the changes of all comparisons."""
-        self.tree, self.tracks = tree, list[Track]()
+    def __init__(self, comparisons: Sequence[Comparison]) -> None:
+        """Links the changes of all comparisons, given in the order of time."""
+        self.tracks = list[Track]()
         self._comparisons = comparisons
-        self._frames = {tree.root: np.eye(4)}
-        # Of each epoch the objects that are there as the comparisons up to it say, and where.
-        self._states: dict[int, dict[Track, Place]] = {tree.root: {}}
-        # The same of the latest epoch so far, where an object whose place was not observed is where it was.
-        self._latest: dict[Track, Place] = {}
-        for epoch in tree.epochs[1:]:
-            self._add(comparisons[epoch])
+        self._frames = {comparisons[0].epochs.before: np.eye(4)}
+        # The objects that are there in the latest epoch so far, and where.
+        self._state: dict[Track, Place] = {}
+        for comparison in comparisons:
+            self._add(comparison)
 
     def presence(self) -> list[dict[int, bool | None]]:
-        """Of each object in each epoch whether it was there; None where that is not known."""
-        hidden: list[list[int]] = [[] for _ in self.tracks]
-        for epoch in self.tree.epochs:
-            asked = [index for index, track in enumerate(self.tracks) if epoch not in track.there]
-            for index, found in zip(asked, self._hidden([self.tracks[index] for index in asked], epoch), strict=True):
+        """Tell for each object and epoch whether it was there; None where that is not known."""
+        hidden: dict[Track, list[int]] = {track: [] for track in self.tracks}
+        for epoch in self._frames:
+            asked = [track for track in self.tracks if epoch not in track.there]
+            for track, found in zip(asked, self._hidden(asked, epoch), strict=True):
                 if found:
-                    hidden[index].append(epoch)
-        return [track.presence(self.tree, own) for track, own in zip(self.tracks, hidden, strict=True)]
+                    hidden[track].append(epoch)
+        return [track.presence(list(self._frames), own) for track, own in hidden.items()]
 
     def _add(self, comparison: Comparison) -> None:
         """Adds the comparison of the next epoch."""
-        before, after = comparison.epochs
-        self._frames[after] = self._frames[before] @ _applied(comparison)
-        found = self._sightings(comparison)
-        departed = self._departed(comparison, found)
-        gone = {track for tracks in departed.values() for track in tracks}
-        state = {track: place for track, place in self._states[before].items() if track not in gone}
-        state |= self._arrived(comparison, found, departed, state)
-        self._states[after] = state
-        elsewhere = [track for track in self._latest if track not in state and after not in track.there]
-        kept = {
-            track: self._latest[track]
-            for track, hidden in zip(elsewhere, self._hidden(elsewhere, after), strict=True)
-            if hidden
-        }
-        self._latest = state | kept
-
-    def _sightings(self, comparison: Comparison) -> list[Sighting]:
-        """The changes in the frame of the series."""
         frame = self._frames[comparison.epochs.before]
-        return [
-            Sighting(
-                comparison.epochs,
-                index,
-                change,
-                Place(transformed(points, frame), _box_in(frame, change.box)),
-            )
-            for index, (change, points) in enumerate(zip(comparison.changes, comparison.points, strict=True))
-        ]
+        self._frames[comparison.epochs.after] = frame @ _applied(comparison)
+        sightings = [_sighting(comparison, index, frame) for index in range(len(comparison.changes))]
+        departed = self._departed([sightings[index] for index, side in enumerate(comparison.sides) if side == 0])
+        for track in (track for tracks in departed.values() for track in tracks):
+            self._state.pop(track, None)
+        arriving = [sightings[index] for index, side in enumerate(comparison.sides) if side == 1]
+        self._state |= self._arrived(arriving, departed)
 
-    def _departed(self, comparison: Comparison, found: Sequence[Sighting]) -> dict[int, list[Track]]:
+    def _departed(self, sightings: Sequence[Sighting]) -> dict[int, list[Track]]:
         """By the index of each change of the before cloud the objects that are no longer there."""
-        state = self._states[comparison.epochs.before]
-        indices = [index for index, side in enumerate(comparison.sides) if side == 0]
-        departed: dict[int, list[Track]] = {index: [] for index in indices}
-        for track, link in self._links(state, [found[index].place for index in indices]):
-            index = indices[link.new]
-            departed[index].append(track)
-            if link.assigned or comparison.epochs.after not in track.departures:
-                track.departs(found[index]._replace(overlap=link.overlap))
-        for index in indices:
-            if not departed[index]:
-                departed[index].append(self._departed_unseen(found[index]))
+        departed: dict[int, list[Track]] = {sighting.number: [] for sighting in sightings}
+        known = list(self._state)
+        for link in linked(list(self._state.values()), [sighting.place for sighting in sightings]):
+            track, sighting = known[link.known], sightings[link.new]
+            departed[sighting.number].append(track)
+            if link.assigned or sighting.epochs.after not in track.departures:
+                track.departs(sighting._replace(overlap=link.overlap))
+        for sighting in sightings:
+            if not departed[sighting.number]:
+                departed[sighting.number].append(self._departed_unseen(sighting))
         return departed
 
     def _departed_unseen(self, sighting: Sighting) -> Track:
@@ -105,49 +153,22 @@ class Linker:
         gone = [
             track
             for track in self.tracks
-            if track not in self._states[before] and track.there.get(before) is not False and min(track.there) < before
+            if track not in self._state and track.there.get(before) is not False and min(track.there) < before
         ]
-        track, overlap = self._of_same_shape(sighting.place, gone, before)
+        track, overlap = _like(sighting, gone, before)
         if track is None:
-            track, overlap = Track(home=sighting.place), 1.0
-            self.tracks.append(track)
-            for state in self._states.values():
-                state[track] = sighting.place
+            track, overlap = self._new(home=sighting.place), 1.0
         track.departs(sighting._replace(overlap=overlap))
         return track
 
-    def _arrived(
-        self,
-        comparison: Comparison,
-        found: Sequence[Sighting],
-        departed: Mapping[int, Sequence[Track]],
-        staying: Mapping[Track, Place],
-    ) -> dict[Track, Place]:
+    def _arrived(self, sightings: Sequence[Sighting], departed: Mapping[int, Sequence[Track]]) -> dict[Track, Place]:
         """The objects of the changes of the after cloud, and where they are."""
-        before_state = self._states[comparison.epochs.before]
-        indices = [index for index, side in enumerate(comparison.sides) if side == 1]
-        # What had changed since the before cloud already in the epochs between, such as where all are compared with
-        # the first one.
-        changed = {
-            track: place
-            for track, place in self._latest.items()
-            if track not in staying and place is not before_state.get(track)
-        }
         arrived: dict[Track, Place] = {}
-        taken = set()
-        for track, link in self._links(changed, [found[index].place for index in indices]):
-            sighting = found[indices[link.new]]
-            taken.add(sighting.number)
-            if track not in arrived:
-                motion = self._motion(sighting) if track in departed.get(_partner(sighting), ()) else None
-                track.arrives(
-                    sighting._replace(overlap=link.overlap, motion=motion), from_elsewhere=track in before_state
-                )
-                arrived[track] = sighting.place
-        for sighting in (found[index] for index in indices if index not in taken):
-            partners = departed.get(_partner(sighting), ())
+        for sighting in sightings:
+            partner = sighting.change.partner
+            partners = () if partner is None else departed.get(partner, ())
             for track in (track for track in partners if track not in arrived):
-                track.arrives(sighting._replace(motion=self._motion(sighting)), from_elsewhere=True)
+                track.arrives(sighting, from_elsewhere=True)
                 arrived[track] = sighting.place
             if not partners:
                 arrived[self._came(sighting, arrived)] = sighting.place
@@ -161,55 +182,41 @@ class Linker:
             for track in self.tracks
             if track not in arrived and after not in track.departures and track.there.get(before) is not True
         ]
-        track, overlap = self._of_same_shape(sighting.place, earlier, after)
-        returned = track is not None
+        track, overlap = _like(sighting, earlier, after)
         if track is None:
-            track = Track()
-            self.tracks.append(track)
-        track.arrives(sighting._replace(overlap=overlap if returned else 1.0, returned=returned), from_elsewhere=False)
+            track = self._new()
+        else:
+            sighting = sighting._replace(overlap=overlap, returned=True)
+        track.arrives(sighting, from_elsewhere=False)
         return track
 
-    def _links(self, known: Mapping[Track, Place], new: Sequence[Place]) -> list[tuple[Track, Link]]:
-        tracks = list(known)
-        links = linked([known[track] for track in tracks], new, SAME_OBJECT)
-        return [(tracks[link.known], link) for link in links]
-
-    def _of_same_shape(self, place: Place, tracks: Sequence[Track], epoch: int) -> tuple[Track | None, float]:
-        """The object that was last seen in a place in the same shape, the most alike one, and the overlap."""
-        places = [track.latest_place(epoch) for track in tracks]
-        shares = {row: places[row].shares(place) for row, _ in near(places, [place])}
-        best = max(shares, key=lambda row: shares[row].of_larger, default=-1)
-        if best < 0 or shares[best].of_larger < SAME_SHAPE:
-            return None, 0.0
-        return tracks[best], shares[best].of_smaller
-
-    def _motion(self, sighting: Sighting) -> Float[np.ndarray, "4 4"] | None:
-        """Of an object that moved, in the frame of the series."""
-        frame, motion = self._frames[sighting.epochs.before], sighting.change.transform
-        return None if motion is None else frame @ motion @ np.linalg.inv(frame)
+    def _new(self, home: Place | None = None) -> Track:
+        self.tracks.append(Track(home))
+        return self.tracks[-1]
 
     def _hidden(self, tracks: Sequence[Track], epoch: int) -> list[bool]:
-        """Of objects whether the survey of an epoch did not observe where they were last, or would be unchanged."""
-        if epoch in self.tree.parents:
-            comparison = self._comparisons[epoch]
-            coverage, frame = comparison.coverage.before, self._frames[comparison.epochs.before]
-        else:
-            comparison = self._comparisons[next(other for other, own in self.tree.parents.items() if own == epoch)]
-            coverage, frame = comparison.coverage.after, self._frames[epoch]
-        places = [(track.latest_place(epoch), track.place(epoch, self.tree)) for track in tracks]
-        hidden = [not_observed(own, coverage, frame, UNOBSERVED) for own in zip(*places, strict=True)]
-        return [bool(latest or unchanged) for latest, unchanged in zip(*hidden, strict=True)]
+        """Tell which objects were last where the survey of an epoch did not observe."""
+        first = self._comparisons[0]
+        coverage, frame = first.coverage.after, self._frames[epoch]
+        for comparison in self._comparisons:
+            if comparison.epochs.after == epoch:
+                coverage, frame = comparison.coverage.before, self._frames[comparison.epochs.before]
+        return not_observed([track.place(epoch) for track in tracks], coverage, frame)
 
 
-def _partner(sighting: Sighting) -> int:
-    """The index of the change that a moved object was; -1 of any other."""
-    partner = sighting.change.partner
-    return -1 if partner is None else partner
+def _sighting(comparison: Comparison, index: int, frame: Float[np.ndarray, "4 4"]) -> Sighting:
+    """A change in the frame of the series."""
+    change = comparison.changes[index]
+    motion = None if change.transform is None else frame @ change.transform @ np.linalg.inv(frame)
+    box = Box(transformed(change.box.centre[None], frame)[0], change.box.extent, frame[:3, :3] @ change.box.rotation)
+    return Sighting(comparison.epochs, index, change, Place(transformed(comparison.points[index], frame), box), motion)
+
+
+def _like(sighting: Sighting, tracks: Sequence[Track], epoch: int) -> tuple[Track | None, float]:
+    """The object that was last seen in the place of a change in its shape, and the overlap."""
+    best, overlap = of_same_shape(sighting.place, [track.place(epoch) for track in tracks])
+    return (None if best is None else tracks[best]), overlap
 
 
 def _applied(comparison: Comparison) -> Float[np.ndarray, "4 4"]:
     return comparison.registration.transform if comparison.registration.applied else np.eye(4)
-
-
-def _box_in(frame: Float[np.ndarray, "4 4"], box: Box) -> Box:
-    return Box(transformed(box.centre[None], frame)[0], box.extent, frame[:3, :3] @ box.rotation)

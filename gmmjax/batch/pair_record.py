@@ -1,4 +1,4 @@
-"""What is written beside the result of a pair: of what it was made, and its rows of the summary."""
+"""The record beside the result of a pair: of what it was made, and its rows of the summary."""
 
 import dataclasses
 import json
@@ -8,7 +8,7 @@ from typing import Any
 
 from gmmjax import __version__
 from gmmjax.batch.fingerprint import Fingerprint
-from gmmjax.batch.rows import ChangeRow, ConvergenceRow, PairRow
+from gmmjax.batch.rows import ChangeRow, PairRow
 from gmmjax.changes import DetectionConfig
 from gmmjax.clouds import atomic_write, read_json_record
 from gmmjax.errors import InputError, one_line
@@ -28,7 +28,7 @@ def chosen_settings(config: DetectionConfig) -> dict[str, Any]:
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-    """What was asked for of a pair, apart from its scans.
+    """A request for the result of a pair, apart from its scans.
 
     Attributes:
         settings: of the detection, by name, those that are not the default; without the restarts.
@@ -44,14 +44,10 @@ class Request:
 
     @classmethod
     def of(cls, config: DetectionConfig, until_stable: float | None, files: str) -> "Request":
-        """What is asked for by a config. A verdict's file is known by its content, among the inputs."""
+        """The request by a config. A verdict's file is known by its content, among the inputs."""
         settings = chosen_settings(config)
         settings.pop("verdict", None)
         return cls(settings, config.restarts, until_stable, files)
-
-    def same_fits(self, other: "Request") -> bool:
-        """Whether a restart of one is a restart of the other."""
-        return self.settings == other.settings
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,7 +60,6 @@ class PairRecord:
         files: what was written, by name.
         pair: its row of the summary.
         changes: the rows of its changes.
-        convergence: the rows of its doublings of the restarts; () where nobody asked.
         seconds: of reading, detecting and writing, and of the stages of the detection.
         finished: when it was done, seconds since 1970.
         version: of gmmjax.
@@ -75,13 +70,12 @@ class PairRecord:
     files: Mapping[str, Fingerprint]
     pair: PairRow
     changes: tuple[ChangeRow, ...]
-    convergence: tuple[ConvergenceRow, ...]
     seconds: Mapping[str, float]
     finished: float
     version: str = __version__
 
     def is_of(self, inputs: Mapping[str, Path | Fingerprint]) -> bool:
-        """Whether it was made of these inputs, by this version.
+        """True where it was made of these inputs, by this version.
 
         Args:
             inputs: files, or the fingerprints of what is in memory, by what each is to the pair.
@@ -96,7 +90,7 @@ class PairRecord:
         )
 
     def is_whole(self, folder: Path) -> bool:
-        """Whether all that was written is there as it was written."""
+        """True where all that was written is there as it was written."""
         return all(known.matches(folder / name) for name, known in self.files.items())
 
     def write(self, path: Path) -> None:
@@ -124,7 +118,6 @@ class PairRecord:
                 {name: Fingerprint(**own) for name, own in content["files"].items()},
                 PairRow(**content["pair"]),
                 tuple(ChangeRow(**row) for row in content["changes"]),
-                tuple(ConvergenceRow(**row) for row in content["convergence"]),
                 {stage: float(seconds) for stage, seconds in content["seconds"].items()},
                 float(content["finished"]),
                 str(content["version"]),

@@ -10,14 +10,17 @@ from jaxtyping import Bool, Float
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
+from gmmjax.batch.comparison import Coverage
 from gmmjax.changes import Box
-from gmmjax.geometry import MEAN_NEIGHBOURS, evenly_chosen, nearest_neighbours
+from gmmjax.geometry import MEAN_NEIGHBOURS, evenly_chosen, nearest_neighbours, transformed
 
 # Points lie at each other up to this distance, in spacings of the place that has the larger one: as of detection, which
 # sees no change below it. Smaller: noise and drift of the frames part what is one; larger: neighbours become one.
 SPACINGS = 3.0
 # Points of a place of which the spacing is measured, and whether it was observed.
 PROBES = 64
+# All that is said of places is said of most of their points.
+MOST = 0.5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,7 +37,7 @@ class Place:
 
     @functools.cached_property
     def tree(self) -> cKDTree:
-        """Of the points."""
+        """Search tree of the points."""
         return cKDTree(self.points)
 
     @functools.cached_property
@@ -49,32 +52,14 @@ class Place:
         radius = float(np.median(distances[:, -1]))
         return radius * float(np.sqrt(np.pi / distances.shape[1]))
 
-    def shares(self, other: "Place") -> "Shares":
-        """The shares of the points of two places that lie at points of the other."""
+    def shares(self, other: "Place") -> tuple[float, float]:
+        """The shares of the points of two places that lie at points of the other, the lesser one first.
+
+        The greater one is near 1 where one place lies within the other, the lesser one where both have one shape.
+        """
         reach = SPACINGS * max(self.spacing, other.spacing)
-        return Shares(_share_within(self, other, reach), _share_within(other, self, reach))
-
-
-class Shares(NamedTuple):
-    """Of two places, the share of the points of each that lie at points of the other, 0 to 1."""
-
-    own: float
-    other: float
-
-    @property
-    def of_smaller(self) -> float:
-        """The greater one: that of the place that lies within the other."""
-        return max(self)
-
-    @property
-    def of_larger(self) -> float:
-        """The lesser one: near 1 only where both have the same shape."""
-        return min(self)
-
-    @property
-    def mean(self) -> float:
-        """By which one place is preferred to another."""
-        return sum(self) / 2
+        own, others = sorted((_share_within(self, other, reach), _share_within(other, self, reach)))
+        return own, others
 
 
 class Link(NamedTuple):
@@ -93,37 +78,61 @@ class Link(NamedTuple):
     assigned: bool
 
 
-def linked(known: Sequence[Place], new: Sequence[Place], least: float) -> list[Link]:
-    """Which new places are known ones: one to one by the greatest overlap, and then the pieces that are left.
+def linked(known: Sequence[Place], new: Sequence[Place]) -> list[Link]:
+    """Which new places are known ones: where most points of the smaller one lie at the other.
 
-    A detector may report one object as two pieces, or two that touch as one. What is left by the assignment, of either
-    side, is a piece of the place that it overlaps most.
+    They are assigned one to one by the greatest overlap, and then the pieces that are left: a detector may report one
+    object as two pieces, or two that touch as one. What is left by the assignment, of either side, is a piece of the
+    place that it overlaps most.
 
     Args:
         known: places of objects.
         new: places of changes.
-        least: share of the points of the smaller place; the link is made where more overlap.
 
     Returns:
         The links, those assigned first; each place is in one at most as the piece of another.
     """
-    of_smaller, preferred = np.zeros((2, len(known), len(new)))
-    for row, column in near(known, new):
+    overlap, preferred = np.zeros((2, len(known), len(new)))
+    for row, column in _near(known, new):
         shares = known[row].shares(new[column])
-        of_smaller[row, column], preferred[row, column] = shares.of_smaller, shares.mean
-    same = of_smaller > least
-    preferred = np.where(same, preferred, 0.0)
+        if max(shares) > MOST:
+            overlap[row, column], preferred[row, column] = max(shares), sum(shares) / 2
     rows, columns = linear_sum_assignment(preferred, maximize=True)
-    pairs = [(row, column) for row, column in zip(rows.tolist(), columns.tolist(), strict=True) if same[row, column]]
-    pieces = _pieces(preferred, same, pairs)
+    pairs = [(row, column) for row, column in zip(rows.tolist(), columns.tolist(), strict=True) if overlap[row, column]]
+    pieces = _pieces(preferred, pairs)
     return [
-        Link(row, column, float(of_smaller[row, column]), assigned)
+        Link(row, column, float(overlap[row, column]), assigned)
         for these, assigned in ((pairs, True), (pieces, False))
         for row, column in these
     ]
 
 
-def near(known: Sequence[Place], new: Sequence[Place]) -> list[tuple[int, int]]:
+def of_same_shape(place: Place, known: Sequence[Place]) -> tuple[int | None, float]:
+    """The known place that is most like a new one, most of the points of both at the other, and the greater share."""
+    shares = {row: known[row].shares(place) for row, _ in _near(known, [place])}
+    best = max(shares, key=lambda row: shares[row][0], default=None)
+    if best is None or shares[best][0] <= MOST:
+        return None, 0.0
+    return best, shares[best][1]
+
+
+def not_observed(places: Sequence[Place], coverage: Coverage, frame: Float[np.ndarray, "4 4"]) -> list[bool]:
+    """Which places a survey did not observe: of most points, the nearest one of the other cloud was not observed.
+
+    Args:
+        places: in the frame of the series.
+        coverage: of the other cloud by the survey.
+        frame: rigid transform of the coverage into the frame of the series.
+    """
+    if not places or not len(coverage.points):
+        return [False] * len(places)
+    chosen = [place.probed for place in places]
+    nearest = cKDTree(transformed(coverage.points, frame)).query(np.concatenate(chosen))[1]
+    hidden = np.split(coverage.unobserved[nearest], np.cumsum([len(points) for points in chosen])[:-1])
+    return [bool(own.mean() > MOST) for own in hidden]
+
+
+def _near(known: Sequence[Place], new: Sequence[Place]) -> list[tuple[int, int]]:
     """The known and the new places whose points may lie at each other, by their boxes along the axes."""
     if not known or not new:
         return []
@@ -140,11 +149,10 @@ def _bounds(places: Sequence[Place]) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return np.stack([tree.mins for tree in trees]), np.stack([tree.maxes for tree in trees]), spacings
 
 
-def _pieces(
-    preferred: Float[np.ndarray, "k n"], same: Bool[np.ndarray, "k n"], pairs: Sequence[tuple[int, int]]
-) -> list[tuple[int, int]]:
-    """Of the known and the new places without a partner those that overlap one that has one."""
+def _pieces(preferred: Float[np.ndarray, "k n"], pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """The known and the new places without a partner that overlap one that has one."""
     rows, columns = {row for row, _ in pairs}, {column for _, column in pairs}
+    same: Bool[np.ndarray, "k n"] = preferred > 0
     found = []
     for row in sorted(set(np.flatnonzero(same.any(axis=1)).tolist()) - rows):
         found.append((row, int(np.argmax(preferred[row]))))

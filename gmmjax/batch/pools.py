@@ -1,4 +1,4 @@
-"""Where chunks of pairs are computed: local processes, or any executor, such as that of a cluster."""
+"""Where calls are computed: local processes, or any executor, such as that of a cluster."""
 
 import abc
 import contextlib
@@ -29,43 +29,25 @@ class AbstractPool(abc.ABC):
 
     @abc.abstractmethod
     def submit(self, function: Any, *arguments: Any) -> "Future[Any]":
-        """Hands a call over; there are never more than `capacity`.
-
-        Args:
-            function: of a module, so that another process finds it.
-            arguments: its arguments.
-        """
+        """Hands a call over, of a module's function, so that another process finds it; never more than `capacity`."""
 
     @abc.abstractmethod
     def stop(self, *, at_once: bool) -> None:
-        """Ends it.
-
-        Args:
-            at_once: without waiting for calls that are running.
-        """
+        """Ends it; at once: without waiting for calls that are running."""
 
     def lost(self, error: BaseException) -> ComputationError | None:
-        """What to say where an error means that there is no pool any more; None: it means something else.
-
-        Args:
-            error: what a future raised.
-        """
+        """The error to raise where that of a future means that there is no pool any more; None: it does not."""
         return None
 
 
 class LocalPool(AbstractPool):
     """Processes of this machine, each with a share of its cores.
 
-    Each is an executor of its own, so that one that dies takes its own chunk along and no other; it is replaced.
+    Each is an executor of its own, so that one that dies takes its own call along and no other; it is replaced.
     """
 
     def __init__(self, workers: int, cores: int):
-        """Starts no process yet.
-
-        Args:
-            workers: number of processes.
-            cores: that each may use.
-        """
+        """Starts no process yet; each will have so many cores."""
         self.capacity = workers
         self._cores = cores
         self._lanes: list[_Lane | None] = [None] * workers
@@ -78,13 +60,13 @@ class LocalPool(AbstractPool):
             try:
                 return lane.submit(function, *arguments)
             except BrokenExecutor:
-                # It died while it had nothing to do, or with its last chunk.
+                # It died while it had nothing to do, or with its last call.
                 lane.stop(at_once=True)
         self._lanes[number] = lane = _Lane(self._cores)
         return lane.submit(function, *arguments)
 
     def lost(self, error: BaseException) -> ComputationError | None:
-        """Whether processes cannot even be started; see `AbstractPool`."""
+        """The error where processes cannot even be started; see `AbstractPool`."""
         if all(lane is None or lane.began for lane in self._lanes):
             return None
         return ComputationError(
@@ -113,12 +95,12 @@ class _Lane:
 
     @property
     def began(self) -> bool:
-        """Whether the process was there, or is still being started."""
+        """True where the process was there, or is still being started."""
         return not self._process.done() or self._process.exception() is None
 
     @property
     def free(self) -> bool:
-        """Whether it has nothing to do."""
+        """True where it has nothing to do."""
         return self._latest is None or self._latest.done()
 
     def submit(self, function: Any, *arguments: Any) -> "Future[Any]":
@@ -136,12 +118,7 @@ class ExecutorPool(AbstractPool):
     """Any `concurrent.futures.Executor`, such as `mpi4py.futures.MPIPoolExecutor`. Whoever made it ends it."""
 
     def __init__(self, executor: Executor, capacity: int):
-        """Takes an executor.
-
-        Args:
-            executor: whose workers can import gmmjax.
-            capacity: chunks that it is given before the first one is done.
-        """
+        """Takes an executor whose workers can import gmmjax, and the calls that it is given at a time."""
         self.capacity = capacity
         self._executor = executor
         self._running: set[Future[Any]] = set()
@@ -171,13 +148,10 @@ class ExecutorPool(AbstractPool):
 
 
 class ClusterPool(ExecutorPool):
-    """The workers of a Dask cluster. It sends a chunk again where a worker dies."""
+    """The workers of a Dask cluster. It sends a call again where a worker dies."""
 
     def __init__(self, address: str):
-        """Connects to a cluster.
-
-        Args:
-            address: of its scheduler, such as tcp://10.0.0.1:8786.
+        """Connects to the scheduler at an address, such as tcp://10.0.0.1:8786.
 
         Raises:
             InputError: Dask is not installed, nobody answers at the address, or the cluster has no workers.
@@ -196,7 +170,7 @@ class ClusterPool(ExecutorPool):
         super().__init__(self._client.get_executor(pure=False), 2 * threads)
 
     def lost(self, error: BaseException) -> ComputationError | None:
-        """Whether the scheduler has gone; see `AbstractPool`."""
+        """The error where the scheduler has gone; see `AbstractPool`."""
         if not isinstance(error, CancelledError | OSError) and self._client.status == "running":
             return None
         return ComputationError(
@@ -213,7 +187,7 @@ class ClusterPool(ExecutorPool):
 
 
 def died(error: BaseException) -> bool:
-    """Whether an error of a future means that the worker died, by the standard library or by Dask."""
+    """True where an error of a future means that the worker died, by the standard library or by Dask."""
     return isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"
 
 

@@ -67,22 +67,6 @@ class PairRow:
 
 
 @dataclasses.dataclass(frozen=True)
-class ConvergenceRow:
-    """How the probabilities of a pair converged: a row for each doubling of its restarts.
-
-    Attributes:
-        name: of the pair.
-        restarts: number of them after the doubling.
-        difference: the largest, over the changes before and after it, of the mean absolute difference of the
-            probabilities of a change's points.
-    """
-
-    name: str
-    restarts: int
-    difference: float
-
-
-@dataclasses.dataclass(frozen=True)
 class ChangeRow:
     """A change of a pair in the summary. Lengths are in the unit of the clouds, in the frame of the before cloud.
 
@@ -113,59 +97,6 @@ class ChangeRow:
     significance: float
     point_count: int
     partner: int | None
-    centre_x: float
-    centre_y: float
-    centre_z: float
-    extent_1: float
-    extent_2: float
-    extent_3: float
-
-
-@dataclasses.dataclass(frozen=True)
-class ObjectRow:
-    """An event in the history of an object of a series. Lengths are in the unit of the clouds.
-
-    Attributes:
-        object: number of the object, from 1.
-        event: index of the event in the object's history.
-        kind: "came", "moved" or "went".
-        epoch: name of the first epoch in which it shows.
-        previous: name of the latest epoch before that in which it was known to be otherwise.
-        epoch_index: index of the epoch in the series.
-        probability: of the change that shows it; where the want of one shows it, of the latest change before.
-        moved_probability: of an object that moved, that it is the same; None where it was not computed.
-        distance: of an object that moved, how far its centre did.
-        returned: of an object that came, whether it had been there before, and gone.
-        before: name of the earlier epoch of the comparison that shows it.
-        after: name of the later one.
-        change: index of the change in that comparison; None where the want of one shows it.
-        overlap: share of the points by which the change was linked to the object, 0 to 1.
-        point_count: points of the change.
-        frame: name of the epoch in whose frame the centre is.
-        centre_x: centre of the object's box: where it is from then on, or was until then.
-        centre_y: likewise.
-        centre_z: likewise.
-        extent_1: longest edge of its box.
-        extent_2: the next one.
-        extent_3: the shortest one.
-    """
-
-    object: int
-    event: int
-    kind: Literal["came", "moved", "went"]
-    epoch: str
-    previous: str
-    epoch_index: int
-    probability: float
-    moved_probability: float | None
-    distance: float | None
-    returned: bool
-    before: str
-    after: str
-    change: int | None
-    overlap: float | None
-    point_count: int
-    frame: str
     centre_x: float
     centre_y: float
     centre_z: float

@@ -8,12 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from gmmjax import __version__
-from gmmjax.batch.fingerprint import fingerprint_of_memory
 from gmmjax.batch.pair_record import PAIR_FILE, PairRecord, chosen_settings
 from gmmjax.batch.rows import PairRow
 from gmmjax.batch.scan_pair import check_name
 from gmmjax.batch.tables import write_file
-from gmmjax.batch.worker import FITS_FILE, PairTask
 from gmmjax.changes import DetectionConfig
 from gmmjax.clouds import FolderKind, check_output_folder, locked_file, read_json_record
 from gmmjax.errors import InputError, one_line, shown
@@ -113,10 +111,10 @@ class RunFolder:
             run.check_settings(previous, self.path)
         run.write(self.path / RUN_FILE)
         for name in (PAIRS, ERRORS):
-            make_folder(self.path / name)
+            _make_folder(self.path / name)
 
     def run_record(self) -> "RunRecord | None":
-        """What was to be computed here; None where nothing was.
+        """The record of the run; None where there is none.
 
         Raises:
             InputError: a record that is damaged.
@@ -154,12 +152,12 @@ class RunFolder:
 
 @dataclasses.dataclass(frozen=True)
 class RunRecord:
-    """What is to be computed in a folder.
+    """The pairs and settings of a run.
 
     Attributes:
         names: of all pairs, of all shards.
         settings: of the run by name, those that are not the default; without the restarts.
-        series: what the epochs of a series are compared with, "previous" or "first"; None: it is no series.
+        series: what the epochs of a series are compared with, "previous"; None: it is no series.
         epochs: of a series, in their order.
         version: of gmmjax.
     """
@@ -227,50 +225,16 @@ def run_folder(path: Path) -> RunFolder:
     """
     if not (path / RUN_FILE).is_file():
         check_output_folder(path, RUN)
-    make_folder(path)
+    _make_folder(path)
     return RunFolder(path)
 
 
-def make_folder(path: Path) -> None:
-    """Makes a folder where there is none.
-
-    Raises:
-        InputError: it cannot be made.
-    """
+def _make_folder(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{path}: cannot be made ({error.strerror or error}); choose another output folder") from error
 
 
-def recorded(task: PairTask) -> PairRecord | None:
-    """The record of a pair that is done as the task asks for it; None where it is not."""
-    record = _record_of_inputs(task)
-    if record is None or task.folder is None:
-        return None
-    return record if record.request == task.request and record.is_whole(task.folder) else None
-
-
-def with_kept_fits(task: PairTask) -> PairTask:
-    """The task, with the fits in its folder where they are of the same scans and settings."""
-    record = _record_of_inputs(task)
-    if record is None or task.folder is None or not record.request.same_fits(task.request):
-        return task
-    fits = record.files.get(FITS_FILE)
-    return dataclasses.replace(task, keeps_fits=fits is not None and fits.matches(task.folder / FITS_FILE))
-
-
 def _write_json(path: Path, content: Mapping[str, Any]) -> None:
     write_file(path, json.dumps(content, indent=1, allow_nan=False).encode())
-
-
-def _record_of_inputs(task: PairTask) -> PairRecord | None:
-    """What is in the task's folder, where it was made of the task's scans by this version."""
-    if task.folder is None:
-        return None
-    try:
-        record = PairRecord.read(task.folder / PAIR_FILE)
-    except InputError:
-        return None
-    memory = {role: fingerprint_of_memory(own) for role, own in task.pair.in_memory().items()}
-    return record if record.is_of({**task.inputs(), **memory}) else None

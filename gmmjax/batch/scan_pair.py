@@ -73,8 +73,8 @@ class BatchPair:
         views = {role: own for role, own in _by_side("views_", self.views).items() if isinstance(own, SensorViews)}
         return {**clouds, **views}
 
-    def read(self) -> "LoadedPair":
-        """Both clouds with their views.
+    def read(self) -> tuple[Pair[PointCloud], Pair[SensorViews | None]]:
+        """Both clouds, and the views of their sensors; None: what the cloud itself says.
 
         Raises:
             InputError: a file that cannot be read, or an array that is no cloud.
@@ -82,25 +82,11 @@ class BatchPair:
         Warns:
             InputWarning: rows of an array that are not finite.
         """
-        views = self.views.map(lambda source: read_views(source) if isinstance(source, str | os.PathLike) else source)
         clouds = self.clouds.map(_cloud_of)
         for name, given, cloud in zip(NAMES, self.clouds, clouds, strict=True):
             if cloud.rows_dropped and cloud.source is None and given is not cloud:
                 warn(f"{cloud.rows_dropped:,} rows of the {name} cloud had no finite position and were left out")
-        return LoadedPair(clouds, views)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class LoadedPair:
-    """The clouds of a pair in memory.
-
-    Attributes:
-        clouds: both.
-        views: of their sensors; None: what the cloud itself says.
-    """
-
-    clouds: Pair[PointCloud]
-    views: Pair[SensorViews | None]
+        return clouds, self.views.map(_views_of)
 
 
 def check_name(name: object, owner: str = "name") -> None:
@@ -144,3 +130,7 @@ def _cloud_of(source: CloudSource) -> PointCloud:
     if isinstance(source, PointCloud):
         return source
     return read_cloud(source) if isinstance(source, str | os.PathLike) else PointCloud.from_rows(source)
+
+
+def _views_of(source: ViewsSource | None) -> SensorViews | None:
+    return read_views(source) if isinstance(source, str | os.PathLike) else source

@@ -1,18 +1,17 @@
-"""A series: many epochs of one place, each compared with its predecessor or with the first one."""
+"""A series: many epochs of one place, each compared with its predecessor."""
 
 import itertools
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 from gmmjax.batch.detect_many import BatchResult, detect_many
-from gmmjax.batch.manifest import CONFIG, SETTING_NAMES, Entry, Problems, check_files, path_of, settings_of
+from gmmjax.batch.manifest import Entry, read_lines
 from gmmjax.batch.run_folder import RunFolder, RunRecord
-from gmmjax.batch.scan_pair import LONGEST_NAME, BatchPair, check_distinct, check_name
+from gmmjax.batch.scan_pair import LONGEST_NAME, BatchPair, check_name
 from gmmjax.changes import DetectionConfig
-from gmmjax.errors import InputError, check_choice, shown
+from gmmjax.errors import InputError, shown
 
-Against = Literal["previous", "first"]
 REQUIRED = ("name", "cloud")
 
 
@@ -31,9 +30,13 @@ class Epoch(NamedTuple):
     views: Path | None = None
     config: DetectionConfig | None = None
 
+    def files(self) -> dict[str, Path]:
+        """The files that it is made of, by what they are to it."""
+        return {"cloud": self.cloud, **({} if self.views is None else {"views": self.views})}
+
 
 def read_epochs(path: Path, config: DetectionConfig = DetectionConfig()) -> list[Epoch]:
-    """The epochs of a series in the order of time: CSV, TSV or JSON lines.
+    """The epochs of a series in the order of time: CSV or TSV.
 
     Columns: "name" and "cloud"; where wanted "views", "config" (a TOML file), and any setting of `DetectionConfig` by
     its name. Paths are relative to the file.
@@ -45,25 +48,14 @@ def read_epochs(path: Path, config: DetectionConfig = DetectionConfig()) -> list
     Raises:
         InputError: as `read_manifest`; a single epoch.
     """
-    problems = Problems(path)
-    known = {*REQUIRED, "views", CONFIG, *SETTING_NAMES}
-    epochs = problems.made_of_lines(REQUIRED, known, lambda entry: _epoch(entry, path.parent, config))
-    with problems.noted():
-        check_distinct([epoch.name for epoch in epochs], str(path))
-    files = {f"{epoch.name}: cloud": epoch.cloud for epoch in epochs}
-    files |= {f"{epoch.name}: views": epoch.views for epoch in epochs if epoch.views is not None}
-    with problems.noted():
-        check_files(path, files)
-    problems.tell()
+    epochs = read_lines(path, REQUIRED, ("views",), lambda entry: _epoch(entry, config))
     if len(epochs) < 2:
         raise InputError(f"{path}: has a single epoch; a series needs two at least")
     return epochs
 
 
-def detect_series(
-    epochs: Sequence[Epoch], *, out: Path, against: Against = "previous", **options: Any
-) -> Generator[BatchResult, None, None]:
-    """Compares each epoch of a series with an earlier one.
+def detect_series(epochs: Sequence[Epoch], *, out: Path, **options: Any) -> Generator[BatchResult, None, None]:
+    """Compares each epoch of a series with the one before.
 
     Where an epoch cannot be compared with its predecessor, because that one cannot be read, it is compared with the
     latest one before that can be.
@@ -71,7 +63,6 @@ def detect_series(
     Args:
         epochs: in the order of time.
         out: folder of the run.
-        against: "previous" or "first".
         options: of `detect_many`.
 
     Yields:
@@ -80,32 +71,36 @@ def detect_series(
     Raises:
         InputError, ComputationError: as `detect_many`.
     """
-    check_choice("against", against, get_args(Against))
-    names = tuple(epoch.name for epoch in epochs)
-    config = options.get("config") or DetectionConfig()
-    pairs = {(0 if against == "first" else later - 1, later): None for later in range(1, len(epochs))}
-
-    def results(asked: Sequence[tuple[int, int]]) -> Generator[BatchResult, None, None]:
-        all_names = [pair_name(names, pair) for pair in pairs]
-        record = RunRecord.of(all_names, config, series=against, epochs=names)
-        chosen = [_batch_pair(epochs, pair) for pair in asked]
-        yield from detect_many(chosen, out=out, record=record, **options)
-
-    done = set()
-    for result in results(list(pairs)):
+    names = [epoch.name for epoch in epochs]
+    pairs = {pair_name(names, pair): pair for pair in itertools.pairwise(range(len(epochs)))}
+    done = []
+    for result in _results(epochs, pairs, pairs, out, options):
         if result.done:
-            done.add(result.name)
+            done.append(pairs[result.name])
         yield result
-    bridges = _bridges(names, [pair for pair in pairs if pair_name(names, pair) in done])
-    if against == "previous" and bridges:
-        pairs.update(dict.fromkeys(bridges))
-        yield from results(bridges)
+    if bridges := {pair_name(names, pair): pair for pair in _bridges(len(epochs), done)}:
+        yield from _results(epochs, bridges, {**pairs, **bridges}, out, options)
+
+
+def _results(
+    epochs: Sequence[Epoch],
+    pairs: Mapping[str, tuple[int, int]],
+    known: Iterable[str],
+    out: Path,
+    options: Mapping[str, Any],
+) -> Generator[BatchResult, None, None]:
+    """The results of some pairs of a run that has all that are known."""
+    config = options.get("config") or DetectionConfig()
+    names = tuple(epoch.name for epoch in epochs)
+    record = RunRecord.of(list(known), config, series="previous", epochs=names)
+    chosen = [_batch_pair(name, *(epochs[index] for index in pair)) for name, pair in pairs.items()]
+    yield from detect_many(chosen, out=out, record=record, **options)
 
 
 def compared_epochs(folder: RunFolder) -> Mapping[tuple[int, int], str]:
     """The pairs of a series that are done: by the indices of their epochs, the earlier one first, the name.
 
-    Each epoch is the later one of one pair at most.
+    Each epoch is the earlier and the later one of one pair at most.
 
     Raises:
         InputError: a folder without a series.
@@ -120,7 +115,8 @@ def compared_epochs(folder: RunFolder) -> Mapping[tuple[int, int], str]:
         if name in known and folder.failed(name) is None and folder.result(name) is not None:
             # The closest one counts: a bridge is not needed any more once its gap is closed.
             found[pair[1]] = (pair, name)
-    return dict(found.values())
+    closest = {pair[0]: (pair, name) for pair, name in sorted(found.values(), reverse=True)}
+    return dict(sorted(closest.values()))
 
 
 def pair_name(names: Sequence[str], pair: tuple[int, int]) -> str:
@@ -128,28 +124,25 @@ def pair_name(names: Sequence[str], pair: tuple[int, int]) -> str:
     return f"{names[pair[0]]} to {names[pair[1]]}"
 
 
-def _bridges(names: Sequence[str], done: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+def _bridges(count: int, done: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
     """Comparisons over epochs that cannot be read: of those whose predecessor, too, is not connected."""
     connected = {0, *(epoch for pair in done for epoch in pair)}
     later = {pair[1] for pair in done}
     bridges = []
-    for epoch in range(2, len(names)):
+    for epoch in range(2, count):
         earlier = max(other for other in connected if other < epoch)
         if epoch not in later and earlier < epoch - 1:
             bridges.append((earlier, epoch))
     return bridges
 
 
-def _batch_pair(epochs: Sequence[Epoch], pair: tuple[int, int]) -> BatchPair:
-    before, after = (epochs[index] for index in pair)
-    name = pair_name([epoch.name for epoch in epochs], pair)
+def _batch_pair(name: str, before: Epoch, after: Epoch) -> BatchPair:
     return BatchPair(name, before.cloud, after.cloud, before.views, after.views, after.config)
 
 
-def _epoch(entry: Entry, folder: Path, config: DetectionConfig) -> Epoch:
-    values = entry.values
-    check_name(values["name"], f"{entry.place}: name")
-    if len(values["name"].encode()) > LONGEST_NAME // 2 - len(" to "):
-        raise InputError(f"{entry.place}: name={shown(values['name'])} is too long; folders are named after two epochs")
-    views = folder / path_of(entry, "views") if "views" in values else None
-    return Epoch(values["name"], folder / path_of(entry, "cloud"), views, settings_of(entry, folder, config))
+def _epoch(entry: Entry, config: DetectionConfig) -> Epoch:
+    name, cloud = entry.values["name"], entry.folder / entry.values["cloud"]
+    check_name(name, f"{entry.place}: name")
+    if len(name.encode()) > LONGEST_NAME // 2 - len(" to "):
+        raise InputError(f"{entry.place}: name={shown(name)} is too long; folders are named after two epochs")
+    return Epoch(name, cloud, entry.file("views"), entry.settings(config))

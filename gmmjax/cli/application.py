@@ -11,7 +11,7 @@ from importlib import import_module
 
 from gmmjax._messages import print_message
 from gmmjax.cli.options import help_of, parsed
-from gmmjax.cli.start import INTERRUPTED, INTERRUPTION, interruptions, no_search_of_imports
+from gmmjax.cli.start import INTERRUPTED, INTERRUPTION, starting
 from gmmjax.errors import ComputationError, InputError
 
 DONE = 0
@@ -59,11 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         try:
-            with (
-                no_search_of_imports(own_process=arguments is None) as imported,
-                interruptions() as interruptible,
-            ):
-                return _status(words, lambda: (imported(), interruptible()))
+            with starting(own_process=arguments is None) as loaded:
+                return _status(words, loaded)
         finally:
             # What is left in the buffer would fail to be written when it is too late to give a status.
             if sys.stdout is not None:
@@ -142,7 +139,7 @@ def overview(width: int) -> str:
 
 
 def _unknown(words: list[str]) -> str:
-    """What is wrong with words that do not begin with a command, and what may be meant."""
+    """Name the error of words that do not begin with a command, and what may be meant."""
     if not words[0]:
         return "give a command, such as detect; gmmjax --help lists them"
     name, places = words[0], (" ".join(words[:2]), words[0])

@@ -3,7 +3,7 @@
 import contextlib
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from gmmjax.changes import DetectionConfig
 from gmmjax.cli.detect import read_settings
@@ -19,15 +19,14 @@ COMMON = (
     *("manifest", "out", "overwrite", "pairs", "series", "workers", "scheduler", "shard", "merge"),
     *("until_stable", "restarts", "fail_fast", "transform_after", "config", "quiet"),
 )
-Against = Literal["previous", "first"]
 SERIES_FILES = {
     "timeline.html": "when each object came, moved and went",
-    "objects.csv": "a row for each event of an object; objects.parquet is the same",
+    "objects.csv": "a row for each event of an object",
 }
 SUMMARY_FILES = {
     "index.html": "all pairs, to sort and search",
-    "pairs.csv": "a row for each pair; pairs.parquet is the same",
-    "changes.csv": "a row for each change; changes.parquet is the same",
+    "pairs.csv": "a row for each pair",
+    "changes.csv": "a row for each change",
     "pairs": "a folder for each pair, with its report",
 }
 
@@ -40,12 +39,10 @@ def batch(
     config: Annotated[Path | None, "FILE.toml"] = None,
     workers: int | None = None,
     scheduler: Annotated[str | None, "tcp://HOST:PORT"] = None,
-    send: bool = False,
     shard: Annotated[str | None, "K/N"] = None,
     merge: bool = False,
-    series: Against | None = None,
+    series: bool = False,
     until_stable: bool = False,
-    stable_within: Annotated[float, "P"] = 0.01,
     fail_fast: bool = False,
     transform_after: bool = False,
     overwrite: bool = False,
@@ -55,8 +52,8 @@ def batch(
     """Find what changed in many pairs of scans: a result for each, tables of all, and a page to browse them.
 
     The manifest is a table, .csv or .tsv, with the columns name, before and after, and optionally views_before,
-    views_after, config, or any setting by its name; or JSON lines (.jsonl) with the same keys. Paths in it are relative
-    to it. The same command resumes an interrupted run, and computes again what was made otherwise.
+    views_after, config, or any setting by its name. Paths in it are relative to it. The same command resumes an
+    interrupted run, and computes again what was made otherwise.
 
     Args:
         manifest: table of the pairs.
@@ -66,14 +63,12 @@ def batch(
         config: settings for all pairs; options override them.
         workers: processes of this machine. Default: one a core.
         scheduler: address of a Dask scheduler, whose workers compute in their place.
-        send: read the scans here and send them to workers that do not see the files.
         shard: compute a part of the run, such as 3/100; the others are computed elsewhere, into the same folder.
         merge: compute nothing; write the tables and the page for what is in the folder, such as after all shards.
         series: the manifest lists the epochs of one place in order: name, cloud, and optionally views. Each is
-            compared with its predecessor or with the first, and the changes are linked into objects with a history.
-        until_stable: for each pair, stop when doubling the restarts changes no probability by `stable_within` or more;
+            compared with its predecessor, and the changes are linked into objects with a history.
+        until_stable: for each pair, stop when doubling the restarts changes no probability by one percent or more;
             `restarts` is then the maximum.
-        stable_within: largest change of a probability that counts as stable.
         fail_fast: stop at the first failure.
         transform_after: write the after scans in the frames of the before scans; by default they keep their own.
         overwrite: replace the results of a run with other settings.
@@ -91,19 +86,18 @@ def batch(
     options: dict[str, Any] = {
         "out": out,
         "config": detection,
-        "until_stable": stable_within if until_stable else None,
+        "until_stable": 0.01 if until_stable else None,
         "workers": workers,
         "scheduler": scheduler,
-        "send": send,
         "save": save_transformed_report if transform_after else save_report,
         "overwrite": overwrite,
         "fail_fast": fail_fast,
     }
-    if series is not None:
+    if series:
         if part is not None or manifest is None:
             raise InputError("--series needs a MANIFEST of epochs, and goes without --pairs and --shard")
         epochs = read_epochs(manifest, detection)
-        results, count = detect_series(epochs, against=series, **options), len(epochs) - 1
+        results, count = detect_series(epochs, **options), len(epochs) - 1
     else:
         given = _pairs(manifest, pairs, detection)
         results, count = detect_many(given, shard=part, **options), len(given if part is None else part.of(given))

@@ -1,7 +1,7 @@
 """`gmmjax evaluate gaussians`, `laboratory`, `scenes` and `pairs`: their options, and what they print and write."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -13,7 +13,7 @@ from gmmjax.errors import ComputationError, InputError, check_seed
 from gmmjax.evaluation import Name
 
 if TYPE_CHECKING:
-    from gmmjax.evaluation import Detector, Evaluation, LabelledPair, PairSource, ReliabilityRecord
+    from gmmjax.evaluation import Detector, Evaluation, PairSource, ReliabilityRecord
 
 DONE, FAILED = 0, 1
 Poses = Literal["given", "unknown"]
@@ -31,9 +31,8 @@ class Options:
         config: settings for our detectors, such as those that `gmmjax tune` wrote.
         out: also write the table to this file, .csv, .json or .md.
         reliability: write the reliability curves of the reported probabilities to this file: .png, .svg and .pdf
-            draw them, .json and .md have them as a table.
+            draw them, .json has their figures.
         json: print JSON and nothing else.
-        csv: print comma-separated values and nothing else.
         quiet: print nothing but errors.
 
     Raises:
@@ -46,7 +45,6 @@ class Options:
     out: Path | None = None
     reliability: Path | None = None
     json: bool = False
-    csv: bool = False
     quiet: bool = False
 
     def __post_init__(self) -> None:
@@ -54,9 +52,7 @@ class Options:
         if self.out is not None:
             check_output_file("--out", self.out, (".csv", ".json", ".md"), overwrite=True)
         if self.reliability is not None:
-            check_output_file(
-                "--reliability", self.reliability, (".png", ".svg", ".pdf", ".json", ".md"), overwrite=True
-            )
+            check_output_file("--reliability", self.reliability, (".png", ".svg", ".pdf", ".json"), overwrite=True)
 
 
 Common = Annotated[dict[str, Any], Options]
@@ -156,7 +152,6 @@ def evaluate_scenes(
 def evaluate_pairs(
     folder: Annotated[Path, "FOLDER"],
     *,
-    sensor_at_origin: Annotated[tuple[str, ...], "PATTERN ..."] = (),
     poses: Poses = "given",
     common: Common,
 ) -> int:
@@ -169,31 +164,13 @@ def evaluate_pairs(
 
     Args:
         folder: folder that holds one folder for each pair.
-        sensor_at_origin: pairs whose names fit one of these patterns, such as 'frame*', are single depth frames from a
-            camera at the origin that looks along z.
         poses: "given": the detectors get the views that are known of a pair; "unknown": they get none.
         common: to all evaluations.
     """
-    from gmmjax.evaluation import LabelledPair, at_origin, find_pairs
+    from gmmjax.evaluation import find_pairs
 
     options, sources = Options(**common), find_pairs(folder)
-    for pattern in sensor_at_origin:
-        if not any(fnmatchcase(source.name, pattern) for source in sources):
-            names = ", ".join(source.name for source in sources)
-            raise InputError(f"--sensor-at-origin {pattern}: fits none of the pairs {names}")
-    if poses == "unknown":
-        placed = [_loaded(source, LabelledPair.without_views) for source in sources]
-    else:
-        placed = [
-            _loaded(source, at_origin) if any(fnmatchcase(source.name, own) for own in sensor_at_origin) else source
-            for source in sources
-        ]
-    return _evaluated(placed, options)
-
-
-def _loaded(source: "PairSource", change: "Callable[[LabelledPair], LabelledPair]") -> "PairSource":
-    """The source of pairs that are changed when they are loaded."""
-    return dataclasses.replace(source, load=lambda: change(source.load()))
+    return _evaluated([source.without_views() for source in sources] if poses == "unknown" else sources, options)
 
 
 def _seeds(first: int, count: int) -> range:
@@ -243,24 +220,17 @@ def _evaluated(sources: Sequence["PairSource"], options: Options, *, evidence: b
 def _write(evaluation: "Evaluation", record: "ReliabilityRecord", options: Options) -> None:
     from gmmjax.clouds import atomic_write
     from gmmjax.evaluation import tables
-
-    as_table = {".csv": tables.to_csv, ".json": tables.to_json, ".md": tables.to_markdown}
-    if options.out is not None:
-        with atomic_write(options.out) as file:
-            file.write(as_table[options.out.suffix](evaluation).encode())
-    if options.reliability is not None:
-        _write_reliability(options.reliability, record)
-
-
-def _write_reliability(path: Path, record: "ReliabilityRecord") -> None:
-    from gmmjax.clouds import atomic_write
     from gmmjax.plotting import reliability_figure, write_figure
 
-    if path.suffix not in (".json", ".md"):
-        write_figure(path, reliability_figure(record))
-        return
-    with atomic_write(path) as file:
-        file.write((record.to_json() if path.suffix == ".json" else record.to_markdown()).encode())
+    as_table = {".csv": tables.to_csv, ".json": tables.to_json, ".md": tables.to_markdown}
+    texts = {} if options.out is None else {options.out: as_table[options.out.suffix](evaluation)}
+    if options.reliability is not None and options.reliability.suffix == ".json":
+        texts[options.reliability] = record.to_json()
+    elif options.reliability is not None:
+        write_figure(options.reliability, reliability_figure(record))
+    for path, text in texts.items():
+        with atomic_write(path) as file:
+            file.write(text.encode())
 
 
 def _print(evaluation: "Evaluation", options: Options) -> None:
@@ -269,7 +239,5 @@ def _print(evaluation: "Evaluation", options: Options) -> None:
 
     if options.json:
         print(tables.to_json(evaluation))
-    elif options.csv:
-        print(tables.to_csv(evaluation), end="")
     elif not options.quiet:
         console.print_evaluation(evaluation)

@@ -24,9 +24,9 @@ def evaluate_thesis(
 
     Args:
         out: folder for the tables (Markdown and CSV) and figures (PNG); created if missing.
-        parts: "grid": figure 3.9, scores of the grid search; "clustering": figures 4.1 and 4.2; "filtering": figure
-            4.6, localised maps without and with the outlier filter; "gaussians": figure 4.9; "surveys": figures 4.10
-            and 4.12, frames and maps. Volumetric maps need the extra `open3d`.
+        parts: "clustering": figures 4.1 and 4.2; "filtering": figure 4.6, localised maps without and with the outlier
+            filter; "gaussians": figure 4.9; "surveys": figures 4.10 and 4.12, frames and maps. Volumetric maps need the
+            extra `open3d`.
         quick: a small run that takes a minute or two.
         first_seed: first seed; the others follow.
         overwrite: replace parts that are there.

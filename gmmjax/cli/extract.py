@@ -1,6 +1,7 @@
 """`gmmjax extract BAG --out FILE`."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -28,7 +29,7 @@ COMMON = (
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """What is taken from the bag, and what becomes of it.
+    """The selection from the bag, and the output.
 
     Attributes:
         out: output: one frame as .pcd, .ply or .npz; many frames as one .npz, or as a folder; a map as .ply.
@@ -36,7 +37,6 @@ class Options:
         topic: topic of the point clouds; optional if the bag has only one.
         at: a single frame, the one nearest to this time: seconds as in the time stamps, or +SECONDS from
             the start of the bag.
-        tolerance: largest difference from that time, in seconds.
         every: many frames: one out of this many.
         rate: many frames: at most this number a second.
         start: no frame before this time.
@@ -63,7 +63,6 @@ class Options:
     out: Annotated[Path | None, "PATH"] = None
     topic: Annotated[str | None, "TOPIC"] = None
     at: Annotated[str | None, "TIME"] = None
-    tolerance: Annotated[float, "SECONDS"] = 0.5
     every: Annotated[int | None, "N"] = None
     rate: Annotated[float | None, "HZ"] = None
     start: Annotated[str | None, "TIME"] = None
@@ -170,14 +169,13 @@ def _write(bag: "Bag", out: Path, options: Options, progress: Progress) -> dict[
     if options.at is not None:
         time = _time("--at", options.at, bag)
         assert time is not None
-        frame = bag.frame_at(topic, time, options.tolerance)
+        frame = bag.frame_at(topic, time)
         return _write_frame(frame, trajectory, out, options)
-    every = 1 if options.every is None else options.every
-
-    def frames() -> Iterable["Frame"]:
-        wanted = bag.frames(topic, every=every, rate=options.rate, start=start, end=end)
-        return _with_progress(wanted, bag.start if start is None else start, bag.end if end is None else end, progress)
-
+    first, last = bag.start if start is None else start, bag.end if end is None else end
+    wanted = functools.partial(
+        bag.frames, topic, every=1 if options.every is None else options.every, rate=options.rate, start=start, end=end
+    )
+    frames = functools.partial(_with_progress, wanted, first, last, progress)
     if options.map is not None:
         assert trajectory is not None
         return _write_map(frames, trajectory, out, options)
@@ -254,7 +252,7 @@ def _views_of(out: Path) -> Path:
 
 
 def _trajectory(bag: "Bag", topic: str, options: Options, progress: Progress) -> "Trajectory | None":
-    """Of the sensor, where poses are asked for."""
+    """The trajectory of the sensor, where poses are asked for."""
     from gmmjax.surveys import pose_matrix, sensor_trajectory
 
     if options.poses is None:
@@ -273,8 +271,10 @@ def _trajectory(bag: "Bag", topic: str, options: Options, progress: Progress) ->
     )
 
 
-def _with_progress(frames: Iterable["Frame"], start: float, end: float, progress: Progress) -> Iterator["Frame"]:
-    for frame in frames:
+def _with_progress(
+    frames: Callable[[], Iterable["Frame"]], start: float, end: float, progress: Progress
+) -> Iterator["Frame"]:
+    for frame in frames():
         progress("Reading the frames", (frame.time - start) / max(end - start, 1e-9))
         yield frame
 

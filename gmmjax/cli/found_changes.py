@@ -36,7 +36,7 @@ class ScansToCompare(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class TileOptions:
-    """What the user says of tiles; None: not given.
+    """The options about tiles; None: not given.
 
     Attributes:
         tile_size: edge of a tile, in the unit of the scans.
@@ -51,7 +51,7 @@ class TileOptions:
     folder: Path | None
 
     def asked_for(self, surveys: Pair[SurveyFiles], config: DetectionConfig) -> bool:
-        """Whether scans are compared in tiles."""
+        """True where scans are compared in tiles."""
         if any(given is not None for given in (self.tile_size, self.workers, self.scheduler, self.folder)):
             return True
         # One voxel size, and the thesis's methods, are of clouds in memory.
@@ -60,7 +60,7 @@ class TileOptions:
 
 
 class FoundChanges(NamedTuple):
-    """What was found.
+    """The changes, and how they are shown and written.
 
     Attributes:
         changes: the record of all points.

@@ -81,7 +81,7 @@ class Option:
         return f"{self.text} Default: {' '.join(map(str, values))}."
 
     def arguments(self) -> dict[str, Any]:
-        """What argparse is told of it."""
+        """The arguments of argparse for it."""
         if self.kind is bool:
             return {"action": f"store_{str(self.default is not True).lower()}"}
         if self.placeholder.startswith("-"):
@@ -294,7 +294,7 @@ def _with_labels(options: Sequence[Option], words: Sequence[str]) -> list[str]:
 
 
 def _unknown(words: Sequence[str], options: Sequence[Option]) -> str:
-    """What is wrong with words that are left over."""
+    """Name the error of words that are left over."""
     word = next((word for word in words if word.startswith("-")), None)
     if word is None:
         return f"{' '.join(map(shown, words))}: more than the command takes; --help shows what it does"

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class SensorOption:
-    """What the command line says about the sensor of one scan.
+    """The options about the sensor of one scan.
 
     Attributes:
         side: "before" or "after".

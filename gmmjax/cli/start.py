@@ -1,5 +1,6 @@
-"""What the process does while the program is imported: it searches for no garbage, and Ctrl-C ends it at once."""
+"""The process while the program is imported: it searches for no garbage, and Ctrl-C ends it at once."""
 
+import functools
 import gc
 import os
 import signal
@@ -14,57 +15,43 @@ INTERRUPTION = "interrupted"
 
 
 @contextmanager
-def no_search_of_imports(*, own_process: bool) -> Iterator[Callable[[], None]]:
-    """Searches for no garbage while modules are imported, nor among them later, nor at the end of the process.
+def starting(*, own_process: bool) -> Iterator[Callable[[], None]]:
+    """Searches for no garbage, and ends the process at Ctrl-C, until a function is called; then Python's usual way.
 
-    Python finds none there, and takes a third of the start for it.
+    Modules leave no garbage, and the search takes a third of the start. An import that is interrupted by an exception
+    may turn it into another one, or print and swallow it; nothing is written yet, so that nothing is lost.
 
     Args:
-        own_process: whether the process ends with the block; otherwise nothing is changed.
-
-    Yields:
-        A function to be called when all is imported, from where on the search is Python's usual one.
-    """
-    if not own_process:
-        yield lambda: None
-        return
-    gc.disable()
-    try:
-        yield _search_again
-    finally:
-        gc.disable()
-        gc.freeze()
-
-
-def _search_again() -> None:
-    gc.freeze()
-    gc.enable()
-
-
-@contextmanager
-def interruptions() -> Iterator[Callable[[], None]]:
-    """Ends the process at once, with a line and the status, at Ctrl-C; after the function is called Python's way again.
-
-    An import that is interrupted by an exception may turn it into another one, or print and swallow it. Nothing is
-    written yet while the program is imported, so that nothing is lost.
+        own_process: whether the process ends with the block; otherwise garbage is searched for as always.
 
     Yields:
         The function; to be called when all is imported, before the work begins.
     """
-    python_way = signal.default_int_handler
     # Whoever has another handler, or ignores the signal, as `nohup` does in the background, goes on doing so.
-    ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is python_way
-    if ours:
+    if _has_handler(signal.default_int_handler):
         signal.signal(signal.SIGINT, _end)
+    if own_process:
+        gc.disable()
     try:
-        yield _python_way
+        yield functools.partial(_started, own_process=own_process)
     finally:
-        _python_way()
+        _started(own_process=False)
+        if own_process:
+            # At the end of the process, too, there is nothing to be found.
+            gc.disable()
+            gc.freeze()
 
 
-def _python_way() -> None:
-    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is _end:
+def _started(*, own_process: bool) -> None:
+    if _has_handler(_end):
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if own_process:
+        gc.freeze()
+        gc.enable()
+
+
+def _has_handler(handler: Callable[..., Any]) -> bool:
+    return threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is handler
 
 
 def _end(number: int, frame: Any) -> None:

@@ -100,7 +100,7 @@ def _checkpoint(file: Path, fingerprint: str, state: "TuningState | VerdictState
 
 
 def _fingerprint(pairs: "Sequence[ScanPair]", config: DetectionConfig, settings: TuningSettings) -> str:
-    """What a tuning depends on, all but how many steps it may take."""
+    """Hash all that a tuning depends on, but the number of its steps."""
     from gmmjax.changes import names_of
 
     about = [

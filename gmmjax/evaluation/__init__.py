@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from gmmjax.evaluation.labelled_pair import LabelledCloud as LabelledCloud
     from gmmjax.evaluation.labelled_pair import LabelledPair as LabelledPair
     from gmmjax.evaluation.labelled_pair import PairSource as PairSource
-    from gmmjax.evaluation.labelled_pair import at_origin as at_origin
     from gmmjax.evaluation.labelled_pair import cloud_file as cloud_file
     from gmmjax.evaluation.labelled_pair import find_pairs as find_pairs
     from gmmjax.evaluation.labelled_pair import pair_folders as pair_folders
     from gmmjax.evaluation.labelled_pair import pair_views as pair_views
     from gmmjax.evaluation.labelled_pair import read_pair as read_pair
+    from gmmjax.evaluation.labelled_pair import views_file as views_file
     from gmmjax.evaluation.reliability import Reliability as Reliability
     from gmmjax.evaluation.reliability import ReliabilityRecord as ReliabilityRecord
     from gmmjax.evaluation.scores import Scores as Scores

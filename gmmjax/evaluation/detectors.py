@@ -38,7 +38,7 @@ class EvidenceDetector(AbstractDetector):
     detector: AbstractDetector
 
     def detect(self, scans: Pair[Scan], report: Progress = silent) -> Detection:
-        """What the detector finds, where the other survey looked."""
+        """Detect changes where the other survey looked."""
         found = self.detector.detect(scans, report)
         views = scans.map(lambda scan: scan.views)
         joint = JointDetector(DetectionConfig(registration="never", kinds="both"))

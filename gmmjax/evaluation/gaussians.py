@@ -20,7 +20,7 @@ SEPARATION = 2.0
 
 @dataclasses.dataclass(frozen=True)
 class Condition:
-    """What changes in a scene of five Gaussians.
+    """The changes in a scene of five Gaussians.
 
     Attributes:
         appeared: new Gaussians.

@@ -1,6 +1,7 @@
 """Pairs of clouds whose changes are known, from folders or from memory."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -52,7 +53,7 @@ class LabelledPair:
 
     @property
     def unchanged(self) -> bool:
-        """Whether nothing changed."""
+        """True where nothing changed."""
         return bool((self.before.truth < 0).all() and (self.after.truth < 0).all())
 
     def without_views(self) -> "LabelledPair":
@@ -82,6 +83,10 @@ class PairSource:
         """The condition and the name, or the name alone where it is its own condition."""
         return self.name if self.name == self.condition else f"{self.condition}, {self.name}"
 
+    def without_views(self) -> "PairSource":
+        """The source of the pair where nobody knows where the sensor stood."""
+        return dataclasses.replace(self, load=lambda: self.load().without_views())
+
 
 def find_pairs(folder: Path) -> list[PairSource]:
     """The pairs in the folders of a folder, in the order of their names.
@@ -103,7 +108,9 @@ def find_pairs(folder: Path) -> list[PairSource]:
         for side in ("before", "after"):
             cloud_file(path, side)
             _required(path / f"truth_{side}.npy")
-    return [PairSource(path.name, folder.resolve().name, path.name, _reader(path)) for path in pairs]
+    return [
+        PairSource(path.name, folder.resolve().name, path.name, functools.partial(read_pair, path)) for path in pairs
+    ]
 
 
 def pair_folders(folder: Path) -> list[Path]:
@@ -142,22 +149,6 @@ def read_pair(folder: Path) -> LabelledPair:
         InputError: files that are missing, cannot be read, or do not fit each other.
     """
     return LabelledPair(folder.name, _read_cloud(folder, "before"), _read_cloud(folder, "after"))
-
-
-def at_origin(pair: LabelledPair) -> LabelledPair:
-    """The pair with a sensor at the origin of either cloud, looking along z: for single depth frames.
-
-    Raises:
-        InputError: points behind the sensor.
-    """
-    before, after = (
-        dataclasses.replace(cloud, views=SensorViews.at_origin(cloud.points)) for cloud in (pair.before, pair.after)
-    )
-    return dataclasses.replace(pair, before=before, after=after)
-
-
-def _reader(folder: Path) -> Callable[[], LabelledPair]:
-    return lambda: read_pair(folder)
 
 
 def _read_cloud(folder: Path, side: str) -> LabelledCloud:
@@ -213,14 +204,27 @@ def cloud_file(folder: Path, side: str) -> Path:
     return files[0]
 
 
+def views_file(folder: Path, side: str) -> Path | None:
+    """The views of one side in a pair's folder: `before_views` or `views_before`, .json or .npz; None without one.
+
+    Raises:
+        InputError: several.
+    """
+    names = (f"{side}_views", f"views_{side}")
+    files = [path for path in sorted(folder.iterdir()) if path.stem in names and path.suffix in VIEWS_ENDINGS]
+    if len(files) > 1:
+        raise InputError(f"{folder}: has several views {', '.join(path.name for path in files)}; leave one of them")
+    return files[0] if files else None
+
+
 def pair_views(folder: Path, side: str) -> SensorViews | None:
     """Where the sensor stood, by the views file of one side in a pair's folder; None without one.
 
     Raises:
-        InputError: a file that cannot be read.
+        InputError: a file that cannot be read, or several.
     """
-    files = [folder / f"views_{side}{ending}" for ending in VIEWS_ENDINGS]
-    return next((read_views(path) for path in files if path.is_file()), None)
+    file = views_file(folder, side)
+    return None if file is None else read_views(file)
 
 
 def _cloud_files(folder: Path, side: str) -> Sequence[Path]:

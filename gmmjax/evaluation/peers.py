@@ -32,7 +32,7 @@ from gmmjax.pair import Pair, each
 
 
 class Scale(NamedTuple):
-    """What lengths mean in a pair of clouds.
+    """The lengths of a pair of clouds.
 
     Attributes:
         spacing: median distance of a point to its nearest neighbour in its own cloud, in the sparser cloud.
@@ -80,7 +80,7 @@ class AbstractPeer(AbstractDetector):
 
     @abc.abstractmethod
     def measured(self, compared: Compared) -> Any:
-        """What every point's difference is told by: the costly part, which no threshold enters.
+        """Measure the difference of every point: the costly part, which no threshold enters.
 
         Args:
             compared: both clouds.
@@ -203,7 +203,7 @@ class M3C2Detector(AbstractPeer):
     registration: float = 3.0
 
     def detect(self, scans: Pair[Scan], report: Progress = silent) -> Detection:
-        """What changed.
+        """Detect changes.
 
         Raises:
             InputError: py4dgeo is not installed.
@@ -246,7 +246,7 @@ class M3C2Detector(AbstractPeer):
 
 
 def has_m3c2() -> bool:
-    """Whether py4dgeo is installed."""
+    """True where py4dgeo is installed."""
     return importlib.util.find_spec("py4dgeo") is not None
 
 
@@ -255,11 +255,11 @@ PEERS: Mapping[str, AbstractPeer] = {"c2c": CloudToCloudDetector(), "voxels": Vo
 
 def coordinates(scans: Pair[Scan]) -> Pair[Float[np.ndarray, "_ 3"]]:
     """The points of both clouds."""
+    return each(_points, NAMES, scans)
 
-    def of_scan(name: str, scan: Scan) -> np.ndarray:
-        return scan.cloud.points if isinstance(scan.cloud, PointCloud) else as_points(scan.cloud, name)
 
-    return each(of_scan, NAMES, scans)
+def _points(name: str, scan: Scan) -> np.ndarray:
+    return scan.cloud.points if isinstance(scan.cloud, PointCloud) else as_points(scan.cloud, name)
 
 
 def _scale(pair: WorkingPair) -> Scale:

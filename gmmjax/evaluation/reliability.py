@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -128,27 +127,7 @@ class ReliabilityRecord:
         """The curves as JSON."""
         return json.dumps(self.to_dict(), indent=2, allow_nan=False)
 
-    def to_markdown(self) -> str:
-        """The curves as a table."""
-        lines = ["| detector | of | probability | number | mean | true |", "|---|---|---|---|---|---|"]
-        for name, curves in self.to_dict().items():
-            for kind, curve in curves.items():
-                lines.extend(_markdown_rows(name, kind, curve))
-        return "\n".join(lines) + "\n"
-
 
 def _of_changes(probabilities: np.ndarray, labels: np.ndarray, cloud: LabelledCloud) -> Reliability:
     truths = {segment: truth for segment, truth in segment_truth(labels, cloud).items() if truth != NEITHER}
     return Reliability.of(probabilities[list(truths)] if truths else np.zeros(0), np.array([*truths.values()]) >= 0)
-
-
-def _markdown_rows(name: str, kind: str, curve: Mapping[str, Any]) -> list[str]:
-    rows = [
-        f"| {name} | {kind} | {part['from']:.1f} to {part['to']:.1f} | {part['count']} "
-        f"| {part['mean_probability']:.3f} | {part['share_true']:.3f} |"
-        for part in curve["bins"]
-    ]
-    if not curve["count"]:
-        return rows
-    figures = f"Brier score {curve['brier']:.4f}, calibration error {curve['expected_calibration_error']:.4f}"
-    return [*rows, f"| {name} | {kind} | all: {figures} | {curve['count']} | | |"]

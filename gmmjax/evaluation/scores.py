@@ -1,8 +1,7 @@
 """Precision, recall and F1 of labelled changes against truth, for segments and for points."""
 
 import dataclasses
-from collections.abc import Collection, Sequence
-from typing import NamedTuple
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -101,32 +100,17 @@ def score_pair(
     labels_after: Int[np.ndarray, " n1"],
     truth_before: Int[np.ndarray, " n0"],
     truth_after: Int[np.ndarray, " n1"],
-    *,
-    unseen_before: Bool[np.ndarray, " n0"] | None = None,
-    unseen_after: Bool[np.ndarray, " n1"] | None = None,
-    not_counted_before: Collection[int] = (),
-    not_counted_after: Collection[int] = (),
-    moved: Collection[tuple[int, int]] = (),
 ) -> Scores:
-    """The scores of one pair: both clouds' added.
+    """The scores of one pair of which nothing but the changes is known: both clouds' added.
 
     Args:
         labels_before: per point -1 or the id of a detected change.
         labels_after: the same for the after cloud.
         truth_before: per point -1 or the id of a true change.
         truth_after: the same for the after cloud.
-        unseen_before: whether the other survey could not see the point's place; None: not known.
-        unseen_after: the same for the after cloud.
-        not_counted_before: ids of true changes that are not counted.
-        not_counted_after: the same for the after cloud.
-        moved: detected changes of the before and of the after cloud that are reported as one object.
     """
-    before = _Side(labels_before, truth_before, unseen_before, not_counted_before)
-    after = _Side(labels_after, truth_after, unseen_after, not_counted_after)
-    scores = _score_cloud(before) + _score_cloud(after) + _score_moved(before, after, moved)
-    if (truth_before >= 0).any() or (truth_after >= 0).any():
-        return scores
-    return dataclasses.replace(scores, unchanged_pairs=1, false_in_unchanged=scores.segments)
+    before, after = (LabelledCloud(np.zeros((len(truth), 3)), truth) for truth in (truth_before, truth_after))
+    return score_labelled_pair(LabelledPair("pair", before, after), labels_before, labels_after)
 
 
 def score_labelled_pair(
@@ -135,22 +119,24 @@ def score_labelled_pair(
     labels_after: Int[np.ndarray, " n1"],
     moved: Collection[tuple[int, int]] = (),
 ) -> Scores:
-    """`score_pair` with all that is known of a pair."""
-    return score_pair(
-        labels_before,
-        labels_after,
-        pair.before.truth,
-        pair.after.truth,
-        unseen_before=pair.before.unseen,
-        unseen_after=pair.after.unseen,
-        not_counted_before=pair.before.not_counted,
-        not_counted_after=pair.after.not_counted,
-        moved=moved,
-    )
+    """The scores of one pair with all that is known of it: both clouds' added.
+
+    Args:
+        pair: with the truth.
+        labels_before: per point -1 or the id of a detected change.
+        labels_after: the same for the after cloud.
+        moved: detected changes of the before and of the after cloud that are reported as one object.
+    """
+    truths = segment_truth(labels_before, pair.before), segment_truth(labels_after, pair.after)
+    scores = _score_cloud(labels_before, pair.before) + _score_cloud(labels_after, pair.after)
+    scores += _score_moved(*truths, pair, moved)
+    if not pair.unchanged:
+        return scores
+    return dataclasses.replace(scores, unchanged_pairs=1, false_in_unchanged=scores.segments)
 
 
 def segment_truth(labels: Int[np.ndarray, " n"], cloud: LabelledCloud) -> dict[int, int]:
-    """What each detected segment of a cloud truly is.
+    """Find the true change of each detected segment of a cloud.
 
     Args:
         labels: per point -1 or the id of a detected change.
@@ -160,7 +146,19 @@ def segment_truth(labels: Int[np.ndarray, " n"], cloud: LabelledCloud) -> dict[i
         By segment the id of the change that most of its changed points are of; `FALSE` where no more than half of its
         points are changed, `NEITHER` where most of those that are belong to changes that are not counted.
     """
-    return _segment_truth(_Side(labels, cloud.truth, cloud.unseen, cloud.not_counted))
+    truths = {}
+    for segment in np.unique(labels[labels >= 0]):
+        own = cloud.truth[labels == segment]
+        changed = own[own >= 0]
+        not_counted = np.isin(changed, list(cloud.not_counted))
+        if 2 * len(changed) <= len(own):
+            truths[int(segment)] = FALSE
+        elif 2 * not_counted.sum() > len(changed):
+            truths[int(segment)] = NEITHER
+        else:
+            ids, counts = np.unique(changed[~not_counted], return_counts=True)
+            truths[int(segment)] = int(ids[counts.argmax()])
+    return truths
 
 
 def false_segments(labels: Int[np.ndarray, " n"], cloud: LabelledCloud) -> list[int]:
@@ -178,59 +176,36 @@ def counted_points(cloud: LabelledCloud) -> Bool[np.ndarray, " n"]:
     return ~np.isin(cloud.truth, list(cloud.not_counted))
 
 
-class _Side(NamedTuple):
-    labels: Int[np.ndarray, " n"]
-    truth: Int[np.ndarray, " n"]
-    unseen: Bool[np.ndarray, " n"] | None
-    not_counted: Collection[int]
-
-
-def _segment_truth(side: _Side) -> dict[int, int]:
-    truths = {}
-    for segment in np.unique(side.labels[side.labels >= 0]):
-        own = side.truth[side.labels == segment]
-        changed = own[own >= 0]
-        not_counted = np.isin(changed, list(side.not_counted))
-        if 2 * len(changed) <= len(own):
-            truths[int(segment)] = FALSE
-        elif 2 * not_counted.sum() > len(changed):
-            truths[int(segment)] = NEITHER
-        else:
-            ids, counts = np.unique(changed[~not_counted], return_counts=True)
-            truths[int(segment)] = int(ids[counts.argmax()])
-    return truths
-
-
-def _score_cloud(side: _Side) -> Scores:
-    truths = _segment_truth(side)
+def _score_cloud(labels: Int[np.ndarray, " n"], cloud: LabelledCloud) -> Scores:
+    truths = segment_truth(labels, cloud)
     true_segments = [segment for segment, truth in truths.items() if truth >= 0]
-    in_true_segment = np.isin(side.labels, true_segments)
-    counted = ~np.isin(side.truth, list(side.not_counted))
-    changes = _counted_changes(side)
+    in_true_segment, counted = np.isin(labels, true_segments), counted_points(cloud)
+    changes = _counted_changes(cloud)
     neither = [segment for segment, truth in truths.items() if truth == NEITHER]
-    labelled = counted & (side.labels >= 0) & ~np.isin(side.labels, neither)
-    changed = counted & (side.truth >= 0)
+    labelled = counted & (labels >= 0) & ~np.isin(labels, neither)
+    changed = counted & (cloud.truth >= 0)
     return Scores(
         true_segments=len(true_segments),
         segments=sum(truth != NEITHER for truth in truths.values()),
-        found=sum(bool(in_true_segment[side.truth == change].mean() >= 0.5) for change in changes),
+        found=sum(bool(in_true_segment[cloud.truth == change].mean() >= 0.5) for change in changes),
         changes=len(changes),
         true_points=int((changed & labelled).sum()),
         labelled_points=int(labelled.sum()),
         changed_points=int(changed.sum()),
-        shadow_points=0 if side.unseen is None else int((labelled & ~changed & side.unseen).sum()),
+        shadow_points=0 if cloud.unseen is None else int((labelled & ~changed & cloud.unseen).sum()),
     )
 
 
-def _counted_changes(side: _Side) -> Sequence[int]:
-    changes = np.unique(side.truth[side.truth >= 0])
-    return [int(change) for change in changes if change not in side.not_counted]
+def _counted_changes(cloud: LabelledCloud) -> set[int]:
+    return {int(change) for change in np.unique(cloud.truth[cloud.truth >= 0])} - cloud.not_counted
 
 
-def _score_moved(before: _Side, after: _Side, reported: Collection[tuple[int, int]]) -> Scores:
-    truths_before, truths_after = _segment_truth(before), _segment_truth(after)
-    pairs = [(truths_before.get(gone, FALSE), truths_after.get(new, FALSE)) for gone, new in reported]
-    moved = set(_counted_changes(before)) & set(_counted_changes(after))
+def _score_moved(
+    before: Mapping[int, int], after: Mapping[int, int], pair: LabelledPair, reported: Collection[tuple[int, int]]
+) -> Scores:
+    """The counts of moved objects, by the truths of the segments of both clouds."""
+    pairs = [(before.get(gone, FALSE), after.get(new, FALSE)) for gone, new in reported]
+    moved = _counted_changes(pair.before) & _counted_changes(pair.after)
     return Scores(
         moved=len(moved),
         moved_found=len({gone for gone, new in pairs if gone == new and gone in moved}),

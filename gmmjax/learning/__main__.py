@@ -7,8 +7,8 @@ from pathlib import Path
 
 from gmmjax.changes import Verdicts, write_verdicts
 from gmmjax.errors import InputError, check_choice
-from gmmjax.learning.collection import LEARNED_FROM, Collected, collected, collected_in
-from gmmjax.learning.training import TrainingSettings, learned, left_out_table
+from gmmjax.learning.collection import LEARNED_FROM, Collected, collected
+from gmmjax.learning.training import PENALTIES, learned, left_out_table
 
 
 def main() -> int:
@@ -44,23 +44,20 @@ def main() -> int:
 def _rows(families: tuple[str, ...], seeds: range, workers: int, folder: Path | None) -> Collected:
     for family in families:
         check_choice("--families", family, LEARNED_FROM)
-    if folder is None:
-        found = collected(families, seeds, workers=workers, progress=_progress)
-    else:
-        found = collected_in(folder, families, seeds, workers=workers, progress=_progress)
+    found = collected(families, seeds, folder=folder, workers=workers, progress=_progress)
     for failure in found.failed:
         print(f"left out: {failure}", file=sys.stderr)
     return found
 
 
 def _learned(
-    found: Collected, penalties: Sequence[float] = TrainingSettings().penalties, *, show: bool = True
+    found: Collected, penalties: Sequence[float] = PENALTIES, *, show: bool = True
 ) -> tuple[Verdicts, tuple[float, ...]]:
     """The verdicts without and with poses, and their penalties; shows how families that were left out are judged."""
     verdicts, chosen = [], []
     for poses in (False, True):
         families = found.of(poses=poses)
-        verdict, left_out = learned(families, poses=poses, settings=TrainingSettings(penalties=tuple(penalties)))
+        verdict, left_out = learned(families, poses=poses, penalties=penalties)
         verdicts.append(verdict)
         chosen.append(left_out.penalty)
         if show:

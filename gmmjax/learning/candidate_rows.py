@@ -63,7 +63,7 @@ class CandidateRows(NamedTuple):
 
 
 class PointTruth(NamedTuple):
-    """What is known of each point of a cloud.
+    """The truth of each point of a cloud.
 
     Attributes:
         judged: whether its truth counts.
@@ -78,7 +78,7 @@ class PointTruth(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class _Counts:
-    """Of each working point: how many of its points are judged, changed, and could not be seen (None: not known)."""
+    """The numbers of points of each working point that are judged, changed, and not seen (None: not known)."""
 
     judged: np.ndarray
     changed: np.ndarray
@@ -146,12 +146,9 @@ def _truth_of(cloud: LabelledCloud) -> PointTruth:
 
 def _counts(truth: PointTruth, member: np.ndarray) -> _Counts:
     judged, count = (member >= 0) & truth.judged, int(member.max()) + 1
-
-    def counted(which: np.ndarray) -> np.ndarray:
-        return np.bincount(member[which], minlength=count)
-
-    unseen = None if truth.unseen is None else counted(judged & truth.unseen)
-    return _Counts(counted(judged), counted(judged & truth.changed), unseen)
+    chosen = [judged, judged & truth.changed, *([] if truth.unseen is None else [judged & truth.unseen])]
+    counts = [np.bincount(member[own], minlength=count) for own in chosen]
+    return _Counts(counts[0], counts[1], counts[2] if len(counts) > 2 else None)
 
 
 def _rows(candidates: list[Candidate], counts: _Counts, *, poses: bool) -> CandidateRows:

@@ -1,7 +1,6 @@
 """Simulated pairs of every family, and the candidates that detection finds in them."""
 
 import dataclasses
-import functools
 import itertools
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -81,6 +80,7 @@ def collected(
     families: Sequence[str],
     seeds: Sequence[int],
     *,
+    folder: Path | None = None,
     workers: int = 1,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> Collected:
@@ -89,87 +89,63 @@ def collected(
     Args:
         families: of `LEARNED_FROM`.
         seeds: of the scenes of every family.
+        folder: for a file FAMILY.npz of each, which is read where it is there, so that an interrupted collection goes
+            on, and a family is collected anew by removing its file; made where it is missing. None: nothing is kept.
         workers: processes.
-        progress: called with the family that was done and the share of the work.
+        progress: called with the scene that was done and the share of its family's.
+
+    Raises:
+        InputError: a file that cannot be written, is damaged, or was made of other seeds or with other facts.
     """
-    tasks = [(family, seed) for family in families for seed in seeds]
-    found: dict[str, list[Pair[CandidateRows]]] = {family: [] for family in families}
-    failed = []
-    of_tasks = over_workers(_of_scene, tasks, workers)
-    for done, ((family, seed), rows) in enumerate(zip(tasks, of_tasks, strict=True), 1):
-        progress(f"{family}, seed {seed}", done / len(tasks))
+    if folder is not None:
+        try:
+            folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{folder}: cannot make this folder: {error.strerror or error}") from error
+    found, failed = {}, list[str]()
+    for family in families:
+        path = None if folder is None else folder / f"{family}.npz"
+        if path is not None and path.is_file():
+            found[family], drawn = _read_family(path)
+            if drawn != tuple(seeds):
+                raise InputError(f"{path}: was collected from other seeds; remove it, or name another folder")
+            continue
+        found[family], refused = _of_family(family, seeds, workers, progress)
+        failed += refused
+        if path is not None:
+            _write_family(path, found[family], seeds)
+    return Collected(found, tuple(failed), tuple(seeds))
+
+
+def read_rows(folder: Path) -> Collected:
+    """Reads all files of a folder of `collected`.
+
+    Raises:
+        InputError: a file is damaged, or was made with other facts, or from other seeds than another.
+    """
+    names = [name for name in LEARNED_FROM if (folder / f"{name}.npz").is_file()]
+    if not names:
+        raise InputError(f"{folder}: has no candidates of a family; collect them there")
+    read = {name: _read_family(folder / f"{name}.npz") for name in names}
+    drawn = {seeds for _, seeds in read.values()}
+    if len(drawn) > 1:
+        raise InputError(f"{folder}: its families were collected from different seeds; collect some of them again")
+    return Collected({name: rows for name, (rows, _) in read.items()}, seeds=drawn.pop())
+
+
+def _of_family(
+    family: str, seeds: Sequence[int], workers: int, progress: Callable[[str, float], None]
+) -> tuple[Pair[CandidateRows], list[str]]:
+    """The candidates of a family, and the scenes that detection refused."""
+    parts, refused = [], []
+    of_scenes = over_workers(_of_scene, [(family, seed) for seed in seeds], workers)
+    for done, (seed, rows) in enumerate(zip(seeds, of_scenes, strict=True), 1):
+        progress(f"{family}, seed {seed}", done / len(seeds))
         if isinstance(rows, str):
-            failed.append(f"{family}, seed {seed}: {rows}")
+            refused.append(f"{family}, seed {seed}: {rows}")
         else:
-            found[family].append(rows)
-    return Collected({family: _joined(parts) for family, parts in found.items()}, tuple(failed), tuple(seeds))
-
-
-def collected_in(
-    folder: Path,
-    families: Sequence[str],
-    seeds: Sequence[int],
-    *,
-    workers: int = 1,
-    progress: Callable[[str, float], None] = lambda stage, share: None,
-) -> Collected:
-    """As `collected`, where the candidates of each family are kept in a file once they are there, and read from it.
-
-    The scenes of a family are drawn from its own seeds: one can be collected anew by removing its file.
-
-    Args:
-        folder: of the files FAMILY.npz; made where it is missing.
-        families: as of `collected`.
-        seeds: likewise.
-        workers: likewise.
-        progress: likewise, the share of one family.
-
-    Raises:
-        InputError: a file that cannot be written, is damaged, or was made of other seeds or with other facts.
-    """
-    failed = list[str]()
-    for family in families:
-        collect = functools.partial(collected, [family], seeds, workers=workers, progress=progress)
-        failed += kept_in(folder, family, seeds, collect).failed
-    return Collected(_joined_files(folder, families), tuple(failed), tuple(seeds))
-
-
-def kept_in(folder: Path, name: str, seeds: Sequence[int], collect: Callable[[], Collected]) -> Collected:
-    """The candidates in a file of a folder; where it is missing they are collected, and kept in it.
-
-    Args:
-        folder: of the file NAME.npz; made where it is missing.
-        name: of the family or the kind of scenes.
-        seeds: of its scenes.
-        collect: gives the candidates.
-
-    Raises:
-        InputError: a file that cannot be written, is damaged, or was made of other seeds or with other facts.
-    """
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot make this folder: {error.strerror or error}") from error
-    path = folder / f"{name}.npz"
-    if not path.is_file():
-        own = collect()
-        write_rows(path, own)
-        return own
-    kept = read_rows(path)
-    if kept.seeds != tuple(seeds):
-        raise InputError(f"{path}: was collected from other seeds; remove it, or name another folder")
-    return kept
-
-
-def _joined_files(folder: Path, families: Sequence[str]) -> dict[str, Pair[CandidateRows]]:
-    joined = {}
-    for family in families:
-        path = folder / f"{family}.npz"
-        own = read_rows(path).families
-        if family not in own:
-            raise InputError(f"{path}: has candidates of {', '.join(own) or 'no family'}; collect them again")
-        joined[family] = own[family]
-    return joined
+            parts.append(rows)
+    return _joined(parts), refused
 
 
 def _of_scene(task: tuple[str, int]) -> Pair[CandidateRows] | str:
@@ -187,7 +163,7 @@ def _of_scene(task: tuple[str, int]) -> Pair[CandidateRows] | str:
 
 
 def _resolutions(pair: LabelledPair) -> list[ResolutionSettings]:
-    """What the scene is registered at: as always, and in few voxels where it has more points."""
+    """The resolutions that the scene is registered at: the usual one, and few voxels where it has more points."""
     few = ResolutionSettings(voxels=REGISTERED_VOXELS)
     dense = max(len(pair.before.points), len(pair.after.points)) > REGISTERED_VOXELS > 0
     return [ResolutionSettings(), *([few] if dense else [])]
@@ -200,64 +176,30 @@ def _joined(parts: list[Pair[CandidateRows]]) -> Pair[CandidateRows]:
     )
 
 
-def write_rows(path: Path, rows: Collected) -> None:
-    """Writes the candidates to an archive of arrays.
-
-    Args:
-        path: of the file, .npz.
-        rows: to write.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+def _write_family(path: Path, rows: Pair[CandidateRows], seeds: Sequence[int]) -> None:
     arrays = {
-        f"{family}/{side}/{column}": values
-        for family, pair in rows.families.items()
-        for side, own in zip(NAMES, pair, strict=True)
+        f"{side}/{column}": values
+        for side, own in zip(NAMES, rows, strict=True)
         for column, values in own._asdict().items()
     }
     names = {f"names/{side}": np.array(names_of(poses=side == "after")) for side in NAMES}
-    names["names/seeds"] = np.array(rows.seeds, int)
     try:
         with atomic_write(path) as file:
-            np.savez_compressed(file, **arrays, **names)  # type: ignore[arg-type]
+            np.savez_compressed(file, **arrays, **names, seeds=np.array(seeds, int))  # type: ignore[arg-type]
     except OSError as error:
         raise InputError(f"{path}: cannot write the candidates there: {error.strerror or error}") from error
 
 
-def read_rows(path: Path) -> Collected:
-    """Reads what `write_rows` wrote, or all files of a folder of `collected_in`.
-
-    Raises:
-        InputError: the file is missing or damaged, or was made with other facts.
-    """
-    if path.is_dir():
-        names = [name for name in LEARNED_FROM if (path / f"{name}.npz").is_file()]
-        if not names:
-            raise InputError(f"{path}: has no candidates of a family; collect them there")
-        drawn = {read_rows(path / f"{name}.npz").seeds for name in names}
-        if len(drawn) > 1:
-            raise InputError(f"{path}: its families were collected from different seeds; collect some of them again")
-        return Collected(_joined_files(path, names), seeds=drawn.pop())
-    arrays = load_arrays(path)
-    remedy = "collect the candidates again"
+def _read_family(path: Path) -> tuple[Pair[CandidateRows], tuple[int, ...]]:
+    """The candidates of a family, and the seeds of its scenes."""
+    arrays, remedy = load_arrays(path), "collect the candidates again"
     if not isinstance(arrays, dict):
         raise InputError(f"{path}: is no archive of candidates; {remedy}")
-    seeds = tuple(arrays.pop("names/seeds", np.empty(0, int)).tolist())
-    for side in NAMES:
-        facts = arrays.pop(f"names/{side}", np.empty(0))
-        if tuple(facts.tolist()) != names_of(poses=side == "after"):
-            raise InputError(f"{path}: was made with other facts; {remedy}")
-    families = dict.fromkeys(name.split("/")[0] for name in arrays)
     try:
-        return Collected(
-            {
-                family: Pair(
-                    *(CandidateRows(*(arrays[f"{family}/{side}/{column}"] for column in COLUMNS)) for side in NAMES)
-                )
-                for family in families
-            },
-            seeds=seeds,
-        )
+        for side in NAMES:
+            if tuple(arrays[f"names/{side}"].tolist()) != names_of(poses=side == "after"):
+                raise InputError(f"{path}: was made with other facts; {remedy}")
+        rows = Pair(*NAMES).map(lambda side: CandidateRows(*(arrays[f"{side}/{column}"] for column in COLUMNS)))
+        return rows, tuple(arrays["seeds"].tolist())
     except KeyError as error:
         raise InputError(f"{path}: lacks {error}; {remedy}") from error

@@ -62,7 +62,7 @@ class MovedScene(NamedTuple):
 
     @classmethod
     def of(cls, scene: SurveyedScene) -> "MovedScene":
-        """What there is of it in a surveyed scene."""
+        """Take the part of a surveyed scene."""
         return cls(scene.clouds, scene.truth, scene.views, scene.motions)
 
 
@@ -142,12 +142,7 @@ class FoundScene(NamedTuple):
         Args:
             members: their indices; none in a cloud that does not matter.
         """
-
-        def most(truth: np.ndarray, working: np.ndarray, own: np.ndarray) -> set[int]:
-            numbers = truth[np.isin(working, own)] + 1
-            return {int(np.bincount(numbers).argmax()) - 1} if len(numbers) else set()
-
-        before, after = each(most, self.scene.truth, self.changes.members, members)
+        before, after = each(_most_of, self.scene.truth, self.changes.members, members)
         return before.union(after).pop() if len(before | after) == 1 else -1
 
     def motion(self, number: int) -> Float[np.ndarray, "4 4"]:
@@ -161,6 +156,12 @@ class FoundScene(NamedTuple):
         before, after = each(lambda points, truth: points[truth == number], self.scene.clouds, self.scene.truth)
         back = np.linalg.inv(self.scene.motions[number])
         return np.concatenate([before, after @ back[:3, :3].T + back[:3, 3]])
+
+
+def _most_of(truth: np.ndarray, working: np.ndarray, own: np.ndarray) -> set[int]:
+    """The number of the change that most points of some working points are of; nothing where there are none."""
+    numbers = truth[np.isin(working, own)] + 1
+    return {int(np.bincount(numbers).argmax()) - 1} if len(numbers) else set()
 
 
 def found_scene(kind: str, seed: int, settings: SceneSettings) -> FoundScene | None:

@@ -1,4 +1,4 @@
-"""What learning and tuning of the verdict maximise: the log likelihood of candidates whose truth is known."""
+"""The objective of learning and tuning the verdict: the log likelihood of candidates whose truth is known."""
 
 import jax
 import jax.numpy as jnp

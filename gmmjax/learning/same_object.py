@@ -4,7 +4,6 @@
 """
 
 import argparse
-import functools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, get_args
@@ -49,26 +48,16 @@ SIGNS = MatchFacts(
 OF_FAMILIES = 0.5
 # Of the weights, in observations: keeps those of facts that tell nothing near zero.
 RIDGE = 1.0
+# Scenes of each kind that are made for this. Fewer: the weights differ from sample to sample.
+SCENES = 120
+# Weight of an example of two objects in different places: fewer things move, and more come and go, than in the scenes
+# that are learned from. Empirical. 1: a pair is as probable as there.
+OTHERS = 2.0
 # Spacings by which a transform may misplace an object's points and still be right.
 RIGHT = 4.0
 # By how much less a wrong transform of the right object may fit than the true one, as a fraction of its points: what
 # looks the same after a rotation is recognised all the same.
 AS_GOOD = 0.1
-
-
-class LearningSettings(NamedTuple):
-    """What is learned from.
-
-    Attributes:
-        scenes: number of scenes of each kind that is made for this. Fewer: the weights differ from sample to sample.
-        scene: what the rearranged places are like.
-        others: weight of an example of two objects in different places: fewer things move, and more come and go, than
-            in the scenes that are learned from. Empirical. 1: a pair is as probable as there.
-    """
-
-    scenes: int = 120
-    scene: SceneSettings = SceneSettings()
-    others: float = 2.0
 
 
 class Example(NamedTuple):
@@ -104,7 +93,7 @@ def examples_of(kind: str, found: FoundScene) -> Iterator[Example]:
 
 
 def _as_good(found: FoundScene, number: int, pair: PairHypothesis) -> bool:
-    """Whether a transform brings a thing to where it is, or fits what was seen of it as well as the one that does."""
+    """True where a transform brings a thing to where it is, or fits what was seen of it as well as the true one."""
     if _misplaced(found, number, pair.transform) < RIGHT:
         return True
     fits, true = (match_of(pair.compared, own).fit for own in (pair.transform, found.motion(number)))
@@ -122,33 +111,32 @@ def _misplaced(found: FoundScene, number: int, transform: Float64[np.ndarray, "4
     return max(float(np.quantile(distances, 0.9)) for distances in apart) / spacing
 
 
-def examples(first_seed: int, settings: LearningSettings, workers: int = 1) -> list[Example]:
+def examples(first_seed: int, scenes: int, workers: int = 1) -> list[Example]:
     """Those of all scenes from a seed on.
 
     Args:
         first_seed: of the first scene of each kind.
-        settings: how many scenes, and what they are like.
+        scenes: number of scenes of each kind that is made for this.
         workers: number of processes; the result does not depend on it.
     """
-    counts = {kind: int(settings.scenes * (OF_FAMILIES if kind in FAMILIES else 1)) for kind in KINDS_OF_SCENES}
+    counts = {kind: int(scenes * (OF_FAMILIES if kind in FAMILIES else 1)) for kind in KINDS_OF_SCENES}
     jobs = [(kind, first_seed + index) for kind, count in counts.items() for index in range(count)]
-    of_scene = functools.partial(examples_of_scene, settings=settings.scene)
-    return [example for own in over_workers(of_scene, jobs, workers) for example in own]
+    return [example for own in over_workers(examples_of_scene, jobs, workers) for example in own]
 
 
-def examples_of_scene(job: tuple[str, int], settings: SceneSettings) -> list[Example]:
+def examples_of_scene(job: tuple[str, int], settings: SceneSettings = SceneSettings()) -> list[Example]:
     """The examples of the scene of a kind and a seed."""
     kind, seed = job
     found = found_scene(kind, seed, settings)
     return [] if found is None else list(examples_of(kind, found))
 
 
-def learned(given: Sequence[Example], settings: LearningSettings) -> SameObjectModel:
+def learned(given: Sequence[Example], others: float = OTHERS) -> SameObjectModel:
     """A logistic model for each situation, by penalised maximum likelihood, with the known signs of the weights.
 
     Args:
         given: the examples.
-        settings: the weight of the examples, and the penalty.
+        others: weight of an example of two objects in different places.
 
     Raises:
         InputError: too few examples of a situation.
@@ -158,7 +146,7 @@ def learned(given: Sequence[Example], settings: LearningSettings) -> SameObjectM
         own = [example for example in given if example.situation == situation]
         if len({example.one_object for example in own}) < 2:
             raise InputError(f"the scenes have no two kinds of examples {situation!r}; learn from more scenes")
-        models[situation] = _fitted(own, 1.0 if situation == "in place" else settings.others)
+        models[situation] = _fitted(own, 1.0 if situation == "in place" else others)
     return models
 
 
@@ -169,30 +157,32 @@ def _fitted(given: Sequence[Example], others: float) -> LogisticWeights:
     means, scales = facts.mean(axis=0), np.maximum(facts.std(axis=0), 1e-3)
     weights = np.where(truth > 0, 1.0, others)
     rows = np.clip((facts - means) / scales, -FARTHEST, FARTHEST)
-
-    def loss(parameters: np.ndarray) -> tuple[float, np.ndarray]:
-        log_odds = parameters[0] + rows @ parameters[1:]
-        likelihood = weights @ (truth * log_odds - np.logaddexp(0, log_odds))
-        value = RIDGE / 2 * parameters[1:] @ parameters[1:] - likelihood
-        error = weights * (1 / (1 + np.exp(-log_odds)) - truth)
-        return float(value), np.concatenate([[error.sum()], rows.T @ error + RIDGE * parameters[1:]])
-
     bounds = [(None, None), *((0 if sign > 0 else None, 0 if sign < 0 else None) for sign in SIGNS)]
-    best = minimize(loss, np.zeros(len(SIGNS) + 1), jac=True, method="L-BFGS-B", bounds=bounds).x
+    start, examples = np.zeros(len(SIGNS) + 1), (rows, truth, weights)
+    best = minimize(_loss, start, examples, jac=True, method="L-BFGS-B", bounds=bounds).x
     # Six digits, so that the file does not depend on the last bits of the machine's arithmetic.
     means, scales, best = (np.array([float(f"{value:.6g}") for value in own]) for own in (means, scales, best))
     return LogisticWeights(means, scales, best[1:], float(best[0]))
 
 
-def left_out_log_odds(given: Sequence[Example], settings: LearningSettings) -> Float64[np.ndarray, " e"]:
+def _loss(parameters: np.ndarray, rows: np.ndarray, truth: np.ndarray, weights: np.ndarray) -> tuple[float, np.ndarray]:
+    """The penalised negative log likelihood, and its gradient."""
+    log_odds = parameters[0] + rows @ parameters[1:]
+    likelihood = weights @ (truth * log_odds - np.logaddexp(0, log_odds))
+    value = RIDGE / 2 * parameters[1:] @ parameters[1:] - likelihood
+    error = weights * (1 / (1 + np.exp(-log_odds)) - truth)
+    return float(value), np.concatenate([[error.sum()], rows.T @ error + RIDGE * parameters[1:]])
+
+
+def left_out_log_odds(given: Sequence[Example], others: float = OTHERS) -> Float64[np.ndarray, " e"]:
     """The log odds of every example by what is learned from all other kinds of scenes.
 
     Args:
         given: the examples.
-        settings: of the learning.
+        others: as of `learned`.
     """
     models = {
-        kind: learned([example for example in given if example.kind != kind], settings)
+        kind: learned([example for example in given if example.kind != kind], others)
         for kind in {example.kind for example in given}
     }
     return np.array([models[example.kind][example.situation].log_odds(example.facts) for example in given])
@@ -224,15 +214,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Writes the parameter file, and prints how well each kind of scene is judged by what the others teach."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("output", type=Path, help="the parameter file")
-    parser.add_argument("--scenes", type=int, default=LearningSettings().scenes, help="of each kind")
+    parser.add_argument("--scenes", type=int, default=SCENES, help="of each kind")
     parser.add_argument("--seed", type=int, default=0, help="of the first scene")
     parser.add_argument("--workers", type=int, default=1, help="number of processes")
     given = parser.parse_args(arguments)
-    settings = LearningSettings(scenes=given.scenes)
-    found = examples(given.seed, settings, given.workers)
+    found = examples(given.seed, given.scenes, given.workers)
     with atomic_write(given.output) as file:
-        file.write(learned(found, settings).to_json().encode())
-    print(*summary(found, left_out_log_odds(found, settings), MOVED_THRESHOLD), sep="\n")
+        file.write(learned(found).to_json().encode())
+    print(*summary(found, left_out_log_odds(found), MOVED_THRESHOLD), sep="\n")
 
 
 if __name__ == "__main__":

@@ -18,25 +18,15 @@ from gmmjax.evaluation import Reliability
 from gmmjax.learning.candidate_rows import CHANGED, CandidateRows
 from gmmjax.learning.objective import bounds_of, free_from, log_likelihood, signed
 
+# Penalties of the squared weights, among which the one is chosen by which families that were left out are judged best.
+# 0: what a few candidates have in common by chance is learned.
+PENALTIES = (0.3, 1.0, 3.0, 10.0, 30.0)
+MOST_STEPS = 2000
+# Fraction of the candidates below the lower and above the upper end of the range of a fact that counts as learned.
+# 0: one freak of a simulator widens it.
+TRIMMED = 0.002
 # Of the probabilities in the table of families left out.
 EDGES = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
-
-
-@dataclasses.dataclass(frozen=True)
-class TrainingSettings:
-    """How the verdict is learned.
-
-    Attributes:
-        penalties: of the squared weights, among which the one is chosen by which families that were left out are judged
-            best. 0: what a few candidates have in common by chance is learned.
-        most_steps: of the optimiser, at most.
-        trimmed: fraction of the candidates below the lower and above the upper end of the range of a fact that counts
-            as learned. 0: one freak of a simulator widens it.
-    """
-
-    penalties: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0, 30.0)
-    most_steps: int = 2000
-    trimmed: float = 0.002
 
 
 class LeftOut(NamedTuple):
@@ -63,37 +53,28 @@ class _Rows:
 
 
 def learned(
-    families: Mapping[str, CandidateRows], *, poses: bool, settings: TrainingSettings = TrainingSettings()
+    families: Mapping[str, CandidateRows], *, poses: bool, penalties: Sequence[float] = PENALTIES
 ) -> tuple[Verdict, LeftOut]:
     """The verdict, and how it judges families that it was not learned from.
 
     Args:
         families: the candidates of each.
         poses: whether the poses are given.
-        settings: how it is learned.
+        penalties: among which one is chosen.
 
     Raises:
         InputError: fewer than two families, or none with a change.
     """
     names = names_of(poses=poses)
-    left_out = judged_left_out(families, names, settings)
-    verdict = _fitted(_rows(families, names), names, left_out.penalty, settings)
+    left_out = _judged_left_out(families, names, penalties)
+    verdict = _fitted(_rows(families, names), names, left_out.penalty)
     return _cooled(verdict, left_out.temperature), left_out
 
 
-def judged_left_out(
-    families: Mapping[str, CandidateRows], names: Sequence[str], settings: TrainingSettings = TrainingSettings()
+def _judged_left_out(
+    families: Mapping[str, CandidateRows], names: Sequence[str], penalties: Sequence[float]
 ) -> LeftOut:
-    """Judges every family by what was learned on all others.
-
-    Args:
-        families: the candidates of each.
-        names: of the facts.
-        settings: how it is learned.
-
-    Raises:
-        InputError: fewer than two families, or none with a change.
-    """
+    """Every family, judged by what was learned on all others."""
     with_candidates = {name: rows for name, rows in families.items() if len(rows.kind)}
     if len(with_candidates) < 2 or not any((rows.kind == CHANGED).any() for rows in with_candidates.values()):
         raise InputError(
@@ -101,7 +82,7 @@ def judged_left_out(
             "give more families or seeds"
         )
     everything = _rows(with_candidates, names)
-    odds = {penalty: _odds_left_out(with_candidates, names, penalty, settings) for penalty in settings.penalties}
+    odds = {penalty: _odds_left_out(with_candidates, names, penalty) for penalty in penalties}
     losses = {
         penalty: minimize_scalar(
             lambda log, own=own: _loss(np.concatenate([*own.values()]) / np.exp(log), everything),
@@ -116,13 +97,13 @@ def judged_left_out(
 
 
 def _odds_left_out(
-    families: Mapping[str, CandidateRows], names: Sequence[str], penalty: float, settings: TrainingSettings
+    families: Mapping[str, CandidateRows], names: Sequence[str], penalty: float
 ) -> dict[str, Float[np.ndarray, "_ 2"]]:
     """The log odds of each family's candidates by what was learned on all others."""
     odds = {}
     for name, rows in families.items():
         others = {other: own for other, own in families.items() if other != name}
-        verdict = _fitted(_rows(others, names), names, penalty, settings)
+        verdict = _fitted(_rows(others, names), names, penalty)
         with jax.enable_x64(True):
             odds[name] = np.asarray(jax.vmap(verdict.log_odds)(jnp.asarray(rows.scaled(names))))
     return odds
@@ -139,9 +120,9 @@ def _rows(families: Mapping[str, CandidateRows], names: Sequence[str]) -> _Rows:
     )
 
 
-def _fitted(rows: _Rows, names: Sequence[str], penalty: float, settings: TrainingSettings) -> Verdict:
+def _fitted(rows: _Rows, names: Sequence[str], penalty: float) -> Verdict:
     """The weights with the greatest posterior: L-BFGS-B, whose bounds are the signs."""
-    lower, upper = np.quantile(rows.facts, [settings.trimmed, 1 - settings.trimmed], axis=0)
+    lower, upper = np.quantile(rows.facts, [TRIMMED, 1 - TRIMMED], axis=0)
     inside = np.clip(rows.facts, lower, upper)
     centre, spread = inside.mean(axis=0), np.maximum(inside.std(axis=0), 1e-6)
     nothing = np.zeros((2, 2 * len(names)))
@@ -151,15 +132,17 @@ def _fitted(rows: _Rows, names: Sequence[str], penalty: float, settings: Trainin
     with jax.enable_x64(True):
         columns = jax.vmap(start.columns)(jnp.asarray(rows.facts))
         arguments = [columns, *(jnp.asarray(own) for own in (rows.kind, rows.weight, signs))]
-
-        def objective(free: np.ndarray) -> tuple[float, np.ndarray]:
-            value, gradient = _penalised(jnp.asarray(free), *arguments, penalty)
-            return float(value), np.asarray(gradient)
-
-        options = {"maxiter": settings.most_steps}
-        best = minimize(objective, free, jac=True, bounds=bounds_of(signs), method="L-BFGS-B", options=options)
+        options, bounds = {"maxiter": MOST_STEPS}, bounds_of(signs)
+        best = minimize(
+            _objective, free, (arguments, penalty), jac=True, bounds=bounds, method="L-BFGS-B", options=options
+        )
         weights, bias = signed(jnp.asarray(best.x), arguments[-1])
     return dataclasses.replace(start, weights=np.asarray(weights), bias=np.asarray(bias))
+
+
+def _objective(free: np.ndarray, arguments: Sequence[jax.Array], penalty: float) -> tuple[float, np.ndarray]:
+    value, gradient = _penalised(jnp.asarray(free), *arguments, penalty)
+    return float(value), np.asarray(gradient)
 
 
 def _bends(facts: Float[np.ndarray, "n f"], kind: Int[np.ndarray, " n"]) -> Float[np.ndarray, " f"]:

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gmmjax.batch import (
+    OBJECT_COLUMNS,
     ChangeRow,
     Comparison,
-    ConvergenceRow,
     FoundPair,
     ObjectHistory,
-    ObjectRow,
     PairRow,
     RunFolder,
     compared_epochs,
@@ -18,7 +17,6 @@ from gmmjax.batch import (
     object_rows,
     write_file,
     write_table,
-    write_tables,
 )
 from gmmjax.changes import Changes
 from gmmjax.clouds import read_cloud
@@ -30,7 +28,6 @@ from gmmjax.reporting.timeline_page import timeline_html
 
 INDEX_FILE = "index.html"
 TIMELINE_FILE = "timeline.html"
-OBJECTS = "objects"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,13 +37,11 @@ class Summary:
     Attributes:
         pairs: the rows of the pairs that are done or failed, in their order in the manifest.
         changes: the rows of all changes.
-        convergence: the rows of all doublings of restarts.
         missing: names of the pairs that are neither done nor failed.
     """
 
     pairs: tuple[PairRow, ...]
     changes: tuple[ChangeRow, ...]
-    convergence: tuple[ConvergenceRow, ...]
     missing: tuple[str, ...]
 
     @property
@@ -71,7 +66,7 @@ def save_report(folder: Path, found: FoundPair, *, transform_after: bool = False
     Raises:
         InputError, OSError: a file cannot be written.
     """
-    changes, clouds = found.consensus.changes, found.loaded.clouds
+    changes, clouds = found.consensus.changes, found.clouds
     write_result_files(folder, clouds.before, clouds.after, changes, transform_after=transform_after)
     write_thumbnails(folder, clouds, changes)
 
@@ -85,7 +80,6 @@ def summary_of(folder: RunFolder, names: Sequence[str]) -> Summary:
     """Gather the rows of a run with these pairs, from what lies in its folder."""
     pairs: list[PairRow] = []
     changes: list[ChangeRow] = []
-    convergence: list[ConvergenceRow] = []
     missing = []
     for name in names:
         failed, record = folder.failed(name), folder.result(name)
@@ -94,10 +88,9 @@ def summary_of(folder: RunFolder, names: Sequence[str]) -> Summary:
         elif record is not None:
             pairs.append(record.pair)
             changes.extend(record.changes)
-            convergence.extend(record.convergence)
         else:
             missing.append(name)
-    return Summary(tuple(pairs), tuple(changes), tuple(convergence), tuple(missing))
+    return Summary(tuple(pairs), tuple(changes), tuple(missing))
 
 
 def write_summary(folder: RunFolder, names: Sequence[str]) -> Summary:
@@ -111,7 +104,9 @@ def write_summary(folder: RunFolder, names: Sequence[str]) -> Summary:
         InputError: a file cannot be written.
     """
     summary = summary_of(folder, names)
-    write_tables(folder.path, summary.pairs, summary.changes, summary.convergence)
+    for name, kind, rows in (("pairs", PairRow, summary.pairs), ("changes", ChangeRow, summary.changes)):
+        columns = [field.name for field in dataclasses.fields(kind)]
+        write_table(folder.path / f"{name}.csv", columns, map(vars, rows))
     page = batch_index_html(folder.path.name, summary.pairs, summary.changes, missing=summary.missing)
     write_file(folder.path / INDEX_FILE, page.encode())
     return summary
@@ -131,7 +126,7 @@ def write_history(folder: RunFolder) -> list[ObjectHistory]:
     assert record is not None and record.series is not None
     comparisons = [_comparison(folder, epochs, name) for epochs, name in pairs.items()]
     histories = object_histories(record.epochs, comparisons)
-    write_table(folder.path, OBJECTS, ObjectRow, object_rows(histories))
+    write_table(folder.path / "objects.csv", OBJECT_COLUMNS, object_rows(histories))
     page = timeline_html(folder.path.name, record.epochs, histories, against=record.series, pair_names=pairs)
     write_file(folder.path / TIMELINE_FILE, page.encode())
     return histories

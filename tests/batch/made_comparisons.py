@@ -93,7 +93,7 @@ def compared(things, before, after, frame, order=None, hidden=()):
         registration=Registration(to_frame @ np.linalg.inv(frame[after]), applied=True),
         sides=tuple(world[old][0] for old in order),
         points=tuple(world[old][1] for old in order),
-        coverage=Pair(_floor(to_frame, hidden), Coverage.complete()),
+        coverage=Pair(_floor(to_frame, hidden), Coverage()),
     )
 
 
@@ -104,20 +104,13 @@ def chain(things, frame=None, **options):
     return [compared(things, epoch - 1, epoch, frame, **options) for epoch in range(1, count)]
 
 
-def star(things, frame=None, **options):
-    """Each epoch against the first one."""
-    count = len(things[0].places)
-    frame = frames(count) if frame is None else frame
-    return [compared(things, 0, epoch, frame, **options) for epoch in range(1, count)]
-
-
 def _out_of_sight(hidden, place):
     return bool(hidden) and place is not None and hidden[0] <= place[0] <= hidden[1]
 
 
 def _floor(frame, hidden):
     if not hidden:
-        return Coverage.complete()
+        return Coverage()
     steps = np.arange(-4.0, 4.0, 0.2)
     x, y = (grid.ravel() for grid in np.meshgrid(steps, steps))
     points = np.stack([x, y, np.zeros_like(x)], axis=1)

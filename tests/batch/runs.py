@@ -13,9 +13,11 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 
+from gmmjax.batch.pools import ExecutorPool, Workers
 from gmmjax.cli import main
 from gmmjax.clouds import write_ply
 
@@ -62,16 +64,12 @@ def environment():
 
 
 def run(*words):
-    """What the command does, in this process; only its workers are others."""
+    """What the command does, in this process, with the shared worker."""
     output, errors = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
+    in_worker = mock.patch.object(Workers, "pool", lambda *_: ExecutorPool(worker(), 2))
+    with in_worker, contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
         status = main(["batch", *map(str, words)])
     return subprocess.CompletedProcess(words, status, output.getvalue(), errors.getvalue())
-
-
-def run_process(*words, before=()):
-    words = [*before, *command(*words)]
-    return subprocess.run(words, env=environment(), capture_output=True, text=True, timeout=300)
 
 
 def start(*words):
@@ -103,7 +101,7 @@ def workers_of(process):
     return [child for child in children if b"spawn_main" in _read(f"/proc/{child}/cmdline")]
 
 
-def wait_for(condition, seconds=120.0):
+def wait_for(condition, seconds=300.0):
     """Until it is true."""
     end = time.monotonic() + seconds
     while not (found := condition()):

@@ -1,6 +1,7 @@
 """Ways to write a result that the tests of faults need; workers import them from here."""
 
 import os
+import resource
 import signal
 import time
 
@@ -17,4 +18,14 @@ def save_unless_bad(folder, found):
 def save_slowly(folder, found):
     """Leaves the time to kill the worker in the middle of a pair."""
     save_changes(folder, found)
-    time.sleep(0.5)
+    time.sleep(0.2)
+
+
+def save_on_full_disk(folder, found):
+    """Fails in the middle of a file: a limit on their size stands for a disk without space."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+        save_changes(folder, found)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)

@@ -54,19 +54,9 @@ class Series:
     things: tuple[Thing, ...]
     misregistrations: tuple[np.ndarray, ...]
 
-    def truth(self, against="previous"):
-        """The number of each thing that changed, with its events.
-
-        Against the first epoch, a thing that was not there then and moves is two: no comparison shows both places.
-        """
-        stories = []
-        for number, thing in enumerate(self.things):
-            events = thing.events()
-            if against == "first" and thing.places[0] is None:
-                stories += [(number, stay) for stay in _stays(events)]
-            elif events:
-                stories.append((number, events))
-        return stories
+    def truth(self):
+        """The number of each thing that changed, with its events."""
+        return [(number, thing.events()) for number, thing in enumerate(self.things) if thing.events()]
 
     def told(self, history):
         """A history as those of the truth; the thing is the one that was next to its first event."""
@@ -77,17 +67,6 @@ class Series:
         places = {number: thing.places[there] for number, thing in enumerate(self.things) if thing.places[there]}
         nearest = min(places, key=lambda number: np.hypot(*(middle[:2] - places[number][:2])), default=-1)
         return nearest, tuple((event.kind, event.epoch) for event in history.events)
-
-
-def _stays(events):
-    """The events of each place that a thing was in."""
-    stays = []
-    for kind, epoch in events:
-        if kind in ("moved", "went"):
-            stays[-1] += (("went", epoch),)
-        if kind in ("moved", "came"):
-            stays.append((("came", epoch),))
-    return stays
 
 
 def series(seed, epochs=6, things=6, misregistration=(0.015, 0.4), voxel=0.015, lost=0):

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from gmmjax import detect_changes, read_cloud
-from gmmjax.batch import detect_many, read_manifest
+from gmmjax.batch import BatchPair, detect_many, read_manifest
 from gmmjax.changes import DetectionConfig
 from gmmjax.errors import ComputationError, InputError
-from tests.batch.runs import SETTINGS, contents, environment, wait_for, write_manifest
+from tests.batch.runs import SETTINGS, contents, environment, wait_for, worker, write_manifest
 from tests.batch.savers import save_slowly
 
-COUNT = 6
+COUNT = 4
 CONFIG = DetectionConfig(**SETTINGS)
 
 
@@ -64,7 +64,7 @@ def pairs(scans):
 def local(pairs, tmp_path_factory):
     """What processes of this machine find."""
     folder = tmp_path_factory.mktemp("local") / "run"
-    assert all(result.done for result in detect_many(pairs, out=folder, config=CONFIG, workers=1))
+    assert all(result.done for result in detect_many(pairs, out=folder, config=CONFIG, executor=worker()))
     return contents(folder)
 
 
@@ -85,17 +85,10 @@ def started(folder):
         made.stop()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("send", [False, True])
-def test_a_cluster_finds_the_same(pairs, local, cluster, tmp_path, send):
-    results = list(detect_many(pairs, out=tmp_path / "run", config=CONFIG, scheduler=cluster.address, send=send))
-    assert all(result.done for result in results)
-    assert contents(tmp_path / "run") == local
-
-
-def test_results_in_memory_need_no_folder(pairs, cluster):
-    (result,) = detect_many(pairs[:1], config=CONFIG, scheduler=cluster.address)
-    expected = detect_changes(read_cloud(pairs[0].before), read_cloud(pairs[0].after), config=CONFIG)
+def test_clouds_are_sent_and_results_come_back_without_files(pairs, cluster):
+    clouds = pairs[0].clouds.map(read_cloud)
+    (result,) = detect_many([BatchPair("x", *clouds)], config=CONFIG, scheduler=cluster.address)
+    expected = detect_changes(*clouds, config=CONFIG)
     np.testing.assert_array_equal(result.changes().labels_after, expected.labels_after)
     assert [change.to_dict() for change in result.changes()] == [change.to_dict() for change in expected]
 
@@ -118,7 +111,7 @@ def test_a_scheduler_that_goes_is_said_and_the_run_goes_on_later(pairs, local, t
         with pytest.raises(ComputationError, match=r"the scheduler at tcp://.* has gone .* the same command again"):
             list(results)
     # What was made in the same way is done, the rest is computed here.
-    results = list(detect_many(pairs, out=folder, config=CONFIG, workers=1, save=save_slowly))
+    results = list(detect_many(pairs, out=folder, config=CONFIG, executor=worker(), save=save_slowly))
     assert any(result.reused for result in results)
     assert contents(folder) == local
 

@@ -149,11 +149,8 @@ def test_until_stable_ends_where_the_probabilities_have_settled(scans, tmp_path)
     most = dataclasses.replace(CONFIG, restarts=32)
     results = detect(scans, tmp_path / "run", most, until_stable=0.05)
     for result in results:
-        rows = run_folder(tmp_path / "run").result(result.name).convergence
         assert result.pair.settled is (result.pair.difference < 0.05)
-        assert rows[-1].restarts == result.pair.restarts <= 32
-        assert rows[-1].difference == result.pair.difference
-        assert all(row.difference >= 0.05 for row in rows[:-1])
+        assert 2 < result.pair.restarts <= 32
     assert any(result.pair.restarts < 32 for result in results)
 
 

@@ -1,4 +1,4 @@
-"""Chunks, deaths of workers and their pairs, with a pool that computes at once and dies when it is told."""
+"""Deaths of workers and their pairs, with a pool that computes at once and dies when it is told."""
 
 from concurrent.futures import BrokenExecutor, CancelledError, Future
 
@@ -13,15 +13,17 @@ from gmmjax.batch.worker import PairResult, PairTask
 from gmmjax.changes import DetectionConfig
 from gmmjax.errors import ComputationError
 
+NAMES = [f"pair {number}" for number in range(8)]
+
 
 class FakePool(AbstractPool):
     """Computes when a call is handed over."""
 
     def __init__(self, capacity=2):
-        self.capacity, self.chunks, self.stopped = capacity, [], None
+        self.capacity, self.calls, self.stopped = capacity, [], None
 
     def submit(self, function, *arguments):
-        self.chunks.append([task.pair.name for task in arguments[0]])
+        self.calls.append(arguments[0].pair.name)
         future = Future()
         try:
             future.set_result(function(*arguments))
@@ -33,23 +35,20 @@ class FakePool(AbstractPool):
         self.stopped = at_once
 
 
-def task(name):
-    return PairTask(BatchPair(name, "before.ply", "after.ply"), DetectionConfig())
+def tasks(names=NAMES):
+    return [PairTask(BatchPair(name, "before.ply", "after.ply"), DetectionConfig()) for name in names]
 
 
-def tasks(count):
-    return [task(f"pair {number}") for number in range(count)]
+def compute(task):
+    row = PairRow(task.pair.name, "done", seconds=1.0)
+    return PairResult(task.pair.name, PairRecord(Request({}, None, None, "save"), {}, {}, row, (), {}, 0.0))
 
 
-def result(task, seconds=1.0):
-    record = PairRecord(
-        Request({}, None, None, "save"), {}, {}, PairRow(task.pair.name, "done", seconds=seconds), (), (), {}, 0.0
-    )
-    return PairResult(task.pair.name, record)
+def raising(error):
+    def work(task):
+        raise error
 
-
-def compute(chunk):
-    return [result(task) for task in chunk]
+    return work
 
 
 class DyingWork:
@@ -58,104 +57,68 @@ class DyingWork:
     def __init__(self, name, times):
         self.name, self.left = name, times
 
-    def __call__(self, chunk):
-        if self.left and any(task.pair.name == self.name for task in chunk):
+    def __call__(self, task):
+        if self.left and task.pair.name == self.name:
             self.left -= 1
             raise BrokenExecutor
-        return compute(chunk)
+        return compute(task)
 
 
-def names(results):
-    return sorted(result.name for result in results)
-
-
-def test_every_pair_has_one_result():
-    results = list(results_of(tasks(20), FakePool(), compute))
-    assert names(results) == names(tasks_as_results(20))
+@pytest.mark.parametrize("work", [compute, DyingWork("pair 3", 1)])
+def test_every_pair_has_one_result_also_where_a_worker_dies_once(work):
+    pool = FakePool()
+    results = list(results_of(tasks(), pool, work))
+    assert sorted(result.name for result in results) == NAMES
     assert all(result.record is not None for result in results)
-
-
-def tasks_as_results(count):
-    return [result(task) for task in tasks(count)]
+    assert pool.stopped is False
 
 
 def test_tasks_are_taken_only_as_workers_get_free():
-    taken = []
-
-    def source():
-        for own in tasks(100):
-            taken.append(own)
-            yield own
-
-    pool = FakePool(capacity=3)
-    results = results_of(source(), pool, compute)
+    waiting, pool = iter(tasks()), FakePool(capacity=3)
+    results = results_of(waiting, pool, compute)
     next(results)
-    assert len(taken) < 10
+    assert len(list(waiting)) == 5
     results.close()
     assert pool.stopped is True
 
 
-def test_quick_pairs_come_in_larger_chunks():
-    pool = FakePool(capacity=1)
-    quick = lambda chunk: [result(task, seconds=0.01) for task in chunk]  # noqa: E731
-    list(results_of(tasks(300), pool, quick, chunk_seconds=1.0, largest_chunk=32))
-    sizes = [len(chunk) for chunk in pool.chunks]
-    assert sizes[0] == 1
-    assert max(sizes) == 32
-
-
-def test_a_worker_that_dies_once_loses_nothing():
-    results = list(results_of(tasks(8), FakePool(), DyingWork("pair 3", 1)))
-    assert names(results) == names(tasks_as_results(8))
-    assert all(result.record is not None for result in results)
-
-
 def test_a_pair_that_always_ends_its_worker_fails_and_no_other():
     pool = FakePool(capacity=3)
-    results = list(results_of(tasks(8), pool, DyingWork("pair 3", 99)))
+    results = list(results_of(tasks(), pool, DyingWork("pair 3", 99)))
     failed = [result for result in results if result.record is None]
     assert [(result.name, result.error) for result in failed] == [("pair 3", DIED_TWICE)]
-    assert names(results) == names(tasks_as_results(8))
+    assert sorted(result.name for result in results) == NAMES
     # The second time it is alone, after all the others.
-    assert pool.chunks[-1] == ["pair 3"]
+    assert pool.calls[-1] == "pair 3"
 
 
 def test_when_every_worker_dies_each_pair_is_tried_twice():
-    def die(chunk):
-        raise BrokenExecutor
-
     pool = FakePool()
-    results = list(results_of(tasks(4), pool, die))
-    assert names(results) == names(tasks_as_results(4))
+    results = list(results_of(tasks(), pool, raising(BrokenExecutor())))
+    assert sorted(result.name for result in results) == NAMES
     assert all(result.error == DIED_TWICE for result in results)
-    assert sum(map(len, pool.chunks)) == 8
+    assert sorted(pool.calls) == sorted(2 * NAMES)
 
 
 def test_what_cannot_be_written_ends_the_run():
-    def full(chunk):
-        return [PairResult(task.pair.name, None, not_written="run: No space left on device") for task in chunk]
-
     pool = FakePool()
     with pytest.raises(ComputationError, match=r"No space left .* start the same command again"):
-        list(results_of(tasks(4), pool, full))
+        list(results_of(tasks(), pool, lambda task: PairResult("x", None, not_written="run: No space left on device")))
     assert pool.stopped is True
 
 
-def test_a_lost_pool_is_said():
-    class Lost(FakePool):
-        def lost(self, error):
-            return ComputationError("the scheduler has gone") if isinstance(error, CancelledError) else None
-
-    def cancelled(chunk):
-        raise CancelledError
-
-    with pytest.raises(ComputationError, match="the scheduler has gone"):
-        list(results_of(tasks(4), Lost(), cancelled))
+class Lost(FakePool):
+    def lost(self, error):
+        return ComputationError("the scheduler has gone") if isinstance(error, CancelledError) else None
 
 
-def test_a_worker_without_the_package_is_said():
-    def without(chunk):
-        raise ModuleNotFoundError("No module named 'gmmjax'")
-
-    with pytest.raises(ComputationError, match="No module named 'gmmjax'"):
-        list(results_of(tasks(2), FakePool(), without))
+@pytest.mark.parametrize(
+    ("pool", "error", "says"),
+    [
+        (Lost(), CancelledError(), "the scheduler has gone"),
+        (FakePool(), ModuleNotFoundError("No module named 'gmmjax'"), "No module named 'gmmjax'"),
+    ],
+)
+def test_a_pool_that_cannot_compute_is_said(pool, error, says):
+    with pytest.raises(ComputationError, match=says):
+        list(results_of(tasks(), pool, raising(error)))

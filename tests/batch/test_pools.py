@@ -45,12 +45,12 @@ def test_stopping_at_once_does_not_wait(pool):
     wait_for(lambda: not is_alive(process), 30)
 
 
-def test_workers_use_their_share_of_the_cores():
+def test_workers_use_their_share_of_the_cores_and_end():
     made = LocalPool(1, 3)
-    try:
-        assert made.submit(os.getenv, "NPROC").result() == "3"
-    finally:
-        made.stop(at_once=False)
+    process = made.submit(os.getpid).result()
+    assert made.submit(os.getenv, "NPROC").result() == "3"
+    made.stop(at_once=False)
+    assert not is_alive(process)
 
 
 def test_there_are_no_more_workers_than_pairs():

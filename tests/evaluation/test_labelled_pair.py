@@ -3,8 +3,7 @@ import pytest
 
 from gmmjax import InputError, SensorViews
 from gmmjax.clouds import write_ply, write_views
-from gmmjax.evaluation import LabelledCloud, find_pairs, read_pair
-from gmmjax.evaluation.labelled_pair import LabelledPair, at_origin
+from gmmjax.evaluation import find_pairs, read_pair
 
 CLOUD = np.random.default_rng(0).uniform(1, 2, (20, 3))
 TRUTH = np.repeat([-1, 3], 10)
@@ -54,15 +53,6 @@ def test_changes_that_nobody_can_be_asked_to_find(folder):
     np.save(pair / "not_counted_before.npy", np.array([0.5]))
     with pytest.raises(InputError, match=r"not_counted_before.npy: must hold the ids of changes as whole numbers"):
         read_pair(pair)
-
-
-def test_the_sensor_can_be_put_at_the_origin(folder):
-    pair = at_origin(read_pair(folder / "table"))
-    np.testing.assert_array_equal(pair.before.views.poses, np.eye(4)[None])
-    assert pair.after.views is not None
-    behind = LabelledCloud(-CLOUD, TRUTH)
-    with pytest.raises(InputError, match="behind"):
-        at_origin(LabelledPair("behind", behind, behind))
 
 
 def test_folders_without_any_of_it_are_passed_over(folder):

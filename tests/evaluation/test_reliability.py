@@ -78,5 +78,3 @@ def test_what_is_not_counted_is_left_out(record):
 def test_tables(record):
     content = json.loads(record.to_json())
     assert content["transport"]["changes"]["count"] == 2
-    lines = record.to_markdown().splitlines()
-    assert sum("Brier score" in line for line in lines) == 2

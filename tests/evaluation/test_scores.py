@@ -13,6 +13,15 @@ def labels(*values):
     return np.array(values)
 
 
+def scored(found, truth, moved=(), unseen=None, not_counted=((), ())):
+    """The scores of labels of both clouds; `unseen` is of the before cloud."""
+    clouds = [
+        LabelledCloud(np.zeros((len(own), 3)), own, unseen if side == 0 else None, None, frozenset(not_counted[side]))
+        for side, own in enumerate(truth)
+    ]
+    return score_labelled_pair(LabelledPair("a", *clouds), *found, moved)
+
+
 def test_a_perfect_detection_scores_one():
     truth = labels(-1, -1, 0, 0)
     scores = score_pair(truth, NOTHING, truth, NOTHING)
@@ -61,7 +70,7 @@ def test_false_segments_of_changed_pairs_are_not_those_of_unchanged_ones():
 @pytest.mark.parametrize("found", [[-1, -1, -1, -1], [-1, -1, 5, 5]], ids=["missed", "found"])
 def test_changes_that_are_not_counted_neither_help_nor_hurt(found):
     truth = labels(-1, -1, 0, 0, 1, 1)
-    scores = score_pair(labels(*found, 6, 6), NOTHING, truth, NOTHING, not_counted_before=[0])
+    scores = scored((labels(*found, 6, 6), NOTHING), (truth, NOTHING), not_counted=([0], ()))
     assert scores == score_pair(labels(-1, -1, -1, -1, 6, 6), NOTHING, labels(-1, -1, -1, -1, 1, 1), NOTHING)
 
 
@@ -77,13 +86,13 @@ def test_a_segment_is_judged_by_what_is_most_of_its_changed_points():
 
 
 def test_the_fringe_of_a_segment_that_is_neither_does_not_hurt():
-    scores = score_pair(labels(9, 9, 9, 9), NOTHING, labels(0, 0, 0, -1), NOTHING, not_counted_before=[0])
+    scores = scored((labels(9, 9, 9, 9), NOTHING), (labels(0, 0, 0, -1), NOTHING), not_counted=([0], ()))
     assert scores.labelled_points == scores.segments == 0
 
 
 def test_a_shadow_that_is_labelled_as_a_change_is_false_and_named():
     unseen = np.array([True, True, True, False])
-    scores = score_pair(labels(2, 2, 5, 5), NOTHING, labels(-1, -1, 0, 0), NOTHING, unseen_before=unseen)
+    scores = scored((labels(2, 2, 5, 5), NOTHING), (labels(-1, -1, 0, 0), NOTHING), unseen=unseen)
     assert scores.false_segments == 1 and scores.shadow_points == 2
     assert scores.true_points == 2
 
@@ -99,29 +108,20 @@ def test_a_moved_object_is_a_change_of_either_cloud():
 
 def test_a_moved_object_is_recognised_from_the_one_place_to_the_other():
     before, after = labels(-1, -1, 4, 4), labels(7, 7, -1, -1)
-    assert score_pair(before, after, *MOVED, moved=[(4, 7)]).moved_found == 1
-    elsewhere = score_pair(before, labels(-1, -1, 7, 7), *MOVED, moved=[(4, 7)])
+    assert scored((before, after), MOVED, [(4, 7)]).moved_found == 1
+    elsewhere = scored((before, labels(-1, -1, 7, 7)), MOVED, [(4, 7)])
     assert (elsewhere.moved_found, elsewhere.moved_false) == (0, 1)
 
 
 def test_two_objects_taken_for_one_that_moved_are_false():
     truth = labels(-1, -1, 0, 0), labels(1, 1, -1, -1)
-    scores = score_pair(*truth, *truth, moved=[(0, 1)])
+    scores = scored(truth, truth, [(0, 1)])
     assert (scores.moved, scores.moved_found, scores.moved_false) == (0, 0, 1)
 
 
 def test_an_object_whose_other_place_was_out_of_sight_need_not_be_recognised():
-    scores = score_pair(*MOVED, *MOVED, moved=[(0, 0)], not_counted_after=[0])
+    scores = scored(MOVED, MOVED, [(0, 0)], not_counted=((), [0]))
     assert (scores.moved, scores.moved_found, scores.moved_false) == (0, 0, 0)
-
-
-def test_a_labelled_pair_brings_all_that_is_known_of_it():
-    before = LabelledCloud(
-        np.zeros((4, 3)), labels(-1, 0, 0, 1), np.array([True, False, False, False]), None, frozenset({1})
-    )
-    pair = LabelledPair("a", before, LabelledCloud(np.zeros((4, 3)), NOTHING))
-    scores = score_labelled_pair(pair, labels(8, 8, 8, 9), NOTHING)
-    assert (scores.segments, scores.changes, scores.shadow_points) == (1, 1, 1)
 
 
 @given(st.lists(st.tuples(*[st.integers(0, 9)] * 12), min_size=2, max_size=4))

@@ -5,17 +5,17 @@ from gmmjax.changes import DetectionConfig, names_of
 from gmmjax.errors import InputError
 from gmmjax.evaluation import LabelledCloud, LabelledPair
 from gmmjax.learning import (
+    CHANGED,
+    LEARNED_FROM,
+    UNCHANGED,
+    UNOBSERVED,
     CandidateRows,
-    Collected,
     collected,
-    collected_in,
     collection,
     read_rows,
     rows_of,
-    write_rows,
+    training_sources,
 )
-from gmmjax.learning.candidate_rows import CHANGED, UNCHANGED, UNOBSERVED
-from gmmjax.learning.collection import LEARNED_FROM, training_sources
 from gmmjax.pair import Pair
 from tests.changes.rooms import around, box, scanned
 
@@ -48,42 +48,39 @@ def test_the_box_is_a_change_in_both_sets(found):
     assert found.after.values.shape[1] > found.before.values.shape[1]
 
 
-def test_what_is_written_is_read_again(found, tmp_path):
-    write_rows(tmp_path / "rows.npz", Collected({"room": found}))
-    again = read_rows(tmp_path / "rows.npz")
-    for was, now in zip(found, again.families["room"], strict=True):
-        for before, after in zip(was, now, strict=True):
-            np.testing.assert_array_equal(before, after)
+@pytest.fixture
+def asked(found, monkeypatch):
+    """The families that were collected; the first time that of the town is interrupted."""
+    families = []
 
-
-def test_an_interrupted_collection_goes_on(found, tmp_path, monkeypatch):
-    asked = []
-
-    def interrupted(families, seeds, **settings):
-        asked.extend(families)
-        if families == ["town"] and asked.count("town") == 1:
+    def of_family(family, seeds, workers, progress):
+        families.append(family)
+        if family == "town" and families.count("town") == 1:
             raise KeyboardInterrupt
-        return Collected({family: found for family in families}, (f"{families[0]}, seed 1: no",), tuple(seeds))
+        return found, [f"{family}, seed 1: no"]
 
-    monkeypatch.setattr(collection, "collected", interrupted)
+    monkeypatch.setattr(collection, "_of_family", of_family)
+    return families
+
+
+def test_an_interrupted_collection_goes_on_and_is_read_again(found, asked, tmp_path):
     families, folder = ["rooms", "town", "yards"], tmp_path / "rows"
     with pytest.raises(KeyboardInterrupt):
-        collected_in(folder, families, range(2))
-    whole = collected_in(folder, families, range(2))
+        collected(families, range(2), folder=folder)
+    whole = collected(families, range(2), folder=folder)
     assert asked == ["rooms", "town", "town", "yards"]
     assert tuple(whole.families) == tuple(families) and whole.seeds == (0, 1)
     assert whole.failed == ("town, seed 1: no", "yards, seed 1: no")
     again = read_rows(folder)
     assert again.families.keys() == whole.families.keys() and again.seeds == whole.seeds
-    np.testing.assert_array_equal(again.families["town"].after.values, found.after.values)
+    for was, now in zip(found, again.families["town"], strict=True):
+        for before, after in zip(was, now, strict=True):
+            np.testing.assert_array_equal(before, after)
     with pytest.raises(InputError, match=r"rooms\.npz: was collected from other seeds; remove it"):
-        collected_in(folder, families, range(3))
-    write_rows(folder / "yards.npz", Collected({"yards": found}, seeds=(0,)))
-    with pytest.raises(InputError, match="its families were collected from different seeds"):
-        read_rows(folder)
+        collected(families, range(3), folder=folder)
     (folder / "yards.npz").unlink()
-    (folder / "town.npz").rename(folder / "rooms.npz")
-    with pytest.raises(InputError, match=r"rooms\.npz: has candidates of town"):
+    collected(["yards"], [0], folder=folder)
+    with pytest.raises(InputError, match="its families were collected from different seeds"):
         read_rows(folder)
 
 
@@ -91,13 +88,13 @@ def test_a_folder_without_candidates_and_one_that_cannot_be_made(tmp_path):
     with pytest.raises(InputError, match="has no candidates of a family"):
         read_rows(tmp_path)
     with pytest.raises(InputError, match="cannot make this folder"):
-        collected_in(tmp_path / "nowhere" / "rows", ["rooms"], [0])
+        collected(["rooms"], [0], folder=tmp_path / "nowhere" / "rows")
 
 
-def test_candidates_of_other_facts_are_refused(found, tmp_path):
-    np.savez(tmp_path / "rows.npz", **{"names/before": np.array(["luck"]), "names/after": np.array(["luck"])})
-    with pytest.raises(InputError, match=r"rows\.npz: was made with other facts"):
-        read_rows(tmp_path / "rows.npz")
+def test_candidates_of_other_facts_are_refused(tmp_path):
+    np.savez(tmp_path / "rooms.npz", **{"names/before": np.array(["luck"]), "names/after": np.array(["luck"])})
+    with pytest.raises(InputError, match=r"rooms\.npz: was made with other facts"):
+        read_rows(tmp_path)
 
 
 def test_every_family_has_scenes_with_views():

@@ -7,7 +7,6 @@ from gmmjax.learning.moved_scenes import SceneSettings, found_scene
 from gmmjax.learning.same_object import (
     SIGNS,
     Example,
-    LearningSettings,
     examples_of,
     examples_of_scene,
     learned,
@@ -35,7 +34,7 @@ def made_up():
 
 
 def test_what_tells_is_learned_and_no_weight_has_the_wrong_sign(made_up):
-    model = learned(made_up, LearningSettings())
+    model = learned(made_up)
     for own in model.values():
         assert own.weights[0] == own.weights.max() > 1
         assert (own.weights * np.array(SIGNS) >= 0).all()
@@ -43,13 +42,13 @@ def test_what_tells_is_learned_and_no_weight_has_the_wrong_sign(made_up):
 
 
 def test_two_objects_that_weigh_more_are_thought_more_frequent(made_up):
-    usual, more = (learned(made_up, LearningSettings(others=others)) for others in (1.0, 4.0))
+    usual, more = (learned(made_up, others) for others in (1.0, 4.0))
     assert more["free"].intercept < usual["free"].intercept - 0.5
     assert more["in place"].intercept == usual["in place"].intercept
 
 
 def test_the_summary_counts_what_is_recognised_by_what_other_scenes_teach(made_up):
-    log_odds = left_out_log_odds(made_up, LearningSettings(others=1.0))
+    log_odds = left_out_log_odds(made_up, 1.0)
     strict, usual = (list(summary(made_up, log_odds, threshold)) for threshold in (0.9, 0.5))
     assert usual[2].startswith("| standing | 200 | ")
     recognised, wrong = (
@@ -61,7 +60,7 @@ def test_the_summary_counts_what_is_recognised_by_what_other_scenes_teach(made_u
 
 def test_learning_from_too_few_scenes_is_refused(made_up):
     with pytest.raises(InputError, match="'free'; learn from more scenes"):
-        learned([example for example in made_up if example.situation != "free"], LearningSettings())
+        learned([example for example in made_up if example.situation != "free"])
 
 
 @pytest.fixture(scope="module")

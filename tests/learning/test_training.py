@@ -5,10 +5,10 @@ import pytest
 
 from gmmjax.errors import InputError
 from gmmjax.evaluation import Reliability
-from gmmjax.learning import CandidateRows, TrainingSettings, learned, left_out_table
+from gmmjax.learning import CandidateRows, learned, left_out_table
 from tests.learning.candidates import NAMES, rows
 
-SETTINGS = TrainingSettings(penalties=(0.1, 1.0))
+PENALTIES = (0.1, 1.0)
 # Of each family: what the facts that say nothing add to the error falls with it.
 NUMBER = 250
 
@@ -20,7 +20,7 @@ def families():
 
 @pytest.fixture(scope="module")
 def trained(families):
-    return learned(families, poses=False, settings=SETTINGS)
+    return learned(families, poses=False, penalties=PENALTIES)
 
 
 @pytest.mark.slow
@@ -42,7 +42,7 @@ def test_a_fact_that_tells_no_more_beyond_a_value_is_bent_there():
         families[name] = own._replace(
             values=values, kind=np.where(changed, 0, 2), points=np.ones(400, int), changed_points=changed.astype(int)
         )
-    below, above = learned(families, poses=False, settings=SETTINGS)[0].weights[0].reshape(2, -1)[:, column]
+    below, above = learned(families, poses=False, penalties=PENALTIES)[0].weights[0].reshape(2, -1)[:, column]
     assert below > 3 * above >= 0
 
 
@@ -66,8 +66,8 @@ def test_probabilities_of_families_left_out_are_frequencies(families, trained):
 def test_a_family_is_judged_without_its_own_truth(families, trained):
     """With the truth of one family turned round its own log odds stay, but for the temperature; the others' do not."""
     turned = families["rooms"]._replace(kind=2 - families["rooms"].kind)
-    _, again = learned({**families, "rooms": turned}, poses=False, settings=TrainingSettings(penalties=(1.0,)))
-    _, before = learned(families, poses=False, settings=TrainingSettings(penalties=(1.0,)))
+    _, again = learned({**families, "rooms": turned}, poses=False, penalties=(1.0,))
+    _, before = learned(families, poses=False, penalties=(1.0,))
     for family, same in (("rooms", True), ("halls", False)):
         odds = [np.log(own.probabilities[family][:, 0] / own.probabilities[family][:, 2]) for own in (before, again)]
         ratio = before.temperature / again.temperature
@@ -75,12 +75,12 @@ def test_a_family_is_judged_without_its_own_truth(families, trained):
 
 
 def test_the_same_candidates_give_the_same_verdict(families, trained):
-    again, _ = learned(families, poses=False, settings=SETTINGS)
+    again, _ = learned(families, poses=False, penalties=PENALTIES)
     np.testing.assert_array_equal(again.weights, trained[0].weights)
 
 
 def test_the_order_of_the_families_hardly_matters(families, trained):
-    turned, _ = learned(dict(reversed(families.items())), poses=False, settings=SETTINGS)
+    turned, _ = learned(dict(reversed(families.items())), poses=False, penalties=PENALTIES)
     with jax.enable_x64(True):
         facts = jnp.asarray(trained[0].centre)
         here, there = (np.asarray(own.probabilities(facts)) for own in (trained[0], turned))
@@ -89,10 +89,10 @@ def test_the_order_of_the_families_hardly_matters(families, trained):
 
 def test_too_little_to_learn_from_is_refused(families):
     with pytest.raises(InputError, match="at least two"):
-        learned({"rooms": families["rooms"]}, poses=False, settings=SETTINGS)
+        learned({"rooms": families["rooms"]}, poses=False, penalties=PENALTIES)
     unchanged = families["halls"]._replace(kind=np.full(200, 2))
     with pytest.raises(InputError, match="one of them a change"):
-        learned({"rooms": unchanged, "halls": unchanged}, poses=False, settings=SETTINGS)
+        learned({"rooms": unchanged, "halls": unchanged}, poses=False, penalties=PENALTIES)
 
 
 def test_the_table_counts_what_is_false_and_missed(families, trained):
@@ -106,5 +106,5 @@ def test_the_table_counts_what_is_false_and_missed(families, trained):
 
 def test_a_family_without_candidates_is_passed_over(families):
     nothing = CandidateRows.none(poses=False)
-    _, left_out = learned({**families, "deserts": nothing}, poses=False, settings=TrainingSettings(penalties=(1.0,)))
+    _, left_out = learned({**families, "deserts": nothing}, poses=False, penalties=(1.0,))
     assert "deserts" not in left_out.probabilities

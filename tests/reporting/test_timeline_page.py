@@ -160,14 +160,12 @@ def test_a_gap_that_no_comparison_bridges_is_said_and_has_a_plan_of_its_own():
 def test_an_event_without_a_change_says_so():
     gone = history(
         1,
-        [event("came", 1), event("went", 3, change=None, overlap=None, comparison=Pair(0, 3))],
+        [event("came", 1), event("went", 3, change=None, overlap=None)],
         (False, True, True) + (False,) * 2,
     )
-    names = {(0, epoch): f"e{epoch}" for epoch in range(1, 5)}
-    page = page_of([gone], against="first", names=names)
-    assert "Each epoch is compared with the first one, <b>Mon</b>." in page
-    assert "went in Thu: probability 97 %, it no longer differs from Mon" in page
-    assert 'href="pairs/e3/report.html"' in page
+    page = page_of([gone])
+    assert "went in Thu: probability 97 %, it no longer differs from Wed" in page
+    assert 'href="pairs/night%203/report.html"' in page
 
 
 def test_what_is_back_is_said():

@@ -2,6 +2,6 @@
 
 from typing import Literal, get_args
 
-PartName = Literal["grid", "clustering", "filtering", "gaussians", "surveys"]
+PartName = Literal["clustering", "filtering", "gaussians", "surveys"]
 # In the order of the chapter.
 PARTS: tuple[PartName, ...] = get_args(PartName)

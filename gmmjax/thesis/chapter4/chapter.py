@@ -10,13 +10,12 @@ from gmmjax.plotting import write_figure
 from gmmjax.reporting import console
 from gmmjax.thesis.chapter4 import PartName
 from gmmjax.thesis.chapter4.accuracy import Progress, partly
-from gmmjax.thesis.chapter4.clustering import clustering, grid
+from gmmjax.thesis.chapter4.clustering import clustering
 from gmmjax.thesis.chapter4.detections import filtering, gaussians, surveys
 from gmmjax.thesis.chapter4.table import Part, as_text
 
 # Each part with the number of its seeds, and that of a quick run.
 RUN: Mapping[PartName, tuple[Callable[[Sequence[int], Progress], Part], int, int]] = {
-    "grid": (grid, 1, 1),
     "clustering": (clustering, 20, 3),
     "filtering": (filtering, 10, 1),
     "gaussians": (gaussians, 10, 1),

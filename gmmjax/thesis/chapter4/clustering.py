@@ -1,15 +1,15 @@
-"""Figures 3.9, 4.1 and 4.2: four and seven Gaussians, clustered with annihilation and by grid search (thesis 4.1)."""
+"""Figures 4.1 and 4.2: four and seven Gaussians, clustered with annihilation and by grid search (thesis 4.1)."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
 from gmmjax.changes import DetectionConfig, detect_changes
-from gmmjax.mixtures import CRITERIA, GaussianMixture, best_fit, fit_restarts, grid_search
+from gmmjax.mixtures import GaussianMixture, best_fit, fit_restarts, grid_search
 from gmmjax.scenes import fixed_scene
 from gmmjax.thesis.chapter4 import figures
 from gmmjax.thesis.chapter4.accuracy import Progress
@@ -17,8 +17,8 @@ from gmmjax.thesis.chapter4.table import Cell, Part, Table
 
 # The clouds and the true number of their Gaussians.
 CLOUDS: Mapping[str, int] = {"4 Gaussians": 4, "7 Gaussians": 7}
-# Numbers of Gaussians of figure 3.9, and starts of a fit with annihilation.
-SCORED, RESTARTS = range(3, 9), 8
+# Starts of a fit with annihilation.
+RESTARTS = 8
 ONE_START, BEST, GRID = "annihilation, one start", f"annihilation, best of {RESTARTS}", "grid search"
 
 
@@ -33,21 +33,6 @@ class Clustered(NamedTuple):
     def gaussians(self) -> int:
         """The number of Gaussians."""
         return int(self.mixture.live.sum())
-
-
-def grid(seeds: Sequence[int], progress: Progress) -> Part:
-    """Figure 3.9: the scores of a grid search over criteria, covariance types and numbers of Gaussians (3.1.7)."""
-    searches = {}
-    for number, cloud in enumerate(CLOUDS):
-        progress(f"grid search, {cloud}", number / len(CLOUDS))
-        points = fixed_cloud(cloud, seeds[0])
-        searches[cloud] = grid_search(points, key=jax.random.key(seeds[0]), components=SCORED)
-    rows = [
-        row for cloud, search in searches.items() for row in score_rows(cloud, search.scores, search.covariance_types)
-    ]
-    said = "by MDL the lowest score is that of a diagonal model, with four Gaussians for the four, three for the seven."
-    lowest = [row for row in rows if row["lowest"]]
-    return Part([Table("3.9", "scores of the grid search, nats", said, rows, lowest, figures.scores(searches))])
 
 
 def clustering(seeds: Sequence[int], progress: Progress) -> Part:
@@ -84,25 +69,6 @@ def fixed_cloud(cloud: str, seed: int) -> Float[np.ndarray, "n 3"]:
     """The fixed scene before, or after, with three more Gaussians; the seed is that of the points."""
     scene = fixed_scene(jax.random.key(seed))
     return scene.before if CLOUDS[cloud] == 4 else scene.after
-
-
-def score_rows(cloud: str, scores: Mapping[Any, Any], types: Sequence[str]) -> list[dict[str, Cell]]:
-    """A row for each model: its score in nats, and whether it is the lowest by its criterion; None: its fits failed."""
-    rows: list[dict[str, Cell]] = []
-    for criterion in CRITERIA:
-        own = np.asarray(scores[criterion], float)
-        for index, ((row, column), score) in enumerate(np.ndenumerate(own)):
-            rows.append(
-                {
-                    "cloud": cloud,
-                    "criterion": criterion,
-                    "covariances": types[row],
-                    "gaussians": SCORED[column],
-                    "score": round(float(score), 2) if np.isfinite(score) else None,
-                    "lowest": index == int(own.argmin()),
-                }
-            )
-    return rows
 
 
 def number_row(method: str, cloud: str, found: Sequence[int]) -> dict[str, Cell]:

@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from gmmjax.evaluation import LabelledPair
-from gmmjax.mixtures import CRITERIA, GridSearch
-from gmmjax.plotting import plot_bars, plot_grid_search, plot_mixture
+from gmmjax.plotting import plot_bars, plot_mixture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,16 +16,6 @@ if TYPE_CHECKING:
 
 Rows = Sequence[Mapping[str, Any]]
 MEASURES = {"accuracy": "accuracy", "precision": "precision", "recall": "recall", "f1": "F1"}
-
-
-def scores(searches: Mapping[str, GridSearch]) -> "Figure":
-    """Figure 3.9: a column of panels for each cloud, a row for each criterion."""
-    figure, axes = _panels(len(CRITERIA), len(searches), (5.0, 3.0))
-    for row, criterion in zip(axes, CRITERIA, strict=True):
-        for ax, (cloud, search) in zip(row, searches.items(), strict=True):
-            plot_grid_search(search, criterion=criterion, ax=ax)
-            ax.set_title(cloud)
-    return figure
 
 
 def clusters(panels: Mapping[str, Any]) -> "Figure":

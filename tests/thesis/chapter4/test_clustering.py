@@ -1,41 +1,15 @@
-import functools
-
 import numpy as np
 import pytest
 
-from gmmjax import mixtures
 from gmmjax.thesis.chapter4 import clustering
-from gmmjax.thesis.chapter4.clustering import fixed_cloud, number_row, score_rows
+from gmmjax.thesis.chapter4.clustering import fixed_cloud, number_row
 
 
 @pytest.fixture
 def small(monkeypatch):
-    """An eighth of the points, diagonal covariances, two starts."""
-    one_type = functools.partial(mixtures.grid_search, covariance_types=("diagonal",))
-    fewer = {"fixed_cloud": lambda cloud, seed: fixed_cloud(cloud, seed)[::8], "RESTARTS": 2}
-    for name, value in fewer.items():
-        monkeypatch.setattr(clustering, name, value)
-    return functools.partial(monkeypatch.setattr, clustering, "grid_search", one_type)
-
-
-def test_scores_of_the_grid_search(small):
-    """Every criterion has one lowest score, and three Gaussians are never the best for four."""
-    small()
-    (table,) = clustering.grid([3], lambda stage, share: None).tables
-    assert len(table.rows) == 2 * 3 * 6 and len(table.brief) == 2 * 3
-    for row in table.brief:
-        own = [other for other in table.rows if all(other[name] == row[name] for name in ("cloud", "criterion"))]
-        assert row["score"] == min(other["score"] for other in own)
-        assert row["gaussians"] > 3
-
-
-def test_a_model_that_failed_has_no_score():
-    scores = np.arange(24.0).reshape(4, 6)
-    scores[0, 0] = np.inf
-    types = ("full", "tied", "diagonal", "spherical")
-    rows = score_rows("4 Gaussians", dict.fromkeys(("mdl", "bic", "aic"), scores), types)
-    assert rows[0]["score"] is None and not rows[0]["lowest"]
-    assert rows[1]["lowest"] and rows[1]["covariances"] == "full" and rows[1]["gaussians"] == 4
+    """An eighth of the points, two starts."""
+    monkeypatch.setattr(clustering, "fixed_cloud", lambda cloud, seed: fixed_cloud(cloud, seed)[::8])
+    monkeypatch.setattr(clustering, "RESTARTS", 2)
 
 
 def test_numbers_of_gaussians_that_were_found():
