@@ -6,9 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jaxtyping
+import numpy as np
 import pytest
 
 import gmmjax
+from gmmjax.geometry import transformed
 
 ROOT = Path(__file__).parents[1]
 HEAVY = {
@@ -135,3 +138,10 @@ def test_imports_go_one_way():
                     continue
                 if own in places and module in places:
                     assert places.index(module) <= places.index(own), f"{path} imports {module}"
+
+
+def test_types_and_shapes_are_checked_in_tests_from_the_first_call_on():
+    for _ in range(2):
+        with pytest.raises(jaxtyping.TypeCheckError, match="points"):
+            transformed(np.zeros((4, 2)), np.eye(4))
+        assert transformed(np.zeros((4, 3)), np.eye(4)).shape == (4, 3)
