@@ -3,9 +3,7 @@
 import os
 import tempfile
 
-from jaxtyping import install_import_hook
-
-from tests import xla_flags
+from tests import checked_calls, xla_flags  # noqa: F401
 
 # The workers, and the processes that tests start, find in the folder of the first process what one of them compiled.
 # A program is found by what it computes and how it is compiled; a test sees the one that it would compile itself.
@@ -21,19 +19,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if "XLA_FLAGS" not in os.environ:
     os.environ["XLA_FLAGS"] = xla_flags.quickest_to_compile()
 
-with install_import_hook("gmmjax", "beartype.beartype"):
-    import gmmjax
-    import gmmjax.cli
-    import gmmjax.evaluation
-    import gmmjax.plotting
-    import gmmjax.reporting
-    import gmmjax.reporting.frame_files
-    import gmmjax.scenes
-    import gmmjax.surveys
-    import gmmjax.thesis.chapter4.chapter
-    import gmmjax.thesis.laboratory.files
-    import gmmjax.tuning  # noqa: F401
-
 import warnings
 from pathlib import Path
 from types import ModuleType
@@ -42,6 +27,9 @@ import hypothesis
 import jax
 import jaxtyping
 import pytest
+
+# Whatever is imported of gmmjax from here on checks its types and shapes.
+jaxtyping.install_import_hook("gmmjax", "tests.checked_calls.checked")
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")

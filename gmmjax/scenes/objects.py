@@ -130,7 +130,7 @@ def _on_shelf(
 
 
 def _touches(part: Solid, solid: Solid) -> bool:
-    """True if the bounding boxes of an upright object and a solid are less than 2 cm apart along the axes of the room."""
+    """True if the bounding boxes of an upright object and a solid are within 2 cm along the axes of the room."""
     reach = np.abs(part.rotation) @ part.extent / 2
     if part.round:
         reach = part.extent / 2

@@ -1,3 +1,4 @@
+import functools
 import itertools
 
 import jax
@@ -114,10 +115,12 @@ def test_second_derivatives_are_an_error():
 
 
 def test_padding_changes_neither_the_default_epsilon_nor_the_gradients_in_single_precision(gradients):
-    problem = random_problems(1, 3, 5, "unequal", seed=2).as_type(np.float32)
-    before, after, cost = (jnp.asarray(array[0]) for array in problem)
+    """Which are those of double precision without padding."""
+    before, after, cost = (jnp.asarray(array[0]) for array in random_problems(1, 3, 5, "unequal", seed=2))
     padded = jnp.pad(before, (0, 2)), jnp.pad(after, (0, 1)), jnp.pad(cost, ((0, 2), (0, 1)), constant_values=1e9)
-    (bare_cost, bare), (padded_cost, found) = gradients["default"](before, after, cost), gradients["default"](*padded)
+    bare_cost, bare = gradients["default"](before, after, cost)
+    padded_cost, found = gradients["default"](*(array.astype(jnp.float32) for array in padded))
+    assert padded_cost.dtype == np.float32
     tolerance = 5e-4
     assert padded_cost == pytest.approx(float(bare_cost), rel=tolerance)
     assert all(np.all(np.isfinite(gradient)) for gradient in found)
@@ -154,6 +157,12 @@ def test_bad_numbers_and_missing_mass_are_statuses():
         assert solved.result == TransportStatus.invalid_input and np.isinf(solved.cost)
 
 
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(0, 0, 0, None))
+def solve_all(before, after, cost, epsilon):
+    return sinkhorn(before, after, cost, epsilon=epsilon)
+
+
 @pytest.mark.parametrize("epsilon", [0.1, 0.03, 0.01])
 def test_scenes_of_which_little_changed_converge(epsilon):
     """Clusters far from each other whose masses differ by a few per cent: hardly any mass connects them."""
@@ -165,7 +174,7 @@ def test_scenes_of_which_little_changed_converge(epsilon):
     later = places + random.normal(0, 0.05, places.shape)
     later[:, 0] = random.uniform(-5, 5, (20, 3))
     cost = np.linalg.norm(places[:, :, None] - later[:, None], axis=-1)
-    solved = jax.jit(jax.vmap(lambda *problem: sinkhorn(*problem, epsilon=epsilon)))(before, after, cost)
+    solved = solve_all(before, after, cost, epsilon)
     assert np.all(solved.result == TransportStatus.optimal)
     exact = jax.vmap(exact_transport)(before, after, cost).cost
     np.testing.assert_allclose(solved.cost, exact, atol=3 * epsilon)

@@ -11,7 +11,6 @@ from tests.tuning.candidates import DISTANT, measured, weighted
 
 SIGNS = DISTANT.signs
 UNCHANGED_ROWS = weighted(measured(40, changes=0.0, seed=3))
-LOWERED = tuned_verdict(DISTANT, UNCHANGED_ROWS, 10.0)
 
 
 def changed(own, facts):

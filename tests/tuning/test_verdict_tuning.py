@@ -89,7 +89,7 @@ def test_detection_judges_each_pair_by_what_was_tuned_without_it(config, detecti
 )
 def test_what_detection_finds_less_by_is_not_kept(config, detection, after):
     detection(FOUND_LESS, after)
-    result = tuned(config, measured_pairs(6))
+    result = tuned(config, measured_pairs(4), draws=(3.0,))
     assert not result.improved and np.isfinite(result.poses_unknown.draw)
     np.testing.assert_array_equal(
         result.verdicts.poses_unknown.weights, read_verdicts(config.verdict).poses_unknown.weights

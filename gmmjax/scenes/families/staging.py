@@ -147,7 +147,7 @@ def displaced(
 
 @dataclasses.dataclass(frozen=True)
 class Turnover:
-    """Largest numbers of objects that appear, disappear and move in a scene; in a third of the scenes nothing changes."""
+    """Largest numbers of objects that appear, disappear and move in a scene; a third of the scenes do not change."""
 
     appeared: int = 3
     disappeared: int = 3
