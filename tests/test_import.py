@@ -134,7 +134,6 @@ def test_imports_go_one_way():
                     assert places.index(module) <= places.index(own), f"{path} imports {module}"
 
 
-<<<<<<< HEAD
 def test_few_modules_import_packages_by_name():
     """What `import_module` imports the test of the order cannot see."""
     package = ROOT / "gmmjax"
@@ -144,10 +143,10 @@ def test_few_modules_import_packages_by_name():
         if re.search(r"import_module|__import__", path.read_text())
     }
     assert found == {"__init__.py", "_lazy_names.py", "_presenters.py", "cli/application.py", "native/__init__.py"}
-=======
+
+
 def test_types_and_shapes_are_checked_in_tests_from_the_first_call_on():
     for _ in range(2):
         with pytest.raises(jaxtyping.TypeCheckError, match="points"):
             transformed(np.zeros((4, 2)), np.eye(4))
         assert transformed(np.zeros((4, 3)), np.eye(4)).shape == (4, 3)
->>>>>>> w66-jaxtests
