@@ -15,7 +15,7 @@ from gmmjax.mixtures import GaussianMixture, WeightedPoints
 
 @dataclasses.dataclass(frozen=True)
 class CountSettings:
-    """How the point counts of two clouds are compared, and what difference of them is a change.
+    """Settings of the comparison of the point counts of two clouds.
 
     Attributes:
         shares: fractions of a Gaussian's probability mass inside the ellipsoids that points are counted in. Chosen: the
@@ -35,7 +35,7 @@ def count_significance(
     other: WeightedPoints,
     settings: CountSettings = CountSettings(),
 ) -> Float[np.ndarray, "r k"]:
-    """By how many standard deviations the points in each Gaussian's place exceed those that the other cloud has there.
+    """The significance of the excess of the points in each Gaussian's place over those that the other cloud has there.
 
     The standard deviation is that of both Poisson counts. The other cloud's counts are scaled by the ratio of the
     clouds' densities, which is the median over the Gaussians: most of a scene is unchanged.

@@ -65,7 +65,7 @@ class PreparedScans(NamedTuple):
 
 
 class _Votes(NamedTuple):
-    """What the pairs of restarts say.
+    """Votes of the pairs of restarts.
 
     Attributes:
         by_pairs: for each restart of the other cloud, own restart and Gaussian whether it changed.
@@ -91,7 +91,7 @@ class _Votes(NamedTuple):
 
     @property
     def solved(self) -> Pair[Bool[np.ndarray, "other own"]]:
-        """Whether the transport problems of a pair of restarts were solved, for either cloud as the own one."""
+        """True where the transport problems of a pair of restarts were solved, for either cloud as the own one."""
         return Pair(self.valid.T, self.valid)
 
 
@@ -142,11 +142,11 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
         return PreparedScans(scans, prepare_pair(scans.map(lambda scan: scan.cloud), self.config))
 
     def restarts_of(self, prepared: PreparedScans) -> int:
-        """Of either cloud."""
+        """The number of restarts of either cloud."""
         return self.config.number_of_restarts()
 
     def slots_of(self, prepared: PreparedScans) -> int:
-        """Of the mixture of either cloud."""
+        """The number of slots of the mixture of either cloud."""
         return prepared.pair.max_components
 
     def fitted(
@@ -221,22 +221,25 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
     def _standard_errors(
         self, pair: PreparedPair, mixtures: Pair[GaussianMixture], votes: _Votes, changes: Changes
     ) -> tuple[float | None, ...]:
-        """Of the votes, over the restarts of both clouds."""
+        """The standard errors of the votes, over the restarts of both clouds."""
         if min(votes.valid.any(axis=1).sum(), votes.valid.any(axis=0).sum()) < 2:
             return (None,) * len(changes)
-
-        def of_cloud(cloud: PreparedCloud, own: GaussianMixture, voted: np.ndarray, labels: np.ndarray) -> np.ndarray:
-            components = component_labels(cloud.points, own, self.labelling)
-            return means_of_pairs(components, labels[cloud.rows], len(changes), voted)
-
-        labels = Pair(changes.labels_before, changes.labels_after)
-        means = each(of_cloud, pair.clouds, mixtures, votes.by_pairs, labels)
+        labels = each(
+            lambda own, cloud: own[cloud.rows], Pair(changes.labels_before, changes.labels_after), pair.clouds
+        )
+        components = each(lambda cloud, own: component_labels(cloud.points, own, self.labelling), pair.clouds, mixtures)
+        means = each(
+            lambda own, label, voted: means_of_pairs(own, label, len(changes), voted),
+            components,
+            labels,
+            votes.by_pairs,
+        )
         # Each change is one of one of the clouds.
         errors = each(standard_error_of_pairs, means, votes.solved)
         return tuple(np.maximum(errors.before, errors.after).tolist())
 
     def _significance(self, mixtures: GaussianMixture, own: PreparedCloud, other: PreparedCloud) -> np.ndarray:
-        """By how much each Gaussian's points exceed what the other cloud has in its place."""
+        """The significance of the excess of each Gaussian's points over what the other cloud has in its place."""
         return count_significance(mixtures, own.counted, other.counted, self.counts)
 
     def _cloud_changes(
@@ -285,7 +288,7 @@ def _blocks(mixtures: GaussianMixture, size: int) -> list[GaussianMixture]:
 
 
 def _prior(pair: PreparedPair, config: DetectionConfig) -> Prior | None:
-    """What the config says of the Gaussians; None: nothing."""
+    """The prior that the config sets; None: nothing is set."""
     settings = (config.noise_floor, config.concentration, config.covariance_scale, config.noise_share)
     if all(setting is None for setting in settings):
         return None
@@ -309,12 +312,12 @@ def _arrays(fit: Fit) -> dict[str, np.ndarray]:
 
 def _fits_of_clouds(fits: RestartFits) -> Pair[Fit]:
     """The fits of both clouds with a leading axis of restarts."""
+    return NAMES.map(lambda time: _fits_of_cloud(fits, time))
 
-    def of_cloud(time: str) -> Fit:
-        own = {name.removesuffix(f"_{time}"): part for name, part in fits.arrays.items() if name.endswith(f"_{time}")}
-        return of_restarts(_fit, own)
 
-    return NAMES.map(of_cloud)
+def _fits_of_cloud(fits: RestartFits, time: str) -> Fit:
+    own = {name.removesuffix(f"_{time}"): part for name, part in fits.arrays.items() if name.endswith(f"_{time}")}
+    return of_restarts(_fit, own)
 
 
 def _fit(arrays: Mapping[str, np.ndarray]) -> Fit:
@@ -352,3 +355,17 @@ def _cloud_diagnostics(restarts: int, scan: Scan, cloud: PreparedCloud, fits: Fi
         "steps": fits.steps.tolist(),
         "converged": np.asarray(fits.result == FitStatus.converged).tolist(),
     }
+
+
+@dataclasses.dataclass(frozen=True)
+class GreedyDetector(AbstractSeparateDetector):
+    """The thesis's detector: every pair of restarts by Algorithm 1, the removals that bring both closest (2.2.4)."""
+
+    method: ClassVar[Method] = "greedy"
+
+
+@dataclasses.dataclass(frozen=True)
+class TransportDetector(AbstractSeparateDetector):
+    """Every pair of restarts by partial transport of point counts: the mass that it leaves unmatched changed."""
+
+    method: ClassVar[Method] = "transport"

@@ -1,6 +1,7 @@
 """From the votes of all pairs of restarts to the changes of a cloud."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +19,7 @@ from gmmjax.mixtures import GaussianMixture
 
 @dataclasses.dataclass(frozen=True)
 class ConsensusSettings:
-    """How the points of a cloud are labelled.
+    """Settings of the labelling of points.
 
     Attributes:
         chunk: number of points that are labelled in one pass, padded to it: one compiled shape for clouds of every
@@ -84,18 +85,20 @@ def component_labels(
         mixtures: of the cloud, with a leading axis of restarts.
         settings: how many points are labelled in one pass.
     """
+    return RestartValues(len(mixtures.weights), functools.partial(_labels_at, points, mixtures, settings))
+
+
+def _labels_at(
+    points: Float[np.ndarray, "n 3"], mixtures: GaussianMixture, settings: ConsensusSettings, restart: int, rows: Rows
+) -> Int[np.ndarray, " m"]:
     # Relative to one point of the cloud, which it also is padded with.
     origin = points[0]
-
-    def of(restart: int, rows: Rows) -> np.ndarray:
-        chosen = points[rows] - origin
-        with jax.enable_x64(True):
-            mixture = jax.tree.map(lambda leaf: jnp.asarray(leaf[restart]), mixtures).rescaled(1.0, -origin)
-            chunks = padded_chunks(chosen, settings.chunk)
-            labels = [np.asarray(_chunk_labels(mixture, chunk)) for chunk in chunks]
-        return np.concatenate(labels)[: len(chosen)]
-
-    return RestartValues(len(mixtures.weights), of)
+    chosen = points[rows] - origin
+    with jax.enable_x64(True):
+        mixture = jax.tree.map(lambda leaf: jnp.asarray(leaf[restart]), mixtures).rescaled(1.0, -origin)
+        chunks = padded_chunks(chosen, settings.chunk)
+        labels = [np.asarray(_chunk_labels(mixture, chunk)) for chunk in chunks]
+    return np.concatenate(labels)[: len(chosen)]
 
 
 @kept_jit

@@ -25,7 +25,7 @@ from gmmjax.pair import Pair, each
 
 @dataclasses.dataclass(frozen=True)
 class MeasureSettings:
-    """How changes are measured.
+    """Settings of the measures of changes.
 
     Attributes:
         sample: number of points of a change, at most, by which its support plane is found. Fewer: those of large

@@ -19,7 +19,7 @@ from gmmjax.geometry import (
 
 @dataclasses.dataclass(frozen=True)
 class SupportPlaneSettings:
-    """What an object stands on.
+    """Settings of the plane that an object stands on.
 
     All values are empirical: they come from development on the scenes of docs/results.md.
 
