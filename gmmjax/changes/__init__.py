@@ -79,7 +79,6 @@ if TYPE_CHECKING:
     from gmmjax.changes.m3c2 import m3c2_distances as m3c2_distances
     from gmmjax.changes.objects.cloud_changes import change_of as change_of
     from gmmjax.changes.objects.found import KINDS as KINDS
-    from gmmjax.changes.objects.found import ObjectSettings as ObjectSettings
     from gmmjax.changes.objects.match import match_of as match_of
     from gmmjax.changes.objects.moved import MOVED_THRESHOLD as MOVED_THRESHOLD
     from gmmjax.changes.objects.moved import PairHypothesis as PairHypothesis

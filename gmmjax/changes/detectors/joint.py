@@ -30,9 +30,10 @@ from gmmjax.changes.fit.joint_fit import (
 from gmmjax.changes.fit.joint_problem import JointFitSettings, joint_problem
 from gmmjax.changes.fit.restart_fits import JOINT, RestartFits
 from gmmjax.changes.fit.restart_values import RestartValues
-from gmmjax.changes.objects.found import Found, ObjectSettings, surfaces_found, volume_weights, volumes_found
+from gmmjax.changes.objects.found import Found, surfaces_found, volume_weights, volumes_found
 from gmmjax.changes.objects.measures import with_measures
 from gmmjax.changes.objects.moved import with_moved
+from gmmjax.changes.objects.surface_changes import SurfaceChangeSettings
 from gmmjax.changes.prepare.checking import (
     CheckedCloud,
     CheckSettings,
@@ -70,7 +71,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         differences: from which distance and offset on a point of a scan is surely changed.
         candidates: which points look changed, and how they are gathered.
         evidence: when a candidate is a change.
-        objects: which changes are significant, and which of them are one moved object.
+        objects: how probable the points of changes are.
         distances: how the signed distance at each point of a scan is measured.
         resolution: how small the voxels are that scans are compared in after their registration, where they have more
             points than it takes. None: they have the size that the scans were registered at, everywhere.
@@ -84,7 +85,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
     differences: DifferenceSettings = DifferenceSettings()
     candidates: CandidateSettings = CandidateSettings()
     evidence: EvidenceSettings = EvidenceSettings()
-    objects: ObjectSettings = ObjectSettings()
+    objects: SurfaceChangeSettings = SurfaceChangeSettings()
     distances: SignedDistanceSettings = SignedDistanceSettings()
     resolution: LocalResolutionSettings | None = LocalResolutionSettings()
     examination: LocalExaminationSettings = LocalExaminationSettings()
@@ -164,7 +165,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         pair, joint = prepared.pair, JointFits.of_arrays(fits.arrays, prepared.framed.frame)
         clock.start("changes", "Looking for changes", 0.75)
         if prepared.volumetric:
-            found = volumes_found(pair.points, prepared.problem, joint, self.config.threshold, self.objects.volumes)
+            found = volumes_found(pair.points, prepared.problem, joint, self.config.threshold)
         else:
             found = self.found_on_surfaces(prepared, joint)
         found = found.of_kinds(self.config.kinds).with_confidence(pair.registration.confidence)
@@ -176,7 +177,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
                 items, labels = with_moved(items, labels, pair, error)
                 found = found.grown_to(items, labels)
             sides = prepared.sensors, prepared.outer_side
-            items = with_measures(items, labels, pair, error, *sides, self.objects.measures)
+            items = with_measures(items, labels, pair, error, *sides)
         clock.stop()
         emd, diagnostics = mixtures_distance(joint), joint_diagnostics(prepared, joint, clock)
         changes = found.record(prepared.checked, items, labels, emd, self.config, diagnostics, pair.registration)
@@ -193,7 +194,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         """
         candidates = self.candidates_in(prepared, fits)
         evident = self.examined(prepared, fits, candidates) if self.config.evidence else unexamined(candidates)
-        return surfaces_found(prepared.pair, prepared.differences, evident, self.objects.surfaces)
+        return surfaces_found(prepared.pair, prepared.differences, evident, self.objects)
 
     def joint_fits(self, prepared: AlignedScans) -> JointFits:
         """Fit all restarts.

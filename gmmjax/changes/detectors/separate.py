@@ -14,7 +14,7 @@ from gmmjax._programs import kept_jit
 from gmmjax._typing import Array, Scalar
 from gmmjax.changes.change import Kind
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.detectors.count_significance import CountSettings, count_significance
+from gmmjax.changes.detectors.count_significance import SIGNIFICANCE, count_significance
 from gmmjax.changes.detectors.detector import Scan
 from gmmjax.changes.detectors.restart_detector import AbstractRestartDetector, Outcome
 from gmmjax.changes.fit.restart_fits import (
@@ -27,7 +27,7 @@ from gmmjax.changes.fit.restart_fits import (
     status_of,
 )
 from gmmjax.changes.objects.cloud_changes import CloudChanges
-from gmmjax.changes.objects.consensus import ConsensusSettings, cloud_consensus, component_labels, votes_of_pairs
+from gmmjax.changes.objects.consensus import cloud_consensus, component_labels, votes_of_pairs
 from gmmjax.changes.objects.found import KINDS, Found
 from gmmjax.changes.prepare.checking import NAMES
 from gmmjax.changes.prepare.separate_clouds import PreparedCloud, PreparedPair, prepare_pair
@@ -102,22 +102,18 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
     Points and Gaussians get the mean of the votes as probability.
 
     Attributes:
-        counts: which Gaussians have significantly more points than the other cloud in their place.
         slots: the mixtures are compared in as few slots as they fit in: programs compile for these numbers only, and
             for K_max. (): always K_max.
         fit: how either cloud is fitted.
         block: number of restarts of either cloud that are compared at a time, all of their pairs side by side: a bound
             on the memory. Results do not depend on it.
-        labelling: how points are labelled with the Gaussians.
         ground_cost: between the components of two mixtures; None: that of the method, see `Decision`.
         method: by which two mixtures are compared.
     """
 
-    counts: CountSettings = CountSettings()
     slots: tuple[int, ...] = (8, 16)
     fit: FitSettings = FIT_SETTINGS["greedy"]
     block: int = 8
-    labelling: ConsensusSettings = ConsensusSettings()
     ground_cost: GroundCost | None = None
 
     method: ClassVar[Method]
@@ -178,7 +174,7 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
         clock.start("comparison", "Comparing the mixtures", 0.8)
         mixtures = self._compacted(mixed, pair.max_components)
         significance = each(self._significance, mixtures, pair.clouds, pair.clouds.swapped)
-        votes = self._votes(mixtures, pair).where(significance.map(lambda own: own >= self.counts.significance))
+        votes = self._votes(mixtures, pair).where(significance.map(lambda own: own >= SIGNIFICANCE))
         clock.start("labels", "Labelling the points", 0.9)
         found = Found(
             each(self._cloud_changes, pair.clouds, mixtures, mixed, votes.changed, significance, KINDS),
@@ -227,7 +223,7 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
         labels = each(
             lambda own, cloud: own[cloud.rows], Pair(changes.labels_before, changes.labels_after), pair.clouds
         )
-        components = each(lambda cloud, own: component_labels(cloud.points, own, self.labelling), pair.clouds, mixtures)
+        components = each(lambda cloud, own: component_labels(cloud.points, own), pair.clouds, mixtures)
         means = each(
             lambda own, label, voted: means_of_pairs(own, label, len(changes), voted),
             components,
@@ -240,7 +236,7 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
 
     def _significance(self, mixtures: GaussianMixture, own: PreparedCloud, other: PreparedCloud) -> np.ndarray:
         """The significance of the excess of each Gaussian's points over what the other cloud has in its place."""
-        return count_significance(mixtures, own.counted, other.counted, self.counts)
+        return count_significance(mixtures, own.counted, other.counted)
 
     def _cloud_changes(
         self,
@@ -253,8 +249,7 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
     ) -> CloudChanges:
         """The changes of one cloud, by the votes for its Gaussians."""
         reference = int(np.argmin(fits.message_length))
-        threshold, settings = self.config.threshold, self.labelling
-        return cloud_consensus(own.points, mixtures, votes, significance, reference, kind, threshold, settings)
+        return cloud_consensus(own.points, mixtures, votes, significance, reference, kind, self.config.threshold)
 
 
 @kept_jit

@@ -17,9 +17,8 @@ from gmmjax.changes.evidence.examination import Examined
 from gmmjax.changes.fit.joint_fit import JointFits
 from gmmjax.changes.fit.joint_problem import JointProblem
 from gmmjax.changes.objects.cloud_changes import CloudChanges, merged, merged_rejected
-from gmmjax.changes.objects.measures import MeasureSettings
 from gmmjax.changes.objects.surface_changes import SurfaceChangeSettings, surface_changes
-from gmmjax.changes.objects.volumetric_changes import VolumetricChangeSettings, restart_weights, volumetric_changes
+from gmmjax.changes.objects.volumetric_changes import restart_weights, volumetric_changes
 from gmmjax.changes.prepare.checking import NAMES, CheckedCloud
 from gmmjax.changes.record import Changes
 from gmmjax.changes.registration import Registration
@@ -31,21 +30,6 @@ logger = logging.getLogger(__name__)
 
 # The kind of a change in the before and in the after cloud.
 KINDS: Pair[Kind] = Pair("disappeared", "appeared")
-
-
-@dataclasses.dataclass(frozen=True)
-class ObjectSettings:
-    """Settings of the significance and of the measures of changes.
-
-    Attributes:
-        surfaces: of scans.
-        volumes: of clouds that fill volumes.
-        measures: how large they are.
-    """
-
-    surfaces: SurfaceChangeSettings = SurfaceChangeSettings()
-    volumes: VolumetricChangeSettings = VolumetricChangeSettings()
-    measures: MeasureSettings = MeasureSettings()
 
 
 class Found(NamedTuple):
@@ -197,7 +181,6 @@ def volumes_found(
     problem: JointProblem,
     fits: JointFits,
     threshold: float,
-    settings: VolumetricChangeSettings = VolumetricChangeSettings(),
 ) -> Found:
     """The changes of clouds that fill volumes: the components that one cloud has and the other has not.
 
@@ -206,10 +189,9 @@ def volumes_found(
         problem: that was fitted.
         fits: the joint mixtures.
         threshold: probability from which on a point is changed.
-        settings: which components are significant.
     """
     weights = volume_weights(problem, fits)
-    changes = each(lambda own, kind: volumetric_changes(own, fits, weights, kind, threshold, settings), points, KINDS)
+    changes = each(lambda own, kind: volumetric_changes(own, fits, weights, kind, threshold), points, KINDS)
     return Found(changes, points.map(lambda own: np.zeros(len(own), bool)))
 
 
