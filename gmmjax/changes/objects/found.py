@@ -133,7 +133,7 @@ def _grown(changes: CloudChanges, label: Int[np.ndarray, " n"], of_changes: Floa
 
 def _figures_of_rows(
     cloud: CheckedCloud, own: PointFigures, hidden: Bool[np.ndarray, " n"], side: str
-) -> dict[str, np.ndarray]:
+) -> dict[str, Any]:
     """The figures of one cloud by their names in the record, NaN where nothing was observed."""
     return {
         f"{name}_{side}": cloud.to_rows(np.where(hidden, np.float32(np.nan), values), np.nan)
