@@ -42,8 +42,6 @@ if TYPE_CHECKING:
     from gmmjax.changes.detectors import Scan as Scan
     from gmmjax.changes.detectors import TransportDetector as TransportDetector
     from gmmjax.changes.detectors import with_recognised_views as with_recognised_views
-    from gmmjax.changes.detectors.joint import CutCandidates as CutCandidates
-    from gmmjax.changes.detectors.joint import UnpairedChanges as UnpairedChanges
     from gmmjax.changes.differences import DetectionLimits as DetectionLimits
     from gmmjax.changes.differences import Differences as Differences
     from gmmjax.changes.differences import DifferenceSettings as DifferenceSettings
@@ -70,6 +68,7 @@ if TYPE_CHECKING:
     from gmmjax.changes.evidence.verdict_file import read_verdicts as read_verdicts
     from gmmjax.changes.evidence.verdict_file import shipped_verdicts as shipped_verdicts
     from gmmjax.changes.evidence.verdict_file import write_verdicts as write_verdicts
+    from gmmjax.changes.evidence_filter import EvidenceFilter as EvidenceFilter
     from gmmjax.changes.explanation import Contribution as Contribution
     from gmmjax.changes.explanation import Explanation as Explanation
     from gmmjax.changes.fit.joint_problem import JointFitSettings as JointFitSettings
@@ -80,7 +79,6 @@ if TYPE_CHECKING:
     from gmmjax.changes.m3c2 import m3c2_distances as m3c2_distances
     from gmmjax.changes.objects.cloud_changes import change_of as change_of
     from gmmjax.changes.objects.found import KINDS as KINDS
-    from gmmjax.changes.objects.found import ObjectSettings as ObjectSettings
     from gmmjax.changes.objects.match import match_of as match_of
     from gmmjax.changes.objects.moved import MOVED_THRESHOLD as MOVED_THRESHOLD
     from gmmjax.changes.objects.moved import PairHypothesis as PairHypothesis
@@ -132,5 +130,9 @@ if TYPE_CHECKING:
     from gmmjax.changes.storage import OPTIONAL_FIGURES as OPTIONAL_FIGURES
     from gmmjax.changes.total_volumes import VolumeTotals as VolumeTotals
     from gmmjax.changes.total_volumes import volume_totals as volume_totals
+    from gmmjax.changes.training import CutCandidates as CutCandidates
+    from gmmjax.changes.training import UnpairedChanges as UnpairedChanges
+    from gmmjax.changes.training import cut_candidates as cut_candidates
+    from gmmjax.changes.training import unpaired_changes as unpaired_changes
 
 __getattr__, __dir__ = lazy_names(__name__)

@@ -44,7 +44,7 @@ class Box:
 
     @classmethod
     def longest_first(cls, box: OrientedBox) -> "Box":
-        """The same box with its edges in the order of their lengths."""
+        """Sort the edges of a box by their lengths, the longest first."""
         order = np.argsort(-box.extent, kind="stable")
         rotation = box.rotation[:, order]
         rotation[:, 2] *= np.sign(np.linalg.det(rotation))
@@ -202,7 +202,7 @@ class Change:
 
 @dataclasses.dataclass(frozen=True)
 class RejectedCandidate:
-    """What looked changed in one cloud, and is none of the changes.
+    """A candidate of one cloud that is none of the changes.
 
     Attributes:
         kind: of the change that it would be: "appeared" (its points are in the after cloud) or "disappeared".

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class ObjectMotion(NamedTuple):
-    """How a moved object moved.
+    """The motion of an object that moved.
 
     Attributes:
         distance: that its centre moved by, in the unit of the clouds.
@@ -127,7 +127,7 @@ def _row(changes: "Changes", label: int, change: "Change") -> ChangeColumns:
 
 
 def object_motion(changes: "Changes", labels: tuple[int, int]) -> ObjectMotion:
-    """How far a moved object moved, and by what angle it turned.
+    """Measure how far a moved object moved, and by what angle it was rotated.
 
     Args:
         changes: what was found.
@@ -143,7 +143,7 @@ def object_motion(changes: "Changes", labels: tuple[int, int]) -> ObjectMotion:
 
 
 def _motion(changes: "Changes", label: int, change: "Change") -> tuple[float | None, float | None]:
-    """That of the object, the same for both of its changes."""
+    """The motion of the object, which both of its changes have."""
     if change.transform is None or change.partner is None:
         return None, None
     labels = (label, change.partner) if (changes.labels_before == label).any() else (change.partner, label)

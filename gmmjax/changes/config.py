@@ -17,8 +17,8 @@ METHODS: tuple[Method, ...] = get_args(Method)
 # The registry of detectors: the class of each method, by its place, because detectors import the config.
 DETECTOR_CLASSES: Mapping[Method, str] = {
     "joint": "gmmjax.changes.detectors.joint:JointDetector",
-    "greedy": "gmmjax.changes.detectors.greedy:GreedyDetector",
-    "transport": "gmmjax.changes.detectors.transport:TransportDetector",
+    "greedy": "gmmjax.changes.detectors.separate:GreedyDetector",
+    "transport": "gmmjax.changes.detectors.separate:TransportDetector",
 }
 RegistrationMode = Literal["auto", "always", "never"]
 
@@ -51,7 +51,7 @@ FIXED = 1e9
 
 @dataclasses.dataclass(frozen=True)
 class DetectionConfig:
-    """How changes are detected. Lengths are in the unit of the clouds; None means derived from the data.
+    """Settings of a detection. Lengths are in the unit of the clouds; None means derived from the data.
 
     Attributes:
         method: "joint" fits one mixture to both clouds and looks at each component's share of either (the default);
@@ -224,7 +224,7 @@ def _check_unit(unit: object) -> None:
 
 
 def _is_real(value: object) -> bool:
-    """Whether the value is a finite number that a float can hold; True and False are none."""
+    """True for a finite number that a float can hold, but for True and False."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 

@@ -12,7 +12,7 @@ from gmmjax.changes.record import Changes
 
 
 class Doubling(NamedTuple):
-    """What more restarts changed.
+    """The differences that more restarts made.
 
     Attributes:
         restarts: number of them after the doubling.
@@ -25,7 +25,7 @@ class Doubling(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Consensus:
-    """What changed, averaged over restarts, with all that is needed to add more of them.
+    """The changes, averaged over restarts, with all that is needed to add more of them.
 
     Attributes:
         changes: the record, as a detection with as many restarts gives it.
@@ -56,7 +56,7 @@ def doublings(most: int) -> Iterator[int]:
 
 
 def largest_difference(earlier: Changes, later: Changes) -> float:
-    """How much the probabilities of two detections of one pair of clouds differ.
+    """The largest difference between the probabilities of two detections of one pair of clouds.
 
     For each change of either record, the mean over its points of the absolute difference of their probabilities; of
     these the largest. 0 where neither has a change.

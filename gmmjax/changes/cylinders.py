@@ -185,7 +185,7 @@ class _Spheres(NamedTuple):
 
 
 def _projections_of_part(points: Float64[np.ndarray, "m 3"], tree: cKDTree, cylinders: Cylinders) -> Projections:
-    """As `projections`, with the tree of the points, for as many cylinders as fit into memory."""
+    """`projections` with the tree of the points, for as many cylinders as fit into memory."""
     owner, projected = _points_inside(points, tree, cylinders)
     count = np.bincount(owner, minlength=len(cylinders))
     with np.errstate(invalid="ignore"):

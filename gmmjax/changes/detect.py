@@ -31,7 +31,7 @@ def detect_changes(
     views_after: SensorViews | None = None,
     progress: Progress | None = None,
 ) -> Changes:
-    """What changed between two point clouds, and how sure that is.
+    """Detect what changed between two point clouds, with a probability of each change.
 
     Args:
         before: coordinates [n0, 3], or a `PointCloud`, in any unit. Rows that are not finite, and stray

@@ -48,7 +48,7 @@ class M3C2Settings:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class M3C2Distances:
-    """What M3C2 says of each core point; lengths in the unit of the clouds.
+    """The M3C2 distance of each core point; lengths in the unit of the clouds.
 
     Attributes:
         distance: from the before to the after cloud, positive on the side that the normal points to; NaN where the

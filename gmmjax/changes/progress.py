@@ -1,4 +1,4 @@
-"""How far a detection has got, and what each of its stages took."""
+"""The progress of a detection, and the time that each of its stages took."""
 
 import logging
 import time

@@ -36,7 +36,7 @@ GivenCloud = ArrayLike | PointCloud
 
 @dataclasses.dataclass(frozen=True)
 class Changes:
-    """What changed between two clouds: a sequence of `Change`, most probable first.
+    """The changes between two clouds: a sequence of `Change`, most probable first.
 
     `len(changes)`, `changes[0]` and `for change in changes` are those of `items`; a record without changes is false.
 
@@ -123,13 +123,13 @@ class Changes:
         return self.items[label]
 
     def object_counts(self) -> dict[str, int]:
-        """How many objects appeared, disappeared and moved; one that moved, which is two changes, counts once."""
+        """Count the objects that appeared, disappeared and moved; one that moved, which is two changes, counts once."""
         counts = {kind: sum(change.kind == kind for change in self.items) for kind in get_args(Kind)}
         paired = sum(change.kind == "moved" and change.partner is not None for change in self.items)
         return {**counts, "moved": counts["moved"] - paired // 2}
 
     def point_values(self, side: str) -> dict[str, np.ndarray]:
-        """What is said of each point of one cloud, by name, as files of points have it: numbers of at most 32 bits.
+        """Values of each point of one cloud, by name, as files of points have them: numbers of at most 32 bits.
 
         `label` (int32), `kind` (uint8: 0 unchanged, else one more than the place in `Kind`), `probability` (float32),
         `unobserved` (bool), and the figures that were measured (float32, in the unit of the clouds).
@@ -149,19 +149,13 @@ class Changes:
         return values | {name: own.astype(np.float32) for name, own in figures.items() if own is not None}
 
     def recognised_stations(self) -> Pair[Float[np.ndarray, "_ 3"]]:
-        """Where the scanner stood in each cloud, in its own frame, as far as that was recognised and not given.
+        """Positions of the scanner in each cloud, in its own frame, that were recognised and not given.
 
         Returns:
             The positions [s, 3] in both clouds, in their unit. A cloud has none if its views were given, if it shows no
             stations, or if the method does not ask for them.
         """
-
-        def of_side(side: str) -> np.ndarray:
-            found = self.diagnostics.get(side)
-            stations = found.get("recognised_stations", []) if isinstance(found, Mapping) else []
-            return np.asarray(stations, float).reshape(-1, 3)
-
-        return Pair("before", "after").map(of_side)
+        return Pair(_stations_in(self.diagnostics.get("before")), _stations_in(self.diagnostics.get("after")))
 
     def volume_totals(self) -> VolumeTotals | None:
         """The volume that was gained and lost in all, with its uncertainty; None where no change has a volume."""
@@ -279,8 +273,13 @@ class Changes:
             ) from error
 
 
+def _stations_in(diagnostics: Any) -> Float[np.ndarray, "s 3"]:
+    stations = diagnostics.get("recognised_stations", []) if isinstance(diagnostics, Mapping) else []
+    return np.asarray(stations, float).reshape(-1, 3)
+
+
 def _check_counts(content: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
-    """Whether the labels are of these changes, and not of another result."""
+    """Check that the labels are those of these changes, and not of another result."""
     for time in ("before", "after"):
         count, declared = len(arrays[f"labels_{time}"]), content[f"points_{time}"]
         if count != declared:
@@ -288,7 +287,7 @@ def _check_counts(content: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) 
 
 
 def _check_indices(items: Sequence[Change], arrays: Mapping[str, np.ndarray]) -> None:
-    """Whether labels and partners are indices of changes."""
+    """Check that labels and partners are indices of changes."""
     for name in ("labels_before", "labels_after"):
         if arrays[name].size and not (arrays[name].min() >= -1 and arrays[name].max() < len(items)):
             raise ValueError(f"{name} run from {arrays[name].min()} to {arrays[name].max()}, of {len(items)} changes")

@@ -13,7 +13,7 @@ from gmmjax.geometry import transformed
 
 @dataclasses.dataclass(frozen=True)
 class Registration:
-    """How the after cloud was registered to the before cloud. All results are in the frame of the before cloud.
+    """The registration of the after cloud to the before cloud. All results are in the frame of the before cloud.
 
     Lengths are in the unit of the clouds. What was not measured is None.
 
@@ -75,12 +75,12 @@ class Registration:
 
     @classmethod
     def none(cls) -> "Registration":
-        """Where no registration was looked for."""
+        """The record where no registration was looked for."""
         return cls(np.eye(4), applied=False)
 
     @property
     def in_doubt(self) -> bool:
-        """Whether the user is warned of it: a confidence below 0.9."""
+        """True where the user is warned of it: a confidence below 0.9."""
         return self.confidence < 0.9
 
     def apply(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:

@@ -44,7 +44,7 @@ class SignedDistanceSettings:
 
 
 class PointFigures(NamedTuple):
-    """What M3C2 says of each point of a cloud: see `Changes`; NaN where there is nothing to compare with.
+    """The M3C2 figures of each point of a cloud: see `Changes`; NaN where there is nothing to compare with.
 
     Attributes:
         distance: signed.
@@ -119,7 +119,7 @@ def distances_at(
     settings: SignedDistanceSettings = SignedDistanceSettings(),
     reach: float = np.inf,
 ) -> Pair[PointFigures]:
-    """The same at given core points of either cloud.
+    """Measure signed distances at given core points of either cloud.
 
     Args:
         clouds: all points of both clouds that may be in a cylinder, registered.
@@ -160,7 +160,7 @@ def _figures(found: M3C2Distances, rows: slice, least_points: int) -> PointFigur
 def _radii(
     core: CorePoints, difference: LocalDifference, settings: SignedDistanceSettings
 ) -> Float64[np.ndarray, " n"]:
-    """Of the cylinders, by the larger of both clouds' spacings at each point."""
+    """The radii of the cylinders, by the larger of both clouds' spacings at each point."""
     return np.asarray(np.sqrt(settings.neighbours / np.pi) * np.maximum(core.spacing, difference.spacing))
 
 

@@ -1,4 +1,4 @@
-"""How far an average over restarts may be off: its standard error over them."""
+"""The standard error of an average over restarts."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int

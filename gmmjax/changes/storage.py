@@ -66,7 +66,7 @@ def write_record(folder: str | os.PathLike[str], content: Mapping[str, Any], arr
 
 
 def read_record(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """What `write_record` wrote, from the folder or its `changes.json`.
+    """Read what `write_record` wrote, from the folder or its `changes.json`.
 
     Raises:
         InputError: files that are missing, damaged, or of another schema version.

@@ -1,4 +1,4 @@
-"""How much was gained and lost between two scans in all."""
+"""The volumes that were gained and lost between two scans in all."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class VolumeTotals(NamedTuple):
-    """What was gained and lost, in the cube of the unit of the clouds, with the half-widths of the 95 % intervals.
+    """The volumes gained and lost, in the cube of the unit of the clouds, with the half-widths of the 95 % intervals.
 
     The registration error is common to all changes and adds up; the rest of their errors is independent. A sum with the
     volume of a hull in it has no interval.

@@ -8,6 +8,7 @@ from gmmjax.changes import (
     DETECTORS,
     AbstractDetector,
     DetectionConfig,
+    EvidenceFilter,
     JointDetector,
     Progress,
     Scan,
@@ -43,7 +44,8 @@ class EvidenceDetector(AbstractDetector):
         views = scans.map(lambda scan: scan.views)
         joint = JointDetector(DetectionConfig(registration="never", kinds="both"))
         labels = Pair(found.labels_before, found.labels_after)
-        return Detection(*joint.evident(each(Scan, coordinates(scans), views), labels))
+        evidence = EvidenceFilter.of(joint, each(Scan, coordinates(scans), views))
+        return Detection(*evidence.supported(labels))
 
 
 def detector(name: str, config: DetectionConfig = DetectionConfig()) -> Detector:

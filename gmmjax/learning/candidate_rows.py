@@ -15,6 +15,7 @@ from gmmjax.changes import (
     JointDetector,
     ResolutionSettings,
     Scan,
+    cut_candidates,
     measured,
     names_of,
 )
@@ -100,7 +101,7 @@ def rows_of(
     clouds = Pair(pair.before, pair.after)
     scans = clouds.map(lambda cloud: Scan(cloud.points, cloud.views))
     poses = [False, clouds.before.views is not None and clouds.after.views is not None]
-    of_poses = JointDetector(config, common_resolution=resolution).cut_candidates(scans, poses=poses)
+    of_poses = cut_candidates(JointDetector(config, common_resolution=resolution), scans, poses=poses)
     if not of_poses:
         return _no_rows()
     unknown, given = of_poses
@@ -118,7 +119,7 @@ def rows_of_scans(
         truths: of their points.
         config: of the detection.
     """
-    of_poses = JointDetector(config).cut_candidates(scans, poses=[True])
+    of_poses = cut_candidates(JointDetector(config), scans, poses=[True])
     if not of_poses:
         return _no_rows()
     (found,) = of_poses

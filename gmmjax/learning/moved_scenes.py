@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from gmmjax.changes import DetectionConfig, JointDetector, Scan, UnpairedChanges
+from gmmjax.changes import DetectionConfig, JointDetector, Scan, UnpairedChanges, unpaired_changes
 from gmmjax.clouds import SensorViews
 from gmmjax.errors import ComputationError, InputError, InputWarning
 from gmmjax.pair import Pair, each
@@ -182,7 +182,7 @@ def found_scene(kind: str, seed: int, settings: SceneSettings) -> FoundScene | N
         # Doubtful registrations are a part of what is learned.
         warnings.simplefilter("ignore", InputWarning)
         try:
-            changes = JointDetector(DetectionConfig()).unpaired(scans)
+            changes = unpaired_changes(JointDetector(DetectionConfig()), scans)
         except (InputError, ComputationError):
             return None
     return None if changes is None else FoundScene(scene, changes)

@@ -135,7 +135,7 @@ def fine_pass(
     changes = _counted(changes, refined, coarse.thinned, place.clouds.clouds.map(uncropped), voxels.finest)
     clock.start("rows", "Labelling all points", 0.95)
     rows = RowResults(columns_of(store, MISSING))
-    first = fill_rows(rows, blocks, fine, changes, detector.objects.surfaces)
+    first = fill_rows(rows, blocks, fine, changes, detector.objects)
     return Comparison(changes, _given_clouds(refined, first, place.clouds.clouds), rows)
 
 

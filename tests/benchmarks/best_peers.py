@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gmmjax.changes import DetectionConfig, JointDetector, Scan, aligned
+from gmmjax.changes import DetectionConfig, EvidenceFilter, JointDetector, Scan, aligned
 from gmmjax.evaluation import LabelledPair
 from gmmjax.evaluation.peers import AbstractPeer, CloudToCloudDetector, M3C2Detector, VoxelDetector, has_m3c2
 from gmmjax.pair import Pair, each
@@ -48,7 +48,7 @@ def peer_labels(pair: LabelledPair, config: DetectionConfig) -> Found:
     The clouds are registered as ours are, so that what is compared is how changes are found.
     """
     scans = _registered(pair)
-    judge = JointDetector(config).evidence_on(scans)
+    judge = EvidenceFilter.of(JointDetector(config), scans).supported
     compared, judged = CloudToCloudDetector().compared(scans), {}
     for name, peers in series():
         measured = next(iter(peers.values())).measured(compared)

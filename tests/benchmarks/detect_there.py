@@ -23,17 +23,31 @@ def memory(name):
     return 1024 * next(int(line.split()[1]) for line in lines if line.startswith(name))
 
 
+class Stages:
+    """The CPU seconds of each stage, by what the progress says of it."""
+
+    def __init__(self):
+        self.seconds, self.stage, self.began = {}, None, 0.0
+
+    def __call__(self, stage, share):
+        now = time.process_time()
+        if self.stage is not None:
+            self.seconds[self.stage] = self.seconds.get(self.stage, 0.0) + now - self.began
+        self.stage, self.began = stage, now
+
+
 def main():
     warnings.simplefilter("ignore")
     arrays = np.load(sys.argv[1])
     held, walls, cpus = memory("VmRSS"), [], []
     for _ in range(1 + int(sys.argv[2])):
-        wall, cpu = time.perf_counter(), time.process_time()
-        changes = gmmjax.detect_changes(arrays["before"], arrays["after"])
+        stages, wall, cpu = Stages(), time.perf_counter(), time.process_time()
+        changes = gmmjax.detect_changes(arrays["before"], arrays["after"], progress=stages)
         jax.block_until_ready(changes.probability_after)
         walls.append(time.perf_counter() - wall)
         cpus.append(time.process_time() - cpu)
     found = {"cpu": statistics.median(cpus[1:]), "wall": statistics.median(walls[1:]), "changes": len(changes.items)}
+    found["stages"] = stages.seconds
     print(json.dumps({"package": gmmjax.__file__, **found, "memory": (memory("VmHWM") - held) / 1e9}))
 
 

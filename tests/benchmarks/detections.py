@@ -1,9 +1,9 @@
 """What a detection costs by the size of the scans: `python -m tests.benchmarks.detections --page docs/benchmarks.md`.
 
-CPU and wall seconds of a warm detection with default settings, its peak of memory in a new process, compilation
-included, and the number of changes. `--against CHECKOUT` runs another version on the same pairs, in turns: a worktree
-of an earlier commit with its kernels compiled (`python setup.py build_ext --inplace` there). `--many N` tells the
-memory of a process that detects in N pairs of ever new sizes.
+CPU and wall seconds of a warm detection with default settings and the CPU seconds of its stages, its peak of memory in
+a new process, compilation included, and the number of changes. `--against CHECKOUT` runs another version on the same
+pairs, in turns: a worktree of an earlier commit with its kernels compiled (`python setup.py build_ext --inplace`
+there). `--many N` tells the memory of a process that detects in N pairs of ever new sizes.
 """
 
 import itertools
@@ -24,6 +24,14 @@ from tests.benchmarks.clouds import changed_pair, hall_pair
 from tests.benchmarks.harness import Line, Log, memory, options, put, run, seconds, table, worker
 
 COLUMNS = ("scans", "points", "version", "CPU", "wall", "memory", "changes", "load")
+# Where the CPU time goes: what the progress says at the beginning of each stage.
+STAGES = {
+    "Reading the scales of the clouds": "check",
+    "Registering the clouds": "register, reduce, stations",
+    "Fitting the mixtures": "fit",
+    "Looking for changes": "differences, candidates, evidence",
+    "Looking for moved objects": "moved objects, volumes, distances",
+}
 TABLE = "table, depth camera"
 # Warm detections of a process.
 REPEATS = "2"
@@ -83,6 +91,8 @@ def main() -> None:
         line = log.measure({"scans": "many", "number": arguments.many}, lambda: many(arguments.many))
         rows.append(row(f"{arguments.many} detections in one process, at their end", "this", [line]))
     put(arguments.page, "detections", table(COLUMNS, rows))
+    stages = [[name, *stage_cells(group)] for (name, version), group in sorted(lines.items()) if version == "this"]
+    put(arguments.page, "stages", table(("scans", *STAGES.values()), stages))
 
 
 def row(name: str, version: str, lines: Sequence[Line]) -> list[str]:
@@ -90,6 +100,11 @@ def row(name: str, version: str, lines: Sequence[Line]) -> list[str]:
     cpu, wall, most = (statistics.median(line[part] for line in lines) for part in ("cpu", "wall", "memory"))
     cells = [lines[0]["points"], version, seconds(cpu), seconds(wall), f"{most:.2f} GB"]
     return [name, *cells, str(lines[0]["changes"]), f"{max(line['load'] for line in lines):.1f}"]
+
+
+def stage_cells(lines: Sequence[Line]) -> list[str]:
+    """The medians over the turns of the CPU time of each stage, in a warm detection."""
+    return [seconds(statistics.median(line["stages"].get(stage, 0.0) for line in lines)) for stage in STAGES]
 
 
 def in_new_process(name: str, root: Path, quick: bool) -> dict[str, Any]:

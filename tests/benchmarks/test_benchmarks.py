@@ -196,12 +196,15 @@ def test_costs_of_detections(monkeypatch, capsys):
     words = ["--quick", "--scans", "hall, 2 boxes", "--turns", "1", "--against", str(detections.HERE), "--many", "2"]
     _, *rows = printed(detections, words, monkeypatch, capsys)
     assert [row[2] for row in rows[:2]] == [str(detections.HERE), "this"]
-    names = [row[0] for row in rows[2:]]
+    names = [row[0] for row in rows[2:5]]
     assert names == [
         "gmmjax detect, cold cache",
         "gmmjax detect, warm cache",
         "2 detections in one process, at their end",
     ]
+    # Every stage of the progress is one of the table's.
+    assert rows[5] == ["scans", *detections.STAGES.values()]
+    assert rows[6][0] == "hall, 2 boxes" and all(float(cell.split()[0]) > 0 for cell in rows[6][1:])
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""How sure a registration is."""
+"""The confidence in a registration."""
 
 from typing import NamedTuple
 
@@ -48,7 +48,7 @@ class ConfidenceModel(NamedTuple):
     negligible: float = 0.01
 
     def doubt(self, fit: SurfaceFit, given: SurfaceFit) -> float:
-        """What contradicts a transform, as a multiple of what makes the odds even between it and the given frame.
+        """The contradiction of a transform, as a multiple of what makes the odds even between it and the given frame.
 
         A transform by which nearly all agrees, such as that along a hall of which only the ends show it, is right
         although hardly less agrees in the given frame.

@@ -1,4 +1,4 @@
-"""Whether two clouds are samples of one density: the nearest neighbour test (Schilling 1986)."""
+"""A test that two clouds are samples of one density: the nearest neighbour test (Schilling 1986)."""
 
 import dataclasses
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""How well two scanned surfaces fit by a rigid transform."""
+"""The fit of two scanned surfaces by a rigid transform."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ OVERLAP_SPACINGS = 3.0
 
 
 class SurfaceFit(NamedTuple):
-    """How two surfaces fit by a transform.
+    """The fit of two surfaces by a transform.
 
     Attributes:
         score: mean over the points of one, where the other surface passes through in the same direction, to 0; of the
@@ -73,7 +73,7 @@ def surface_fit(
     spacing: float,
     points: int = 3_000,
 ) -> SurfaceFit:
-    """How two surfaces fit by a transform of the after cloud, judged from both of them.
+    """Measure how two surfaces fit by a transform of the after cloud, judged from both of them.
 
     Args:
         surfaces: of both clouds.

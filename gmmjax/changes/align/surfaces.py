@@ -51,7 +51,7 @@ class RoughRegistration(NamedTuple):
 
     @property
     def moves(self) -> bool:
-        """Whether it is not the identity."""
+        """True where it is not the identity."""
         return bool((self.transform != np.eye(4)).any())
 
     @classmethod
@@ -171,7 +171,7 @@ def _record(used: _Candidate, given: _Candidate, points: Float[np.ndarray, "n 3"
 
 
 def _declined(declined: _Candidate, given: _Candidate, points: Float[np.ndarray, "n 3"], one_system: bool) -> str:
-    """What another alignment would have gained, and how to get it."""
+    """The gain of an alignment that was declined, and how to get it, in words."""
     by = _record(declined, given, points, 1.0)
     why = "both files state one reference system" if one_system else "no other alignment fits nearly all that it fits"
     return (
@@ -183,7 +183,7 @@ def _declined(declined: _Candidate, given: _Candidate, points: Float[np.ndarray,
 
 
 def _moved(transform: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]) -> str:
-    """How far a scan of the reference system that both files state was moved, and what that hides."""
+    """The motion of a scan of the reference system that both files state, and what it hides, in words."""
     shift = (transformed(points, transform) - points).mean(axis=0)
     return (
         f"the after scan was moved by {shift[0]:.3g}, {shift[1]:.3g}, {shift[2]:.3g} in x, y and z, although both "
@@ -193,7 +193,7 @@ def _moved(transform: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]
 
 
 def _apart(given: SurfaceFit) -> str | None:
-    """That scans in the frames that they were given in disagree nearly everywhere; None where they do not."""
+    """A remark that scans disagree nearly everywhere in the frames that they were given in; None where they agree."""
     if given.agreement >= 0.5 or not np.isfinite(given.residual):
         return None
     return (
@@ -218,7 +218,7 @@ def _selected(finalists: list[_Candidate], given: _Candidate) -> _Candidate:
 
 
 def _ratio(other: SurfaceFit, own: SurfaceFit) -> float:
-    """Of the scores; of the consistencies where the other one has the higher score."""
+    """The ratio of the scores; of the consistencies where the other one has the higher score."""
     tiny = np.finfo(np.float64).tiny
     if other.score > own.score:
         return other.consistency / max(own.consistency, tiny)
@@ -226,7 +226,7 @@ def _ratio(other: SurfaceFit, own: SurfaceFit) -> float:
 
 
 def _better(fit: SurfaceFit, given: SurfaceFit) -> bool:
-    """Whether a transform is needed, compared with the clouds as they were given.
+    """True where a transform is needed, compared with the clouds as they were given.
 
     The residual is a median: it does not show how far off the ends of a long room are, which are few of its points. The
     score does. Where surveys overlap in part it may rise by sliding them over each other, the consistency does not.

@@ -69,15 +69,16 @@ def registered_volumes(
 
 
 def _mixtures(clouds: Pair[WorkingCloud], seed: int) -> Pair[GaussianMixture]:
-    def mixture(cloud: WorkingCloud, key: jax.Array) -> GaussianMixture:
-        points = cloud.points[random_sample(len(cloud.points), 6_000)]
-        fits = fit_restarts(
-            points,
-            key=key,
-            max_components=max(1, min(25, len(points) // 10)),
-            restarts=2,
-            settings=FitSettings(patience=0.05),
-        )
-        return best_fit(fits).mixture
+    return each(_mixture, clouds, Pair(*jax.random.split(jax.random.key(seed), 2)))
 
-    return each(mixture, clouds, Pair(*jax.random.split(jax.random.key(seed), 2)))
+
+def _mixture(cloud: WorkingCloud, key: jax.Array) -> GaussianMixture:
+    points = cloud.points[random_sample(len(cloud.points), 6_000)]
+    fits = fit_restarts(
+        points,
+        key=key,
+        max_components=max(1, min(25, len(points) // 10)),
+        restarts=2,
+        settings=FitSettings(patience=0.05),
+    )
+    return best_fit(fits).mixture

@@ -24,13 +24,13 @@ from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.changes.prepare.units import stated_systems
 from gmmjax.changes.record import Changes
 from gmmjax.changes.signed_distance import OuterSide, PointFigures, SignedDistanceSettings, signed_distances
-from gmmjax.clouds import SensorViews, is_geocentric_system
+from gmmjax.clouds import is_geocentric_system
 from gmmjax.geometry import LocalSurface, is_geocentric, z_is_height
 from gmmjax.pair import Pair, each, each_on_cores
 
 
 class Measured(NamedTuple):
-    """What was measured of the working points beforehand, tile by tile.
+    """Measurements of the working points that were made beforehand, tile by tile.
 
     Attributes:
         differences: of the scans from each other.
@@ -69,17 +69,17 @@ class AlignedScans:
 
     @property
     def volumetric(self) -> bool:
-        """Whether the clouds fill volumes."""
+        """True where the clouds fill volumes."""
         return self.pair.working.volumetric
 
     @functools.cached_property
     def framed(self) -> FramedPoints:
-        """What the joint mixture is fitted to."""
+        """The points that the joint mixture is fitted to."""
         return FramedPoints.of(self.problem.points)
 
     @functools.cached_property
     def differences(self) -> Differences:
-        """Of the working points of scans from each other."""
+        """The differences of the working points of both scans from each other."""
         if self.measured is not None:
             return self.measured.differences
         surfaces, working = self.pair.surfaces, self.pair.working
@@ -99,7 +99,7 @@ class AlignedScans:
 
     @functools.cached_property
     def observed(self) -> Pair[np.ndarray | None]:
-        """What the other survey observed at the place of each working point; None: its views are not known."""
+        """The other survey's observation of the place of each working point; None: its views are not known."""
         points = self.pair.surfaces.map(lambda surface: surface.points)
         return observed_places(points, self.surveys, self.differences)
 
@@ -111,20 +111,16 @@ class AlignedScans:
             working = signed_distances(self.pair.points, self.pair.surfaces, self.differences, towards, self.distances)
         else:
             working = self.measured.figures
-
-        def of_points(own: PointFigures, cloud: WorkingCloud) -> PointFigures:
-            return PointFigures(*(values.astype(np.float32)[cloud.member] for values in own))
-
-        return each(of_points, working, self.pair.working.clouds)
+        return each(_figures_of_points, working, self.pair.working.clouds)
 
     @property
     def sensors(self) -> Pair[Float64[np.ndarray, "_ 3"] | None]:
-        """Where the sensors of both surveys stood; None: not known."""
+        """Positions of the sensors of both surveys; None: not known."""
         return self.surveys.map(lambda survey: None if survey.views is None else survey.views.poses[:, :3, 3])
 
     @functools.cached_property
     def outer_side(self) -> OuterSide:
-        """What tells from which side the surfaces of both scans were seen."""
+        """The clue from which side the surfaces of both scans were seen."""
         if any(views is not None for views in self.sensors):
             return "sensor"
         surfaces = self.pair.surfaces
@@ -136,11 +132,11 @@ class AlignedScans:
 
     @functools.cached_property
     def members(self) -> Pair[Int[np.ndarray, " _"]]:
-        """Of each point of either scan the row of its working point, -1 for what was left out."""
+        """The row of the working point of each point of either scan, -1 for what was left out."""
         return each(lambda cloud, working: cloud.to_rows(working.member, -1), self.checked, self.pair.working.clouds)
 
     def without_views(self) -> "AlignedScans":
-        """The same scans, where nobody knows the poses of the sensor."""
+        """Copy both scans without the poses of their sensors."""
         return dataclasses.replace(self, surveys=self.surveys.map(Survey.without_views))
 
     def labels_of(self, changes: Changes) -> Pair[Int[np.ndarray, " _"]]:
@@ -180,14 +176,21 @@ def surveys_of(
     if views.after is not None and pair.registration.applied:
         views = Pair(views.before, views.after.moved(pair.registration.transform))
 
-    def survey(
-        name: str, surface: LocalSurface, views: SensorViews | None, points: Float[np.ndarray, "n 3"], scan: Scan
-    ) -> Survey:
-        own = Survey(surface, views, free_space)
-        # Nobody has given those that were recognised: there is nothing to be corrected.
-        return usable_views(f"views_{name}", own, checks, points, quiet=scan.recognised)
+    surveys = each(lambda surface, own: Survey(surface, own, free_space), pair.surfaces, views)
+    # Nobody has given the views that were recognised: there is nothing to be corrected.
+    usable = each(
+        lambda name, own, points, scan: usable_views(f"views_{name}", own, checks, points, quiet=scan.recognised),
+        NAMES,
+        surveys,
+        pair.points,
+        scans,
+    )
+    return _seen_from_known_places(usable)
 
-    return _seen_from_known_places(each(survey, NAMES, pair.surfaces, views, pair.points, scans))
+
+def _figures_of_points(working: PointFigures, cloud: WorkingCloud) -> PointFigures:
+    """The figures of each point: those of its working point."""
+    return PointFigures(*(values.astype(np.float32)[cloud.member] for values in working))
 
 
 def _seen_from_known_places(surveys: Pair[Survey]) -> Pair[Survey]:

@@ -4,38 +4,24 @@ Mixtures of one cloud from other random starts, or of two samples of one surface
 Gaussians. Optimal transport compares the Gaussians and finds differences where the points are the same.
 """
 
-import dataclasses
-
 import numpy as np
 from jaxtyping import Float
 from scipy.special import gammaincinv
 
 from gmmjax.mixtures import GaussianMixture, WeightedPoints
 
-
-@dataclasses.dataclass(frozen=True)
-class CountSettings:
-    """How the point counts of two clouds are compared, and what difference of them is a change.
-
-    Attributes:
-        shares: fractions of a Gaussian's probability mass inside the ellipsoids that points are counted in. Chosen: the
-            wide one counts most of the points, the narrow one sees small displacements. One alone: the other is missed.
-        significance: standard deviations of the counts, at least, by which a Gaussian's points must exceed those of the
-            other cloud. Chosen: above what two samples of one scene differ by, as of changes on surfaces. 0: a vote for
-            a Gaussian is believed wherever the other cloud has no more points.
-    """
-
-    shares: tuple[float, ...] = (0.5, 0.9)
-    significance: float = 4.0
+# Fractions of a Gaussian's mass inside the ellipsoids that points are counted in: the wide one counts most of the
+# points, the narrow one sees small displacements.
+SHARES = (0.5, 0.9)
+# Standard deviations of the counts, at least, by which a Gaussian's points must exceed those of the other cloud: above
+# what two samples of one scene differ by.
+SIGNIFICANCE = 4.0
 
 
 def count_significance(
-    mixtures: GaussianMixture,
-    own: WeightedPoints,
-    other: WeightedPoints,
-    settings: CountSettings = CountSettings(),
+    mixtures: GaussianMixture, own: WeightedPoints, other: WeightedPoints
 ) -> Float[np.ndarray, "r k"]:
-    """By how many standard deviations the points in each Gaussian's place exceed those that the other cloud has there.
+    """The significance of the excess of the points in each Gaussian's place over those that the other cloud has there.
 
     The standard deviation is that of both Poisson counts. The other cloud's counts are scaled by the ratio of the
     clouds' densities, which is the median over the Gaussians: most of a scene is unchanged.
@@ -44,12 +30,11 @@ def count_significance(
         mixtures: of the own cloud, with a leading axis of r restarts; NumPy leaves.
         own: all points of that cloud, outliers too: what is stray in the one cloud need not be so in the other.
         other: all points of the other cloud.
-        settings: the ellipsoids.
 
     Returns:
         The greatest excess of the ellipsoids, for each restart and slot; 0 in dead slots.
     """
-    counts, there = (_counts(mixtures, points, settings.shares) for points in (own, other))
+    counts, there = (_counts(mixtures, points) for points in (own, other))
     density = np.array([_median_ratio(*of_restart) for of_restart in zip(there[0], counts[0], strict=True)])
     expected = there / density[None, :, None]
     variance = counts + expected / density[None, :, None]
@@ -57,10 +42,10 @@ def count_significance(
     return np.asarray(np.where(mixtures.live, excess.max(axis=0), 0.0))
 
 
-def _counts(mixtures: GaussianMixture, points: WeightedPoints, shares: tuple[float, ...]) -> Float[np.ndarray, "s r k"]:
+def _counts(mixtures: GaussianMixture, points: WeightedPoints) -> Float[np.ndarray, "s r k"]:
     """The points within each ellipsoid of each Gaussian."""
     # Quantiles of the chi-squared distribution; scipy.stats has them too, and takes a tenth of the import time.
-    limits = 2 * gammaincinv(mixtures.means.shape[-1] / 2, shares)
+    limits = 2 * gammaincinv(mixtures.means.shape[-1] / 2, SHARES)
     counts = np.zeros((len(limits), *mixtures.live.shape))
     for restart, slot in np.argwhere(mixtures.live):
         factor = np.linalg.cholesky(mixtures.covariances[restart, slot])

@@ -1,4 +1,4 @@
-"""What all detectors have in common: two scans in, a detection out."""
+"""The interface of all detectors: two scans in, a detection out."""
 
 import abc
 import dataclasses
@@ -29,7 +29,7 @@ class Scan(NamedTuple):
 
 
 class Detection(NamedTuple):
-    """What a detector found in a pair.
+    """The changes that a detector finds in a pair.
 
     Attributes:
         labels_before: per point -1 or the number of a change.
@@ -49,7 +49,7 @@ class AbstractDetector(abc.ABC):
 
     @abc.abstractmethod
     def detect(self, scans: Pair[Scan], report: Progress = silent) -> Detection:
-        """What changed.
+        """Find what changed.
 
         Args:
             scans: at the earlier and at the later time, in one unit.
@@ -72,7 +72,7 @@ class AbstractChangeDetector(AbstractDetector):
     config: DetectionConfig = DetectionConfig()
 
     def detect(self, scans: Pair[Scan], report: Progress = silent) -> Detection:
-        """What changed; see `AbstractDetector`."""
+        """Find what changed; see `AbstractDetector`."""
         changes = self.changes(scans, report)
         return Detection(changes.labels_before, changes.labels_after, _moved(changes), changes)
 

@@ -49,7 +49,7 @@ def joint_diagnostics(prepared: AlignedScans, fits: JointFits, clock: Clock) -> 
 def _cloud_diagnostics(
     scan: Scan, cloud: CheckedCloud, working: WorkingCloud, views: SensorViews | None
 ) -> dict[str, Any]:
-    """What is told of one scan."""
+    """The diagnostics of one scan."""
     # In the frame of the scan, where those above are in that of the before scan.
     recognised = scan.views if scan.recognised and views is not None else None
     return {

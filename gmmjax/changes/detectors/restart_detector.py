@@ -1,4 +1,4 @@
-"""What the detectors that average over random restarts have in common: more restarts can be added to earlier ones."""
+"""The base of the detectors that average over random restarts: more restarts can be added to earlier ones."""
 
 import abc
 import dataclasses
@@ -22,7 +22,7 @@ Prepared = TypeVar("Prepared")
 
 
 class Outcome(NamedTuple):
-    """What was found.
+    """The record of a detection.
 
     Attributes:
         changes: the record.
@@ -97,7 +97,7 @@ class AbstractRestartDetector(AbstractChangeDetector, Generic[Prepared]):
 
     @abc.abstractmethod
     def found(self, prepared: Prepared, fits: RestartFits, clock: Clock) -> Outcome:
-        """What changed, by the fits.
+        """Find what changed, by the fits.
 
         Args:
             prepared: both scans.
@@ -177,7 +177,7 @@ class AbstractRestartDetector(AbstractChangeDetector, Generic[Prepared]):
         return _Averaged(latest, restarts, computed, settled, tuple(convergence))
 
     def _found_by_few(self, prepared: Prepared, fits: RestartFits, most: int, clock: Clock) -> Outcome | None:
-        """What changed; None where no fit can be used, and there will be more of them."""
+        """The outcome; None where no fit can be used, and there will be more of them."""
         try:
             return self.found(prepared, fits, clock)
         except ComputationError:

@@ -14,7 +14,7 @@ from gmmjax._programs import kept_jit
 from gmmjax._typing import Array, Scalar
 from gmmjax.changes.change import Kind
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.detectors.count_significance import CountSettings, count_significance
+from gmmjax.changes.detectors.count_significance import SIGNIFICANCE, count_significance
 from gmmjax.changes.detectors.detector import Scan
 from gmmjax.changes.detectors.restart_detector import AbstractRestartDetector, Outcome
 from gmmjax.changes.fit.restart_fits import (
@@ -27,7 +27,7 @@ from gmmjax.changes.fit.restart_fits import (
     status_of,
 )
 from gmmjax.changes.objects.cloud_changes import CloudChanges
-from gmmjax.changes.objects.consensus import ConsensusSettings, cloud_consensus, component_labels, votes_of_pairs
+from gmmjax.changes.objects.consensus import cloud_consensus, component_labels, votes_of_pairs
 from gmmjax.changes.objects.found import KINDS, Found
 from gmmjax.changes.prepare.checking import NAMES
 from gmmjax.changes.prepare.separate_clouds import PreparedCloud, PreparedPair, prepare_pair
@@ -65,7 +65,7 @@ class PreparedScans(NamedTuple):
 
 
 class _Votes(NamedTuple):
-    """What the pairs of restarts say.
+    """Votes of the pairs of restarts.
 
     Attributes:
         by_pairs: for each restart of the other cloud, own restart and Gaussian whether it changed.
@@ -91,7 +91,7 @@ class _Votes(NamedTuple):
 
     @property
     def solved(self) -> Pair[Bool[np.ndarray, "other own"]]:
-        """Whether the transport problems of a pair of restarts were solved, for either cloud as the own one."""
+        """True where the transport problems of a pair of restarts were solved, for either cloud as the own one."""
         return Pair(self.valid.T, self.valid)
 
 
@@ -102,22 +102,18 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
     Points and Gaussians get the mean of the votes as probability.
 
     Attributes:
-        counts: which Gaussians have significantly more points than the other cloud in their place.
         slots: the mixtures are compared in as few slots as they fit in: programs compile for these numbers only, and
             for K_max. (): always K_max.
         fit: how either cloud is fitted.
         block: number of restarts of either cloud that are compared at a time, all of their pairs side by side: a bound
             on the memory. Results do not depend on it.
-        labelling: how points are labelled with the Gaussians.
         ground_cost: between the components of two mixtures; None: that of the method, see `Decision`.
         method: by which two mixtures are compared.
     """
 
-    counts: CountSettings = CountSettings()
     slots: tuple[int, ...] = (8, 16)
     fit: FitSettings = FIT_SETTINGS["greedy"]
     block: int = 8
-    labelling: ConsensusSettings = ConsensusSettings()
     ground_cost: GroundCost | None = None
 
     method: ClassVar[Method]
@@ -142,11 +138,11 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
         return PreparedScans(scans, prepare_pair(scans.map(lambda scan: scan.cloud), self.config))
 
     def restarts_of(self, prepared: PreparedScans) -> int:
-        """Of either cloud."""
+        """The number of restarts of either cloud."""
         return self.config.number_of_restarts()
 
     def slots_of(self, prepared: PreparedScans) -> int:
-        """Of the mixture of either cloud."""
+        """The number of slots of the mixture of either cloud."""
         return prepared.pair.max_components
 
     def fitted(
@@ -178,7 +174,7 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
         clock.start("comparison", "Comparing the mixtures", 0.8)
         mixtures = self._compacted(mixed, pair.max_components)
         significance = each(self._significance, mixtures, pair.clouds, pair.clouds.swapped)
-        votes = self._votes(mixtures, pair).where(significance.map(lambda own: own >= self.counts.significance))
+        votes = self._votes(mixtures, pair).where(significance.map(lambda own: own >= SIGNIFICANCE))
         clock.start("labels", "Labelling the points", 0.9)
         found = Found(
             each(self._cloud_changes, pair.clouds, mixtures, mixed, votes.changed, significance, KINDS),
@@ -221,23 +217,26 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
     def _standard_errors(
         self, pair: PreparedPair, mixtures: Pair[GaussianMixture], votes: _Votes, changes: Changes
     ) -> tuple[float | None, ...]:
-        """Of the votes, over the restarts of both clouds."""
+        """The standard errors of the votes, over the restarts of both clouds."""
         if min(votes.valid.any(axis=1).sum(), votes.valid.any(axis=0).sum()) < 2:
             return (None,) * len(changes)
-
-        def of_cloud(cloud: PreparedCloud, own: GaussianMixture, voted: np.ndarray, labels: np.ndarray) -> np.ndarray:
-            components = component_labels(cloud.points, own, self.labelling)
-            return means_of_pairs(components, labels[cloud.rows], len(changes), voted)
-
-        labels = Pair(changes.labels_before, changes.labels_after)
-        means = each(of_cloud, pair.clouds, mixtures, votes.by_pairs, labels)
+        labels = each(
+            lambda own, cloud: own[cloud.rows], Pair(changes.labels_before, changes.labels_after), pair.clouds
+        )
+        components = each(lambda cloud, own: component_labels(cloud.points, own), pair.clouds, mixtures)
+        means = each(
+            lambda own, label, voted: means_of_pairs(own, label, len(changes), voted),
+            components,
+            labels,
+            votes.by_pairs,
+        )
         # Each change is one of one of the clouds.
         errors = each(standard_error_of_pairs, means, votes.solved)
         return tuple(np.maximum(errors.before, errors.after).tolist())
 
     def _significance(self, mixtures: GaussianMixture, own: PreparedCloud, other: PreparedCloud) -> np.ndarray:
-        """By how much each Gaussian's points exceed what the other cloud has in its place."""
-        return count_significance(mixtures, own.counted, other.counted, self.counts)
+        """The significance of the excess of each Gaussian's points over what the other cloud has in its place."""
+        return count_significance(mixtures, own.counted, other.counted)
 
     def _cloud_changes(
         self,
@@ -250,8 +249,7 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
     ) -> CloudChanges:
         """The changes of one cloud, by the votes for its Gaussians."""
         reference = int(np.argmin(fits.message_length))
-        threshold, settings = self.config.threshold, self.labelling
-        return cloud_consensus(own.points, mixtures, votes, significance, reference, kind, threshold, settings)
+        return cloud_consensus(own.points, mixtures, votes, significance, reference, kind, self.config.threshold)
 
 
 @kept_jit
@@ -285,7 +283,7 @@ def _blocks(mixtures: GaussianMixture, size: int) -> list[GaussianMixture]:
 
 
 def _prior(pair: PreparedPair, config: DetectionConfig) -> Prior | None:
-    """What the config says of the Gaussians; None: nothing."""
+    """The prior that the config sets; None: nothing is set."""
     settings = (config.noise_floor, config.concentration, config.covariance_scale, config.noise_share)
     if all(setting is None for setting in settings):
         return None
@@ -309,12 +307,12 @@ def _arrays(fit: Fit) -> dict[str, np.ndarray]:
 
 def _fits_of_clouds(fits: RestartFits) -> Pair[Fit]:
     """The fits of both clouds with a leading axis of restarts."""
+    return NAMES.map(lambda time: _fits_of_cloud(fits, time))
 
-    def of_cloud(time: str) -> Fit:
-        own = {name.removesuffix(f"_{time}"): part for name, part in fits.arrays.items() if name.endswith(f"_{time}")}
-        return of_restarts(_fit, own)
 
-    return NAMES.map(of_cloud)
+def _fits_of_cloud(fits: RestartFits, time: str) -> Fit:
+    own = {name.removesuffix(f"_{time}"): part for name, part in fits.arrays.items() if name.endswith(f"_{time}")}
+    return of_restarts(_fit, own)
 
 
 def _fit(arrays: Mapping[str, np.ndarray]) -> Fit:
@@ -352,3 +350,17 @@ def _cloud_diagnostics(restarts: int, scan: Scan, cloud: PreparedCloud, fits: Fi
         "steps": fits.steps.tolist(),
         "converged": np.asarray(fits.result == FitStatus.converged).tolist(),
     }
+
+
+@dataclasses.dataclass(frozen=True)
+class GreedyDetector(AbstractSeparateDetector):
+    """The thesis's detector: every pair of restarts by Algorithm 1, the removals that bring both closest (2.2.4)."""
+
+    method: ClassVar[Method] = "greedy"
+
+
+@dataclasses.dataclass(frozen=True)
+class TransportDetector(AbstractSeparateDetector):
+    """Every pair of restarts by partial transport of point counts: the mass that it leaves unmatched changed."""
+
+    method: ClassVar[Method] = "transport"

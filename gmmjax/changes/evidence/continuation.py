@@ -5,8 +5,8 @@ nothing changed there: it lies on a plane of the adjacent unchanged surface, whe
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -67,101 +67,106 @@ class ContinuationSettings:
     coverage_edge: CoverageEdgeSettings = CoverageEdgeSettings()
 
 
-class Continuation(NamedTuple):
-    """How a segment continues the unchanged surfaces adjacent to it, or lies at the edge of the coverage.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Continuation:
+    """How one segment continues the surfaces adjacent to it, as far as the clouds show it without views.
+
+    A point continues a plane of the unchanged points when it is within the noise of the plane. Where the other cloud
+    has points of the plane at the same places, these were observed, and what lies on the plane is a thin object. A
+    plane must be in both clouds, so that the sides of an object, whose lowest part passes for unchanged, are excluded.
+    Each answer is computed when it is first asked for.
 
     Attributes:
-        continued: the points on planes that both clouds have beside the segment, where the other cloud has a hole.
-        at_edge: the points on walls at the edge of the other survey's coverage; not looked for where nearly all of the
-            segment is continued.
-        shown: largest share of the segment's footprint on one of those planes where the other cloud has the plane and
-            its own has less of it: what the other survey observed there, the segment hides or replaces.
+        segment: points of one cloud.
+        reference: the unchanged points of the same cloud, and the other cloud.
+        settings: when a point continues a surface.
     """
 
-    continued: Bool[np.ndarray, " m"]
-    at_edge: Bool[np.ndarray, " m"]
-    shown: float
+    segment: Float64[np.ndarray, "m 3"]
+    reference: ReferenceSurfaces
+    settings: ContinuationSettings = ContinuationSettings()
+
+    @functools.cached_property
+    def continued(self) -> Bool[np.ndarray, " m"]:
+        """The points on planes that both clouds have beside the segment, where the other cloud has a hole."""
+        if self._alone:
+            return np.zeros(len(self.segment), bool)
+        continued = self._continued(self._adjacent_planes)
+        if continued.mean() > self.settings.continued:
+            return continued
+        width = np.sqrt(max(np.linalg.eigvalsh(np.cov(self.segment.T, bias=True))[1], 0.0))
+        far, least_width = self._unchanged_within(self.settings.far_reach), self.settings.far_width * width
+        return continued | self._continued(self._planes_of(far, self.settings.far_reach, least_width))
+
+    @functools.cached_property
+    def at_edge(self) -> Bool[np.ndarray, " m"]:
+        """The points on walls at the edge of the other survey's coverage; none where nearly all are continued."""
+        if self._alone or self.continued.mean() > self.settings.continued:
+            return np.zeros(len(self.segment), bool)
+        flatness = max(self._flatness, self.reference.spacing)
+        return at_coverage_edge(self.segment, self.reference, flatness, self.settings.coverage_edge)
+
+    @functools.cached_property
+    def shown(self) -> float:
+        """Largest fraction of the segment's footprint on an adjacent plane that only the other cloud has there.
+
+        What the other survey observed there, the segment hides or replaces.
+        """
+        if self._alone:
+            return 0.0
+        planes = self._adjacent_planes
+        return _shown(self.segment, self._adjacent, planes, self._flatness, self.reference, self.settings)
 
     @property
     def unobserved(self) -> Bool[np.ndarray, " m"]:
         """The points that the other survey cannot have observed, as far as the clouds show it."""
         return self.continued | self.at_edge
 
+    @property
+    def _alone(self) -> bool:
+        return not self.reference.unchanged.n or not self.reference.other.n
 
-def continuation(
-    segment: Float64[np.ndarray, "m 3"],
-    reference: ReferenceSurfaces,
-    settings: ContinuationSettings = ContinuationSettings(),
-) -> Continuation:
-    """How one segment continues the surfaces adjacent to it, as far as the clouds show it without views.
+    @functools.cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.segment)
 
-    A point continues a plane of the unchanged points when it is within the noise of the plane. Where the other cloud
-    has points of the plane at the same places, these were observed, and what lies on the plane is a thin object. A
-    plane must be in both clouds, so that the sides of an object, whose lowest part passes for unchanged, are excluded.
+    def _unchanged_within(self, reach: float) -> Float64[np.ndarray, "n 3"]:
+        return points_within(self._tree, self.reference.unchanged.data, reach * self.reference.spacing)
 
-    Args:
-        segment: points of one cloud.
-        reference: the unchanged points of the same cloud, and the other cloud.
-        settings: when a point continues a surface.
-    """
-    nothing = np.zeros(len(segment), bool)
-    if not reference.unchanged.n or not reference.other.n:
-        return Continuation(nothing, nothing, 0.0)
-    tree = cKDTree(segment)
-    adjacent = points_within(tree, reference.unchanged.data, settings.reach * reference.spacing)
-    # The segment may have curved sides; the noise is that of the adjacent points, where there are any.
-    flatness = _flatness(adjacent if len(adjacent) else segment, reference, settings)
-    planes = _planes_within(adjacent, settings.reach, 0.0, flatness, reference, settings)
-    continued = _continued(segment, planes, flatness, reference, settings)
-    shown = _shown(segment, adjacent, planes, flatness, reference, settings)
-    if continued.mean() <= settings.continued:
-        far = points_within(tree, reference.unchanged.data, settings.far_reach * reference.spacing)
-        width = settings.far_width * np.sqrt(max(np.linalg.eigvalsh(np.cov(segment.T, bias=True))[1], 0.0))
-        planes = _planes_within(far, settings.far_reach, width, flatness, reference, settings)
-        continued |= _continued(segment, planes, flatness, reference, settings)
-    if continued.mean() > settings.continued:
-        return Continuation(continued, nothing, shown)
-    wall_flatness = max(flatness, reference.spacing)
-    return Continuation(continued, at_coverage_edge(segment, reference, wall_flatness, settings.coverage_edge), shown)
+    @functools.cached_property
+    def _adjacent(self) -> Float64[np.ndarray, "n 3"]:
+        return self._unchanged_within(self.settings.reach)
 
+    @functools.cached_property
+    def _flatness(self) -> float:
+        """The largest distance of an inlier from its plane, by the noise of the adjacent points, where there are any.
 
-def _flatness(
-    points: Float64[np.ndarray, "n 3"], reference: ReferenceSurfaces, settings: ContinuationSettings
-) -> float:
-    """The largest distance of an inlier from its plane, by the noise of these points."""
-    noise = plane_surface(points, settings.planes).thickness
-    return min(reference.tolerance, max(settings.noise_deviations * noise, settings.least_flatness * reference.spacing))
+        The segment itself may have curved sides.
+        """
+        points = self._adjacent if len(self._adjacent) else self.segment
+        noise = self.settings.noise_deviations * plane_surface(points, self.settings.planes).thickness
+        return min(self.reference.tolerance, max(noise, self.settings.least_flatness * self.reference.spacing))
 
+    @functools.cached_property
+    def _adjacent_planes(self) -> list[Plane]:
+        return self._planes_of(self._adjacent, self.settings.reach, 0.0)
 
-def _planes_within(
-    unchanged: Float64[np.ndarray, "n 3"],
-    reach: float,
-    least_width: float,
-    flatness: float,
-    reference: ReferenceSurfaces,
-    settings: ContinuationSettings,
-) -> list[Plane]:
-    """The planes, common to both clouds, of the unchanged points within reach (in spacings) of a segment."""
-    voxel = reach * reference.spacing / settings.voxels_per_reach
-    voxels = voxel_grid(unchanged, voxel).points
-    least_width = max(settings.least_width * voxel, least_width)
-    return _common_planes(voxels, flatness, least_width, reference, settings)
+    def _planes_of(self, unchanged: Float64[np.ndarray, "n 3"], reach: float, least_width: float) -> list[Plane]:
+        """The planes, common to both clouds, of the unchanged points within reach (in spacings) of the segment."""
+        voxel = reach * self.reference.spacing / self.settings.voxels_per_reach
+        least_width = max(self.settings.least_width * voxel, least_width)
+        voxels = voxel_grid(unchanged, voxel).points
+        return _common_planes(voxels, self._flatness, least_width, self.reference, self.settings)
 
-
-def _continued(
-    segment: Float64[np.ndarray, "m 3"],
-    planes: Sequence[Plane],
-    flatness: float,
-    reference: ReferenceSurfaces,
-    settings: ContinuationSettings,
-) -> Bool[np.ndarray, " m"]:
-    """The points of a segment that continue these planes, where the other cloud has a hole."""
-    continued = np.zeros(len(segment), bool)
-    for plane in planes:
-        on_plane = plane.distance(segment) <= flatness
-        if not _covered(plane, segment[on_plane], flatness, reference, settings.coverage_edge):
-            continued |= on_plane
-    return continued
+    def _continued(self, planes: Sequence[Plane]) -> Bool[np.ndarray, " m"]:
+        """The points that continue these planes, where the other cloud has a hole."""
+        continued = np.zeros(len(self.segment), bool)
+        for plane in planes:
+            on_plane = plane.distance(self.segment) <= self._flatness
+            points, edge = self.segment[on_plane], self.settings.coverage_edge
+            if not _covered(plane, points, self._flatness, self.reference, edge):
+                continued |= on_plane
+        return continued
 
 
 def _shown(

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from gmmjax._memory import release_freed_memory
-from gmmjax.changes.candidates import Candidates, mean_probability, probability_by_difference
+from gmmjax.changes.candidates import Candidates, probability_by_difference
 from gmmjax.changes.differences import (
     DetectionLimits,
     Differences,
@@ -255,9 +255,8 @@ def _at_resolution(
     def of_cloud(
         points: np.ndarray, after: bool, local: LocalDifference, label: np.ndarray, seen: np.ndarray | None
     ) -> Candidates:
-        excess = scene.excess(points, after)
-        looks_changed = mean_probability(excess, probability_by_difference(local, differences.limits))
-        return Candidates(points, local, excess, looks_changed, label, seen)
+        looks_changed = probability_by_difference(local, differences.limits)
+        return Candidates(points, local, scene.excess(points, after), looks_changed, label, seen)
 
     at_level = each(of_cloud, points, Pair(False, True), differences.local, labels, observed)
     pieces = measured_candidates(at_level, surveys, differences.limits, evidence, areas)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
-from gmmjax.changes.evidence.continuation import Continuation, ContinuationSettings, continuation
+from gmmjax.changes.evidence.continuation import Continuation, ContinuationSettings
 from gmmjax.changes.evidence.coverage_edge import ReferenceSurfaces
 from gmmjax.geometry import density_clusters, nearest_neighbours
 
@@ -61,30 +61,24 @@ def cut(
     pieces, continuations = np.full(len(labels), -1), dict[int, Continuation]()
     for label in np.unique(labels[labels >= 0]):
         own = np.flatnonzero(labels == label)
-        whole = continuation(points[own], reference, continued)
-        seen_through = None if free is None else free[own]
-        parts = _parts(points[own], whole.continued, seen_through, reference.spacing, settings)
+        whole = Continuation(points[own], reference, continued)
+        parts = _parts(whole, None if free is None else free[own], settings)
         for part in range(parts.max() + 1):
             number, inside = len(continuations), parts == part
             pieces[own[inside]] = number
             alone = parts.max() == 0
-            continuations[number] = whole if alone else continuation(points[own[inside]], reference, continued)
+            continuations[number] = whole if alone else Continuation(points[own[inside]], reference, continued)
     return pieces, continuations
 
 
-def _parts(
-    points: Float[np.ndarray, "m 3"],
-    continued: Bool[np.ndarray, " m"],
-    free: Bool[np.ndarray, " m"] | None,
-    spacing: float,
-    settings: PieceSettings,
-) -> Int[np.ndarray, " m"]:
+def _parts(whole: Continuation, free: Bool[np.ndarray, " m"] | None, settings: PieceSettings) -> Int[np.ndarray, " m"]:
     """The number of the piece of each point of one candidate."""
+    points, spacing = whole.segment, whole.reference.spacing
     least = max(settings.smallest, settings.share * len(points))
     if len(points) < 2 * least:
         return np.zeros(len(points), int)
     parts = np.full(len(points), -1)
-    for side in _sides(points, continued, free, settings):
+    for side in _sides(points, whole.continued, free, settings):
         if side.sum() < least:
             continue
         clusters = density_clusters(points[side], settings.radius * spacing, settings.neighbours)

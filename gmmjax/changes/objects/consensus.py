@@ -1,6 +1,7 @@
 """From the votes of all pairs of restarts to the changes of a cloud."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -15,17 +16,8 @@ from gmmjax.changes.fit.restart_values import ALL, RestartValues, Rows
 from gmmjax.changes.objects.cloud_changes import SMALLEST_CHANGE, CloudChanges, change_of
 from gmmjax.mixtures import GaussianMixture
 
-
-@dataclasses.dataclass(frozen=True)
-class ConsensusSettings:
-    """How the points of a cloud are labelled.
-
-    Attributes:
-        chunk: number of points that are labelled in one pass, padded to it: one compiled shape for clouds of every
-            size. Results do not depend on it.
-    """
-
-    chunk: int = 16384
+# Points that are labelled in one pass, padded to it: one compiled shape for clouds of every size.
+CHUNK = 16384
 
 
 def cloud_consensus(
@@ -36,7 +28,6 @@ def cloud_consensus(
     reference: int,
     kind: Kind,
     threshold: float,
-    settings: ConsensusSettings = ConsensusSettings(),
 ) -> CloudChanges:
     """Averages the votes point by point; the Gaussians of one restart, the reference, separate the changes.
 
@@ -51,12 +42,11 @@ def cloud_consensus(
         reference: the restart with the shortest message length.
         kind: what a change of this cloud is.
         threshold: probability from which a point or a Gaussian is changed.
-        settings: how points are labelled.
 
     Returns:
         The changes; the probability of a point is the mean vote for its Gaussian over all pairs of restarts.
     """
-    components = component_labels(points, mixtures, settings)
+    components = component_labels(points, mixtures)
     probability = sum(vote[own] for vote, own in zip(votes, components.each(), strict=True)) / components.restarts
     own = components.of(reference, ALL)
     counts = np.bincount(own, minlength=votes.shape[1])
@@ -74,28 +64,27 @@ def cloud_consensus(
     return consensus
 
 
-def component_labels(
-    points: Float[np.ndarray, "n 3"], mixtures: GaussianMixture, settings: ConsensusSettings = ConsensusSettings()
-) -> RestartValues:
+def component_labels(points: Float[np.ndarray, "n 3"], mixtures: GaussianMixture) -> RestartValues:
     """The slot of the most probable Gaussian of each point, for each restart; in float64, chunk by chunk.
 
     Args:
         points: of one cloud.
         mixtures: of the cloud, with a leading axis of restarts.
-        settings: how many points are labelled in one pass.
     """
+    return RestartValues(len(mixtures.weights), functools.partial(_labels_at, points, mixtures))
+
+
+def _labels_at(
+    points: Float[np.ndarray, "n 3"], mixtures: GaussianMixture, restart: int, rows: Rows
+) -> Int[np.ndarray, " m"]:
     # Relative to one point of the cloud, which it also is padded with.
     origin = points[0]
-
-    def of(restart: int, rows: Rows) -> np.ndarray:
-        chosen = points[rows] - origin
-        with jax.enable_x64(True):
-            mixture = jax.tree.map(lambda leaf: jnp.asarray(leaf[restart]), mixtures).rescaled(1.0, -origin)
-            chunks = padded_chunks(chosen, settings.chunk)
-            labels = [np.asarray(_chunk_labels(mixture, chunk)) for chunk in chunks]
-        return np.concatenate(labels)[: len(chosen)]
-
-    return RestartValues(len(mixtures.weights), of)
+    chosen = points[rows] - origin
+    with jax.enable_x64(True):
+        mixture = jax.tree.map(lambda leaf: jnp.asarray(leaf[restart]), mixtures).rescaled(1.0, -origin)
+        chunks = padded_chunks(chosen, CHUNK)
+        labels = [np.asarray(_chunk_labels(mixture, chunk)) for chunk in chunks]
+    return np.concatenate(labels)[: len(chosen)]
 
 
 @kept_jit

@@ -205,7 +205,7 @@ class DifferenceCells(NamedTuple):
 
     @property
     def closed(self) -> bool:
-        """Whether the change is an object off the other scan's surface, or its distance to that is known nowhere."""
+        """True where the change is an object off the other scan's surface, or its distance to that is known nowhere."""
         known = np.isfinite(self.difference[self.changed]).mean()
         return bool(self.behind > 0.5 or self.upright > 0.5 or known < 0.5)
 

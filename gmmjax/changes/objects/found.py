@@ -1,6 +1,7 @@
 """The stage that turns what was found in both clouds into changes: kinds, confidence, one list."""
 
 import dataclasses
+import functools
 import logging
 from collections.abc import Mapping
 from typing import Any, NamedTuple, get_args
@@ -11,15 +12,14 @@ from jaxtyping import Bool, Float64, Int
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.change import Change, Kind, Reason
 from gmmjax.changes.config import DetectionConfig
-from gmmjax.changes.differences import Differences, LocalDifference
+from gmmjax.changes.differences import Differences
 from gmmjax.changes.evidence.examination import Examined
 from gmmjax.changes.fit.joint_fit import JointFits
 from gmmjax.changes.fit.joint_problem import JointProblem
 from gmmjax.changes.objects.cloud_changes import CloudChanges, merged, merged_rejected
-from gmmjax.changes.objects.measures import MeasureSettings
 from gmmjax.changes.objects.surface_changes import SurfaceChangeSettings, surface_changes
-from gmmjax.changes.objects.volumetric_changes import VolumetricChangeSettings, restart_weights, volumetric_changes
-from gmmjax.changes.prepare.checking import CheckedCloud
+from gmmjax.changes.objects.volumetric_changes import restart_weights, volumetric_changes
+from gmmjax.changes.prepare.checking import NAMES, CheckedCloud
 from gmmjax.changes.record import Changes
 from gmmjax.changes.registration import Registration
 from gmmjax.changes.signed_distance import PointFigures
@@ -32,23 +32,8 @@ logger = logging.getLogger(__name__)
 KINDS: Pair[Kind] = Pair("disappeared", "appeared")
 
 
-@dataclasses.dataclass(frozen=True)
-class ObjectSettings:
-    """What is a change, and how large it is.
-
-    Attributes:
-        surfaces: of scans.
-        volumes: of clouds that fill volumes.
-        measures: how large they are.
-    """
-
-    surfaces: SurfaceChangeSettings = SurfaceChangeSettings()
-    volumes: VolumetricChangeSettings = VolumetricChangeSettings()
-    measures: MeasureSettings = MeasureSettings()
-
-
 class Found(NamedTuple):
-    """What was found in both clouds.
+    """The changes of both clouds, before they are one list.
 
     Attributes:
         changes: of all points of either cloud.
@@ -84,12 +69,9 @@ class Found(NamedTuple):
         """
         of_changes = np.array([*(item.probability for item in items), 0.0])
 
-        def grown(changes: CloudChanges, label: np.ndarray) -> CloudChanges:
-            joined = (label >= 0) & (changes.labels < 0)
-            return changes._replace(probability=np.where(joined, of_changes[label], changes.probability))
-
         unobserved = each(lambda hidden, label: hidden & (label < 0), self.unobserved, labels)
-        return self._replace(changes=each(grown, self.changes, labels), unobserved=unobserved)
+        grown = each(lambda changes, label: _grown(changes, label, of_changes), self.changes, labels)
+        return self._replace(changes=grown, unobserved=unobserved)
 
     def record(
         self,
@@ -140,19 +122,27 @@ class Found(NamedTuple):
             clouds: whose rows these are.
             figures: of each point; they become NaN where the other survey did not observe the place.
         """
-
-        def of_rows(cloud: CheckedCloud, own: PointFigures, hidden: np.ndarray, side: str) -> dict[str, Any]:
-            return {
-                f"{name}_{side}": cloud.to_rows(np.where(hidden, np.float32(np.nan), values), np.nan)
-                for name, values in own._asdict().items()
-            }
-
-        rows = each(of_rows, clouds, figures, self.unobserved, Pair("before", "after"))
+        rows = each(_figures_of_rows, clouds, figures, self.unobserved, NAMES)
         return dataclasses.replace(changes, **rows.before, **rows.after)
 
 
+def _grown(changes: CloudChanges, label: Int[np.ndarray, " n"], of_changes: Float64[np.ndarray, " c"]) -> CloudChanges:
+    joined = (label >= 0) & (changes.labels < 0)
+    return changes._replace(probability=np.where(joined, of_changes[label], changes.probability))
+
+
+def _figures_of_rows(
+    cloud: CheckedCloud, own: PointFigures, hidden: Bool[np.ndarray, " n"], side: str
+) -> dict[str, Any]:
+    """The figures of one cloud by their names in the record, NaN where nothing was observed."""
+    return {
+        f"{name}_{side}": cloud.to_rows(np.where(hidden, np.float32(np.nan), values), np.nan)
+        for name, values in own._asdict().items()
+    }
+
+
 def _log(changes: Changes) -> None:
-    """What was found, and what became of the candidates that are no changes."""
+    """Log what was found, and what became of the candidates that are no changes."""
     reasons = {reason: sum(one.reason == reason for one in changes.rejected) for reason in get_args(Reason)}
     rejected = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
     logger.info("%d changes, %d rejected candidates (%s)", len(changes), len(changes.rejected), rejected)
@@ -178,12 +168,7 @@ def surfaces_found(
     """
     members = pair.working.clouds.map(lambda cloud: cloud.member)
     limits = differences.limits
-
-    def of_cloud(
-        points: np.ndarray, member: np.ndarray, difference: LocalDifference, own: Examined, kind: Kind
-    ) -> CloudChanges:
-        return surface_changes(points, member, difference, own, limits, kind, settings)
-
+    of_cloud = functools.partial(surface_changes, limits=limits, settings=settings)
     return Found(
         each(of_cloud, pair.points, members, differences.local, evident, KINDS),
         each(lambda own, member: own.unobserved[member], evident, members),
@@ -196,7 +181,6 @@ def volumes_found(
     problem: JointProblem,
     fits: JointFits,
     threshold: float,
-    settings: VolumetricChangeSettings = VolumetricChangeSettings(),
 ) -> Found:
     """The changes of clouds that fill volumes: the components that one cloud has and the other has not.
 
@@ -205,14 +189,10 @@ def volumes_found(
         problem: that was fitted.
         fits: the joint mixtures.
         threshold: probability from which on a point is changed.
-        settings: which components are significant.
     """
     weights = volume_weights(problem, fits)
-
-    def of_cloud(points: np.ndarray, kind: Kind) -> CloudChanges:
-        return volumetric_changes(points, fits, weights, kind, threshold, settings)
-
-    return Found(each(of_cloud, points, KINDS), points.map(lambda own: np.zeros(len(own), bool)))
+    changes = each(lambda own, kind: volumetric_changes(own, fits, weights, kind, threshold), points, KINDS)
+    return Found(changes, points.map(lambda own: np.zeros(len(own), bool)))
 
 
 def volume_weights(problem: JointProblem, fits: JointFits) -> Float64[np.ndarray, " r"]:

@@ -47,7 +47,7 @@ class Compared(NamedTuple):
 
 
 class Match(NamedTuple):
-    """How well one object can be laid onto another.
+    """The best transform from one object to another, and its fit.
 
     Attributes:
         transform: rigid transform [4, 4] from the first to the second.
@@ -63,17 +63,17 @@ class Match(NamedTuple):
 
     @property
     def fit(self) -> float:
-        """How well the objects fit: what is covered, less what is contradicted."""
+        """The fraction of the objects that is covered, less what is contradicted."""
         return sum(side.covered - CONTRADICTION * side.contradicted for side in (self.there, self.back))
 
     @property
     def merit(self) -> float:
-        """What transforms are ranked by; of equal ones, as of a symmetric object, the smallest rotation is first."""
+        """The rank of a transform; of equal ones, as of a symmetric object, the smallest rotation is first."""
         return self.fit - rotation_cost(self.transform)
 
 
 def rotation_cost(transform: Float[np.ndarray, "4 4"]) -> float:
-    """By how much the rotation of a transform lowers its merit."""
+    """The loss of merit by the rotation of a transform."""
     return ROTATION_PENALTY * float(Rotation.from_matrix(transform[:3, :3]).magnitude()) / np.pi
 
 
@@ -139,7 +139,7 @@ def _foot(part: LocalSurface, plane: SupportPlane) -> Float64[np.ndarray, " 3"]:
 
 
 def _stays_upright(compared: Compared, planes: Pair[SupportPlane], transform: Float[np.ndarray, "4 4"]) -> bool:
-    """Whether a transform brings one support plane onto the other, as far as the second object goes."""
+    """True where a transform brings one support plane onto the other, as far as the second object goes."""
     first, second = planes
     up, middle = transform[:3, :3] @ first.up, compared.parts.after.points.mean(axis=0)
     apart = abs(float(middle @ (up - second.up) - up @ transform[:3, 3]) - first.height + second.height)

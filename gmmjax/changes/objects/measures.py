@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from gmmjax.changes.align.alignment import AlignedPair
 from gmmjax.changes.change import Box, Change
-from gmmjax.changes.objects.support_plane import SupportPlane, SupportPlaneSettings, support_planes
+from gmmjax.changes.objects.support_plane import SupportPlane, support_planes
 from gmmjax.changes.objects.volumes import MeasuredPart, with_volumes
 from gmmjax.changes.signed_distance import OuterSide
 from gmmjax.geometry import (
@@ -22,33 +22,16 @@ from gmmjax.geometry import (
 )
 from gmmjax.pair import Pair, each
 
-
-@dataclasses.dataclass(frozen=True)
-class MeasureSettings:
-    """How changes are measured.
-
-    Attributes:
-        sample: number of points of a change, at most, by which its support plane is found. Fewer: those of large
-            objects are missed.
-        neighbours: number of neighbours by whose median distance the density of a change is measured; on a surface, 8
-            are within 1.6 point spacings.
-        reach: points of a change belong together up to this multiple of that distance, two point spacings; what lies
-            apart from them are outliers, of which a box would be far too large. Larger: outliers beside a change are
-            measured; 1: half of a surface is left out.
-        together: number of points, at least, that belong together there. 1: outliers in a row bridge a gap.
-        least_part: fraction of a change's points, at least, of what is measured of it. 0: groups of outliers are.
-        faces: number of faces of the convex hull of a change without a support plane that a box is tried on. Fewer:
-            faster, and round objects get larger boxes.
-        support: what a change stands on.
-    """
-
-    sample: int = 2500
-    neighbours: int = 8
-    reach: float = 1.25
-    together: int = 3
-    least_part: float = 0.1
-    faces: int = 24
-    support: SupportPlaneSettings = SupportPlaneSettings()
+# Points of a change, at most, by which its support plane is found; of fewer those of large objects are missed.
+SAMPLE = 2500
+# Points belong together within this multiple of the median distance of so many neighbours, two spacings on a surface,
+# where there are so many of them; what lies apart are outliers, of which a box would be far too large.
+NEIGHBOURS, REACH, TOGETHER = 8, 1.25, 3
+# Fraction of a change's points, at least, of a part of it that is measured: else groups of outliers are.
+LEAST_PART = 0.1
+# Faces of the convex hull of a change without a support plane that a box is tried on: with fewer round objects get
+# larger boxes.
+FACES = 24
 
 
 def with_measures(
@@ -58,7 +41,6 @@ def with_measures(
     noise: float,
     sensors: Pair[Float64[np.ndarray, "_ 3"] | None],
     outer_side: OuterSide,
-    settings: MeasureSettings = MeasureSettings(),
 ) -> tuple[Change, ...]:
     """The changes with the smallest box around their points, but for outliers, their area and their volume.
 
@@ -72,17 +54,16 @@ def with_measures(
         noise: standard deviation of the offset between local means of one surface.
         sensors: where those of each survey stood; None: not known.
         outer_side: what tells from which side surfaces were seen.
-        settings: how they are measured.
     """
     points = [_points_of(index, pair.points, labels) for index in range(len(items))]
     working = each(lambda own, cloud: cloud.of_working_points(own), labels, pair.working.clouds)
     background = np.concatenate([*each(lambda surface, own: surface.points[own < 0], pair.surfaces, working)])
     surfaces = pair.surfaces.map(lambda surface: surface.points)
-    parts = [_part(_points_of(index, surfaces, working), settings) for index in range(len(items))]
-    planes = support_planes(parts, background, noise, settings.support)
+    parts = [_part(_points_of(index, surfaces, working)) for index in range(len(items))]
+    planes = support_planes(parts, background, noise)
     # Relative to the change, because the coordinates of a survey leave no digits for a volume.
-    kept = [_without_outliers(own - item.mean, settings) for item, own in zip(items, points, strict=True)]
-    boxed = [_boxed(item, own, plane, settings) for item, own, plane in zip(items, kept, planes, strict=True)]
+    kept = [_without_outliers(own - item.mean) for item, own in zip(items, points, strict=True)]
+    boxed = [_boxed(item, own, plane) for item, own, plane in zip(items, kept, planes, strict=True)]
     sides = [bool((labels.after == index).any()) for index in range(len(items))]
     measured = [MeasuredPart(*part) for part in zip(kept, sides, planes, strict=True)]
     return with_volumes(boxed, measured, labels, pair, sensors, outer_side, noise)
@@ -95,16 +76,14 @@ def _points_of(
     return np.concatenate([*each(lambda cloud, own: cloud[own == index], points, labels)])
 
 
-def _part(points: Float64[np.ndarray, "n 3"], settings: MeasureSettings) -> LocalSurface:
-    return LocalSurface.of(points[evenly_chosen(len(points), settings.sample)])
+def _part(points: Float64[np.ndarray, "n 3"]) -> LocalSurface:
+    return LocalSurface.of(points[evenly_chosen(len(points), SAMPLE)])
 
 
-def _boxed(
-    change: Change, points: Float64[np.ndarray, "n 3"], plane: SupportPlane | None, settings: MeasureSettings
-) -> Change:
+def _boxed(change: Change, points: Float64[np.ndarray, "n 3"], plane: SupportPlane | None) -> Change:
     corners = hull_corners(points)
     if plane is None:
-        box = smallest_box(corners, settings.faces)
+        box = smallest_box(corners, FACES)
     else:
         height = plane.height - float(change.mean @ plane.up)
         projections = corners - (corners @ plane.up - height)[:, None] * plane.up
@@ -113,14 +92,14 @@ def _boxed(
     return dataclasses.replace(change, box=Box.longest_first(box._replace(centre=box.centre + change.mean)))
 
 
-def _without_outliers(points: Float64[np.ndarray, "n 3"], settings: MeasureSettings) -> Float64[np.ndarray, "m 3"]:
+def _without_outliers(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "m 3"]:
     """The points of the parts of a change that are large enough; all where none is."""
     # The point itself is its first neighbour.
-    distances = nearest_neighbours(cKDTree(points), points, settings.neighbours + 1)[0][:, -1]
+    distances = nearest_neighbours(cKDTree(points), points, NEIGHBOURS + 1)[0][:, -1]
     spacing = float(np.median(distances))
     if spacing == 0:
         return points
-    clusters = density_clusters(points, settings.reach * spacing, settings.together)
-    large = np.bincount(clusters[clusters >= 0]) >= settings.least_part * len(points)
+    clusters = density_clusters(points, REACH * spacing, TOGETHER)
+    large = np.bincount(clusters[clusters >= 0]) >= LEAST_PART * len(points)
     kept = (clusters >= 0) & np.append(large, False)[clusters]
     return points[kept] if kept.any() else points

@@ -179,7 +179,7 @@ def _part(scene: LocalSurface, own: Bool[np.ndarray, " n"]) -> LocalSurface:
 
 
 def _is_distinctive(part: LocalSurface, spacing: float) -> bool:
-    """Whether there are enough points, and they are neither a strip nor a flat patch."""
+    """True where there are enough points, and they are neither a strip nor a flat patch."""
     longest, width, _ = principal_extents(part.points)
     wide = width >= max(LEAST_WIDTH * spacing, LEAST_ASPECT * longest)
     return bool(wide and len(part) >= FEWEST and observability(part)[1] >= LEAST_BEND)

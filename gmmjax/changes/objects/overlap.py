@@ -1,4 +1,4 @@
-"""How far two scanned objects, one laid onto the other, overlap and contradict each other.
+"""Overlap and contradiction of two scanned objects, one laid onto the other.
 
 Two surveys seldom see the same sides of an object, so much of it may have no counterpart in the other survey. A missing
 counterpart contradicts the match only where the other survey must have observed it. The numbers come from development
@@ -18,7 +18,7 @@ OFFSET, DISTANCE = 5.0, 2.5
 
 
 class Overlap(NamedTuple):
-    """How an object fits another one.
+    """The fit of an object to another one.
 
     Attributes:
         covered: fraction of its points that lie on the other object.
@@ -70,7 +70,7 @@ def on_surface(
     noise: float,
     spacing: float,
 ) -> Bool[np.ndarray, " n"]:
-    """Whether each point is near a surface, and its local mean near the plane there.
+    """Select the points that are near a surface, and its local mean near the plane there.
 
     Args:
         points: of another cloud.

@@ -1,4 +1,4 @@
-"""What stands in the place of some changes, before and after, without the walls and floors around it.
+"""The objects in the place of some changes, before and after, without the walls and floors around it.
 
 The numbers come from development on the scenes of docs/results.md.
 """
@@ -44,7 +44,7 @@ LEAST_RATIO = 0.1
 
 
 class Place(NamedTuple):
-    """What stands in a place, without the walls and floors around it.
+    """The objects in a place, without the walls and floors around it.
 
     Attributes:
         objects: the surfaces of the points, in either cloud.

@@ -153,7 +153,7 @@ def principal_extents(points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "
 
 
 def observability(part: LocalSurface) -> Float64[np.ndarray, " 3"]:
-    """How well the normals of an object determine its translation, least first: 0 where it can slide along itself.
+    """The information of the normals of an object on its translation, least first: 0 where it can slide along itself.
 
     The square roots of the eigenvalues of the normal equations of point-to-plane ICP for translations (Gelfand,
     Ikemoto, Rusinkiewicz and Levoy 2003): one of them is 0 for a pipe, two for a plane.

@@ -1,6 +1,5 @@
 """The support planes of objects: the planes of the unchanged background that they stand on."""
 
-import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -10,37 +9,17 @@ from jaxtyping import Float, Float64
 from gmmjax.geometry import (
     Contact,
     LocalSurface,
-    UpwardSettings,
     upward_direction,
     within_box,
     workers_for,
 )
 
-
-@dataclasses.dataclass(frozen=True)
-class SupportPlaneSettings:
-    """What an object stands on.
-
-    All values are empirical: they come from development on the scenes of docs/results.md.
-
-    Attributes:
-        contact: the background touches an object within this distance of it, in the object's spacings. 0: no object has
-            a support plane.
-        fewest: number of background points, at least, that a support plane is found from.
-        level: cosine of the angle between two normals from which on they are of one direction. Above 1: no object has a
-            support plane.
-        above: an object has more than this fraction of its points above its support plane. 0: it may be sunk into it.
-        tolerance: points up to this far below the plane count as above it, in standard deviations of the offset between
-            local means. 0: the noise of the lowest points counts against the plane.
-        upward: when objects have a common upward direction.
-    """
-
-    contact: float = 4.0
-    fewest: int = 12
-    level: float = 0.9
-    above: float = 0.96
-    tolerance: float = 5.0
-    upward: UpwardSettings = UpwardSettings()
+# Empirical, by the scenes of docs/results.md. The background touches an object within so many of the object's spacings;
+# a support plane is found from so many background points, at least, whose normals are within this cosine of upwards.
+CONTACT, FEWEST, LEVEL = 4.0, 12, 0.9
+# More than this fraction of an object is above its support plane, or below it by no more than so many standard
+# deviations of the offset between local means.
+ABOVE, TOLERANCE = 0.96, 5.0
 
 
 class SupportPlane(NamedTuple):
@@ -70,7 +49,6 @@ def support_planes(
     parts: Sequence[LocalSurface],
     background: Float64[np.ndarray, "n 3"],
     noise: float,
-    settings: SupportPlaneSettings = SupportPlaneSettings(),
 ) -> list[SupportPlane | None]:
     """The support plane of each object; None where it was not observed.
 
@@ -81,25 +59,22 @@ def support_planes(
         parts: the points of each object.
         background: unchanged points of both clouds: each shows what the other one's objects hide.
         noise: standard deviation of the offset between local means of one surface.
-        settings: what an object stands on.
     """
-    patches = [_contact_patches(part, background, settings) for part in parts]
+    patches = [_contact_patches(part, background) for part in parts]
     contacts = [_contact(part, own) for part, own in zip(parts, patches, strict=True)]
-    up = upward_direction(contacts, settings.upward)
+    up = upward_direction(contacts)
     if up is None:
         return [None] * len(parts)
-    return [_support_plane(part, own, up, noise, settings) for part, own in zip(parts, patches, strict=True)]
+    return [_support_plane(part, own, up, noise) for part, own in zip(parts, patches, strict=True)]
 
 
-def _contact_patches(
-    part: LocalSurface, background: Float64[np.ndarray, "n 3"], settings: SupportPlaneSettings
-) -> _ContactPatches:
-    reach = settings.contact * part.nearest_distance
+def _contact_patches(part: LocalSurface, background: Float64[np.ndarray, "n 3"]) -> _ContactPatches:
+    reach = CONTACT * part.nearest_distance
     # Twice as far, so that the local planes within reach have their neighbours.
     background = background[within_box(background, part.tree.mins - 2 * reach, part.tree.maxes + 2 * reach)]
     distances = part.tree.query(background, distance_upper_bound=2 * reach, workers=workers_for(len(background)))[0]
     near = np.isfinite(distances)
-    if near.sum() < settings.fewest:
+    if near.sum() < FEWEST:
         return _ContactPatches(np.zeros((0, 3)), np.zeros((0, 3)))
     surface, touches = LocalSurface.of(background[near]), distances[near] < reach
     return _ContactPatches(surface.centres[touches], surface.normals[touches])
@@ -115,12 +90,11 @@ def _support_plane(
     patches: _ContactPatches,
     up: Float64[np.ndarray, " 3"],
     noise: float,
-    settings: SupportPlaneSettings,
 ) -> SupportPlane | None:
     """The plane of an object's contact patches that face upwards; None where it is not below the object."""
-    level = np.abs(patches.normals @ up) > settings.level
-    if level.sum() < settings.fewest:
+    level = np.abs(patches.normals @ up) > LEVEL
+    if level.sum() < FEWEST:
         return None
     plane = SupportPlane(up, float(np.median(patches.centres[level] @ up)))
-    above = np.mean(plane.above(part.points) > -settings.tolerance * noise)
-    return plane if above > settings.above else None
+    above = np.mean(plane.above(part.points) > -TOLERANCE * noise)
+    return plane if above > ABOVE else None

@@ -13,7 +13,7 @@ from gmmjax.changes.objects.cloud_changes import CloudChanges, change_of, reject
 
 @dataclasses.dataclass(frozen=True)
 class SurfaceChangeSettings:
-    """How probable the points of changes are.
+    """Settings of the probability of the points of changes.
 
     Attributes:
         sharpening: power that the odds of a point that looks changed are raised to, from the reliability curve over
@@ -31,8 +31,8 @@ def surface_changes(
     member: Int[np.ndarray, " n"],
     difference: LocalDifference,
     examined: Examined,
-    limits: DetectionLimits,
     kind: Kind,
+    limits: DetectionLimits,
     settings: SurfaceChangeSettings = SurfaceChangeSettings(),
 ) -> CloudChanges:
     """The changes of all points of a cloud: those of the working points that stand for them.
@@ -42,8 +42,8 @@ def surface_changes(
         member: the working point of each.
         difference: of each working point to the other cloud.
         examined: the candidates that are changes, of the working points.
-        limits: of distances and offsets.
         kind: what a change of this cloud is.
+        limits: of distances and offsets.
         settings: how probable points are.
     """
     labels, probability = examined.labels, outside_probability(examined.looks_changed, settings)
@@ -87,7 +87,7 @@ def calibrated(
 
 
 def significance(difference: LocalDifference, own: Bool[np.ndarray, " n"], limits: DetectionLimits) -> float:
-    """By how many standard deviations a segment exceeds what the other cloud has in its place.
+    """The number of standard deviations by which a segment exceeds what the other cloud has in its place.
 
     The greater of two: the excess of points over the other cloud's, divided by the counting noise of both and the
     points that a registration error can account for; and the median offset divided by that error.

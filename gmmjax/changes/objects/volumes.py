@@ -154,7 +154,7 @@ def _leaders(places: Sequence[_Place]) -> list[int | None]:
 
 
 def _overlap(own: _Place, other: _Place) -> bool:
-    """Whether half of a change is in front of or behind one of the other scan, by less than that is wide."""
+    """True where half of a change is in front of or behind one of the other scan, by less than that is wide."""
     if own.part.after == other.part.after:
         return False
     across = plane_axes(other.outward)
@@ -174,7 +174,7 @@ def _measured(
     outer_side: OuterSide,
     registration_error: float,
 ) -> dict[str, Any]:
-    """What a `Change` records of the volume of the first of some changes, which are one."""
+    """The fields of a `Change` for the volume of the first of some changes, which are one."""
     place = places[group[0]]
     moved, partner = place.item.kind == "moved", place.item.partner
     displaced = partner is not None and _overlap(place, places[partner])
@@ -210,7 +210,7 @@ def _hull(place: _Place) -> dict[str, Any]:
 
 
 def _side_is_known(place: _Place, pair: AlignedPair, outer_side: OuterSide) -> bool:
-    """Whether it is known on which side of the surface that a change is measured from the free space is.
+    """True where it is known on which side of the surface that a change is measured from the free space is.
 
     Height tells it of what is more level than upright, unless most of its scan goes on beneath: that may be a ceiling.
     """

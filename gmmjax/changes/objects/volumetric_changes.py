@@ -1,7 +1,5 @@
 """Changes of volumetric clouds: the components of the joint mixture that one cloud has and the other has not."""
 
-import dataclasses
-
 import numpy as np
 from jaxtyping import Float
 
@@ -9,18 +7,8 @@ from gmmjax.changes.change import Kind
 from gmmjax.changes.fit.joint_fit import CHUNK, JointFits, component_excess
 from gmmjax.changes.objects.cloud_changes import SMALLEST_CHANGE, CloudChanges, change_of
 
-
-@dataclasses.dataclass(frozen=True)
-class VolumetricChangeSettings:
-    """Which components are changes.
-
-    Attributes:
-        least_significance: standard deviations of the counts, at least, by which a component's points exceed what the
-            other cloud has there. Empirical. 0: every component whose
-            points reach the threshold is a change.
-    """
-
-    least_significance: float = 5.0
+# Standard deviations of the counts, at least, by which a component's points exceed what the other cloud has there.
+LEAST_SIGNIFICANCE = 5.0
 
 
 def restart_weights(message_length: Float[np.ndarray, " r"], comparable: bool) -> Float[np.ndarray, " r"]:
@@ -46,7 +34,6 @@ def volumetric_changes(
     weights: Float[np.ndarray, " r"],
     kind: Kind,
     threshold: float,
-    settings: VolumetricChangeSettings = VolumetricChangeSettings(),
 ) -> CloudChanges:
     """The changes of one cloud whose points fill volumes.
 
@@ -60,7 +47,6 @@ def volumetric_changes(
         weights: of the restarts.
         kind: what a change of this cloud is.
         threshold: probability from which a point is changed.
-        settings: which components are changes.
     """
     after, best = kind == "appeared", int(np.argmin(fits.message_length))
     probability = _mean_posterior(points, fits, weights, after)
@@ -70,7 +56,7 @@ def volumetric_changes(
     for slot in np.unique(slots[changed]):
         members = changed & (slots == slot)
         significance = _significance(int(members.sum()), float(posterior[members].mean()))
-        if members.sum() < SMALLEST_CHANGE or significance < settings.least_significance:
+        if members.sum() < SMALLEST_CHANGE or significance < LEAST_SIGNIFICANCE:
             continue
         found.labels[members] = len(found.items)
         found.items.append(change_of(points[members], kind, float(probability[members].mean()), significance))

@@ -36,7 +36,7 @@ NAMES = Pair("before", "after")
 
 @dataclasses.dataclass(frozen=True)
 class CheckSettings:
-    """What clouds can be compared.
+    """Limits of the clouds that can be compared.
 
     Attributes:
         suspicious_scale: ratio of the extents above which the user is asked for the unit: two clouds of one scene
@@ -78,7 +78,7 @@ class CheckedCloud:
         return rows
 
     def diagnostics(self, given: ArrayLike | PointCloud) -> dict[str, Any]:
-        """Where the cloud came from and what of it is used, as plain values for the record."""
+        """The source of the cloud and the numbers of its points, as plain values for the record."""
         unplaced = self.given - len(self.points) - self.cropped - self.stray
         return {
             "source": given.source if isinstance(given, PointCloud) else None,
@@ -228,7 +228,7 @@ def warn_of_outlines(surfaces: Pair[LocalSurface]) -> None:
 
 
 def _is_outline(surface: LocalSurface) -> bool:
-    """Whether most points lie within a hundredth of a cloud's width of one plane, in rows a fifth as wide as long."""
+    """True where most points lie within a hundredth of the width of one plane, in rows a fifth as wide as long."""
     chosen = evenly_chosen(len(surface), 5000)
     points = surface.points[chosen]
     variances, axes = np.linalg.eigh(np.cov(points, rowvar=False))
@@ -238,7 +238,7 @@ def _is_outline(surface: LocalSurface) -> bool:
 
 
 def _rounding(points: Float[np.ndarray, "n 3"]) -> float:
-    """How far coordinates may be off by float64, by float32, or by the decimals that they are given to."""
+    """The error of coordinates by float64, by float32, or by the decimals that they are given to."""
     largest, extent = float(np.abs(points).max()), _longest_side(points)
     exact = 8 * float(np.finfo(np.float64).eps) * largest
     with np.errstate(over="ignore"):
@@ -307,7 +307,7 @@ def _checked(
 
 
 def cloud_label(name: str, cloud: ArrayLike | PointCloud) -> str:
-    """What messages call a cloud: the argument that it came in and, where it is known, its file."""
+    """The name of a cloud in messages: the argument that it came in and, where it is known, its file."""
     return f"{name} ({cloud.source})" if isinstance(cloud, PointCloud) and cloud.source else name
 
 
@@ -347,7 +347,7 @@ def _check_points(label: str, points: np.ndarray, crop: tuple[float, ...] | None
 
 
 def _longest_side(points: np.ndarray) -> float:
-    """Of the box along the axes around the points."""
+    """The longest side of the box along the axes around the points."""
     # Axis by axis: NumPy is many times as fast along single columns.
     return max(float(np.ptp(axis)) for axis in points.T)
 
@@ -373,7 +373,7 @@ def _warn_about_extents(before: np.ndarray, after: np.ndarray, settings: CheckSe
 
 
 def _may_be_degrees(points: np.ndarray) -> bool:
-    """Whether x and y are in the range of longitude and latitude, and z rises over them as over no ground in lengths.
+    """True where x and y are in the range of longitude and latitude, and z rises as no ground in lengths does.
 
     Either the cloud is a thousand times as high as it is wide, or z is a function of x and y, as on the ground, and
     a hundred times as steep as at 45 degrees.

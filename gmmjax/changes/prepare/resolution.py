@@ -1,4 +1,4 @@
-"""What resolution two clouds are compared at, derived from their own points."""
+"""The resolution that two clouds are compared at, derived from their own points."""
 
 import dataclasses
 import functools
@@ -16,7 +16,7 @@ from gmmjax.pair import Pair
 
 @dataclasses.dataclass(frozen=True)
 class ResolutionSettings:
-    """How the resolution is chosen that clouds are compared at, and how a volume is told from a surface.
+    """Choice of the resolution that clouds are compared at, and of volume or surface.
 
     Neighbourhoods of a volume are about as thick as wide: the least of the three principal variances is some 0.2 of
     their sum, as long as they hold a small share of the points. On surfaces it is below 0.06 in one of two sizes of
@@ -173,13 +173,13 @@ def _probe(cloud: WorkingCloud, settings: ResolutionSettings) -> tuple[float, fl
 
 
 def _points_are_thick(points: Pair[np.ndarray], settings: ResolutionSettings) -> bool:
-    """Whether the small neighbourhoods of the points themselves are those of a volume, in both clouds."""
+    """True where the small neighbourhoods of the points themselves are those of a volume, in both clouds."""
+    return min(_thickness_of_points(cloud, settings) for cloud in points) > settings.volume_share
 
-    def thickness(cloud: np.ndarray) -> float:
-        probes = cloud[evenly_chosen(len(cloud), settings.probes)]
-        return _thickness(cloud[nearest_neighbours(cKDTree(cloud), probes, min(settings.neighbours, len(cloud)))[1]])
 
-    return min(points.map(thickness)) > settings.volume_share
+def _thickness_of_points(cloud: np.ndarray, settings: ResolutionSettings) -> float:
+    probes = cloud[evenly_chosen(len(cloud), settings.probes)]
+    return _thickness(cloud[nearest_neighbours(cKDTree(cloud), probes, min(settings.neighbours, len(cloud)))[1]])
 
 
 def _thickness(neighbourhoods: np.ndarray) -> float:

@@ -70,14 +70,7 @@ def prepare_pair(clouds: Pair[ArrayLike | PointCloud], config: DetectionConfig) 
     inlying = checked.map(lambda cloud: _inliers(cloud.points, config))
     kept = each(lambda cloud, inliers: cloud.points[inliers], checked, inlying)
     size = config.voxel_size or common_voxel_size(kept, config.max_points)
-
-    def prepared(cloud: CheckedCloud, inliers: np.ndarray) -> PreparedCloud:
-        weighted, stray = reduced(cloud.points[inliers], size), cloud.points[~inliers]
-        return PreparedCloud(
-            **vars(cloud), weighted=weighted, counted=_with_points(weighted, stray), outliers=len(stray)
-        )
-
-    both = each(prepared, checked, inlying)
+    both = each(lambda cloud, inliers: _prepared(cloud, inliers, size), checked, inlying)
     fitted = both.map(lambda cloud: cloud.weighted.points)
     check_comparable(kept, fitted, max(size or 0.0, *fitted.map(usual_spacing)))
     pair = PreparedPair(both, size, _max_components(both, config))
@@ -85,6 +78,11 @@ def prepare_pair(clouds: Pair[ArrayLike | PointCloud], config: DetectionConfig) 
     counts = (*both.map(lambda cloud: len(cloud.weighted.points)), *both.map(lambda cloud: cloud.outliers))
     logger.info(text, *counts, "none" if size is None else f"{size:.4g}", pair.max_components)
     return pair
+
+
+def _prepared(cloud: CheckedCloud, inliers: np.ndarray, size: float | None) -> PreparedCloud:
+    weighted, stray = reduced(cloud.points[inliers], size), cloud.points[~inliers]
+    return PreparedCloud(**vars(cloud), weighted=weighted, counted=_with_points(weighted, stray), outliers=len(stray))
 
 
 def _inliers(points: np.ndarray, config: DetectionConfig) -> np.ndarray:

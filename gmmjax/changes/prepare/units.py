@@ -102,7 +102,7 @@ def stated_systems(clouds: Pair[Any]) -> Pair[str | None]:
 
 
 def in_one_system(clouds: Pair[Any]) -> bool:
-    """Whether the files of both clouds state the same coordinate reference system.
+    """True where the files of both clouds state the same coordinate reference system.
 
     Args:
         clouds: coordinates, or a cloud, a file or a survey.
@@ -116,7 +116,7 @@ def _stated(cloud: Any, name: str) -> str | None:
 
 
 def _file(cloud: PointCloud | CloudFile | SurveyFiles) -> str:
-    """Where a cloud is from, in brackets; empty where that is not known."""
+    """The source of a cloud, in brackets; empty where it is not known."""
     if isinstance(cloud, PointCloud):
         return "" if cloud.source is None else f" ({cloud.source})"
     return f" ({cloud.path if isinstance(cloud, CloudFile) else cloud.title})"

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.evidence.continuation import ContinuationSettings, continuation
+from gmmjax.changes.evidence.continuation import Continuation, ContinuationSettings
 from gmmjax.changes.evidence.coverage_edge import CoverageEdgeSettings, ReferenceSurfaces
 from gmmjax.clouds import SensorViews
 from tests.changes.rooms import around, box, looking, scanned
@@ -22,7 +22,7 @@ def unobserved_shares(points, labels, unchanged, other, settings=ContinuationSet
     """The share of each segment's points that are unobserved."""
     reference = ReferenceSurfaces.of(points[unchanged], other, tolerance, SPACING)
     segments = [points[labels == label] for label in range(labels.max() + 1)]
-    return np.array([continuation(segment, reference, settings).unobserved.mean() for segment in segments])
+    return np.array([Continuation(segment, reference, settings).unobserved.mean() for segment in segments])
 
 
 def share(cloud, other, where, reach=REACH, **arguments):
@@ -175,7 +175,7 @@ def test_the_bare_floor_of_the_other_survey_shows_below_an_object(surveys):
     """And not below the floor that came out where a box had been: there the other survey has none."""
     full, empty, labels, unchanged = surveys
     reference = ReferenceSurfaces.of(full[unchanged], empty, TOLERANCE, SPACING)
-    thing, floor = (continuation(full[labels == label], reference) for label in (0, 1))
+    thing, floor = (Continuation(full[labels == label], reference) for label in (0, 1))
     assert thing.shown > 0.4
     assert floor.shown < 0.1
 
@@ -187,10 +187,10 @@ def test_the_bare_floor_shows_below_what_is_as_narrow_as_two_spacings():
     lower, upper = grown(board, 0.005)
     inside = ((full > lower) & (full < upper) & (full[:, [2]] > 0.03)).all(axis=1)
     reference = ReferenceSurfaces.of(full[~inside], empty, 0.01, SPACING)
-    assert continuation(full[inside], reference).shown > 0.6
+    assert Continuation(full[inside], reference).shown > 0.6
     # The floor itself, beside it, is bare in neither cloud.
     shift = np.array([0, 0.2, 0])
     beside = ((full > lower + shift) & (full < upper + shift)).all(axis=1)
     reference = ReferenceSurfaces.of(full[~beside & ~inside], empty, 0.01, SPACING)
-    assert continuation(full[beside], reference).shown < 0.2
-    assert continuation(full[inside], reference, ContinuationSettings(bare=0.0)).shown < 0.3
+    assert Continuation(full[beside], reference).shown < 0.2
+    assert Continuation(full[inside], reference, ContinuationSettings(bare=0.0)).shown < 0.3

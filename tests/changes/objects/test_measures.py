@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.align.alignment import aligned
 from gmmjax.changes.objects.cloud_changes import change_of
-from gmmjax.changes.objects.measures import MeasureSettings, with_measures
-from gmmjax.changes.objects.support_plane import SupportPlaneSettings
+from gmmjax.changes.objects.measures import with_measures
 from gmmjax.changes.total_volumes import volume_totals
 from gmmjax.pair import Pair
 
@@ -48,12 +47,12 @@ def crate():
     return noisy
 
 
-def measured_crate(crate, motion=np.eye(3), shift=np.zeros(3), settings=MeasureSettings()):
+def measured_crate(crate, motion=np.eye(3), shift=np.zeros(3)):
     before, floor, points = (own @ motion.T + shift for own in crate)
     pair = aligned(Pair(before, np.concatenate([floor, points])), "never")
     labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(floor), len(points)]))
     change = change_of(points, "appeared", 0.9, 5.0)
-    return with_measures((change,), labels, pair, 0.001, Pair(None, None), "up", settings)[0]
+    return with_measures((change,), labels, pair, 0.001, Pair(None, None), "up")[0]
 
 
 def test_a_crate_that_three_sides_were_seen_of_has_its_size_and_its_volume(crate):
@@ -89,8 +88,6 @@ def test_outliers_do_not_enlarge_a_change(crate):
     found = measured_crate([before, floor, np.concatenate([points, strays])])
     np.testing.assert_allclose(found.box.extent, measured_crate(crate).box.extent, atol=SPACING)
     assert found.point_count == len(points) + len(strays)
-    everything = MeasureSettings(least_part=0.0, together=1)
-    assert measured_crate([before, floor, np.concatenate([points, strays])], settings=everything).box.extent.prod() > 1
 
 
 def test_a_change_of_points_that_are_repeated_is_measured(crate):
@@ -99,9 +96,9 @@ def test_a_change_of_points_that_are_repeated_is_measured(crate):
     np.testing.assert_allclose(found.box.extent, measured_crate(crate).box.extent, atol=SPACING)
 
 
-def test_without_a_support_plane_the_box_is_that_of_the_points(crate):
-    floating = MeasureSettings(support=SupportPlaneSettings(contact=0.0))
-    found = measured_crate(crate, settings=floating)
+def test_without_a_support_plane_the_box_is_that_of_the_points(crate, monkeypatch):
+    monkeypatch.setattr("gmmjax.changes.objects.support_plane.CONTACT", 0.0)
+    found = measured_crate(crate)
     np.testing.assert_allclose(np.sort(found.box.extent), np.sort(CRATE - [0, 0, 0.05]), atol=SPACING)
 
 

@@ -4,17 +4,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.objects.support_plane import SupportPlaneSettings, support_planes
+from gmmjax.changes.objects.support_plane import support_planes
 from gmmjax.geometry.local_surface import LocalSurface
 from gmmjax.geometry.rigid import transformed
-from gmmjax.geometry.upward import UpwardSettings
 from tests.changes.scanned_objects import on_floor_and_shelf
 
 NOISE = 0.003
 
 
-def planes_of(objects, background, *settings):
-    return support_planes([LocalSurface.of(points) for points in objects], background, NOISE, *settings)
+def planes_of(objects, background):
+    return support_planes([LocalSurface.of(points) for points in objects], background, NOISE)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +46,6 @@ def test_what_was_not_observed_is_no_support_plane(scene):
     floor = background[background[:, 2] < 0.3]
     assert [plane is None for plane in planes_of(objects, floor)] == [False, True]
     assert planes_of(objects, np.zeros((0, 3))) == [None, None]
-    assert planes_of(objects, background, SupportPlaneSettings(contact=0.0)) == [None, None]
 
 
 def test_things_at_walls_of_all_directions_have_no_support_plane(scene):
@@ -59,6 +57,3 @@ def test_things_at_walls_of_all_directions_have_no_support_plane(scene):
     near = background[background[:, 2] < 0.3]
     around = np.concatenate([near @ turn.T + shift for turn, shift in zip(turns, shifts, strict=True)])
     assert planes_of(parts, around) == [None] * 3
-    any_direction = UpwardSettings(agreement=0.0, fewest=1, level=0.0)
-    settings = SupportPlaneSettings(above=0.0, fewest=1, level=0.0, upward=any_direction)
-    assert None not in planes_of(parts, around, settings)

@@ -27,7 +27,7 @@ POINTS, MEMBER = np.random.default_rng(0).normal(size=(200, 3)), np.repeat(np.ar
 
 
 def found(*settings, examined=EXAMINED):
-    return surface_changes(POINTS, MEMBER, DIFFERENCE, examined, LIMITS, "appeared", *settings)
+    return surface_changes(POINTS, MEMBER, DIFFERENCE, examined, "appeared", LIMITS, *settings)
 
 
 def test_all_points_have_the_change_of_their_working_point():
