@@ -14,6 +14,7 @@ from gmmjax.surveys.intrinsics_file import read_intrinsics as read_intrinsics
 from gmmjax.surveys.intrinsics_file import write_intrinsics as write_intrinsics
 from gmmjax.surveys.localised_map import LocalisedMap as LocalisedMap
 from gmmjax.surveys.localised_map import localised_map as localised_map
+from gmmjax.surveys.placed_frames import FrameMap as FrameMap
 from gmmjax.surveys.placed_frames import PlacedFrames as PlacedFrames
 from gmmjax.surveys.point_cloud2 import decode_cloud as decode_cloud
 from gmmjax.surveys.trajectory import MAX_GAP as MAX_GAP

@@ -159,7 +159,7 @@ def _pyramid(counts: _CellCounts) -> list[_CellCounts]:
     for level in range(counts.level - 1, -1, -1):
         codes = levels[-1].codes >> np.uint64(3)
         places = np.flatnonzero(first_of_equals(codes))
-        points = levels[-1].points.map(lambda own, places=places: np.add.reduceat(own, places))
+        points = Pair(*(np.add.reduceat(own, places) for own in levels[-1].points))
         levels.append(_CellCounts(level, codes[places], points))
     return levels[::-1]
 

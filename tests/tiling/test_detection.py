@@ -17,7 +17,7 @@ from tests.clouds.scanned_room import STATIONS, scan
 from tests.tiling.rooms import BOX, of_box, room
 
 # Small blocks, so that a small scene has many.
-SETTINGS = TiledDetectionSettings(thinned=40_000, most_points=12_000)
+SETTINGS = TiledDetectionSettings(thinned=55_000, most_points=12_000)
 CONFIG = DetectionConfig(restarts=1, max_components=12, registration="never")
 PLACE = np.array([433_000.0, 5_411_000.0, 300.0])
 
@@ -163,7 +163,7 @@ def test_survey_coordinates_and_rows_that_are_not_compared_lose_nothing(points, 
     after = np.insert(points.after, [0, 7], [[np.nan] * 3, [50.0, 50.0, 50.0]], axis=0)
     for side, own in zip(NAMES, (points.before, after), strict=True):
         np.save(tmp_path / f"{side}.npy", own + PLACE)
-    crop = (*(PLACE - 1.0), *(PLACE + np.array([9.0, 7.0, 3.0])))
+    crop = (*(PLACE - 1.0).tolist(), *(PLACE + np.array([9.0, 7.0, 3.0])).tolist())
     clouds = NAMES.map(lambda side: open_cloud(tmp_path / f"{side}.npy"))
     arrays, record = detected_in(clouds, tmp_path, config=dataclasses.replace(CONFIG, crop=crop))
     assert len(record.shown) == 1
