@@ -9,7 +9,7 @@ import functools
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
 import numpy as np
@@ -135,25 +135,22 @@ def write_block_store(clouds: PlacedClouds, tree: BlockTree, folder: Path) -> Bl
         InputError: a file cannot be read or changed since its blocks were made, or the disk is full.
     """
     needed = sum(int(own.sum()) for own in tree.counts) * _RECORD.itemsize
-    with disk_errors(folder, needed):
-        _write_index(folder, tree, clouds.row_counts)
-        writers = each(lambda name, counts: _Writer(folder / name, counts), _POINTS, tree.counts)
-    try:
+    with ExitStack() as opened:
+        with disk_errors(folder, needed):
+            _write_index(folder, tree, clouds.row_counts)
+            writers = each(lambda *own: opened.enter_context(closing(_Writer(folder, *own))), _POINTS, tree.counts)
         read_both(functools.partial(_write, tree, needed), clouds.chunks(), writers)
-    finally:
-        for writer in writers:
-            writer.close()
     return BlockStore(folder)
 
 
 class _Writer:
     """The file of one cloud; each block has its place, and is filled from its beginning."""
 
-    def __init__(self, path: Path, counts: Int64[np.ndarray, " b"]):
-        self.folder = path.parent
+    def __init__(self, folder: Path, name: str, counts: Int64[np.ndarray, " b"]):
+        self.folder = folder
         self._next = np.cumsum(counts) - counts
         self._ends = np.cumsum(counts)
-        self._file = path.open("xb")
+        self._file = (folder / name).open("xb")
         try:
             reserve(self._file.fileno(), int(self._ends[-1]) * _RECORD.itemsize)
         except BaseException:
