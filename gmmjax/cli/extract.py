@@ -13,7 +13,7 @@ from gmmjax.cli.options import check_output_file
 from gmmjax.errors import InputError
 
 if TYPE_CHECKING:
-    from gmmjax.surveys import Bag, Frame, LocalisedMap, PlacedFrames, Trajectory, VolumetricMap
+    from gmmjax.surveys import Bag, Frame, FrameMap, PlacedFrames, Trajectory
 
 Six = tuple[float, float, float, float, float, float]
 Seven = tuple[float, float, float, float, float, float, float]
@@ -229,9 +229,7 @@ def _write_map(
     return {out.name: f"{len(laid.points):,} points of {counted}", views.name: "where the sensor stood, for detect"}
 
 
-def _map(
-    frames: Callable[[], Iterable["Frame"]], trajectory: "Trajectory", options: Options
-) -> "LocalisedMap | VolumetricMap":
+def _map(frames: Callable[[], Iterable["Frame"]], trajectory: "Trajectory", options: Options) -> "FrameMap":
     from gmmjax.surveys import Trajectory, localised_map, volumetric_map
 
     bounds = None if options.crop is None else np.array(options.crop).reshape(2, 3)

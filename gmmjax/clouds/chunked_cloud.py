@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float64
 
-from gmmjax.clouds.cloud_file import CHUNK_POINTS, Bounds, CloudChunk
+from gmmjax.clouds.cloud_file import CHUNK_POINTS, CloudChunk
 from gmmjax.clouds.filters import crop_box
 
 
@@ -19,17 +19,13 @@ class ChunkedCloud(Protocol):
     def count(self) -> int:
         """Number of rows, those without a position among them."""
 
-    @property
-    def bounds(self) -> Bounds | None:
-        """Of the points, as they are declared; None: not known."""
-
     def chunks(self, size: int = CHUNK_POINTS) -> Iterator[CloudChunk]:
         """All points from the first on, at most `size` at a time; no result depends on the size."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CroppedCloud:
-    """What of a cloud is in a box along the axes; the rows are those of the whole cloud.
+    """The part of a cloud in a box along the axes; the rows are those of the whole cloud.
 
     Attributes:
         cloud: the whole.
@@ -46,13 +42,8 @@ class CroppedCloud:
         """Number of rows of the whole cloud."""
         return self.cloud.count
 
-    @property
-    def bounds(self) -> Bounds | None:
-        """Not known before the points are looked at."""
-        return None
-
     def chunks(self, size: int = CHUNK_POINTS) -> Iterator[CloudChunk]:
         """The points in the box, at most `size` at a time; some chunks may have none."""
-        for points, rows, scan in self.cloud.chunks(size):
+        for points, rows in self.cloud.chunks(size):
             inside = crop_box(points, self.lower, self.upper)
-            yield CloudChunk(points[inside], rows[inside], None if scan is None else scan[inside])
+            yield CloudChunk(points[inside], rows[inside])

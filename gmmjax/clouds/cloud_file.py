@@ -38,12 +38,10 @@ class CloudChunk(NamedTuple):
     Attributes:
         points: coordinates in the world, all finite.
         rows: of the file, that the points are.
-        scan: the scan of each point, counted from 0; None where all are of one.
     """
 
     points: Float64[np.ndarray, "n 3"]
     rows: Int64[np.ndarray, " n"]
-    scan: Int16[np.ndarray, " n"] | None = None
 
 
 class RowBlock(NamedTuple):
@@ -53,7 +51,7 @@ class RowBlock(NamedTuple):
         points: coordinates in the world; NaN or infinite where a row has no position.
         columns: all other scalars by name, of either byte order.
         colors: red, green and blue as the file has them; None where it has none.
-        scan: as in `CloudChunk`.
+        scan: the scan of each point, counted from 0; None where all are of one.
         rows: their numbers; None: they follow the block before.
     """
 
@@ -172,7 +170,7 @@ class CloudFile(abc.ABC):
         """
         for block in self._finite_blocks(size):
             assert block.rows is not None
-            yield CloudChunk(block.points, block.rows, block.scan)
+            yield CloudChunk(block.points, block.rows)
 
     def clouds(self, size: int = CHUNK_POINTS) -> Iterator[PointCloud]:
         """Yield the points with colours and fields, at most `size` at a time; `rows` are those of the file.

@@ -1,8 +1,10 @@
 """Which points to leave out before a cloud is compared."""
 
+import math
+
 import numpy as np
 import numpy.typing as npt
-from jaxtyping import Bool
+from jaxtyping import Bool, Float64
 from scipy.spatial import cKDTree
 
 from gmmjax._cores import available_cores
@@ -62,6 +64,17 @@ def crop_box(points: npt.ArrayLike, lower: npt.ArrayLike, upper: npt.ArrayLike) 
     if (low > high).any():
         raise InputError(f"lower {low.tolist()} is above upper {high.tolist()}; exchange them on that axis")
     return np.asarray(((coordinates >= low) & (coordinates <= high)).all(axis=1))
+
+
+def box_text(box: Float64[np.ndarray, "2 3"], size: float) -> str:
+    """A box along the axes as a user reads it, to a thousandth of a size.
+
+    Args:
+        box: its lowest and its highest corner.
+        size: that matters, such as the extent of a scene.
+    """
+    decimals = max(0, 3 - math.ceil(math.log10(size)))
+    return " x ".join(f"{least:.{decimals}f}..{most:.{decimals}f}" for least, most in box.T)
 
 
 def _corner(corner: npt.ArrayLike, name: str) -> np.ndarray:

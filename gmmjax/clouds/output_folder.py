@@ -19,7 +19,7 @@ PREVIOUS = "previous"
 
 @dataclasses.dataclass(frozen=True)
 class FolderKind:
-    """What the folders of one kind hold.
+    """The contents of the folders of one kind.
 
     Attributes:
         name: what messages call such a folder.
@@ -40,7 +40,7 @@ class FolderKind:
     folders: tuple[str, ...] = ()
 
     def is_held_by(self, folder: Path) -> bool:
-        """Whether the folder's marker is one of this kind, of any schema version."""
+        """True where the folder's marker is one of this kind, of any schema version."""
         try:
             content = read_json(folder / self.marker, "choose another output folder")
         except InputError:
@@ -49,7 +49,7 @@ class FolderKind:
 
 
 def check_output_folder(folder: str | os.PathLike[str], kind: FolderKind, *, overwrite: bool = False) -> None:
-    """Whether `output_folder` could write there: called before a long computation.
+    """Check that `output_folder` could write there, before a long computation.
 
     Changes nothing, but clears what processes that were killed left there. Where one was killed while it replaced a
     previous result, that is put back.
@@ -136,7 +136,7 @@ def _check_contents(folder: Path, kind: FolderKind, overwrite: bool) -> None:
 
 
 def _exists(path: str | os.PathLike[str]) -> bool:
-    """As `os.path.lexists`, but a path that the system refuses, such as too long a name, is an error."""
+    """True where something has that name; a path that the system refuses, such as too long a one, is an error."""
     try:
         os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
@@ -190,7 +190,7 @@ def _move_files(staging: Path, target: Path, kind: FolderKind) -> None:
 
 
 def _write_journal(staging: Path, marker: str, old: list[str], new: list[str]) -> None:
-    """What is about to be moved: it has reached the disk before the first file moves."""
+    """Note what is about to be moved, on the disk before the first file moves."""
     with (staging / JOURNAL).open("w", encoding="utf-8") as file:
         json.dump({"marker": marker, "old": old, "new": new}, file)
         file.flush()
@@ -199,7 +199,7 @@ def _write_journal(staging: Path, marker: str, old: list[str], new: list[str]) -
 
 
 def _put_back(staging: Path) -> None:
-    """Puts the previous result back, if the process died after it had begun to move files into the folder of `staging`.
+    """Put the previous result back, if the process died after it had begun to move files into the folder of `staging`.
 
     Raises:
         OSError: a file could not be moved.
@@ -228,7 +228,7 @@ def _is_content(path: Path) -> bool:
 
 
 def _sync_all(folder: Path) -> None:
-    """Makes all files reach the disk, and the entries of all folders: together, since each waits for the disk."""
+    """Make all files reach the disk, and the entries of all folders: together, since each waits for the disk."""
     paths = [path for path in folder.rglob("*") if path.is_file() or (path.is_dir() and os.name != "nt")]
     with ThreadPoolExecutor(max(1, min(8, len(paths)))) as pool:
         list(pool.map(_sync_path, paths))
@@ -245,7 +245,7 @@ def _sync_path(path: Path) -> None:
 
 
 def _sync(folder: Path) -> None:
-    """Makes the folder's entries reach the disk, where the system lets a folder be opened."""
+    """Make the folder's entries reach the disk, where the system lets a folder be opened."""
     if os.name == "nt":
         return
     _sync_path(folder)

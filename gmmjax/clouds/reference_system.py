@@ -39,7 +39,7 @@ DEEPEST = 50
 
 @dataclass(frozen=True)
 class ReferenceSystem:
-    """What is known of the coordinate reference system of a cloud.
+    """The coordinate reference system of a cloud, as far as it is known.
 
     Attributes:
         unit: of all three coordinates, "m", "mm", "cm", "km", "ft" or "ftUS"; None where it is not stated, or is
@@ -61,12 +61,12 @@ def epsg_code(crs: str | None) -> str | None:
 
 
 def is_wkt(crs: str) -> bool:
-    """Whether a system is described by WKT."""
+    """True for a system that is described by WKT."""
     return re.split(r"[\[(]", crs)[0].upper() in SYSTEMS
 
 
 def is_geocentric_system(crs: str) -> bool:
-    """Whether WKT describes a system of lengths as one whose origin is the centre of the Earth."""
+    """True for WKT of a system of lengths whose origin is the centre of the Earth."""
     root = _parsed(crs) if is_wkt(crs) else None
     horizontal = None if root is None else _horizontal(root)
     return horizontal is not None and horizontal.name in GEODETIC
@@ -170,7 +170,7 @@ class _Node:
         return angles[0] if angles else units.pop() if len(units) == 1 else None
 
     def size(self) -> str | None:
-        """What a unit is called, by its size."""
+        """The name of a unit, by its size."""
         try:
             size = float(self.values[1])
         except (IndexError, ValueError):

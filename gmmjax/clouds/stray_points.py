@@ -96,7 +96,7 @@ def _radii(points: Float64[np.ndarray, "n 3"]) -> tuple[Float64[np.ndarray, " n"
 
 
 def _are_together(points: Float64[np.ndarray, "n 3"]) -> bool:
-    """Whether a handful of places is within a `FAR`th of their distance, which is 1, of one of them."""
+    """True where a handful of places is within a `FAR`th of their distance, which is 1, of one of them."""
     places = _places(points)
     tree = cKDTree(places)
     return int(tree.query_ball_point(places, 1 / FAR, p=np.inf, return_length=True).max()) >= HANDFUL

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int64, UInt8
 
-from gmmjax.clouds.cloud_file import CHUNK_POINTS, Bounds, CloudChunk, CloudFile
+from gmmjax.clouds.cloud_file import CHUNK_POINTS, CloudChunk, CloudFile
 from gmmjax.clouds.point_cloud import PointCloud
 from gmmjax.clouds.reading import open_cloud, read_opened
 from gmmjax.clouds.reference_system import ANGLES, epsg_code
@@ -62,22 +62,8 @@ class SurveyFiles:
         return sum(file.count for file in self.files)
 
     @property
-    def bounds(self) -> Bounds | None:
-        """Of the points, where all files declare them."""
-        known = [file.bounds for file in self.files if file.bounds is not None]
-        if len(known) < len(self.files):
-            return None
-        lowers, uppers = zip(*known, strict=True)
-        return Bounds(np.min(lowers, axis=0), np.max(uppers, axis=0))
-
-    @property
-    def scans(self) -> int:
-        """How many scans there are in all files together."""
-        return sum(file.scans for file in self.files)
-
-    @property
     def unit(self) -> str | None:
-        """Of the coordinates, where all files state it; angles, where any of them does."""
+        """Unit of the coordinates, where all files state it; angles, where any of them does."""
         stated = {file.unit for file in self.files}
         return next((unit for unit in ANGLES if unit in stated), stated.pop() if len(stated) == 1 else None)
 
@@ -88,7 +74,7 @@ class SurveyFiles:
 
     @functools.cached_property
     def views(self) -> SensorViews | None:
-        """Where the scanners stood, where all files say so; files may have to be read for that, once.
+        """The scanners' views, where all files have them; files may have to be read for that, once.
 
         Warns:
             InputWarning: only some of them say so, and it is not used.
@@ -105,7 +91,7 @@ class SurveyFiles:
         return slice(start, start + self.files[index].count)
 
     def chunks(self, size: int = CHUNK_POINTS) -> Iterator[CloudChunk]:
-        """The points of all files that have a position, at most `size` at a time; rows and scans are the survey's.
+        """The points of all files that have a position, at most `size` at a time; rows are the survey's.
 
         Args:
             size: points.
@@ -113,14 +99,10 @@ class SurveyFiles:
         Raises:
             InputError: as `CloudFile.row_blocks`.
         """
-        scans = 0
         for index, file in enumerate(self.files):
             start = self.rows_of(index).start
-            for points, rows, scan in file.chunks(size):
-                if self.scans > 1:
-                    scan = np.full(len(rows), scans, np.int16) if scan is None else scan + np.int16(scans)
-                yield CloudChunk(points, rows + start, scan)
-            scans += file.scans
+            for points, rows in file.chunks(size):
+                yield CloudChunk(points, rows + start)
 
     def colors_or_intensity(self, rows: Int64[np.ndarray, " n"]) -> UInt8[np.ndarray, "n 3"] | np.ndarray | None:
         """The colours of some rows, grey where a file has none; if none has any their intensity, NaN where it has none.
@@ -251,7 +233,7 @@ def _file_rows(file: CloudFile, cloud: PointCloud, place: slice) -> FileRows:
 
 
 def _check_stated(files: Sequence[CloudFile], stated: Callable[[CloudFile], str | None], remedy: str) -> None:
-    """Whether all files that state something state the same."""
+    """Check that all files that state something state the same."""
     known = [(file, stated(file)) for file in files if stated(file) is not None]
     for file, value in known:
         first, expected = known[0]

@@ -13,9 +13,11 @@ import re
 import secrets
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO, TypeVar
+from typing import BinaryIO
+
+from gmmjax.errors import InputError
 
 try:
     import fcntl
@@ -28,8 +30,6 @@ ATTEMPTS = 5
 # A temporary folder with this file was replacing a previous result, and holds parts of it: see `clear_folders`.
 JOURNAL = ".moves.json"
 
-_Made = TypeVar("_Made")
-
 
 @contextmanager
 def temporary_folder(parent: Path) -> Iterator[Path]:
@@ -41,23 +41,29 @@ def temporary_folder(parent: Path) -> Iterator[Path]:
     Raises:
         OSError: it cannot be made.
     """
-
-    def make() -> tuple[Path, int | None]:
-        folder = parent / _name()
-        folder.mkdir()
-        try:
-            return folder, _lock(folder)
-        except BaseException:
-            shutil.rmtree(folder, ignore_errors=True)
-            raise
-
-    folder, descriptor = _held(make)
-    try:
+    with _claimed(parent, "", Path.mkdir) as folder:
         yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        if descriptor is not None:
-            os.close(descriptor)
+
+
+@contextmanager
+def working_folder(parent: Path) -> Iterator[Path]:
+    """A `temporary_folder` whose parent a user named; those that dead processes left there are removed before.
+
+    Args:
+        parent: where it is made.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    clear_folders(parent)
+    with ExitStack() as stack:
+        try:
+            folder = stack.enter_context(temporary_folder(parent))
+        except OSError as error:
+            raise InputError(
+                f"{parent}: cannot be written ({error.strerror}); create the folder or choose another one"
+            ) from error
+        yield folder
 
 
 @contextmanager
@@ -68,30 +74,13 @@ def temporary_file(folder: Path) -> Iterator[tuple[Path, BinaryIO]]:
         OSError: it cannot be made.
     """
     _clear_files(folder)
-
-    def make() -> tuple[tuple[Path, BinaryIO], int | None]:
-        path = folder / f"{_name()}.tmp"
-        file = path.open("xb")
-        try:
-            return (path, file), _lock(path)
-        except BaseException:
-            file.close()
-            path.unlink(missing_ok=True)
-            raise
-
-    (path, file), descriptor = _held(make)
-    try:
-        with file:
-            yield path, file
-    finally:
-        path.unlink(missing_ok=True)
-        if descriptor is not None:
-            os.close(descriptor)
+    with _claimed(folder, ".tmp", functools.partial(Path.touch, exist_ok=False)) as path, path.open("wb") as file:
+        yield path, file
 
 
 @contextmanager
 def locked_file(folder: Path, name: str, *, shared: bool = False) -> Iterator[None]:
-    """Holds a lock in a folder while the block runs; its hidden file stays. Nothing where a file system has no locks.
+    """Hold a lock in a folder while the block runs; its hidden file stays. Nothing where a file system has no locks.
 
     Args:
         folder: that is there.
@@ -114,16 +103,16 @@ def locked_file(folder: Path, name: str, *, shared: bool = False) -> Iterator[No
 
 
 def clear_folders(parent: Path, recover: Callable[[Path], None] | None = None) -> None:
-    """Removes the temporary folders in a folder that dead processes of this host left there.
+    """Remove the temporary folders in a folder that dead processes of this host left there.
 
     Args:
         parent: is left alone where it is missing or cannot be read.
         recover: called on each before it is removed; one for which it raises an `OSError` stays. None: those with a
             `JOURNAL` stay.
     """
-    for folder in _temporaries(parent, suffix=""):
-        with _if_left_behind(folder) as left_behind, suppress(OSError):
-            if left_behind and folder.is_dir() and not (recover is None and (folder / JOURNAL).exists()):
+    for folder in _left_behind(parent, ""):
+        if folder.is_dir() and not (recover is None and (folder / JOURNAL).exists()):
+            with suppress(OSError):
                 if recover is not None:
                     recover(folder)
                 shutil.rmtree(folder, ignore_errors=True)
@@ -131,11 +120,25 @@ def clear_folders(parent: Path, recover: Callable[[Path], None] | None = None) -
 
 @functools.lru_cache(maxsize=64)
 def _clear_files(folder: Path) -> None:
-    """Removes the temporary files that dead processes left; once, because a folder may get very many files."""
-    for path in _temporaries(folder, suffix=".tmp"):
-        with _if_left_behind(path) as left_behind, suppress(OSError):
-            if left_behind and path.is_file():
+    """Remove the temporary files that dead processes left; once, because a folder may get very many files."""
+    for path in _left_behind(folder, ".tmp"):
+        if path.is_file():
+            with suppress(OSError):
                 path.unlink()
+
+
+def _left_behind(folder: Path, suffix: str) -> Iterator[Path]:
+    """The temporaries in a folder whose lock no live process holds; while one is looked at none can take it."""
+    for path in _temporaries(folder, suffix):
+        try:
+            descriptor = _lock(path)
+        except OSError:
+            continue
+        if descriptor is not None:
+            try:
+                yield path
+            finally:
+                os.close(descriptor)
 
 
 def _temporaries(folder: Path, suffix: str) -> list[Path]:
@@ -147,26 +150,36 @@ def _temporaries(folder: Path, suffix: str) -> list[Path]:
 
 
 @contextmanager
-def _if_left_behind(path: Path) -> Iterator[bool]:
-    """Whether no live process holds the path's lock; while the block runs none can take it."""
+def _claimed(parent: Path, suffix: str, make: Callable[[Path], None]) -> Iterator[Path]:
+    """A new path that is made and locked, and removed in the end."""
+    path, descriptor = _made(parent, suffix, make)
     try:
-        descriptor = _lock(path)
-    except OSError:
-        yield False
-        return
-    try:
-        yield descriptor is not None
+        yield path
     finally:
+        _remove(path)
         if descriptor is not None:
             os.close(descriptor)
 
 
-def _held(make: Callable[[], tuple[_Made, int | None]]) -> tuple[_Made, int | None]:
-    """What `make` makes and locks; made anew where another process, which clears, came in between."""
-    for _ in range(ATTEMPTS - 1):
-        with suppress(BlockingIOError, FileNotFoundError):
-            return make()
-    return make()
+def _made(parent: Path, suffix: str, make: Callable[[Path], None]) -> tuple[Path, int | None]:
+    """A path that is made, and the descriptor of its lock; anew where another process, which clears, came between."""
+    for attempt in range(ATTEMPTS):
+        path = parent / f"{_name()}{suffix}"
+        make(path)
+        try:
+            return path, _lock(path)
+        except BaseException as error:
+            _remove(path)
+            if attempt == ATTEMPTS - 1 or not isinstance(error, BlockingIOError | FileNotFoundError):
+                raise
+    raise AssertionError("the last attempt returns or raises")
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def _lock(path: Path) -> int | None:
@@ -193,7 +206,7 @@ def _lock(path: Path) -> int | None:
 
 
 def _try_lock(descriptor: int, kind: int | None = None) -> bool:
-    """Whether the file system has locks; another process's lock is a `BlockingIOError`."""
+    """True where the file system has locks; another process's lock is a `BlockingIOError`."""
     try:
         fcntl.flock(descriptor, (fcntl.LOCK_EX if kind is None else kind) | fcntl.LOCK_NB)
     except BlockingIOError:

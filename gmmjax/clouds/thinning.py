@@ -37,7 +37,7 @@ class ThinnedCloud:
 
 
 def thinned_cloud(chunks: Iterable[CloudChunk], most: int) -> ThinnedCloud:
-    """Reads a cloud, and keeps the means of voxels as small as they may be without being more than a given number.
+    """Read a cloud, and keep the means of voxels as small as they may be without being more than a given number.
 
     Args:
         chunks: of the cloud, some points at a time.
@@ -64,7 +64,7 @@ class _Thinning:
         self._far = np.empty((0, 3))
 
     def add(self, points: Float64[np.ndarray, "n 3"]) -> None:
-        """Takes in some points."""
+        """Take in some points."""
         box = np.stack([points.min(axis=0), points.max(axis=0)])
         self._boxes.append(box)
         if not self._size:

@@ -1,4 +1,4 @@
-"""Where the sensor stood and what it could see from there."""
+"""The views of a sensor: where it stood, and what it could see from there."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -50,7 +50,7 @@ class SensorViews:
     max_range: float
 
     def __init__(self, poses: Any, field_of_view: Any, max_range: Any) -> None:
-        """Takes whatever can be made an array [V, 4, 4], two angles and a number, and checks it; see `Raises`."""
+        """Take whatever can be made an array [V, 4, 4], two angles and a number, and checks it; see `Raises`."""
         object.__setattr__(self, "poses", _checked_poses(poses))
         object.__setattr__(self, "field_of_view", _checked_angles(field_of_view))
         object.__setattr__(self, "max_range", _checked_range(max_range))
@@ -66,7 +66,7 @@ class SensorViews:
 
     @property
     def turning(self) -> bool:
-        """Whether the sensor turns: its field of view is measured in azimuth and elevation."""
+        """True for a sensor that turns: its field of view is measured in azimuth and elevation."""
         return self.field_of_view[0] > WIDEST_PINHOLE
 
     @classmethod
@@ -119,7 +119,7 @@ class SensorViews:
     def from_parts(
         cls, parts: Callable[[], Iterable[Float64[np.ndarray, "n 3"]]], positions: npt.ArrayLike
     ) -> "SensorViews":
-        """As `from_positions`, for a cloud that is given in parts, such as one that is larger than the memory.
+        """Views by `from_positions`, for a cloud that is given in parts, such as one that is larger than the memory.
 
         Args:
             parts: gives the cloud's points, finite [N, 3], in parts; called twice or three times.
@@ -205,7 +205,7 @@ def _checked_positions(positions: Any) -> Float64[np.ndarray, "v 3"]:
 
 
 def _check_distances(parts: Iterable[Float64[np.ndarray, "n 3"]], places: Float64[np.ndarray, "v 3"]) -> None:
-    """Whether the positions can be those that a cloud was taken from.
+    """Check that the positions can be those that a cloud was taken from.
 
     Raises:
         InputError: one of them is too far away, or there are no points.
@@ -229,7 +229,7 @@ def _check_distances(parts: Iterable[Float64[np.ndarray, "n 3"]], places: Float6
 
 
 class _Directions:
-    """What is known of the directions from a position to the points of a cloud.
+    """The directions from a position to the points of a cloud, summed up.
 
     Attributes:
         total: sum of the unit vectors.
@@ -242,7 +242,7 @@ class _Directions:
         self.total, self.elevation, self.reach = np.zeros(3), 0.0, 0.0
 
     def add(self, points: Float64[np.ndarray, "n 3"]) -> None:
-        """Takes some of the points into account."""
+        """Take some of the points into account."""
         directions, ranges = self.unit_vectors(points)
         self.total = self.total + directions.sum(axis=0)
         self.elevation = max(self.elevation, float(np.abs(directions[:, 2]).max(initial=0.0)))
@@ -257,7 +257,7 @@ class _Directions:
         return offsets[ranges > 0] / ranges[ranges > 0, None], ranges
 
     def axes(self) -> Float64[np.ndarray, "3 3"]:
-        """Of a camera that looks along the mean direction: upright where z points up, else with x right and y down."""
+        """Axes of a camera that looks along the mean direction, upright where z points up, else x right and y down."""
         forward = self.total / np.linalg.norm(self.total)
         down = np.array([0.0, 0.0, -1.0]) if abs(forward[2]) < 0.7 else np.array([0.0, 1.0, 0.0])
         right = np.cross(down, forward)
@@ -302,7 +302,7 @@ def _checked_poses(poses: Any) -> Float64[np.ndarray, "v 4 4"]:
 
 
 def check_poses(poses: Float64[np.ndarray, "..."], owner: str) -> None:
-    """Whether these are rigid motions.
+    """Check that poses are rigid motions.
 
     Args:
         poses: what should be poses [V, 4, 4].

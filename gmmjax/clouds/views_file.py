@@ -48,7 +48,7 @@ def read_views(path: str | os.PathLike[str]) -> SensorViews:
 
 
 def write_views(path: str | os.PathLike[str], views: SensorViews) -> None:
-    """Writes sensor views, whole or not at all; `read_views` reads them back, to the last digit.
+    """Write sensor views, whole or not at all; `read_views` reads them back, to the last digit.
 
     Args:
         path: the file, ending with `.json` or `.npz`.

@@ -175,6 +175,6 @@ def voxel_keys(indices: Int64[np.ndarray, "3 n"]) -> Int64[np.ndarray, " n"]:
 
 
 def _occupied(offsets: Float64[np.ndarray, "3 n"], size: float) -> int:
-    """How many voxels have points; sorting beats hashing here."""
+    """The number of voxels with points; sorting beats hashing here."""
     keys = np.sort(_keys(offsets, size))
     return 1 + int(np.count_nonzero(keys[1:] != keys[:-1]))

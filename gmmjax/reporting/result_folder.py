@@ -124,7 +124,7 @@ def write_tiled_result(
         InputWarning: a scan cannot be written in its own format; it is written as PLY.
     """
     transforms = Pair(None, _transform(found.changes) if transform_after else None)
-    scans = each(labelled_files, surveys, found.rows.found(), transforms)
+    scans = each(labelled_files, surveys, found.rows.map(lambda own: own.fields()), transforms)
     with output_folder(folder, RESULT, overwrite=overwrite) as staging:
         _write_files(staging, found.changes, found.shown, found.clouds, scans)
     return Path(folder)

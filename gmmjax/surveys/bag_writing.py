@@ -1,48 +1,35 @@
 """Writing ROS bags as a robot records them: point clouds, the robot's poses, and the transforms."""
 
+import functools
 import heapq
 import itertools
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
-from gmmjax.clouds import check_poses, clear_folders, temporary_folder
+from gmmjax.clouds import check_poses, working_folder
 from gmmjax.errors import InputError
-from gmmjax.surveys.bags import load_rosbags
+from gmmjax.surveys.bag_opening import load_rosbags
 from gmmjax.surveys.frame import Frame
 from gmmjax.surveys.point_cloud2 import encode_cloud
 from gmmjax.surveys.trajectory import Trajectory
 
-PoseMessage = Literal["Odometry", "PoseStamped"]
+Pose: TypeAlias = Float64[np.ndarray, "4 4"]
+
 IN_PLACE = np.eye(4)
+CLOUD = "sensor_msgs/msg/PointCloud2"
+ODOMETRY = "nav_msgs/msg/Odometry"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
-
-
-@dataclass(frozen=True)
-class BagNames:
-    """How topics and coordinate frames are called; the defaults are those of the Astrobee robot.
-
-    Attributes:
-        clouds: topic of the point clouds.
-        poses: topic of the body's poses.
-        world: coordinate frame that the poses are given in.
-        body: coordinate frame of the robot.
-        sensor: coordinate frame of frames without a name.
-    """
-
-    clouds: str = "/hw/depth_haz/points"
-    poses: str = "/loc/ground_truth"
-    world: str = "world"
-    body: str = "body"
-    sensor: str = "haz_cam"
+# The names that the Astrobee robot gives its topics and coordinate frames.
+CLOUD_TOPIC, POSE_TOPIC = "/hw/depth_haz/points", "/loc/ground_truth"
+WORLD, BODY, SENSOR = "world", "body", "haz_cam"
 
 
 def write_bag(
@@ -50,16 +37,13 @@ def write_bag(
     frames: Iterable[Frame],
     trajectory: Trajectory,
     *,
-    sensor_on_body: Float64[np.ndarray, "4 4"] = IN_PLACE,
-    names: BagNames = BagNames(),
-    pose_message: PoseMessage = "Odometry",
+    sensor_on_body: Pose = IN_PLACE,
     other_poses: Mapping[str, Trajectory] = MappingProxyType({}),
-    big_endian: bool = False,
-    point_step: int = 12,
 ) -> None:
-    """Writes a bag, whole or not at all: clouds, poses, /tf and /tf_static; the frames are taken one by one.
+    """Write a bag, whole or not at all: clouds, poses, /tf and /tf_static; the frames are taken one by one.
 
-    Messages are recorded at the time that they are stamped with.
+    Messages are recorded at the time that they are stamped with. Topics and coordinate frames have the names of the
+    Astrobee robot.
 
     Args:
         path: ends with `.bag` (ROS 1), `.mcap` or `.db3` (one file of ROS 2), or has no ending: a folder of ROS 2, with
@@ -67,11 +51,7 @@ def write_bag(
         frames: in their sensor's coordinates, in the order of their times.
         trajectory: of the body, in the world.
         sensor_on_body: the sensor's extrinsics, sensor to body.
-        names: of topics and coordinate frames.
-        pose_message: the type of the poses, `nav_msgs/Odometry` or `geometry_msgs/PoseStamped`.
         other_poses: further poses of the body, such as after bundle adjustment, by their topics; they are not in /tf.
-        big_endian: the byte order of the clouds' numbers.
-        point_step: bytes of a point, at least 12.
 
     Raises:
         InputError: rosbags is not installed, the path has another ending or cannot be written, or times that bags do
@@ -80,94 +60,65 @@ def write_bag(
     """
     load_rosbags(str(path))
     check_poses(np.asarray(sensor_on_body)[None], "sensor_on_body")
+    stream = iter(frames)
+    first = next(stream, None)
+    sensor = SENSOR if first is None else first.name or SENSOR
+    timed: list[Iterable[tuple[float, str, Any]]] = [
+        zip(known.times.tolist(), itertools.repeat(topic), known.poses, strict=False)
+        for topic, known in {POSE_TOPIC: trajectory, **other_poses}.items()
+    ]
+    timed.append(
+        (frame.time, CLOUD_TOPIC, frame) for frame in itertools.chain(() if first is None else (first,), stream)
+    )
     with _open_writer(Path(path)) as (record, messages):
-        stream = iter(frames)
-        first = next(stream, None)
-        sensor = names.sensor if first is None else first.name or names.sensor
-        static = messages.transforms(float(trajectory.times[0]), [(names.body, sensor, sensor_on_body)])
-        record("/tf_static", TRANSFORMS, float(trajectory.times[0]), static)
-        pose = messages.odometry if pose_message == "Odometry" else messages.pose_stamped
-        pose_kind = "nav_msgs/msg/Odometry" if pose_message == "Odometry" else "geometry_msgs/msg/PoseStamped"
-        timed: list[Iterable[tuple[float, str, Any]]] = [
-            zip(known.times.tolist(), itertools.repeat(topic), known.poses, strict=False)
-            for topic, known in {names.poses: trajectory, **other_poses}.items()
-        ]
-        timed.append(
-            (frame.time, names.clouds, frame) for frame in itertools.chain([] if first is None else [first], stream)
-        )
+        start = float(trajectory.times[0])
+        record("/tf_static", TRANSFORMS, start, messages.transform(start, BODY, sensor, sensor_on_body))
         for time, topic, what in heapq.merge(*timed, key=lambda message: message[0]):
             if isinstance(what, Frame):
-                cloud = messages.cloud(what, what.name or sensor, big_endian, point_step)
-                record(topic, "sensor_msgs/msg/PointCloud2", time, cloud)
+                record(topic, CLOUD, time, messages.cloud(what, what.name or sensor))
                 continue
-            record(topic, pose_kind, time, pose(time, names.world, names.body, what))
-            if topic == names.poses:
-                record("/tf", TRANSFORMS, time, messages.transforms(time, [(names.world, names.body, what)]))
+            record(topic, ODOMETRY, time, messages.odometry(time, what))
+            if topic == POSE_TOPIC:
+                record("/tf", TRANSFORMS, time, messages.transform(time, WORLD, BODY, what))
 
 
 class _Messages:
-    """Makes messages of one version of ROS."""
+    """Maker of messages of one version of ROS."""
 
     def __init__(self, typestore: Any, version: int) -> None:
         self._types = typestore.types
         self._version = version
 
-    def cloud(self, frame: Frame, sensor: str, big_endian: bool, point_step: int) -> Any:
-        packed = encode_cloud(frame, big_endian=big_endian, point_step=point_step)
-        return self._make(
-            "sensor_msgs/msg/PointCloud2",
-            header=self._header(frame.time, sensor),
-            height=packed.height,
-            width=packed.width,
-            fields=[self._make("sensor_msgs/msg/PointField", **vars(field)) for field in packed.fields],
-            is_bigendian=packed.is_bigendian,
-            point_step=packed.point_step,
-            row_step=packed.row_step,
-            data=packed.data,
-            is_dense=packed.is_dense,
-        )
+    def cloud(self, frame: Frame, sensor: str) -> Any:
+        packed = vars(encode_cloud(frame))
+        fields = [self._make("sensor_msgs/msg/PointField", **vars(field)) for field in packed["fields"]]
+        return self._make(CLOUD, **{**packed, "fields": fields}, header=self._header(frame.time, sensor))
 
-    def odometry(self, time: float, world: str, body: str, pose: Float64[np.ndarray, "4 4"]) -> Any:
-        zero = {axis: 0.0 for axis in "xyz"}
-        still = self._make(
-            "geometry_msgs/msg/Twist",
-            linear=self._make("geometry_msgs/msg/Vector3", **zero),
-            angular=self._make("geometry_msgs/msg/Vector3", **zero),
-        )
+    def odometry(self, time: float, pose: Pose) -> Any:
+        zero = self._make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
+        still = self._make("geometry_msgs/msg/Twist", linear=zero, angular=zero)
+        position = self._make("geometry_msgs/msg/Point", **_position(pose))
+        there = self._make("geometry_msgs/msg/Pose", position=position, orientation=self._quaternion(pose))
         unknown = np.zeros(36)
         return self._make(
-            "nav_msgs/msg/Odometry",
-            header=self._header(time, world),
-            child_frame_id=body,
-            pose=self._make("geometry_msgs/msg/PoseWithCovariance", pose=self._pose(pose), covariance=unknown),
+            ODOMETRY,
+            header=self._header(time, WORLD),
+            child_frame_id=BODY,
+            pose=self._make("geometry_msgs/msg/PoseWithCovariance", pose=there, covariance=unknown),
             twist=self._make("geometry_msgs/msg/TwistWithCovariance", twist=still, covariance=unknown),
         )
 
-    def pose_stamped(self, time: float, world: str, body: str, pose: Float64[np.ndarray, "4 4"]) -> Any:
-        del body
-        return self._make("geometry_msgs/msg/PoseStamped", header=self._header(time, world), pose=self._pose(pose))
+    def transform(self, time: float, parent: str, child: str, pose: Pose) -> Any:
+        translation, rotation = self._make("geometry_msgs/msg/Vector3", **_position(pose)), self._quaternion(pose)
+        stamped = self._make(
+            "geometry_msgs/msg/TransformStamped",
+            header=self._header(time, parent),
+            child_frame_id=child,
+            transform=self._make("geometry_msgs/msg/Transform", translation=translation, rotation=rotation),
+        )
+        return self._make(TRANSFORMS, transforms=[stamped])
 
-    def transforms(self, time: float, edges: list[tuple[str, str, Float64[np.ndarray, "4 4"]]]) -> Any:
-        stamped = [
-            self._make(
-                "geometry_msgs/msg/TransformStamped",
-                header=self._header(time, parent),
-                child_frame_id=child,
-                transform=self._make(
-                    "geometry_msgs/msg/Transform",
-                    translation=self._make("geometry_msgs/msg/Vector3", **_position(pose)),
-                    rotation=self._quaternion(pose),
-                ),
-            )
-            for parent, child, pose in edges
-        ]
-        return self._make(TRANSFORMS, transforms=stamped)
-
-    def _pose(self, pose: Float64[np.ndarray, "4 4"]) -> Any:
-        point = self._make("geometry_msgs/msg/Point", **_position(pose))
-        return self._make("geometry_msgs/msg/Pose", position=point, orientation=self._quaternion(pose))
-
-    def _quaternion(self, pose: Float64[np.ndarray, "4 4"]) -> Any:
+    def _quaternion(self, pose: Pose) -> Any:
         numbers = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
         return self._make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", numbers, strict=True)))
 
@@ -181,7 +132,7 @@ class _Messages:
         return self._types[kind](**values)
 
 
-def _position(pose: Float64[np.ndarray, "4 4"]) -> dict[str, float]:
+def _position(pose: Pose) -> dict[str, float]:
     return dict(zip("xyz", pose[:3, 3].tolist(), strict=True))
 
 
@@ -202,21 +153,19 @@ def _open_writer(target: Path) -> Iterator[tuple[Callable[[str, str, float, Any]
     typestore = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_HUMBLE)
     if TRANSFORMS not in typestore.types:
         typestore.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TRANSFORMS))
-    connections: dict[str, Any] = {}
-    with _staged(target) as (staged, make_writer), make_writer(staged) as writer:
+    serialize = typestore.serialize_ros1 if version == 1 else typestore.serialize_cdr
+    with _staged(target) as writer:
+        connect = functools.cache(functools.partial(writer.add_connection, typestore=typestore))
 
         def record(topic: str, kind: str, time: float, message: Any) -> None:
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=typestore)
-            serialize = typestore.serialize_ros1 if version == 1 else typestore.serialize_cdr
-            writer.write(connections[topic], _nanoseconds(time), serialize(message, kind))
+            writer.write(connect(topic, kind), _nanoseconds(time), serialize(message, kind))
 
         yield record, _Messages(typestore, version)
 
 
 @contextmanager
-def _staged(target: Path) -> Iterator[tuple[Path, Callable[[Path], Any]]]:
-    """Where the bag is written at first, and what makes its writer; when the block ends it is moved to its place."""
+def _staged(target: Path) -> Iterator[Any]:
+    """The writer of a bag that takes its place when the block ends."""
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin
     from rosbags.rosbag2 import Writer as Writer2
@@ -228,24 +177,15 @@ def _staged(target: Path) -> Iterator[tuple[Path, Callable[[Path], Any]]]:
         )
     if target.is_dir():
         raise InputError(f"{target}: is a folder that is there already; choose another name, or remove it")
-
-    def make_writer(path: Path) -> Any:
+    with working_folder(target.absolute().parent) as folder:
         if target.suffix == ".bag":
-            return Writer1(path)
-        return Writer2(path, version=Writer2.VERSION_LATEST, storage_plugin=plugins[target.suffix])
-
-    parent = target.absolute().parent
-    clear_folders(parent)
-    with ExitStack() as stack:
-        try:
-            folder = stack.enter_context(temporary_folder(parent))
-        except OSError as error:
-            raise InputError(
-                f"{target}: cannot be written ({error.strerror}); "
-                f"create the folder {target.parent} or choose another one"
-            ) from error
-        # The files in a folder of ROS 2 are called after it.
-        staged = folder / (target.name if target.suffix in (".bag", "") else target.stem)
-        yield staged, make_writer
-        written = staged if target.suffix in (".bag", "") else staged / f"{staged.name}{target.suffix}"
+            written = staged = folder / target.name
+            writer: Any = Writer1(staged)
+        else:
+            # The files in a folder of ROS 2 are called after it.
+            staged = folder / target.stem
+            written = staged / f"{target.stem}{target.suffix}" if target.suffix else staged
+            writer = Writer2(staged, version=Writer2.VERSION_LATEST, storage_plugin=plugins[target.suffix])
+        with writer:
+            yield writer
         os.replace(written, target)

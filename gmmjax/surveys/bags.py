@@ -1,7 +1,6 @@
 """ROS bags, of ROS 1 and ROS 2, read without ROS: their topics, frames and poses."""
 
 import os
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -9,27 +8,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float64
 
-from gmmjax.clouds import read_bytes, require_file
-from gmmjax.errors import LARGEST_INTEGER, InputError, one_line, shown
+from gmmjax.errors import InputError, warn
+from gmmjax.surveys.bag_opening import CLOUD_TYPES, open_reader, readable
 from gmmjax.surveys.bag_poses import POSE_TYPES, TF_TYPES, frame_name, frames_of_pose, pose_trajectory, transform_tree
 from gmmjax.surveys.frame import Frame
 from gmmjax.surveys.point_cloud2 import decode_frame, header_time
 from gmmjax.surveys.trajectory import MAX_GAP, Trajectory
 from gmmjax.surveys.transforms import TransformTree
 
-CLOUD_TYPES = ("sensor_msgs/msg/PointCloud2",)
-TRANSFORM = "geometry_msgs/msg/TransformStamped"
-SUFFIXES = (".bag", ".mcap", ".db3")
 # How far (seconds) the delay between a message's own stamp and its record may vary within a bag.
 DELAY_JITTER = 2.0
 # A frame that is early by this share of the period is still taken for its turn.
 PERIOD_JITTER = 0.1
 NANOSECONDS = 1_000_000_000
-# Bytes of a bag's metadata.yaml, which has some hundred a topic; its parser takes five seconds for this size.
-MOST_METADATA = 1 << 19
-# What merges maps in YAML, in time that doubles with each, and what can give it another name; no recorder writes it.
-MERGES = re.compile(rb"<<|!!merge|yaml\.org|%TAG")
 
 
 @dataclass(frozen=True)
@@ -190,7 +183,7 @@ class Bag:
         return tree.trajectory(tree.root_of(child) if parent is None else frame_name(parent), child, max_gap)
 
     def has_transforms(self, topic: str) -> bool:
-        """Whether the messages of a topic are transforms as on /tf."""
+        """True where the messages of a topic are transforms as on /tf."""
         return self._types.get(topic) in TF_TYPES
 
     def body_of(self, topic: str) -> str:
@@ -229,7 +222,7 @@ class Bag:
         limits = [None if time is None else int(np.clip(time, 0, self.end + 1) * NANOSECONDS) for time in (start, end)]
         records = self._reader.messages(self._connections[name], *limits)
         while True:
-            with _readable(self.path):
+            with readable(self.path):
                 record = next(records, None)
                 if record is None:
                     return
@@ -238,7 +231,7 @@ class Bag:
             yield log_time / NANOSECONDS, message
 
     def _delay(self, name: str) -> float:
-        """How long after its stamp the topic's first message was recorded, seconds."""
+        """The time from the stamp of the topic's first message to its record, seconds."""
         if name not in self._delays:
             first = next(self._records(name, None, None), None)
             self._delays[name] = 0.0 if first is None else first[0] - header_time(first[1].header, first[0])
@@ -247,7 +240,7 @@ class Bag:
     def _topic(self, name: str) -> Topic:
         connections = self._connections[name]
         count = sum(int(connection.msgcount) for connection in connections)
-        with _readable(self.path):
+        with readable(self.path):
             span = _span(self._reader, connections) if count else None
         start, end = (None, None) if span is None else (time / NANOSECONDS for time in span)
         return Topic(name, self._types[name], count, start, end)
@@ -280,169 +273,82 @@ def open_bag(path: str | os.PathLike[str]) -> Iterator[Bag]:
         InputError: rosbags is not installed, there is no such bag, or it is cut off or damaged.
     """
     bag = Path(path)
-    load_rosbags(str(bag))
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
-
-    _check_path(bag)
-    # What ROS 2 recorded before Iron has no definitions of its messages; those here have not changed since.
-    known = get_typestore(Stores.ROS1_NOETIC if bag.suffix == ".bag" else Stores.LATEST)
-    with _readable(bag):
-        reader = AnyReader([bag], default_typestore=known)
-        reader.open()
-    try:
-        with _readable(bag):
-            _add_missing_types(reader, known)
-            _check_definitions(reader, known, bag)
-            _check_metadata(reader)
+    with open_reader(bag) as reader:
+        with readable(bag):
             opened = Bag(bag, reader)
         yield opened
-    finally:
-        reader.close()
 
 
-def load_rosbags(bag: str) -> None:
-    """Imports rosbags.
+def sensor_trajectory(
+    bag: Bag,
+    topic: str,
+    sensor: str,
+    *,
+    parent: str | None = None,
+    child: str | None = None,
+    sensor_on_body: Float64[np.ndarray, "4 4"] | None = None,
+    max_gap: float = MAX_GAP,
+) -> Trajectory:
+    """The poses of a sensor in the world.
+
+    Where the poses are those of a body, the sensor's pose on it is taken from the bag's transforms, if it is not given.
 
     Args:
-        bag: what it is needed for, at the start of the message.
+        bag: that is open.
+        topic: of poses, or of transforms such as "/tf".
+        sensor: the coordinate frame of the sensor, `Frame.name`.
+        parent: of transforms: the coordinate frame of the world; None is the root of the tree.
+        child: whose poses to take; None is the sensor for transforms, and what the messages say for other poses.
+        sensor_on_body: the sensor's extrinsics, sensor to body.
+        max_gap: of transforms, the longest gap that is interpolated over, seconds.
 
     Raises:
-        InputError: it is not installed.
+        InputError: as `Bag.trajectory`, or the transforms say that the sensor moves on the body.
+
+    Warns:
+        InputWarning: where the sensor is on the body is not known; the poses are then taken for the sensor's own.
     """
-    try:
-        import rosbags.highlevel  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise InputError(f"{bag}: ROS bags need {error.name}: pip install '.[ros]'") from error
-
-
-def _check_path(bag: Path) -> None:
-    if not bag.exists():
-        raise InputError(f"{bag}: no such file or folder; check the path (current folder: {Path.cwd()})")
-    if bag.is_dir():
-        _check_folder(bag)
-        return
-    require_file(bag)
-    if bag.name.endswith(".active"):
-        raise InputError(f"{bag}: was not closed; mend it with rosbag reindex, and take .active off its name")
-    if bag.suffix not in SUFFIXES:
-        raise InputError(f"{bag}: is no bag by its ending; bags are files with {', '.join(SUFFIXES)}, or folders")
-
-
-def _check_folder(bag: Path) -> None:
-    """A folder of ROS 2; whatever is in it may be opened by the reader."""
-    if not (bag / "metadata.yaml").exists():
-        raise InputError(
-            f"{bag}: is no ROS 2 bag, because it has no metadata.yaml; name the folder that holds it or the file in "
-            "it, or make it with ros2 bag reindex"
-        )
-    if MERGES.search(read_bytes(bag / "metadata.yaml", MOST_METADATA)):
-        raise InputError(
-            f"{bag / 'metadata.yaml'}: merges maps (<<), which is not read; write it with ros2 bag reindex"
-        )
-    for entry in bag.iterdir():
-        # Empty files are none of ours: databases have such beside them.
-        if not entry.is_dir() and not entry.is_file():
-            require_file(entry)
-
-
-def _add_missing_types(reader: Any, known: Any) -> None:
-    """Definitions of messages that the bag has itself for other topics only."""
-    defined = reader.typestore.fielddefs
-    if {connection.msgtype for connection in reader.connections} - set(defined):
-        reader.typestore.register({name: kind for name, kind in known.fielddefs.items() if name not in defined})
-
-
-def _check_definitions(reader: Any, known: Any, bag: Path) -> None:
-    """Whether the bag defines the messages that are read, and what they are made of, as ROS does."""
-    waiting = [name for name in (*CLOUD_TYPES, *POSE_TYPES, *TF_TYPES) if name in reader.typestore.fielddefs]
-    seen: set[str] = set()
-    while waiting:
-        name = waiting.pop()
-        seen.add(name)
-        fields = reader.typestore.fielddefs[name][1]
-        if name in TF_TYPES:
-            # ROS 1 has this message in no package that the library knows: a sequence of one kind of message.
-            as_ros = [field for field, _ in fields] == ["transforms"] and list(_parts(fields)) == [TRANSFORM]
-        else:
-            as_ros = _plain(fields) == _plain(known.fielddefs[name][1])
-        if not as_ros:
-            raise InputError(
-                f"{bag}: defines {name} otherwise than ROS; it is damaged, or record it with ROS's messages"
-            )
-        waiting += [part for part in _parts(fields) if part not in seen]
-
-
-def _check_metadata(reader: Any) -> None:
-    """Whether names, counts and times are such: YAML gives whatever stands there."""
-    for connection in reader.connections:
-        if not (isinstance(connection.topic, str) and isinstance(connection.msgtype, str)):
-            raise ValueError(
-                f"a topic's name or type is no text: {shown(connection.topic)}, {shown(connection.msgtype)}"
-            )
-        if not (isinstance(connection.msgcount, int) and 0 <= connection.msgcount <= LARGEST_INTEGER):
-            raise ValueError(f"{connection.topic} has {shown(connection.msgcount)} messages")
-    for time in (reader.start_time, reader.end_time):
-        if not (isinstance(time, int) and 0 <= time <= LARGEST_INTEGER):
-            raise ValueError(f"it starts or ends at {shown(time)} ns")
-
-
-def _plain(fields: Any) -> Any:
-    """The definition of fields as tuples, whose kinds compare across the libraries' versions."""
-    return tuple(_plain(part) for part in fields) if isinstance(fields, list | tuple) else str(fields)
-
-
-def _parts(fields: Any) -> Iterator[str]:
-    """The names of messages in a definition of fields."""
-    if isinstance(fields, list | tuple):
-        for part in fields:
-            yield from _parts(part)
-    elif isinstance(fields, str) and "/msg/" in fields:
-        yield fields
-
-
-@contextmanager
-def _readable(bag: Path) -> Iterator[None]:
-    """Turns whatever the reader raises on a damaged bag into one error."""
-    try:
-        yield
-    except (InputError, GeneratorExit, KeyboardInterrupt):
-        raise
-    # rosbags and the libraries below it raise a dozen kinds of exception on damaged files, AssertionError among them.
-    except Exception as error:
-        cause = one_line(error)
-        remedy = (
-            "write it without compression (rosbag decompress, or ros2 bag convert)"
-            if "ompression" in cause
-            else "if it is cut off or was not closed, copy it again, or mend it with rosbag reindex (ROS 1) or "
-            "ros2 bag reindex"
-        )
-        raise InputError(f"{bag}: cannot be read ({cause}); {remedy}") from error
+    sensor = frame_name(sensor)
+    if bag.has_transforms(topic):
+        body = frame_name(child or sensor)
+        trajectory = bag.trajectory(topic, parent, body, max_gap)
+    else:
+        trajectory = bag.trajectory(topic)
+        body = frame_name(child or bag.body_of(topic))
+    if sensor_on_body is not None:
+        return trajectory.of_sensor(sensor_on_body)
+    if body == sensor:
+        return trajectory
+    if bag.transforms().connects(body, sensor):
+        return trajectory.of_sensor(bag.transforms().fixed_pose(body, sensor))
+    warn(
+        f"{bag.path}: where the sensor {sensor!r} is on the body {body!r} is not known, the poses of {topic} are "
+        "taken for the sensor's own; give its extrinsics (sensor_on_body, --sensor-on-body) if they are not"
+    )
+    return trajectory
 
 
 def _span(reader: Any, connections: Sequence[Any]) -> tuple[int, int]:
     """When the first and the last message of some connections were recorded, nanoseconds; the last to a millisecond."""
     # The reader of ROS 1 holds the times of all messages; that of ROS 2 has only its `messages`, forwards.
-    indexes = [connection.owner.indexes[connection.id] for connection in connections if _is_indexed(connection)]
-    if len(indexes) == len(connections):
+    if all(hasattr(connection.owner, "indexes") for connection in connections):
+        indexes = [connection.owner.indexes[connection.id] for connection in connections]
         times = [int(index[end].time) for index in indexes if index for end in (0, -1)]
         return min(times), max(times)
 
-    def first_from(time: int | None) -> int | None:
-        record = next(reader.messages(connections, time), None)
-        return None if record is None else int(record[1])
-
-    first = first_from(None)
+    first = _first_from(reader, connections, None)
     assert first is not None
     # Bisection for the latest time from which on there is a message.
     last, beyond = first, int(reader.end_time)
     probe = max(beyond - NANOSECONDS, last)
     while beyond - last > NANOSECONDS // 1000:
-        found = first_from(probe)
+        found = _first_from(reader, connections, probe)
         last, beyond = (last, probe) if found is None else (max(found, last), beyond)
         probe = (last + beyond) // 2 + 1
     return first, last
 
 
-def _is_indexed(connection: Any) -> bool:
-    return hasattr(connection.owner, "indexes")
+def _first_from(reader: Any, connections: Sequence[Any], time: int | None) -> int | None:
+    """When the first message at a time or after it was recorded, nanoseconds."""
+    record = next(reader.messages(connections, time), None)
+    return None if record is None else int(record[1])

@@ -76,7 +76,7 @@ def read_depth_frame(
 
 
 def write_depth_image(path: str | os.PathLike[str], depth: Frame | npt.ArrayLike, *, unit: float = MILLIMETRE) -> None:
-    """Writes a depth image as 16-bit PNG with its unit, whole or not at all; `read_depth_frame` reads it back.
+    """Write a depth image as 16-bit PNG with its unit, whole or not at all; `read_depth_frame` reads it back.
 
     Args:
         path: the file, ending with `.png`.

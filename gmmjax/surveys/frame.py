@@ -13,7 +13,7 @@ from gmmjax.surveys.intrinsics import Intrinsics
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What a depth sensor saw at one time, in its own coordinates; a camera's are x right, y down, z forward.
+    """The points that a depth sensor saw at one time, in its own axes; a camera's are x right, y down, z forward.
 
     Attributes:
         cloud: the points with a return; of an ordered frame `cloud.rows` are their pixels, row by row.

@@ -54,7 +54,7 @@ def read_intrinsics(path: str | os.PathLike[str]) -> Intrinsics:
 
 
 def write_intrinsics(path: str | os.PathLike[str], intrinsics: Intrinsics) -> None:
-    """Writes intrinsics as JSON, whole or not at all; `read_intrinsics` reads them back, to the last digit.
+    """Write intrinsics as JSON, whole or not at all; `read_intrinsics` reads them back, to the last digit.
 
     Args:
         path: the file, ending with `.json`.

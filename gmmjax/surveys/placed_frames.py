@@ -1,6 +1,7 @@
 """Frames with their poses: what every map is made of."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +15,32 @@ from gmmjax.surveys.trajectory import MAX_GAP, Trajectory
 WHOLE_TURN, NEARLY_UPRIGHT = 360.0, 179.9
 
 
+@dataclass(frozen=True, eq=False)
+class FrameMap:
+    """A map made of frames.
+
+    Attributes:
+        points: metres in the world.
+        times: of the frames used, seconds.
+        poses: of the sensor at these times, sensor to world.
+        views: where the sensor stood and what it could see.
+        frames_skipped: how many frames the map could not be made of: without points, or not covered by the trajectory.
+    """
+
+    points: Float64[np.ndarray, "n 3"]
+    times: Float64[np.ndarray, " v"]
+    poses: Float64[np.ndarray, "v 4 4"]
+    views: SensorViews
+    frames_skipped: int
+
+    @property
+    def frames_used(self) -> int:
+        """Number of frames that the map is made of."""
+        return len(self.times)
+
+
 class PlacedFrames:
-    """Every n-th of some frames that a trajectory covers, one after the other; it counts them, and those left out.
+    """The frames that a trajectory covers, one after the other; it counts them, and those left out.
 
     Attributes:
         times: of the frames used, seconds.
@@ -23,28 +48,15 @@ class PlacedFrames:
         skipped: how many frames could not be used: without points, or not covered by the trajectory.
     """
 
-    def __init__(
-        self,
-        frames: Iterable[Frame],
-        trajectory: Trajectory,
-        *,
-        every: int = 1,
-        max_gap: float = MAX_GAP,
-    ) -> None:
-        """Takes the frames as they come; nothing is read before the iteration.
+    def __init__(self, frames: Iterable[Frame], trajectory: Trajectory, *, max_gap: float = MAX_GAP) -> None:
+        """Take the frames as they come; nothing is read before the iteration.
 
         Args:
             frames: in the coordinates of their sensor.
             trajectory: of the sensor.
-            every: use one frame of this number.
             max_gap: a frame between two poses further apart than this (seconds) is not covered.
-
-        Raises:
-            InputError: `every` below 1.
         """
-        if every < 1:
-            raise InputError(f"every={every} must be at least 1: every so many frames are used")
-        self._frames, self._trajectory, self._every, self._max_gap = frames, trajectory, every, max_gap
+        self._frames, self._trajectory, self._max_gap = frames, trajectory, max_gap
         self._span = (np.inf, -np.inf)
         self.times: list[float] = []
         self.poses: list[Float64[np.ndarray, "4 4"]] = []
@@ -56,9 +68,7 @@ class PlacedFrames:
         Raises:
             InputError: at the end, where there was none.
         """
-        for number, frame in enumerate(self._frames):
-            if number % self._every:
-                continue
+        for frame in self._frames:
             self._span = (min(self._span[0], frame.time), max(self._span[1], frame.time))
             poses, covered = self._trajectory.at([frame.time], self._max_gap)
             if not covered[0] or not len(frame.cloud):
@@ -82,14 +92,12 @@ class PlacedFrames:
 
 
 class Sight:
-    """What a sensor can see, told by its frames: the widest field of view, and the range of the farthest point."""
+    """The sight of a sensor, told by its frames: the widest field of view, and the range of the farthest point."""
 
-    def __init__(self, field_of_view: tuple[float, float] | None, max_range: float | None) -> None:
-        """Takes what is known of the sensor.
+    def __init__(self, max_range: float | None) -> None:
+        """Take what is known of the sensor.
 
         Args:
-            field_of_view: full horizontal and vertical angle, degrees. None: what holds the frames' images, or their
-                points where these are in no order.
             max_range: metres. None: just beyond the farthest point.
 
         Raises:
@@ -97,7 +105,7 @@ class Sight:
         """
         if max_range is not None and not max_range > 0:
             raise InputError(f"max_range={max_range} must be positive, in metres")
-        self._field_of_view, self._max_range = field_of_view, max_range
+        self._max_range = max_range
         self._widest, self._farthest = (0.0, 0.0), 0.0
 
     def of(self, frame: Frame) -> Bool[np.ndarray, " n"]:
@@ -112,11 +120,11 @@ class Sight:
 
     def views(self, poses: Float64[np.ndarray, "v 4 4"]) -> SensorViews:
         """The views from these poses, sensor to world, after all frames."""
-        return SensorViews(poses, self._field_of_view or self._widest, self._max_range or self._farthest * MARGIN)
+        return SensorViews(poses, self._widest, self._max_range or self._farthest * MARGIN)
 
 
 def _field_of_view(frame: Frame) -> tuple[float, float]:
-    """Of the pinhole camera that took the frame; else what holds its points, as `SensorViews` measures it."""
+    """Angles of the pinhole camera that took the frame; else those that hold its points, as in `SensorViews`."""
     if frame.width is not None:
         try:
             return frame.intrinsics().field_of_view

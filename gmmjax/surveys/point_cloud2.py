@@ -28,7 +28,7 @@ class PointField:
 
 @dataclass(frozen=True, eq=False)
 class PackedCloud:
-    """What a `sensor_msgs/PointCloud2` message holds beside its header, under the message's own names."""
+    """The fields of a `sensor_msgs/PointCloud2` message beside its header, under the message's own names."""
 
     height: int
     width: int
@@ -86,31 +86,13 @@ def header_time(header: Any, log_time: float) -> float:
     return float(stamp.sec) + float(stamp.nanosec) * 1e-9 if stamp.sec or stamp.nanosec else log_time
 
 
-def encode_cloud(frame: Frame, *, big_endian: bool = False, point_step: int = 12, row_padding: int = 0) -> PackedCloud:
-    """The points of a frame as float32 x, y, z; the pixels without a return of an ordered frame are NaN.
-
-    Args:
-        frame: what to encode.
-        big_endian: the byte order of the numbers.
-        point_step: bytes of a point, at least 12; what follows the coordinates is zero.
-        row_padding: bytes after each row of the image.
-
-    Raises:
-        InputError: a point too small for its coordinates.
-    """
-    if point_step < 12 or row_padding < 0:
-        raise InputError(f"point_step={point_step} must be at least 12, row_padding={row_padding} at least 0")
+def encode_cloud(frame: Frame) -> PackedCloud:
+    """The points of a frame as float32 x, y, z; the pixels without a return of an ordered frame are NaN."""
     image = frame.cloud.points[None] if frame.width is None else frame.image()
     height, width = image.shape[:2]
-    number = np.dtype(">f4" if big_endian else "<f4")
-    row_step = width * point_step + row_padding
-    points = np.zeros((height, width, point_step), np.uint8)
-    points[..., :12] = image.astype(number).view(np.uint8).reshape(height, width, 12)
-    data = np.zeros((height, row_step), np.uint8)
-    data[:, : width * point_step] = points.reshape(height, width * point_step)
     fields = tuple(PointField(axis, 4 * index, FLOAT32, 1) for index, axis in enumerate(AXES))
-    dense = bool(np.isfinite(image).all())
-    return PackedCloud(height, width, fields, big_endian, point_step, row_step, data.reshape(-1), dense)
+    data = image.astype("<f4").reshape(-1).view(np.uint8)
+    return PackedCloud(height, width, fields, False, 12, 12 * width, data, bool(np.isfinite(image).all()))
 
 
 def _row_type(message: Any, source: str) -> tuple[np.dtype, dict[str, int]]:

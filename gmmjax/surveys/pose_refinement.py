@@ -96,7 +96,7 @@ def _planes(cloud: Float64[np.ndarray, "n 3"]) -> _Planes:
 
 
 def _overlapping_pairs(frames: Sequence[_Planes], poses: Float64[np.ndarray, "v 4 4"]) -> list[tuple[int, int]]:
-    """Of each frame the others that it overlaps most."""
+    """Each frame with the others that it overlaps most."""
     pairs = []
     for index, frame in enumerate(frames):
         chosen = evenly_chosen(len(frame.centres), OVERLAP_SAMPLE)

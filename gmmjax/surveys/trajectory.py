@@ -1,4 +1,4 @@
-"""Where a body was, and when."""
+"""Poses of a body over time."""
 
 from dataclasses import dataclass
 

@@ -13,7 +13,7 @@ from gmmjax.surveys.trajectory import MAX_GAP, Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """How one coordinate frame lies in another.
+    """The pose of one coordinate frame in another.
 
     Attributes:
         motion: its poses, child to parent.
@@ -59,7 +59,7 @@ class TransformTree:
         return frame
 
     def connects(self, parent: str, child: str) -> bool:
-        """Whether a path leads from one frame to the other."""
+        """True where a path leads from one frame to the other."""
         return {parent, child} <= set(self.frames) and self._search(parent, child) is not None
 
     def fixed_pose(self, parent: str, child: str) -> Float64[np.ndarray, "4 4"]:

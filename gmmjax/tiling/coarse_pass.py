@@ -12,6 +12,7 @@ from gmmjax.changes import (
     Clock,
     DetectionConfig,
     JointDetector,
+    LocalResolutionSettings,
     Scan,
     VoxelLattice,
     check_same_place,
@@ -20,14 +21,12 @@ from gmmjax.changes import (
     with_recognised_views,
 )
 from gmmjax.clouds import (
+    AXIS_BITS,
     ChunkedCloud,
     CroppedCloud,
-    Lattice,
-    PlacedClouds,
     PointCloud,
     SensorViews,
     ThinnedCloud,
-    read_both,
     scan_bounds,
     thinned_cloud,
 )
@@ -35,7 +34,12 @@ from gmmjax.errors import InputError
 from gmmjax.geometry import transformed
 from gmmjax.pair import Pair, each
 from gmmjax.tiling.detection_settings import TiledDetectionSettings
+from gmmjax.tiling.placed_clouds import Lattice, PlacedClouds, read_both
 from gmmjax.tiling.point_clouds import source_of
+
+# Edge of the largest voxels where scans are so sparse that all their points are taken here, in spacings. Small: what is
+# sparser than most of a scan is compared in voxels of single points.
+LARGEST_VOXEL = 2.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -58,9 +62,13 @@ class CoarsePass:
 
     @property
     def transform(self) -> Float64[np.ndarray, "4 4"] | None:
-        """What takes the after cloud into the frame of the before cloud; None: it is in it."""
+        """Rigid transform of the after cloud into the frame of the before cloud; None: it is in it."""
         registration = self.prepared.pair.registration
         return registration.transform if registration.applied else None
+
+    def finest_level(self, lattice: Lattice) -> int:
+        """The finest level whose cells are no smaller than the voxels of the thinned scans: as many fit into memory."""
+        return int(np.clip(np.log2(lattice.edge / max(own.size for own in self.thinned)), 0, AXIS_BITS))
 
 
 def coarse_pass(
@@ -138,37 +146,24 @@ def _without_stray_points(cloud: ChunkedCloud, thinned: ThinnedCloud, most: int)
     return cloud, thinned
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Place:
-    """Both clouds in one frame, and the grids that they are taken apart by.
+def placed_clouds(coarse: CoarsePass, resolution: LocalResolutionSettings) -> tuple[PlacedClouds, VoxelLattice]:
+    """Both clouds in one frame, and the grids of their voxels, relative to its lattice's offset.
 
-    Attributes:
-        clouds: both.
-        lattice: of the blocks.
-        voxels: of the voxels, relative to the offset.
-    """
-
-    clouds: PlacedClouds
-    lattice: Lattice
-    voxels: VoxelLattice
-
-
-def place_of(coarse: CoarsePass, settings: TiledDetectionSettings) -> Place:
-    """Where the blocks begin: whole numbers of the cubes whose voxels are halved or not, as far as they are larger.
+    The lattice of the blocks is of whole cubes whose voxels are halved or not, as far as its cells are larger.
 
     Args:
         coarse: both scans, registered.
-        settings: how small the voxels are.
+        resolution: how small the voxels are.
     """
-    resolution, working = settings.resolution, coarse.prepared.pair.working
-    voxel_size = working.voxel_size or settings.largest_voxel * working.spacing
+    working = coarse.prepared.pair.working
+    voxel_size = working.voxel_size or LARGEST_VOXEL * working.spacing
     corners = _corners(coarse)
     lower = corners.min(axis=0) - voxel_size
     extent = float((corners.max(axis=0) - lower).max()) + voxel_size
     cube = resolution.voxels_per_edge * voxel_size
     edge = float(cube * 2.0 ** max(0, np.ceil(np.log2(extent / cube))))
-    placed = PlacedClouds(coarse.clouds, coarse.transform)
-    return Place(placed, Lattice(lower, edge), VoxelLattice.of(np.zeros(3), edge, voxel_size, resolution.halvings))
+    voxels = VoxelLattice.of(np.zeros(3), edge, voxel_size, resolution.halvings)
+    return PlacedClouds(coarse.clouds, Lattice(lower, edge), coarse.transform), voxels
 
 
 def _corners(coarse: CoarsePass) -> Float64[np.ndarray, "16 3"]:

@@ -1,75 +1,88 @@
-"""Computes all blocks of a store, tile by tile, on many workers.
+"""Compute all blocks of a store, tile by tile, on many workers.
 
 What is computed of a block is a `BlockTask`: a function of a module, so that a worker finds it by its name, which takes
-the store, the block and any further arguments, and returns a `BlockResult`:
+the store, the block and any further arguments, and returns arrays by name:
 
     def heights(store, block, margin):
-        points = store.points_of(block, margin)
-        inside = points.map(lambda own: own.points[own.inside])
-        rows = inside.map(lambda own: {"height": own[:, 2] + store.offset[2]})
-        return BlockResult({"points": np.array([len(own) for own in inside])}, rows)
+        points = store.points_around(block, margin, most=1000)
+        return {"mean": np.array([own[:, 2].mean() for own in points])}
 
-    clouds = PlacedClouds(Pair(open_cloud("before.las"), open_cloud("after.las")), transform)
-    with temporary_block_store(clouds, tree_of(clouds)) as store:
-        columns = columns_of(store, {"height": np.float64(np.nan)})
-        records = compute_blocks(store, heights, (0.5,), columns=columns)
-        records[7].values["points"]                        # of block 7
-        columns.before.column("height")                    # of all rows of before.las
+    records = compute_blocks(store, heights, (0.5,))
+    records.values(7)["mean"]  # of block 7
 
 A task sees nothing but the points of its block and of the margin around it, in an order of their own, so that its
-result is the same bit for bit whatever the tiles and the workers are. A stage over many blocks reads the records in the
-order of the blocks.
+result is the same bit for bit whatever the tiles and the workers are. Tiles, the blocks that a worker takes at a time,
+bound its memory and nothing else. A stage over many blocks reads the records in the order of the blocks.
 """
 
 import logging
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
-from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
 
 from gmmjax.batch import AbstractPool, Workers, died
-from gmmjax.errors import ComputationError
-from gmmjax.pair import Pair, each
-from gmmjax.tiling.disk_store import DiskBlockStore
-from gmmjax.tiling.records import BlockRecords, BlockResult, RecordPlace
-from gmmjax.tiling.row_columns import FilledInBatches, RowColumns
-from gmmjax.tiling.tiles import Tile, TileSettings, tiles_of
-from gmmjax.tiling.worker import BlockTask, compute_tile
+from gmmjax.errors import ComputationError, InputError
+from gmmjax.tiling.block_store import BlockStore
+from gmmjax.tiling.blocks import BlockTree
+from gmmjax.tiling.records import BlockRecords, RecordPlace
+from gmmjax.tiling.worker import BlockTask, Tile, compute_tile
 
 logger = logging.getLogger(__name__)
 
+# Points of both clouds in a tile, where no size is given. Fewer: messages take time; many: workers have nothing to do
+# while others compute the last tiles.
+TILE_POINTS = 2.5e5
+# Edge of a tile in point spacings, at least: below, every tile is margin.
+LEAST_SPACINGS = 10.0
 
-def columns_of(store: DiskBlockStore, missing: Mapping[str, np.generic]) -> Pair[RowColumns]:
-    """Columns for the rows of both clouds, in the folder of their store.
+
+def tiles_of(tree: BlockTree, tile_size: float | None = None) -> list[Tile]:
+    """The tiles of two clouds, each block in one of them.
 
     Args:
-        store: of the clouds.
-        missing: the value of rows that are in no block, such as those without a position, by the name of the column,
-            whose type it gives.
+        tree: the blocks.
+        tile_size: edge of a tile, in the unit of the clouds: a tile has the blocks whose centres are in it. None:
+            a tile has consecutive blocks.
 
     Raises:
-        InputError: the disk is full.
+        InputError: a tile size that is not positive and finite, or below ten point spacings.
     """
-    folder = _new_folder(store.folder, "columns")
-    return each(
-        lambda side, count: RowColumns(folder / side, count, missing), Pair("before", "after"), store.row_counts
-    )
+    if tile_size is None:
+        points = np.cumsum(tree.counts.before + tree.counts.after)
+        keys = (points // TILE_POINTS)[:, None]
+    else:
+        _check_tile_size(tile_size, tree)
+        keys = (tree.lowers + tree.edges[:, None] / 2) // tile_size
+    _, first, tile = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(tile.ravel(), kind="stable")
+    parts = np.split(order, np.cumsum(np.bincount(tile.ravel()))[:-1])
+    # In the order of the blocks, so that tiles that follow each other are mostly adjacent.
+    return [tuple(parts[number].tolist()) for number in np.argsort(first)]
+
+
+def _check_tile_size(tile_size: float, tree: BlockTree) -> None:
+    if not 0 < tile_size < np.inf:
+        raise InputError(f"tile_size={tile_size} must be positive and finite, in the unit of the scans")
+    least = LEAST_SPACINGS * float(np.nanmax(list(tree.spacing)))
+    if tile_size < least:
+        raise InputError(
+            f"tile_size={tile_size:g} is below {LEAST_SPACINGS:g} point spacings of the sparser scan; give at least "
+            f"{1.005 * least:.3g}, or leave it out"
+        )
 
 
 def compute_blocks(
-    store: DiskBlockStore,
+    store: BlockStore,
     task: BlockTask,
     arguments: Sequence[Any] = (),
     *,
-    columns: Pair[RowColumns] | None = None,
     tile_size: float | None = None,
     workers: Workers | AbstractPool = Workers(),
     progress: Callable[[str, float], None] | None = None,
-    settings: TileSettings = TileSettings(),
 ) -> BlockRecords:
     """The results of a task for all blocks of a store, the same whatever the tiles and the workers are.
 
@@ -80,46 +93,29 @@ def compute_blocks(
         store: of the blocks.
         task: what is computed of each, in another process.
         arguments: of the task, after store and block.
-        columns: that take what the task says of the rows; None: it is in the records only.
         tile_size: edge of a tile, in the unit of the clouds; None: tiles of about as many points each.
         workers: where tiles are computed; a pool is left open, unless the computation fails.
         progress: called with a message and the share of the points that are done.
-        settings: of the tiles.
 
     Raises:
         InputError: a tile size below ten point spacings, or the disk is full.
         ComputationError: a worker died twice with the same tile, or there are no workers any more.
         Exception: what the task raises, once.
     """
-    tiles = tiles_of(store.tree, tile_size, settings)
-    folder = _new_folder(store.folder, "records")
+    tiles = tiles_of(store.tree, tile_size)
+    folder = store.folder / f"records-{sum(1 for _ in store.folder.glob('records-*'))}"
+    folder.mkdir()
     records = BlockRecords(folder)
     sizes = store.tree.counts.before + store.tree.counts.after
     logger.info("%d blocks in %d tiles", len(store.tree), len(tiles))
-    done, filling = 0, None if columns is None else columns.map(FilledInBatches)
+    done = 0
     for places in _results(tiles, (store.folder, folder, task, tuple(arguments)), workers):
         for place in places:
             records.add(place)
-            if filling is not None:
-                _fill(filling, store, records[place.number], place.number)
             done += int(sizes[place.number])
         if progress is not None:
             progress(f"{len(records)} of {len(store.tree)} blocks", done / max(int(sizes.sum()), 1))
-    if filling is not None:
-        filling.map(FilledInBatches.flush)
     return records
-
-
-def _fill(filling: Pair[FilledInBatches], store: DiskBlockStore, result: BlockResult, number: int) -> None:
-    for own, inside, values in zip(filling, store.inside(number), result.rows, strict=True):
-        own.fill(inside.rows, values)
-
-
-def _new_folder(parent: Path, name: str) -> Path:
-    number = sum(1 for path in parent.glob(f"{name}-*"))
-    folder = parent / f"{name}-{number}"
-    folder.mkdir()
-    return folder
 
 
 def _results(tiles: list[Tile], call: tuple[Any, ...], workers: Workers | AbstractPool) -> Iterator[list[RecordPlace]]:
@@ -163,7 +159,7 @@ class _Driver:
             yield found
 
     def _hand_out(self) -> bool:
-        """Hands out tiles while there is room; whether anything is being computed."""
+        """Hand out tiles while there is room; true where anything is being computed."""
         while self._waiting and not self._alone and len(self.running) < self._pool.capacity:
             self._submit(self._waiting.popleft())
         if not self.running and self._suspects:
@@ -177,7 +173,7 @@ class _Driver:
         future.add_done_callback(self._done.put)
 
     def _after_death(self, tile: Tile, error: BaseException) -> None:
-        """Keeps a tile whose worker died for later; whatever else happened ends the computation."""
+        """Keep a tile whose worker died for later; whatever else happened ends the computation."""
         if isinstance(error, KeyboardInterrupt | SystemExit):
             raise error
         if (lost := self._pool.lost(error)) is not None:
@@ -188,7 +184,7 @@ class _Driver:
             raise ComputationError(
                 "a worker process died twice with the same tile, the second time with nothing else running: most "
                 "likely there is too little memory, or the system ended the process; free some memory, or have "
-                "smaller blocks (BlockSettings.most_points)"
+                "smaller blocks (TiledDetectionSettings.most_points)"
             ) from error
         logger.warning("a worker process died; its tile is computed again")
         self._suspects.append(tile)

@@ -1,4 +1,4 @@
-"""What changed between two surveys of any size: `detect_changes` out of core.
+"""Changes between two surveys of any size: `detect_changes` out of core.
 
 Two passes. The coarse one thins both scans to what fits into memory, registers them and fits the mixture. The fine one
 compares the scans at their own resolution block by block, takes what lies around all that looks changed at that
@@ -7,6 +7,7 @@ resolution, and lets the stages after it see these voxels there and the coarse c
 
 import dataclasses
 import os
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,23 +27,23 @@ from gmmjax.changes import (
     stated_system,
     stated_systems,
 )
-from gmmjax.clouds import ChunkedCloud, PlacedClouds, PointCloud, SensorViews, require_overlap, tree_of
+from gmmjax.clouds import ChunkedCloud, PointCloud, SensorViews, working_folder
 from gmmjax.errors import InputError, recorded_warnings
 from gmmjax.pair import Pair, each
-from gmmjax.tiling.coarse_pass import coarse_pass, place_of
+from gmmjax.tiling.block_store import write_block_store
+from gmmjax.tiling.blocks import tree_of
+from gmmjax.tiling.coarse_pass import coarse_pass, placed_clouds
+from gmmjax.tiling.compute import tiles_of
 from gmmjax.tiling.detection_settings import TiledDetectionSettings
-from gmmjax.tiling.disk_store import write_block_store
 from gmmjax.tiling.fine_pass import Comparison, Tiles, fine_pass
-from gmmjax.tiling.folder import working_folder
 from gmmjax.tiling.point_clouds import all_points, with_colors
-from gmmjax.tiling.row_columns import RowColumns
-from gmmjax.tiling.row_results import MISSING, RowResults, fill_rows_of_points
-from gmmjax.tiling.tiles import tiles_of
+from gmmjax.tiling.row_columns import MISSING, RowColumns
+from gmmjax.tiling.row_results import row_columns
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TiledChanges:
-    """What changed between two surveys of any size.
+    """The changes between two surveys of any size.
 
     Attributes:
         changes: the record, whose arrays for each row of the surveys are maps of files that are there as long as the
@@ -51,13 +52,13 @@ class TiledChanges:
             coarse elsewhere: what reports and figures show.
         clouds: these points, either cloud in the frame of its survey, with a row that is there and, where the files
             have one, its colour or else its intensity.
-        rows: of either survey, with the kind of change (0 for none), and all that `changes` has.
+        rows: of either survey, what `changes` has and the kind of change (0 for none).
     """
 
     changes: Changes
     shown: Changes
     clouds: Pair[PointCloud]
-    rows: RowResults
+    rows: Pair[RowColumns]
 
 
 @contextmanager
@@ -72,7 +73,7 @@ def tiled_changes(
     progress: Progress | None = None,
     settings: TiledDetectionSettings = TiledDetectionSettings(),
 ) -> Iterator[TiledChanges]:
-    """What changed between two surveys of any size, and how sure that is.
+    """Detect what changed between two surveys of any size, and how sure that is.
 
     The result is the same whatever the tiles, the number of workers and their order. A script that calls it needs
     `if __name__ == "__main__":`, as for every function that starts processes.
@@ -105,26 +106,25 @@ def tiled_changes(
     _check(config)
     clock = Clock(progress or silent)
     # First of all, so that a folder that cannot be written is told before the work.
-    with working_folder(folder) as disk, recorded_warnings() as warnings:
+    parent = Path(tempfile.gettempdir() if folder is None else os.path.abspath(folder))
+    with working_folder(parent) as disk, recorded_warnings() as warnings:
         unit = common_unit(clouds, config)
         coarse = coarse_pass(clouds, views, config, clock, settings)
-        place = place_of(coarse, settings)
-        tree = tree_of(place.clouds, settings.blocks, place.lattice)
-        require_overlap(tree)
-        tiles_of(tree, tile_size, settings.tiles)
+        placed, lattice = placed_clouds(coarse, settings.resolution)
+        tree = tree_of(placed, settings.most_points, coarse.finest_level(placed.lattice))
+        tiles_of(tree, tile_size)
         clock.start("tiles", "Sorting the points into blocks", 0.3)
-        if max(place.clouds.row_counts) <= coarse.detector.common_resolution.voxels:
-            found = _compared_whole(place.clouds, stated_systems(clouds), views, config, disk, clock)
+        if max(placed.row_counts) <= coarse.detector.common_resolution.voxels:
+            found = _compared_whole(coarse.clouds, stated_systems(clouds), views, config, disk, clock)
         else:
-            tiles = Tiles(write_block_store(place.clouds, tree, disk), tile_size, workers, settings.tiles)
-            found = fine_pass(coarse, place, tiles, clock, settings)
+            tiles = Tiles(write_block_store(placed, tree, disk), tile_size, workers)
+            found = fine_pass(coarse, lattice, tiles, clock, settings)
         diagnostics = dict(found.changes.diagnostics)
         for side, count in zip(NAMES, coarse.stray, strict=True):
             diagnostics[side] = {**diagnostics[side], "stray": count}
         about: dict[str, Any] = {"unit": unit, "crs": stated_system(clouds.before), "warnings": tuple(warnings)}
         shown = dataclasses.replace(found.changes, **about, diagnostics=diagnostics)
-        arrays: dict[str, Any] = found.rows.arrays()
-        changes = dataclasses.replace(shown, **arrays)
+        changes = dataclasses.replace(shown, **_arrays(found.rows))
         clock.finish()
         yield TiledChanges(changes, dataclasses.replace(shown, clouds=found.clouds), found.clouds, found.rows)
 
@@ -136,8 +136,15 @@ def _check(config: DetectionConfig) -> None:
         raise InputError("voxel_size: in tiles the voxels are as small as the scans allow at each place; leave it out")
 
 
+def _arrays(rows: Pair[RowColumns]) -> dict[str, Any]:
+    """The arrays of `Changes`, as maps of files."""
+    names = {"labels": "label", **{name: name for name in MISSING if name not in ("label", "kind")}}
+    sides = zip(NAMES, rows, strict=True)
+    return {f"{array}_{side}": own.column(name) for side, own in sides for array, name in names.items()}
+
+
 def _compared_whole(
-    clouds: PlacedClouds,
+    clouds: Pair[ChunkedCloud],
     systems: Pair[str | None],
     views: Pair[SensorViews | None],
     config: DetectionConfig,
@@ -145,10 +152,12 @@ def _compared_whole(
     clock: Clock,
 ) -> Comparison:
     """The changes of scans that have no more points than it takes to register them: those that are found in memory."""
-    points = each(lambda own, crs: dataclasses.replace(all_points(own), crs=crs), clouds.clouds, systems)
+    points = each(lambda own, crs: dataclasses.replace(all_points(own), crs=crs), clouds, systems)
     scans = each(Scan, points, views)
     detector = JointDetector(config)
     changes = detector.changes_of(detector.prepared(scans, clock), clock)
-    rows = RowResults(each(lambda side, count: RowColumns(disk / side, count, MISSING), NAMES, clouds.row_counts))
-    fill_rows_of_points(rows, changes, points.map(lambda own: own.rows))
-    return Comparison(changes, each(with_colors, points, clouds.clouds), rows)
+    rows = row_columns(disk, clouds.map(lambda own: own.count))
+    for side, columns, own in zip(NAMES, rows, points, strict=True):
+        columns.fill(own.rows, changes.point_values(side))
+        columns.flush()
+    return Comparison(changes, each(with_colors, points, clouds), rows)

@@ -1,15 +1,16 @@
-"""The fine pass: what changed, by the scans at their own resolution wherever something looks changed."""
+"""The fine pass: changes of the scans at their own resolution wherever something looks changed."""
 
 import contextlib
 import dataclasses
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+import functools
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
 from gmmjax._memory import release_freed_memory
-from gmmjax.batch import AbstractPool, Workers
+from gmmjax.batch import Workers
 from gmmjax.changes import (
     NAMES,
     AlignedScans,
@@ -20,123 +21,103 @@ from gmmjax.changes import (
     Measured,
     Progress,
     Survey,
+    VoxelLattice,
     WorkingCloud,
 )
 from gmmjax.clouds import ChunkedCloud, PointCloud, ThinnedCloud
 from gmmjax.geometry import LocalSurface, transformed
 from gmmjax.pair import Pair, each, each_on_cores
-from gmmjax.tiling.coarse_pass import CoarsePass, Place
-from gmmjax.tiling.compared_blocks import ComparedBlocks
-from gmmjax.tiling.compute import columns_of, compute_blocks
+from gmmjax.tiling.block_store import BlockStore
+from gmmjax.tiling.coarse_pass import CoarsePass
+from gmmjax.tiling.compared_blocks import ComparedBlocks, LocalScales, local_scales
+from gmmjax.tiling.compute import compute_blocks, tiles_of
 from gmmjax.tiling.detection_settings import TiledDetectionSettings
-from gmmjax.tiling.disk_store import DiskBlockStore
 from gmmjax.tiling.local_differences import BlockDifferences, CoarseClouds, block_differences
-from gmmjax.tiling.local_scales import LocalScales, local_scales
 from gmmjax.tiling.local_voxels import LocalVoxels, Voxels, block_voxels
 from gmmjax.tiling.point_clouds import named_cloud, source_of, uncropped, with_colors
 from gmmjax.tiling.records import BlockRecords
 from gmmjax.tiling.regions_of_interest import RefinedCloud, refined_clouds
-from gmmjax.tiling.row_results import MISSING, RowResults, fill_rows
+from gmmjax.tiling.row_columns import RowColumns
+from gmmjax.tiling.row_results import fill_rows, row_columns
 from gmmjax.tiling.seen_first import Looks, block_seen_first, seen_first_of_blocks
-from gmmjax.tiling.tiles import TileSettings, tiles_of
-from gmmjax.tiling.worker import BlockTask
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Tiles:
-    """Where blocks are computed.
+class Tiles(NamedTuple):
+    """The blocks of a store, and the workers that compute them.
 
     Attributes:
         store: of the blocks.
         tile_size: edge of a tile, in the unit of the surveys; None: tiles of about as many points each.
-        workers: that compute them; those of a pool stay for the next task.
-        settings: how blocks are put together.
+        workers: that compute them.
     """
 
-    store: DiskBlockStore
+    store: BlockStore
     tile_size: float | None
-    workers: Workers | AbstractPool
-    settings: TileSettings
+    workers: Workers
 
     @contextlib.contextmanager
-    def with_kept_workers(self) -> Iterator["Tiles"]:
-        """The same, whose workers start once for several tasks and end with the block of code: they hold memory."""
-        if isinstance(self.workers, AbstractPool):
-            yield self
-            return
-        pool = self.workers.pool(len(tiles_of(self.store.tree, self.tile_size, self.settings)), share_cores=False)
+    def computing(self) -> Iterator[Callable[..., BlockRecords]]:
+        """`compute_blocks` with workers that stay for several tasks and end with the block, since they hold memory."""
+        pool = self.workers.pool(len(tiles_of(self.store.tree, self.tile_size)), share_cores=False)
         try:
-            yield dataclasses.replace(self, workers=pool)
+            yield functools.partial(compute_blocks, self.store, tile_size=self.tile_size, workers=pool)
         finally:
             pool.stop(at_once=False)
 
-    def compute(self, task: BlockTask, arguments: tuple[Any, ...], progress: Progress) -> BlockRecords:
-        """What a task says of every block."""
-        return compute_blocks(
-            self.store,
-            task,
-            arguments,
-            tile_size=self.tile_size,
-            workers=self.workers,
-            progress=progress,
-            settings=self.settings,
-        )
-
 
 class Comparison(NamedTuple):
-    """What was found, by the points that were compared in the end.
+    """The changes, by the points that were compared in the end.
 
     Attributes:
         changes: of these points.
         clouds: the points.
-        rows: what is said of each row.
+        rows: what is said of each row of either survey.
     """
 
     changes: Changes
     clouds: Pair[PointCloud]
-    rows: RowResults
+    rows: Pair[RowColumns]
 
 
 def fine_pass(
-    coarse: CoarsePass, place: Place, tiles: Tiles, clock: Clock, settings: TiledDetectionSettings
+    coarse: CoarsePass, lattice: VoxelLattice, tiles: Tiles, clock: Clock, settings: TiledDetectionSettings
 ) -> Comparison:
     """The changes of the clouds that are fine where something looks changed, and what is said of each row.
 
     Args:
         coarse: both scans, registered.
-        place: the grids that they are taken apart by.
+        lattice: of the voxels, relative to the store's offset.
         tiles: where their blocks are computed.
         clock: of the progress.
         settings: how fine they are compared.
     """
     detector, prepared, store = coarse.detector, coarse.prepared, tiles.store
-    clouds = _coarse_clouds(prepared, store.offset, place.voxels.voxel_size)
+    clouds = _coarse_clouds(prepared, store.offset, lattice.voxel_size)
     release_freed_memory()
     clock.start("voxels", "Taking the scans apart", 0.4)
-    with tiles.with_kept_workers() as kept:
-        records = kept.compute(
-            block_voxels, (place.voxels, settings.resolution), _part(clock, "Taking the scans apart", 0.4, 0.5)
-        )
-        voxels = LocalVoxels.of(records, place.voxels, settings.resolution.most_voxels)
+    with tiles.computing() as compute:
+        told = _part(clock, "Taking the scans apart", 0.4, 0.5)
+        records = compute(block_voxels, (lattice, settings.resolution), progress=told)
+        voxels = LocalVoxels.of(records, lattice, settings.resolution.most_voxels)
         clock.start("differences", "Comparing the scans", 0.5)
-        arguments = (voxels, clouds, settings.differences, detector.differences, detector.distances)
-        found = kept.compute(block_differences, arguments, _part(clock, "Comparing the scans", 0.5, 0.68))
-        seen_first = _seen_first(coarse, kept, clock)
+        arguments = (voxels, clouds, detector.differences, detector.distances)
+        found = compute(block_differences, arguments, progress=_part(clock, "Comparing the scans", 0.5, 0.68))
+        prepared = _sighted(coarse, compute, store.offset, _part(clock, "Following the lines of sight", 0.68, 0.7))
     differences = BlockDifferences(found)
-    scales = local_scales(voxels, differences, prepared.pair.working.spacing, detector.differences, settings.scales)
+    scales = local_scales(voxels, differences, prepared.pair.working.spacing, detector.differences)
     clock.start("regions", "Looking for what changed", 0.7)
     blocks = ComparedBlocks(store, voxels, differences, scales, detector.candidates)
-    fine = refined_clouds(blocks, clouds, detector.config.threshold, detector.examination, settings.regions)
+    fine = refined_clouds(blocks, clouds, detector.config.threshold, detector.examination, settings.most_refined)
     release_freed_memory()
-    refined = _with_points_of(_sighted(prepared, seen_first, store.offset), fine, scales, store.offset)
+    refined = _with_points_of(prepared, fine, scales, store.offset)
     release_freed_memory()
     changes = detector.changes_of(refined, clock)
     release_freed_memory()
-    changes = _counted(changes, refined, coarse.thinned, place.clouds.clouds.map(uncropped), voxels.finest)
+    changes = _counted(changes, refined, coarse.thinned, coarse.clouds.map(uncropped), voxels.finest)
     clock.start("rows", "Labelling all points", 0.95)
-    rows = RowResults(columns_of(store, MISSING))
+    rows = row_columns(store.folder, store.row_counts)
     first = fill_rows(rows, blocks, fine, changes, detector.objects)
-    return Comparison(changes, _given_clouds(refined, first, place.clouds.clouds), rows)
+    return Comparison(changes, _given_clouds(refined, first, coarse.clouds), rows)
 
 
 def _part(clock: Clock, message: str, first: float, last: float) -> Progress:
@@ -148,28 +129,23 @@ def _coarse_clouds(prepared: AlignedScans, offset: Float64[np.ndarray, "3"], vox
     return CoarseClouds(points, voxel_size, prepared.surveys.map(lambda survey: survey.towards - offset))
 
 
-def _seen_first(coarse: CoarsePass, tiles: Tiles, clock: Clock) -> BlockRecords | None:
-    """What the sensors saw first in each direction, block by block; None where none of them is known."""
-    prepared, offset = coarse.prepared, tiles.store.offset
+def _sighted(
+    coarse: CoarsePass, compute: Callable[..., BlockRecords], offset: Float64[np.ndarray, "3"], progress: Progress
+) -> AlignedScans:
+    """The scans, with the nearest points to their sensors in each direction, where these are known."""
+    prepared = coarse.prepared
     if all(own.views is None for own in prepared.surveys):
-        return None
-
-    def looks(own: Survey, thinned: ThinnedCloud) -> Looks | None:
-        if own.views is None:
-            return None
-        return Looks.of(own.views.relative_to(offset), thinned.total, own.settings.directions)
-
-    arguments = (each(looks, prepared.surveys, coarse.thinned),)
-    return tiles.compute(block_seen_first, arguments, _part(clock, "Following the lines of sight", 0.68, 0.7))
-
-
-def _sighted(prepared: AlignedScans, seen_first: BlockRecords | None, offset: Float64[np.ndarray, "3"]) -> AlignedScans:
-    """The scans, with what their sensors saw first in each direction."""
-    if seen_first is None:
         return prepared
-    points = seen_first_of_blocks(seen_first)
+    looks = each(functools.partial(_looks, offset), prepared.surveys, coarse.thinned)
+    points = seen_first_of_blocks(compute(block_seen_first, (looks,), progress=progress))
     surveys = each_on_cores(lambda own, seen: own.sighted_by(seen + offset), prepared.surveys, points)
     return dataclasses.replace(prepared, surveys=surveys)
+
+
+def _looks(offset: Float64[np.ndarray, "3"], survey: Survey, thinned: ThinnedCloud) -> Looks | None:
+    if survey.views is None:
+        return None
+    return Looks.of(survey.views.relative_to(offset), thinned.total, survey.settings.directions)
 
 
 def _with_points_of(
@@ -204,11 +180,11 @@ def _given_clouds(
     registration, (before, after) = refined.pair.registration, refined.pair.points
     if registration.applied:
         after = transformed(after, np.linalg.inv(registration.transform))
+    return each_on_cores(_given_cloud, Pair(before, after), rows, clouds)
 
-    def given(points: Float64[np.ndarray, "n 3"], rows: Int64[np.ndarray, " n"], cloud: ChunkedCloud) -> PointCloud:
-        return with_colors(named_cloud(points, rows, cloud), cloud)
 
-    return each_on_cores(given, Pair(before, after), rows, clouds)
+def _given_cloud(points: Float64[np.ndarray, "n 3"], rows: Int64[np.ndarray, " n"], cloud: ChunkedCloud) -> PointCloud:
+    return with_colors(named_cloud(points, rows, cloud), cloud)
 
 
 def _counted(

@@ -1,4 +1,4 @@
-"""How far each voxel of one scan is from the surface of the other, block by block.
+"""Distances of the voxels of one scan from the surface of the other, block by block.
 
 A block sees its own voxels, those of its neighbours in a margin of some voxels, and beyond them the coarse cloud that
 the scans were registered in: what is compared with far away need not be fine.
@@ -23,35 +23,25 @@ from gmmjax.changes import (
     distances_at,
     local_difference,
 )
-from gmmjax.clouds import AbstractBlockStore, Block
 from gmmjax.geometry import LocalSurface, nearest_neighbours, within_box
 from gmmjax.pair import Pair, each
+from gmmjax.tiling.block_store import BlockStore
+from gmmjax.tiling.blocks import Block
 from gmmjax.tiling.local_voxels import Box, LocalVoxels
-from gmmjax.tiling.records import BlockRecords, BlockResult
+from gmmjax.tiling.records import Arrays, BlockRecords
 
-
-@dataclasses.dataclass(frozen=True)
-class LocalDifferenceSettings:
-    """What the voxels of a block are compared with.
-
-    Attributes:
-        margin: width of the zone around a block, in its voxels, whose own voxels are seen. Small: planes at the rim of
-            a block are of fewer points, and what has moved out of it has coarse counterparts; large: more work twice.
-        margin_fineness: voxels of other blocks that are more than so many times as small as the block's are joined.
-            Next to a sparse block may be dense ones, and large voxels have a wide margin. Infinite: they stay; time and
-            memory grow with the range of densities.
-        margin_points: points of either cloud in the margin that the signed distance is measured in, at most, evenly
-            chosen. Fewer: the mean of a surface at the rim is of fewer points; more: memory, 60 bytes each.
-        coarse_margin: as `margin`, of the coarse cloud, in its voxels. Small: a block may be far from what is next to
-            it.
-        nearest: number of coarse points that are seen, however far they are: where the other scan has nothing near.
-    """
-
-    margin: float = 12.0
-    margin_fineness: float = 4.0
-    margin_points: int = 1_000_000
-    coarse_margin: float = 8.0
-    nearest: int = 64
+# Width of the zone around a block, in its voxels, whose own voxels are seen. Small: planes at the rim of a block are of
+# fewer points, and what has moved out of it has coarse counterparts; large: more work twice.
+MARGIN = 12.0
+# Voxels of other blocks that are so many times as small as the block's are joined: next to a sparse block may be dense
+# ones, and large voxels have a wide margin. Infinite: time and memory grow with the range of densities.
+MARGIN_FINENESS = 4.0
+# Points of either cloud in the margin that the signed distance is measured in, evenly chosen, 60 bytes each.
+MARGIN_POINTS = 1_000_000
+# Width of the zone of coarse points around it, in their voxels. Small: a block may be far from what surrounds it.
+COARSE_MARGIN = 8.0
+# Coarse points that are seen, however far they are, where none is in that zone.
+NEAREST = 64
 
 
 class CoarseClouds(NamedTuple):
@@ -69,45 +59,42 @@ class CoarseClouds(NamedTuple):
 
 
 def block_differences(
-    store: AbstractBlockStore,
+    store: BlockStore,
     block: Block,
     voxels: LocalVoxels,
     coarse: CoarseClouds,
-    settings: LocalDifferenceSettings,
-    differences: DifferenceSettings,
+    settings: DifferenceSettings,
     distances: SignedDistanceSettings,
-) -> BlockResult:
-    """The differences of the voxels of a block, a `BlockTask`; its values are what `BlockDifferences` reads.
+) -> Arrays:
+    """The differences of the voxels of a block, a `BlockTask` whose arrays `BlockDifferences` reads.
 
     Args:
         store: of the block.
         block: one of the store's.
         voxels: of all blocks.
         coarse: what is compared with beyond the margin.
-        settings: how far the voxels of other blocks are seen.
-        differences: how distance and offset are measured.
+        settings: how distance and offset are measured.
         distances: of the cylinders of the signed distance.
     """
-    own = voxels.of_block(block.number)
+    own = NAMES.map(lambda side: voxels.of_cloud(block.number, side))
     size = float(np.median(np.concatenate([side.sizes for side in own])))
-    margin, counts = settings.margin * size, own.map(lambda side: len(side.points))
-    numbers = store.tree.near(block, margin)
-    fine = _fine_around(numbers, voxels, _grown(block, margin), size / settings.margin_fineness)
-    rough = coarse.points.map(lambda side: _coarse_around(block, side, margin, coarse.voxel_size, settings))
+    margin = MARGIN * size
+    fine = _fine_around(store.tree.near(block, margin), voxels, block.grown(margin), size / MARGIN_FINENESS)
+    rough = coarse.points.map(lambda side: _coarse_around(block, side, margin, coarse.voxel_size))
     points = own.map(lambda side: side.points)
     surfaces = each(lambda *parts: LocalSurface.of(np.concatenate(parts)), points, fine, rough)
-    inside = counts.map(np.arange)
-    compared = functools.partial(local_difference, settings=differences)
+    inside = points.map(lambda side: np.arange(len(side)))
+    compared = functools.partial(local_difference, settings=settings)
     local = each(compared, surfaces, surfaces.swapped, inside)
     spacings = each(lambda surface, chosen: surface.spacing(chosen), surfaces, inside)
     cores = each(CorePoints.of, surfaces, coarse.towards, inside)
-    scans = store.points_of(block, margin, settings.margin_points).map(lambda around: around.points)
-    none = counts.map(np.zeros)
+    scans = store.points_around(block, margin, MARGIN_POINTS)
+    none = points.map(lambda side: np.zeros(len(side)))
     figures = distances_at(scans, cores, local, none, distances, margin)
     values: dict[str, np.ndarray] = {}
     for side, *found in zip(NAMES, local, spacings, figures, strict=True):
         values |= {f"{name}_{side}": array for name, array in _named(*found).items()}
-    return BlockResult(values, Pair({}, {}))
+    return values
 
 
 _DIFFERENCES = ("distance", "offset", "noise", "thickness", "spacing", "point_offset", "point_noise")
@@ -164,28 +151,20 @@ def _fine_around(
     numbers: Int64[np.ndarray, " b"], voxels: LocalVoxels, box: Box, least: float
 ) -> Pair[Float64[np.ndarray, "_ 3"]]:
     """The voxels of some blocks in a box, those below a size joined; one block after the other, to save memory."""
-    parts = Pair([np.empty((0, 3))], [np.empty((0, 3))])
-    for number in numbers.tolist():
-        for own, found in zip(voxels.of_block(number, least, box), parts, strict=True):
-            found.append(own.points)
-    return parts.map(np.concatenate)
+    return NAMES.map(
+        lambda side: np.concatenate(
+            [np.empty((0, 3)), *(voxels.of_cloud(number, side, least, box).points for number in numbers.tolist())]
+        )
+    )
 
 
 def _coarse_around(
-    block: Block,
-    everywhere: Float64[np.ndarray, "c 3"],
-    margin: float,
-    voxel_size: float,
-    settings: LocalDifferenceSettings,
+    block: Block, everywhere: Float64[np.ndarray, "c 3"], margin: float, voxel_size: float
 ) -> Float64[np.ndarray, "n 3"]:
     """The coarse points around a block, beyond the margin in which fine ones are seen."""
-    boxes = _grown(block, margin), _grown(block, margin + settings.coarse_margin * voxel_size)
+    boxes = block.grown(margin), block.grown(margin + COARSE_MARGIN * voxel_size)
     inner, outer = (within_box(everywhere, *box) for box in boxes)
     around = np.setdiff1d(outer, inner, assume_unique=True)
     if not len(around):
-        around = nearest_neighbours(cKDTree(everywhere), block.centre[None], settings.nearest)[1][0]
+        around = nearest_neighbours(cKDTree(everywhere), block.centre[None], NEAREST)[1][0]
     return everywhere[around]
-
-
-def _grown(block: Block, margin: float) -> Box:
-    return block.lower - margin, block.lower + block.edge + margin

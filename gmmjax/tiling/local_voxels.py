@@ -7,10 +7,12 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from gmmjax.changes import NAMES, LocalResolutionSettings, VoxelLattice, WorkingCloud, reduced_on
-from gmmjax.clouds import AbstractBlockStore, Block, voxel_keys
+from gmmjax.clouds import voxel_keys
 from gmmjax.geometry import within_box
-from gmmjax.pair import Pair, each
-from gmmjax.tiling.records import BlockRecords, BlockResult
+from gmmjax.pair import Pair
+from gmmjax.tiling.block_store import BlockStore
+from gmmjax.tiling.blocks import Block
+from gmmjax.tiling.records import Arrays, BlockRecords
 
 Box: TypeAlias = tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]
 """The least and the greatest coordinates of what is in a box along the axes."""
@@ -30,17 +32,15 @@ class Voxels(NamedTuple):
     sizes: Float64[np.ndarray, " v"]
 
     def within(self, box: Box) -> "Voxels":
-        """Those whose points are in a box."""
+        """The voxels whose points are in a box."""
         rows = within_box(self.points, *box)
         return Voxels(*(values[rows] for values in self))
 
 
-def block_voxels(
-    store: AbstractBlockStore, block: Block, lattice: VoxelLattice, settings: LocalResolutionSettings
-) -> BlockResult:
+def block_voxels(store: BlockStore, block: Block, lattice: VoxelLattice, settings: LocalResolutionSettings) -> Arrays:
     """The voxels of a block, a `BlockTask`: they depend on the points in it alone.
 
-    Its values are the voxels, and how many there are with each size at least; its rows the voxel of each point.
+    Of either cloud the voxels, the number of those with each size at least, and the voxel of each point.
 
     Args:
         store: of the block.
@@ -54,8 +54,8 @@ def block_voxels(
     for side, cloud in zip(NAMES, clouds, strict=True):
         assert cloud.sizes is not None
         values |= {f"points_{side}": cloud.points, f"mass_{side}": cloud.mass, f"sizes_{side}": cloud.sizes}
-        values[f"numbers_{side}"] = _numbers(cloud, lattice)
-    return BlockResult(values, clouds.map(lambda cloud: {"voxel": cloud.member.astype(np.int32)}))
+        values |= {f"numbers_{side}": _numbers(cloud, lattice), f"voxel_{side}": cloud.member.astype(np.int32)}
+    return values
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,37 +95,35 @@ class LocalVoxels:
         least = lattice.finest * 2.0**level
         return cls(records, lattice, least, Pair(*numbers[:, level].tolist()), max(smallest, least))
 
-    def of_block(self, number: int, least: float = 0.0, box: Box | None = None) -> Pair[Voxels]:
-        """The voxels of a block.
+    def of_cloud(self, number: int, side: str, least: float = 0.0, box: Box | None = None) -> Voxels:
+        """The voxels of one cloud in a block.
 
         Args:
             number: of the block.
+            side: "before" or "after".
             least: edge of a voxel, at least; the next smaller size of the lattice is taken, and never a smaller one
                 than of all blocks.
             box: only those in it, which are the same as without it; None: all.
         """
         size = self.least * 2.0 ** np.floor(np.log2(max(least / self.least, 1.0)) + 1e-6)
-        voxels = self._voxels(number)
+        voxels = self._stored(number, side)
         if box is None:
-            return voxels.map(lambda own: joined(own, size)[0])
+            return joined(voxels, size)[0]
         # All that may be joined to a voxel in the box is nearer to the box than its size.
-        around = box[0] - size, box[1] + size
-        return voxels.map(lambda own: joined(own.within(around), size)[0].within(box))
+        return joined(voxels.within((box[0] - size, box[1] + size)), size)[0].within(box)
 
-    def members(self, number: int) -> Pair[Int64[np.ndarray, " n"]]:
-        """The voxel of each point in a block, in the order of the points.
+    def members(self, number: int, side: str) -> Int64[np.ndarray, " n"]:
+        """The voxel of each point of one cloud in a block, in the order of the points.
 
         Args:
             number: of the block.
+            side: "before" or "after".
         """
-        places = self._voxels(number).map(lambda own: joined(own, self.least)[1])
-        return each(lambda own, place: place[own["voxel"]], self.records[number].rows, places)
+        place = joined(self._stored(number, side), self.least)[1]
+        return place[self.records.values(number, f"voxel_{side}")[f"voxel_{side}"]]
 
-    def _voxels(self, number: int) -> Pair[Voxels]:
-        def voxels(side: str) -> Voxels:
-            return Voxels(*self.records.values(number, *(f"{name}_{side}" for name in Voxels._fields)).values())
-
-        return NAMES.map(voxels)
+    def _stored(self, number: int, side: str) -> Voxels:
+        return Voxels(*self.records.values(number, *(f"{name}_{side}" for name in Voxels._fields)).values())
 
 
 def joined(voxels: Voxels, least: float) -> tuple[Voxels, Int64[np.ndarray, " v"]]:
@@ -158,7 +156,7 @@ def joined(voxels: Voxels, least: float) -> tuple[Voxels, Int64[np.ndarray, " v"
 
 
 def _numbers(cloud: WorkingCloud, lattice: VoxelLattice) -> Int64[np.ndarray, " h"]:
-    """How many voxels there are when those below each size of the lattice are joined, from the smallest on."""
+    """The number of voxels when those below each size of the lattice are joined, from the smallest on."""
     assert cloud.sizes is not None
     voxels = Voxels(cloud.points, cloud.mass, cloud.sizes)
     numbers = []

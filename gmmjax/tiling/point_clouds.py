@@ -10,7 +10,7 @@ from gmmjax.clouds import ChunkedCloud, CloudFile, CroppedCloud, PointCloud, Sur
 
 def all_points(cloud: ChunkedCloud) -> PointCloud:
     """All points of a cloud, in memory."""
-    points, rows, _ = zip(*cloud.chunks(), strict=True)
+    points, rows = zip(*cloud.chunks(), strict=True)
     return named_cloud(np.concatenate(points), np.concatenate(rows), cloud)
 
 

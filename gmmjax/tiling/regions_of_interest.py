@@ -4,7 +4,7 @@ The voxels around all that looks changed are taken from the blocks, and beyond t
 were registered in. So each candidate, and all that its facts look at, is as fine as the scans are.
 """
 
-import dataclasses
+import functools
 import logging
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -21,9 +21,10 @@ from gmmjax.changes import (
     clusters_with_core,
     examined_spacing,
 )
-from gmmjax.clouds import Block, voxel_grid
+from gmmjax.clouds import voxel_grid
 from gmmjax.geometry import within_box, within_reach
 from gmmjax.pair import Pair, each_on_cores
+from gmmjax.tiling.blocks import Block
 from gmmjax.tiling.compared_blocks import ComparedBlocks, ComparedVoxels
 from gmmjax.tiling.local_differences import CoarseClouds
 from gmmjax.tiling.local_voxels import Voxels, joined
@@ -31,19 +32,9 @@ from gmmjax.tiling.local_voxels import Voxels, joined
 logger = logging.getLogger(__name__)
 
 
-@dataclasses.dataclass(frozen=True)
-class RegionsOfInterestSettings:
-    """How much is taken at full resolution.
-
-    Attributes:
-        margin: beyond what facts look at, in spacings of the candidate: the neighbours that the planes of its outermost
-            points go through.
-        most_voxels: of either cloud, at most; with more, the smallest ones are doubled. A bound on memory: a million
-            take about a gigabyte. Few: in scans with changes in many places things of a few voxels are lost.
-    """
-
-    margin: float = 8.0
-    most_voxels: int = 2_000_000
+# Beyond what facts look at, in spacings of the candidate: the neighbours that the planes of its outermost points go
+# through.
+REACH_OF_PLANES = 8.0
 
 
 class RefinedCloud(NamedTuple):
@@ -98,7 +89,7 @@ def refined_clouds(
     coarse: CoarseClouds,
     threshold: float,
     examination: LocalExaminationSettings,
-    settings: RegionsOfInterestSettings = RegionsOfInterestSettings(),
+    most_voxels: int,
 ) -> Pair[RefinedCloud]:
     """Both clouds, fine where either looks changed.
 
@@ -107,12 +98,11 @@ def refined_clouds(
         coarse: the clouds elsewhere.
         threshold: probability from which on a voxel looks changed.
         examination: how far around a candidate its facts look.
-        settings: how much is taken.
+        most_voxels: fine ones of either cloud, at most; with more, the smallest ones are doubled.
     """
-    changed = each_on_cores(lambda side: _changed(blocks, side, threshold), NAMES)
-    places = _places(changed, threshold, blocks.candidates, examination, settings)
-    most = settings.most_voxels
-    found = each_on_cores(lambda side, own: _found(blocks, side, own, places, threshold, most), NAMES, coarse.points)
+    changed = each_on_cores(functools.partial(_changed, blocks, threshold), NAMES)
+    places = _places(changed, threshold, blocks.candidates, examination)
+    found = each_on_cores(functools.partial(_found, blocks, places, threshold, most_voxels), NAMES, coarse.points)
     clouds = found.map(lambda own: _refined_cloud(places, coarse.voxel_size, *own))
     logger.info("fine voxels where something looks changed: %d and %d", *clouds.map(lambda own: own.fine))
     return clouds
@@ -126,9 +116,9 @@ class _Changed(NamedTuple):
     probability: Float64[np.ndarray, " n"]
 
 
-def _changed(blocks: ComparedBlocks, side: str, threshold: float) -> _Changed:
+def _changed(blocks: ComparedBlocks, threshold: float, side: str) -> _Changed:
     parts = [_Changed(np.empty((0, 3)), np.empty(0), np.empty(0))]
-    for block in blocks.store.blocks:
+    for block in blocks.store.tree.blocks:
         own = blocks.side(block.number, side)
         rows = np.flatnonzero(own.looks_changed >= threshold)
         parts.append(_Changed(own.voxels.points[rows], own.voxels.sizes[rows], own.looks_changed[rows]))
@@ -150,7 +140,7 @@ class _Places(NamedTuple):
     reach: float
 
     def touches(self, block: Block) -> bool:
-        """Whether anything of a block may be within reach."""
+        """True where anything of a block may be within reach."""
         return bool(self.tree.query(block.centre)[0] <= self.reach + np.sqrt(3) / 2 * block.edge)
 
     def within(self, points: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
@@ -163,15 +153,13 @@ def _places(
     threshold: float,
     candidates: CandidateSettings,
     examination: LocalExaminationSettings,
-    settings: RegionsOfInterestSettings,
 ) -> list[_Places]:
     """A few places for all candidates of each spacing that candidates are examined at."""
     by_spacing: dict[float, list[np.ndarray]] = {}
-
-    def labels(own: _Changed) -> Int[np.ndarray, " n"]:
-        return clusters_with_core(own.points, own.probability, own.sizes, threshold, candidates.local)
-
-    for own, label in zip(changed, each_on_cores(labels, changed), strict=True):
+    labels = each_on_cores(
+        lambda own: clusters_with_core(own.points, own.probability, own.sizes, threshold, candidates.local), changed
+    )
+    for own, label in zip(changed, labels, strict=True):
         order = np.argsort(label, kind="stable")
         order = order[label[order] >= 0]
         ends = np.flatnonzero(np.diff(label[order])) + 1
@@ -181,7 +169,7 @@ def _places(
         _Places(
             cKDTree(voxel_grid(np.concatenate(points), examination.reach / 8 * spacing).points),
             spacing,
-            (examination.reach + settings.margin) * spacing,
+            (examination.reach + REACH_OF_PLANES) * spacing,
         )
         for spacing, points in sorted(by_spacing.items())
     ]
@@ -197,7 +185,7 @@ def _spacings(places: list[_Places], points: Float64[np.ndarray, "n 3"]) -> Floa
 
 
 class _Part(NamedTuple):
-    """What is fine of a block.
+    """The fine voxels of a block.
 
     Attributes:
         own: its voxels within reach of candidates; those that do not look changed are joined to what the candidates are
@@ -226,7 +214,7 @@ class _Part(NamedTuple):
         return len(self.own.looks_changed)
 
     def joined_to(self, least: float) -> "_Part":
-        """The same, with voxels of a size at least."""
+        """Join the fine voxels to those of a size at least."""
         own, members = _joined(self.own, np.full(self.fine, least))
         return self._replace(own=own, rows=members[self.rows])
 
@@ -248,7 +236,7 @@ class _Around(NamedTuple):
 
     @classmethod
     def of(cls, block: Block, points: Float64[np.ndarray, "n 3"], own: ComparedVoxels) -> "_Around":
-        inside, indices = points[within_box(points, block.lower, block.lower + block.edge)], np.empty(0, int)
+        inside, indices = points[within_box(points, *block.grown(0.0))], np.empty(0, int)
         if len(own.voxels.points):
             indices = cKDTree(own.voxels.points).query(inside)[1]
         count = len(indices)
@@ -257,16 +245,16 @@ class _Around(NamedTuple):
 
 def _found(
     blocks: ComparedBlocks,
-    side: str,
-    coarse: Float64[np.ndarray, "c 3"],
     places: list[_Places],
     threshold: float,
     most_voxels: int,
+    side: str,
+    coarse: Float64[np.ndarray, "c 3"],
 ) -> tuple[_Part, _Around]:
-    """What is fine of one cloud, the smallest voxels doubled until there are no more of them, and its coarse points."""
+    """The fine voxels of one cloud, doubled until there are no more than `most_voxels`, and its coarse ones."""
     parts, around = list[_Part](), list[_Around]()
     least, count = blocks.voxels.finest, 0
-    for block in blocks.store.blocks:
+    for block in blocks.store.tree.blocks:
         own, met = blocks.side(block.number, side), any(one.touches(block) for one in places)
         parts.append(_Part.of(block.number, places if met else [], own, threshold).joined_to(least))
         around.append(_Around.of(block, coarse, own))

@@ -1,72 +1,44 @@
-"""What is said of each row of both surveys, from what was found of the voxels that their points are in."""
+"""Results for each row of both surveys, from those of the voxels that their points are in."""
 
 import dataclasses
+import functools
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.changes import NAMES, Changes, PointFigures, SurfaceChangeSettings, outside_probability
-from gmmjax.clouds import StoredPoints
+from gmmjax.clouds import CloudChunk
 from gmmjax.geometry import nearest_neighbours
-from gmmjax.pair import Pair, each_on_cores
+from gmmjax.pair import Pair, each, each_on_cores
 from gmmjax.tiling.compared_blocks import ComparedBlocks, ComparedVoxels
 from gmmjax.tiling.local_voxels import Voxels
 from gmmjax.tiling.regions_of_interest import RefinedCloud
-from gmmjax.tiling.row_columns import FilledInBatches, RowColumns
-
-MISSING: Mapping[str, np.generic] = {
-    "label": np.int32(-1),
-    "kind": np.uint8(0),
-    "probability": np.float32(0),
-    "unobserved": np.bool_(False),
-    **{name: np.float32(np.nan) for name in PointFigures._fields},
-}
-"""The columns, with the values of rows that were not compared: without a position, outside the crop box, or stray."""
+from gmmjax.tiling.row_columns import MISSING, RowColumns
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class RowResults:
-    """What is said of each row.
+def row_columns(folder: Path, counts: Pair[int]) -> Pair[RowColumns]:
+    """Columns for the rows of both surveys, in a folder that is there.
 
-    Attributes:
-        columns: of either survey, by the names of `MISSING`.
+    Raises:
+        InputError: the disk is full.
     """
-
-    columns: Pair[RowColumns]
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """The arrays of `Changes`, as maps of files."""
-        names = {"labels": "label", **{name: name for name in MISSING if name not in ("label", "kind")}}
-        return {
-            f"{array}_{side}": own.column(name)
-            for side, own in zip(NAMES, self.columns, strict=True)
-            for array, name in names.items()
-        }
-
-    def found(self) -> Pair[dict[str, np.ndarray]]:
-        """The values of each row by name, as maps of files: what is written beside the points of a scan."""
-
-        def of_cloud(columns: RowColumns) -> dict[str, np.ndarray]:
-            values = {name: columns.column(name) for name in MISSING}
-            # Files of points have no truth values.
-            return values | {"unobserved": values["unobserved"].view(np.uint8)}
-
-        return self.columns.map(of_cloud)
+    return each(lambda side, count: RowColumns(folder / side, count), NAMES, counts)
 
 
 def fill_rows(
-    results: RowResults,
+    columns: Pair[RowColumns],
     blocks: ComparedBlocks,
     fine: Pair[RefinedCloud],
     changes: Changes,
     settings: SurfaceChangeSettings,
 ) -> Pair[Int[np.ndarray, " _"]]:
-    """Fills the columns, block by block.
+    """Fill the columns of both surveys, block by block.
 
     Args:
-        results: to fill.
+        columns: to fill.
         blocks: of both clouds, compared.
         fine: the clouds that the changes were found in.
         changes: of these clouds.
@@ -75,35 +47,23 @@ def fill_rows(
     Returns:
         For each voxel of these clouds the first row that is in it; for a coarse one, that is in the voxel next to it.
     """
-
-    def fill(side: str, columns: RowColumns, own: RefinedCloud) -> Int[np.ndarray, " _"]:
-        found, filling = _Found.of(side, own, changes, settings), FilledInBatches(columns)
-        first = np.full(len(own.own.looks_changed), columns.count)
-        for number in range(len(blocks.store.tree)):
-            inside: StoredPoints = getattr(blocks.store.inside(number), side)
-            member: Int[np.ndarray, " n"] = getattr(blocks.voxels.members(number), side)
-            voxels = blocks.side(number, side)
-            values = found.of_voxels(number, voxels)
-            filling.fill(inside.rows, {name: array[member] for name, array in values.items()})
-            of_voxels = np.full(len(voxels.looks_changed), columns.count)
-            np.minimum.at(of_voxels, member, inside.rows)
-            _take_first_rows(first, own, number, of_voxels)
-        filling.flush()
-        return first
-
-    return each_on_cores(fill, NAMES, results.columns, fine)
+    found = each(lambda side, own: _Found.of(side, own, changes, settings), NAMES, fine)
+    return each_on_cores(functools.partial(_fill, blocks), NAMES, columns, found)
 
 
-def fill_rows_of_points(results: RowResults, changes: Changes, rows: Pair[Int[np.ndarray, " _"]]) -> None:
-    """Fills the columns with what was found of all points, in memory.
-
-    Args:
-        results: to fill.
-        changes: of these points.
-        rows: of each point.
-    """
-    for side, columns, own in zip(NAMES, results.columns, rows, strict=True):
-        columns.fill(own, changes.point_values(side))
+def _fill(blocks: ComparedBlocks, side: str, columns: RowColumns, found: "_Found") -> Int[np.ndarray, " _"]:
+    first = np.full(len(found.cloud.own.looks_changed), columns.count)
+    for number in range(len(blocks.store.tree)):
+        inside: CloudChunk = getattr(blocks.store.inside(number), side)
+        member = blocks.voxels.members(number, side)
+        voxels = blocks.side(number, side)
+        values = found.of_voxels(number, voxels)
+        columns.fill(inside.rows, {name: array[member] for name, array in values.items()})
+        of_voxels = np.full(len(voxels.looks_changed), columns.count)
+        np.minimum.at(of_voxels, member, inside.rows)
+        _take_first_rows(first, found.cloud, number, of_voxels)
+    columns.flush()
+    return first
 
 
 def _take_first_rows(
@@ -112,7 +72,7 @@ def _take_first_rows(
     number: int,
     of_voxels: Int[np.ndarray, " v"],
 ) -> None:
-    """Lowers the first row of each voxel of a cloud to those of the voxels of a block.
+    """Lower the first row of each voxel of a cloud to those of the voxels of a block.
 
     Args:
         first: of each voxel of the cloud; it is changed.
@@ -129,7 +89,7 @@ def _take_first_rows(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Found:
-    """What was found of one cloud.
+    """The results for one cloud.
 
     Attributes:
         cloud: that the changes were found in.
@@ -151,7 +111,7 @@ class _Found:
         return cls(cloud, values, (cKDTree(points), hidden) if hidden.any() else None, settings)
 
     def of_voxels(self, number: int, own: ComparedVoxels) -> dict[str, np.ndarray]:
-        """What is said of each voxel of a block."""
+        """The results for each voxel of a block."""
         rows = self.cloud.rows_of(number, len(own.voxels.points))
         fine = rows >= 0
         outside = outside_probability(own.looks_changed, self.settings)

@@ -6,13 +6,15 @@ import numpy as np
 from jaxtyping import Float64
 
 from gmmjax.changes import NAMES, SeenFirstSettings, seen_first_at
-from gmmjax.clouds import AbstractBlockStore, Block, SensorViews
-from gmmjax.pair import Pair, each
-from gmmjax.tiling.records import BlockRecords, BlockResult
+from gmmjax.clouds import SensorViews
+from gmmjax.pair import Pair
+from gmmjax.tiling.block_store import BlockStore
+from gmmjax.tiling.blocks import Block
+from gmmjax.tiling.records import Arrays, BlockRecords
 
 
 class Looks(NamedTuple):
-    """How the points of a survey are looked at.
+    """Lines of sight to the points of a survey.
 
     Attributes:
         views: where it was taken from, relative to the offset.
@@ -30,24 +32,19 @@ class Looks(NamedTuple):
         return cls(views, settings.cell, settings.step(points, len(views)))
 
 
-def block_seen_first(store: AbstractBlockStore, block: Block, looks: Pair[Looks | None]) -> BlockResult:
-    """The points of a block that nothing in the block hides, a `BlockTask`: its values are these of either cloud.
+def block_seen_first(store: BlockStore, block: Block, looks: Pair[Looks | None]) -> Arrays:
+    """The points of either cloud in a block that nothing in the block hides, a `BlockTask`.
 
     Args:
         store: of the block.
         block: one of the store's.
         looks: of both surveys; None: its views are not known.
     """
-
-    def of_cloud(points: Float64[np.ndarray, "n 3"], own: Looks | None) -> Float64[np.ndarray, "m 3"]:
-        if own is None:
-            return points[:0]
-        taken = points[:: own.step]
-        return taken[seen_first_at(taken, own.views, own.cell)]
-
-    inside = store.inside(block.number).map(lambda own: own.points)
-    found = each(of_cloud, inside, looks)
-    return BlockResult(dict(zip(NAMES, found, strict=True)), Pair({}, {}))
+    found = {}
+    for side, chunk, own in zip(NAMES, store.inside(block.number), looks, strict=True):
+        points = chunk.points[:0] if own is None else chunk.points[:: own.step]
+        found[side] = points if own is None else points[seen_first_at(points, own.views, own.cell)]
+    return found
 
 
 def seen_first_of_blocks(records: BlockRecords) -> Pair[Float64[np.ndarray, "_ 3"]]:

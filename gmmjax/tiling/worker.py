@@ -1,21 +1,27 @@
-"""What a worker does with a tile. Neither this module nor what it imports needs JAX: a task imports what it needs."""
+"""The work of one process on a tile. Nothing that is imported here needs JAX: a task imports what it needs."""
 
+import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from gmmjax.tiling.disk_store import opened_store
-from gmmjax.tiling.records import BlockResult, RecordPlace, write_record
-from gmmjax.tiling.tiles import Tile
+from gmmjax.tiling.block_store import BlockStore
+from gmmjax.tiling.records import Arrays, RecordPlace, write_record
 
-BlockTask: TypeAlias = Callable[..., BlockResult]
+BlockTask: TypeAlias = Callable[..., Arrays]
 """A function of a module that takes a store, a block, and plain further arguments."""
+
+Tile: TypeAlias = tuple[int, ...]
+"""The numbers of some blocks, ascending."""
+
+# The store that a process asked for last stays open.
+_opened = functools.lru_cache(maxsize=1)(BlockStore)
 
 
 def compute_tile(
     store: Path, records: Path, task: BlockTask, arguments: tuple[Any, ...], tile: Tile
 ) -> list[RecordPlace]:
-    """What a worker does with a tile: computes each block, and appends the result to a file of its own.
+    """Compute each block of a tile, and append the results to a file of this worker's own.
 
     Args:
         store: folder of the store.
@@ -24,5 +30,5 @@ def compute_tile(
         arguments: of the task.
         tile: the numbers of the blocks.
     """
-    opened = opened_store(store)
-    return [write_record(records, number, task(opened, opened.tree.block(number), *arguments)) for number in tile]
+    opened = _opened(store)
+    return [write_record(records, number, task(opened, opened.tree.blocks[number], *arguments)) for number in tile]

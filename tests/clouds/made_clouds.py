@@ -1,68 +1,28 @@
-"""Clouds that blocks are made of in the tests."""
+"""Clouds in memory that are read as files of any size are."""
 
 import dataclasses
 
 import numpy as np
 
-from gmmjax.clouds import AbstractBlockStore, Bounds, CloudChunk, StoredPoints
-from gmmjax.pair import each
+from gmmjax.clouds import CloudChunk
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ArrayCloud:
-    """A cloud in memory, as `ChunkedCloud`."""
+class ChunkedArray:
+    """A `ChunkedCloud` in memory, in chunks of at most a size."""
 
     points: np.ndarray
+    size: int = 1_000_000
 
     @property
     def count(self):
         return len(self.points)
 
-    @property
-    def bounds(self):
-        return None
-
     def chunks(self, size=1_000_000):
-        for start in range(0, len(self.points), size):
-            part = self.points[start : start + size]
+        step = min(size, self.size)
+        for start in range(0, len(self.points), step):
+            part = self.points[start : start + step]
             yield CloudChunk(part, np.arange(start, start + len(part), dtype=np.int64))
-
-
-class MemoryBlockStore(AbstractBlockStore):
-    """The points of two clouds in memory, sorted into blocks."""
-
-    def __init__(self, clouds, tree):
-        self._tree, self._row_counts = tree, clouds.row_counts
-        read = clouds.chunks(tree.lattice).map(lambda own: zip(*own, strict=True))
-        together = read.map(lambda own: StoredPoints(*map(np.concatenate, own)))
-        self._points = together.map(lambda own: own.part(np.argsort(tree.blocks_of(own.points), kind="stable")))
-
-    @property
-    def tree(self):
-        return self._tree
-
-    @property
-    def row_counts(self):
-        return self._row_counts
-
-    def inside(self, number):
-        ends = self._tree.counts.map(lambda own: np.cumsum(np.append(0, own))[number : number + 2])
-        return each(lambda points, place: points.part(slice(*place)), self._points, ends)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class ChunkedArray(ArrayCloud):
-    """A cloud in memory that gives its points in chunks of another size, and declares bounds."""
-
-    size: int = 7
-    declared: Bounds | None = None
-
-    @property
-    def bounds(self):
-        return self.declared
-
-    def chunks(self, size=1_000_000):
-        return super().chunks(min(size, self.size))
 
 
 def slope(count, seed, *, lower=(0.0, 0.0, 0.0), change=0.0):

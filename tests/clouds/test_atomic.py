@@ -58,7 +58,7 @@ def test_a_full_disk_while_writing(tmp_path, monkeypatch):
     real_open = type(path).open
 
     def on_full_disk(self, mode="r", *arguments, **options):
-        if mode != "xb":
+        if mode != "wb":
             return real_open(self, mode, *arguments, **options)
         real_open(self, mode).close()
         return open("/dev/full", "wb")

@@ -33,9 +33,6 @@ def test_chunks_are_the_points_of_the_file(files, name):
         assert max(len(chunk.points) for chunk in chunks) <= size
         np.testing.assert_array_equal(np.concatenate([chunk.points for chunk in chunks]), whole.points)
         np.testing.assert_array_equal(np.concatenate([chunk.rows for chunk in chunks]), whole.rows)
-        if "scan" in whole.fields:
-            scans = np.concatenate([chunk.scan for chunk in chunks])
-            np.testing.assert_array_equal(scans, whole.fields["scan"])
         clouds = list(file.clouds(size))
         for field, values in whole.fields.items():
             joined = np.concatenate([cloud.fields[field] for cloud in clouds])

@@ -34,7 +34,7 @@ def test_both_stations_of_a_room_are_recognised(room):
 
 
 @pytest.mark.slow
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4)
 @given(st.floats(0, 360), st.floats(-3, 3), st.sampled_from([(0.0, 0.0, 0.0), (433_000.0, 5_411_000.0, 300.0)]))
 def test_stations_move_with_the_scan_in_any_unit(room, degrees, exponent, place):
     metre, turn = 10.0**exponent, Rotation.from_euler("z", degrees, degrees=True).as_matrix()
@@ -47,7 +47,7 @@ def test_the_order_of_the_points_does_not_matter(room):
     np.testing.assert_allclose(recognised_stations(room[order]), recognised_stations(room), atol=1e-9)
 
 
-@pytest.mark.parametrize(("rays", "lowest"), [(40_000, -60.0), (40_000, -45.0), (600_000, -60.0), (600_000, -70.0)])
+@pytest.mark.parametrize(("rays", "lowest"), [(40_000, -60.0), (40_000, -45.0), (200_000, -60.0), (200_000, -70.0)])
 def test_a_station_is_recognised_at_any_density_and_of_any_hole(rays, lowest):
     assert_are(recognised_stations(scan(STATIONS[0], rays, lowest=lowest)), STATIONS[:1], up=0.35)
 

@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gmmjax.clouds import CroppedCloud, thinned_cloud
-from tests.clouds.made_clouds import ArrayCloud
+from tests.clouds.made_clouds import ChunkedArray
 
 
 def thinned(points, most, size=1_000_000):
-    return thinned_cloud(ArrayCloud(points).chunks(size), most)
+    return thinned_cloud(ChunkedArray(points).chunks(size), most)
 
 
 @settings(max_examples=25, deadline=None)
@@ -75,7 +75,7 @@ def test_no_points():
 
 def test_a_cropped_cloud_keeps_the_rows_of_the_whole():
     points = np.random.default_rng(0).uniform(size=(1_000, 3))
-    cropped = CroppedCloud(ArrayCloud(points), np.zeros(3), np.array([0.5, 1.0, 1.0]))
+    cropped = CroppedCloud(ChunkedArray(points), np.zeros(3), np.array([0.5, 1.0, 1.0]))
     chunks = list(cropped.chunks(100))
     rows = np.concatenate([chunk.rows for chunk in chunks])
     np.testing.assert_array_equal(rows, np.flatnonzero(points[:, 0] <= 0.5))

@@ -143,7 +143,8 @@ def test_a_result_in_tiles_has_the_same_scans(pair, tmp_path, transform_after):
     changes = dataclasses.replace(pair[2], registration=Registration(transform, True, 2.0, 0.01, 0.5, 0.9))
     found = Pair("before", "after").map(changes.point_values)
     found = found.map(lambda own: own | {"unobserved": own["unobserved"].astype(np.uint8)})
-    tiled = TiledChanges(changes, changes, clouds, SimpleNamespace(found=lambda: found))
+    rows = found.map(lambda own: SimpleNamespace(fields=lambda: own))
+    tiled = TiledChanges(changes, changes, clouds, rows)
     whole = write_result(tmp_path / "whole", *clouds, changes, transform_after=transform_after)
     in_tiles = write_tiled_result(tmp_path / "tiles", surveys, tiled, transform_after=transform_after)
     for side in ("before", "after"):

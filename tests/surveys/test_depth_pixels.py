@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from gmmjax.surveys import Intrinsics
-from gmmjax.surveys.depth_pixels import interpolated, lone_pixels
+from gmmjax.surveys.volumetric_map import interpolated, lone_pixels
 
 CAMERA = Intrinsics.of_field_of_view((60.0, 45.0), 20, 15)
 

@@ -14,7 +14,7 @@ def make_map(request):
     if request.param == "localised":
         return localised_map
     request.getfixturevalue("open3d")
-    return lambda *given, **settings: volumetric_map(*given, **{"voxel_size": 0.04, "least_frames": 1} | settings)
+    return lambda *given, **settings: volumetric_map(*given, **{"voxel_size": 0.04} | settings)
 
 
 def test_frames_outside_of_the_trajectory_are_skipped_and_counted(make_map):
@@ -41,14 +41,6 @@ def test_frames_without_points_are_skipped(make_map):
     empty = Frame.of_image(np.full((CAMERA.height, CAMERA.width, 3), np.nan), 2.0)
     made = make_map([*frames[:2], empty, frames[3]], whole)
     assert (made.frames_used, made.frames_skipped) == (3, 1)
-
-
-def test_every_so_many_frames(make_map):
-    frames, whole = survey(around(8))
-    made = make_map(iter(frames), whole, every=3)
-    np.testing.assert_array_equal(made.times, [0, 3, 6])
-    assert made.frames_skipped == 0
-    np.testing.assert_array_equal(made.points, make_map(frames[::3], whole).points)
 
 
 def test_no_frame_left_names_both_spans(make_map):
@@ -96,7 +88,6 @@ def test_the_views_see_the_map(make_map):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"every": 0}, "every=0"),
         ({"bounds": [[0, 0, 0]]}, r"corner \[2, 3\]"),
         ({"bounds": [[0, 0, 0], [1, -1, 1]]}, "above upper"),
         ({"bounds": [[90, 90, 90], [91, 91, 91]]}, "in the bounds and in range"),
@@ -114,7 +105,5 @@ def test_the_field_of_view_of_points_in_no_order_holds_them():
     frames, whole = survey(around(4))
     loose = [Frame(PointCloud.from_rows(frame.cloud.points), frame.time) for frame in frames]
     assert localised_map(loose, whole).views.field_of_view == pytest.approx(CAMERA.field_of_view, abs=1.5)
-    given = localised_map(loose, whole, field_of_view=(70.0, 50.0)).views
-    assert given.field_of_view == (70.0, 50.0)
     scanner = [Frame(PointCloud.from_rows(frame.cloud.points - np.array([0, 0, 2])), frame.time) for frame in frames]
     assert localised_map(scanner, whole).views.field_of_view[0] == 360

@@ -87,19 +87,13 @@ def test_any_layout_is_read_as_point_by_point(packed):
     assert {name: values.tolist() for name, values in cloud.fields.items()} == columns
 
 
-@given(
-    st.sampled_from([(1, 7), (5, 3), (2, 1)]),
-    st.booleans(),
-    st.integers(12, 40),
-    st.integers(0, 9),
-    st.integers(0, 2**32 - 1),
-)
-def test_what_is_encoded_is_decoded(shape, big_endian, point_step, row_padding, seed):
-    random = np.random.default_rng(seed)
+@pytest.mark.parametrize("shape", [(1, 7), (5, 3), (2, 1)])
+def test_what_is_encoded_is_decoded(shape):
+    random = np.random.default_rng(0)
     image = random.normal(size=(*shape, 3))
     image[random.random(shape) < 0.3] = np.nan
     frame = Frame.of_image(image, 5.0, "camera")
-    packed = encode_cloud(frame, big_endian=big_endian, point_step=point_step, row_padding=row_padding)
+    packed = encode_cloud(frame)
     cloud = decode_cloud(packed, "bag")
     np.testing.assert_array_equal(cloud.points, frame.cloud.points.astype(np.float32))
     np.testing.assert_array_equal(cloud.rows, frame.cloud.rows)
@@ -161,8 +155,3 @@ def test_packed_colours_are_colours(datatype, big_endian):
 def test_a_layout_that_does_not_fit_is_an_input_error(changes, words):
     with pytest.raises(InputError, match=f"^run.bag: .*{words}"):
         decode_cloud(message(**changes), "run.bag")
-
-
-def test_too_small_a_point_step_is_an_input_error():
-    with pytest.raises(InputError, match="point_step=8"):
-        encode_cloud(Frame.of_image(np.ones((1, 1, 3)), 0.0), point_step=8)

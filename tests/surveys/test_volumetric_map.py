@@ -13,11 +13,10 @@ from tests.surveys.seen_room import CAMERA, SOLIDS, around, distance_to_surfaces
 pytestmark = pytest.mark.usefixtures("open3d")
 
 
-@pytest.mark.parametrize("surface", ["vertices", "points"])
 @pytest.mark.parametrize(("noise", "middle", "most"), [(0.0, 0.0015, 0.012), (0.008, 0.005, 0.025)])
-def test_points_lie_on_the_surfaces(surface, noise, middle, most):
+def test_points_lie_on_the_surfaces(noise, middle, most):
     frames, trajectory = survey(around(16), noise)
-    made = volumetric_map(frames, trajectory, voxel_size=0.02, surface=surface)
+    made = volumetric_map(frames, trajectory, voxel_size=0.02)
     apart = distance_to_surfaces(made.points)
     assert len(made.points) > 20_000
     assert np.median(apart) < middle and np.quantile(apart, 0.99) < most
@@ -63,16 +62,6 @@ def test_pixels_that_fly_at_edges_vanish():
     assert (distance_to_surfaces(made.points) > 0.1).sum() < 5
 
 
-def test_what_one_frame_saw_can_be_left_out():
-    frames, trajectory = survey(around(8))
-    image = frames[0].image()
-    image[20:24, 20:24] = (CAMERA.rays() * 0.5).reshape(image.shape)[20:24, 20:24]
-    frames[0] = Frame.of_image(image, 0.0)
-    one, two = (volumetric_map(frames, trajectory, voxel_size=0.02, least_frames=n) for n in (1, 2))
-    assert distance_to_surfaces(one.points).max() > 0.3
-    assert distance_to_surfaces(two.points).max() < 0.1
-
-
 def test_small_voxels_keep_a_truncation_beyond_the_noise():
     frames, trajectory = survey(around(16), 0.01)
     bounds = [[-0.3, -0.5, 0.05], [0.5, 0.3, 0.6]]
@@ -84,7 +73,7 @@ def test_each_frame_has_its_own_camera():
     poses = around(8)
     frames, trajectory = survey(poses)
     half = [Frame.of_image(frame.image()[:, : CAMERA.width // 2], frame.time) for frame in frames]
-    made = volumetric_map([*frames[::2], *half[1::2]], trajectory, voxel_size=0.02, least_frames=1)
+    made = volumetric_map([*frames[::2], *half[1::2]], trajectory, voxel_size=0.02)
     assert np.quantile(distance_to_surfaces(made.points), 0.99) < 0.012
 
 
@@ -103,8 +92,6 @@ def test_frames_in_no_order_or_of_no_camera():
     [
         ({"voxel_size": 0.0}, "voxel_size=0.0"),
         ({"voxel_size": np.inf}, "voxel_size=inf"),
-        ({"least_frames": 0}, "least_frames=0"),
-        ({"least_frames": 5}, "seen by 5 of the 4 frames"),
     ],
 )
 def test_settings_that_cannot_be(settings, message):

@@ -13,13 +13,13 @@ def surface(random, count, corner, first, second):
 
 
 def room(seed, *, box):
-    """A floor of 8 by 6 m, two walls, and a box on the floor; the floor is denser in one half."""
+    """A floor of 6 by 5 m, two walls, and a box on the floor; the floor is denser in one half."""
     random = np.random.default_rng(seed)
     parts = [
-        surface(random, 30_000, (0, 0, 0), (8, 0, 0), (0, 6, 0)),
-        surface(random, 30_000, (0, 0, 0), (4, 0, 0), (0, 6, 0)),
-        surface(random, 15_000, (0, 0, 0), (8, 0, 0), (0, 0, 2)),
-        surface(random, 12_000, (0, 0, 0), (0, 6, 0), (0, 0, 2)),
+        surface(random, 18_750, (0, 0, 0), (6, 0, 0), (0, 5, 0)),
+        surface(random, 18_750, (0, 0, 0), (3, 0, 0), (0, 5, 0)),
+        surface(random, 11_250, (0, 0, 0), (6, 0, 0), (0, 0, 2)),
+        surface(random, 10_000, (0, 0, 0), (0, 5, 0), (0, 0, 2)),
     ]
     lower, size = BOX
     if box:

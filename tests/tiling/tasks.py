@@ -6,20 +6,14 @@ import signal
 import numpy as np
 
 from gmmjax.errors import InputError
-from gmmjax.pair import Pair
-from gmmjax.tiling import BlockResult
 
 
-def heights(store, block, margin, scale=1.0):
+def heights(store, block, margin):
     """The height of each point, and the sums of what is around the block, whose last bits depend on the order."""
-    found = store.points_of(block, margin)
-    sums = np.stack([np.cumsum(own.points, axis=0)[-1] if len(own.points) else np.zeros(3) for own in found])
-    rows = found.map(lambda own: {"height": scale * own.points[own.inside, 2], "block": _numbers(own, block)})
-    return BlockResult({"sums": sums, "key": np.array(block.key)}, rows)
-
-
-def _numbers(own, block):
-    return np.full(int(own.inside.sum()), block.number, np.int32)
+    found = store.points_around(block, margin, 10_000)
+    sums = np.stack([np.cumsum(own, axis=0)[-1] if len(own) else np.zeros(3) for own in found])
+    inside = store.inside(block.number)
+    return {"sums": sums, "before": inside.before.points[:, 2], "after": inside.after.points[:, 2]}
 
 
 def heights_after_death(store, block, margin, mark):
@@ -32,7 +26,7 @@ def heights_after_death(store, block, margin, mark):
 
 def process(store, block):
     """The number of the process that computes it."""
-    return BlockResult({"process": np.array(os.getpid())}, Pair({}, {}))
+    return {"process": np.array(os.getpid())}
 
 
 def fails(store, block):

@@ -1,14 +1,12 @@
 """Changes of scans of any size, found in tiles."""
 
 import dataclasses
-import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
-from gmmjax.changes import Clock, DetectionConfig, Survey, detect_changes, silent
+from gmmjax.changes import NAMES, Clock, DetectionConfig, PointFigures, detect_changes, silent
 from gmmjax.clouds import SensorViews, open_cloud, write_ply
 from gmmjax.errors import InputError, InputWarning
 from gmmjax.pair import Pair
@@ -19,7 +17,7 @@ from tests.clouds.scanned_room import STATIONS, scan
 from tests.tiling.rooms import BOX, of_box, room
 
 # Small blocks, so that a small scene has many.
-SETTINGS = TiledDetectionSettings(thinned=60_000, most_points=15_000)
+SETTINGS = TiledDetectionSettings(thinned=55_000, most_points=12_000)
 CONFIG = DetectionConfig(restarts=1, max_components=12, registration="never")
 PLACE = np.array([433_000.0, 5_411_000.0, 300.0])
 
@@ -29,25 +27,46 @@ def points():
     return Pair(room(0, box=False), room(1, box=True))
 
 
-def detected(points, folder, *, size=1_000_000, **named):
-    """The arrays of a record, and the record."""
-    return detected_in(points.map(lambda own: ChunkedArray(own, size)), folder, **named)
+def detected(points, folder, **named):
+    """The arrays of a record by name, and the record."""
+    return detected_in(points.map(ChunkedArray), folder, **named)
 
 
-def detected_in(clouds, folder, *, threads=1, config=CONFIG, **named):
+def detected_in(clouds, folder, *, threads=1, config=CONFIG, settings=SETTINGS, **named):
     with (
         ThreadPoolExecutor(threads) as executor,
         tiled_changes(
-            clouds, config=config, workers=Workers(executor=executor), folder=folder, settings=SETTINGS, **named
+            clouds, config=config, workers=Workers(executor=executor), folder=folder, settings=settings, **named
         ) as found,
     ):
-        arrays = {name: np.array(values) for name, values in found.rows.arrays().items()}
+        arrays = {}
+        for side, columns in zip(NAMES, found.rows, strict=True):
+            for name in ("labels", "probability", "unobserved", *PointFigures._fields):
+                arrays[f"{name}_{side}"] = np.array(getattr(found.changes, f"{name}_{side}"))
+            np.testing.assert_array_equal(columns.column("kind") > 0, arrays[f"labels_{side}"] >= 0)
         return arrays, found
+
+
+def views_of(points):
+    """A scanner behind the box, of which it sees the near sides only."""
+    return points.map(lambda own: SensorViews.from_positions(own, [(5.2, 4.3, 1.5)]))
 
 
 @pytest.fixture(scope="module")
 def found(points, tmp_path_factory):
     return detected(points, tmp_path_factory.mktemp("found"))
+
+
+@pytest.fixture(scope="module")
+def with_views(points, tmp_path_factory):
+    return detected(points, tmp_path_factory.mktemp("found"), views=views_of(points))
+
+
+def assert_same(first, second):
+    """Whether two detections are the same, bit for bit."""
+    for name, values in first[0].items():
+        assert values.tobytes() == second[0][name].tobytes(), name
+    assert [change.to_dict() for change in first[1].shown] == [change.to_dict() for change in second[1].shown]
 
 
 def test_the_box_is_one_change_and_nothing_else_is(points, found):
@@ -65,7 +84,7 @@ def test_the_box_is_one_change_and_nothing_else_is(points, found):
 
 def test_rows_have_what_a_record_has(points, found):
     arrays, record = found
-    for side, own in zip(("before", "after"), points, strict=True):
+    for side, own in zip(NAMES, points, strict=True):
         label, probability = arrays[f"labels_{side}"], arrays[f"probability_{side}"]
         assert len(label) == len(own)
         assert ((probability >= 0) & (probability <= 1)).all()
@@ -81,30 +100,21 @@ def test_rows_have_what_a_record_has(points, found):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("tile_size", "threads", "size"), [(2.0, 1, 1_000_000), (5.0, 3, 1_000_000), (20.0, 3, 999_999)]
-)
-def test_tiles_and_workers_change_no_bit(points, found, tmp_path, tile_size, threads, size):
-    arrays, record = detected(points, tmp_path, threads=threads, tile_size=tile_size, size=size)
-    for name, values in found[0].items():
-        assert values.tobytes() == arrays[name].tobytes(), name
-    assert [change.to_dict() for change in record.shown] == [change.to_dict() for change in found[1].shown]
+def test_tiles_and_workers_change_no_bit(points, with_views, tmp_path):
+    where = {"threads": 3, "tile_size": 3.0, "views": views_of(points)}
+    assert_same(detected(points, tmp_path, **where), with_views)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
-def test_regions_with_too_many_voxels_are_coarser(points, found, tmp_path, monkeypatch):
-    """Block by block, as if all had been gathered first, whatever the tiles."""
-    regions = dataclasses.replace(SETTINGS.regions, most_voxels=6_000)
-    monkeypatch.setattr(sys.modules[__name__], "SETTINGS", dataclasses.replace(SETTINGS, regions=regions))
-    arrays, record = detected(points, tmp_path)
+def test_regions_with_too_many_voxels_are_coarser(points, found, tmp_path):
+    settings = dataclasses.replace(SETTINGS, most_refined=4_000)
+    arrays, record = detected(points, tmp_path, settings=settings, tile_size=20.0)
     assert [change.kind for change in record.shown] == ["appeared"]
     box = of_box(points.after)
     assert (arrays["labels_after"][box] == 0).mean() > 0.85
     sizes = record.clouds.map(lambda own: len(own.points))
     assert max(sizes) < min(found[1].clouds.map(lambda own: len(own.points)))
-    others, _ = detected(points, tmp_path, tile_size=2.0, threads=3)
-    assert all(values.tobytes() == others[name].tobytes() for name, values in arrays.items())
 
 
 @pytest.mark.slow
@@ -123,55 +133,48 @@ def test_a_scan_is_like_itself(points, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("far", "first"),
-    [
-        ([[300.0, 300.0, 5.0]], False),
-        ([[1e6, 0, 0], [0, -3.4028235e38, 0]], True),
-        (np.full((3_000, 3), -9999.0), False),
-    ],
-)
-def test_stray_points_change_no_bit(points, found, tmp_path, far, first):
-    rows = np.concatenate([far, points.after] if first else [points.after, far])
-    with pytest.warns(InputWarning, match=f"after: {len(far):,} stray point"):
-        arrays, record = detected(Pair(points.before, rows), tmp_path)
-    own = slice(len(far), None) if first else slice(len(points.after))
-    for name, values in found[0].items():
-        kept = arrays[name][own] if name.endswith("after") else arrays[name]
-        np.testing.assert_array_equal(kept, values, err_msg=name)
-    assert (arrays["labels_after"] >= 0).sum() == (found[0]["labels_after"] >= 0).sum()
-    assert [change.to_dict() for change in record.shown] == [change.to_dict() for change in found[1].shown]
+def test_stray_points_change_no_bit(points, found, tmp_path):
+    far = np.array([[1e6, 0, 0], [0, -3.4028235e38, 0]])
+    with pytest.warns(InputWarning, match="after: 2 stray points"):
+        arrays, record = detected(Pair(points.before, np.concatenate([far, points.after])), tmp_path)
+    kept = {name: values[2:] if name.endswith("after") else values for name, values in arrays.items()}
+    assert_same((kept, record), found)
+    assert (arrays["labels_after"][:2] == -1).all()
     diagnostics = record.changes.diagnostics
-    assert (diagnostics["before"]["stray"], diagnostics["after"]["stray"]) == (0, len(far))
+    assert (diagnostics["before"]["stray"], diagnostics["after"]["stray"]) == (0, 2)
     assert diagnostics["after"]["points"] == len(points.after)
 
 
+@pytest.mark.parametrize("far", [np.array([[300.0, 300.0, 5.0]]), np.full((3_000, 3), -9999.0)])
+def test_the_coarse_pass_leaves_stray_points_out(points, far):
+    def thinned(after):
+        clouds = Pair(points.before, after).map(lambda own: ChunkedArray(own[::4]))
+        return coarse_pass(clouds, Pair(None, None), CONFIG, Clock(silent), SETTINGS)
+
+    expected = thinned(points.after)
+    with pytest.warns(InputWarning, match=rf"after: {len(far[::4]):,} stray point"):
+        coarse = thinned(np.concatenate([points.after, np.resize(far, (4 * -(-len(far) // 4), 3))]))
+    assert tuple(coarse.stray) == (0, len(far[::4]))
+    np.testing.assert_array_equal(coarse.thinned.after.points, expected.thinned.after.points)
+
+
 @pytest.mark.slow
-def test_survey_coordinates_lose_nothing(points, found, tmp_path):
-    arrays, record = detected(points.map(lambda own: own + PLACE), tmp_path)
+def test_survey_coordinates_and_rows_that_are_not_compared_lose_nothing(points, found, tmp_path):
+    after = np.insert(points.after, [0, 7], [[np.nan] * 3, [50.0, 50.0, 50.0]], axis=0)
+    for side, own in zip(NAMES, (points.before, after), strict=True):
+        np.save(tmp_path / f"{side}.npy", own + PLACE)
+    crop = (*(PLACE - 1.0).tolist(), *(PLACE + np.array([9.0, 7.0, 3.0])).tolist())
+    clouds = NAMES.map(lambda side: open_cloud(tmp_path / f"{side}.npy"))
+    arrays, record = detected_in(clouds, tmp_path, config=dataclasses.replace(CONFIG, crop=crop))
     assert len(record.shown) == 1
     np.testing.assert_allclose(record.shown[0].mean, found[1].shown[0].mean + PLACE, atol=0.01)
-    for side in ("before", "after"):
-        labels = arrays[f"labels_{side}"]
-        assert (labels == found[0][f"labels_{side}"]).mean() > 0.999
-        distance, near = arrays[f"distance_{side}"], found[0][f"distance_{side}"]
-        same = np.isfinite(distance) & np.isfinite(near)
-        assert np.isclose(distance[same], near[same], atol=1e-4).mean() > 0.99
-
-
-@pytest.mark.slow
-def test_rows_that_are_not_compared_have_no_label(points, found, tmp_path):
-    after = np.insert(points.after, [0, 7], [[np.nan] * 3, [50.0, 50.0, 50.0]], axis=0)
-    for side, own in zip(("before", "after"), (points.before, after), strict=True):
-        np.save(tmp_path / f"{side}.npy", own)
-    config = DetectionConfig(**{**CONFIG.to_dict(), "crop": (-1.0, -1.0, -1.0, 9.0, 7.0, 3.0)})
-    clouds = Pair("before", "after").map(lambda side: open_cloud(tmp_path / f"{side}.npy"))
-    arrays, _ = detected_in(clouds, tmp_path, config=config)
-    labels = arrays["labels_after"]
     # As `np.insert` counts: the first row, and the ninth.
-    assert (labels[[0, 8]] == -1).all()
-    assert np.isnan(arrays["distance_after"][[0, 8]]).all()
-    assert (np.delete(labels, [0, 8]) == found[0]["labels_after"]).mean() > 0.999
+    assert (arrays["labels_after"][[0, 8]] == -1).all() and np.isnan(arrays["distance_after"][[0, 8]]).all()
+    for side, gone in (("before", []), ("after", [0, 8])):
+        labels, distance = (np.delete(arrays[f"{name}_{side}"], gone) for name in ("labels", "distance"))
+        assert (labels == found[0][f"labels_{side}"]).mean() > 0.999
+        same = np.isfinite(distance) & np.isfinite(near := found[0][f"distance_{side}"])
+        assert np.isclose(distance[same], near[same], atol=1e-4).mean() > 0.99
 
 
 @pytest.mark.slow
@@ -181,9 +184,9 @@ def test_what_is_shown_has_the_colours_of_its_rows(points, found, tmp_path):
     intensity = np.arange(len(points.after), dtype=np.uint16)
     write_ply(tmp_path / "before.ply", points.before, colors=colors.before)
     write_ply(tmp_path / "after.ply", points.after, fields={"intensity": intensity})
-    clouds = Pair("before", "after").map(lambda side: open_cloud(tmp_path / f"{side}.ply"))
+    clouds = NAMES.map(lambda side: open_cloud(tmp_path / f"{side}.ply"))
     arrays, record = detected_in(clouds, tmp_path)
-    assert all(arrays[name].tobytes() == values.tobytes() for name, values in found[0].items())
+    assert_same((arrays, record), found)
     shown = record.clouds
     np.testing.assert_array_equal(shown.before.colors, colors.before[shown.before.rows])
     np.testing.assert_array_equal(shown.after.fields["intensity"], intensity[shown.after.rows])
@@ -196,21 +199,11 @@ def test_what_is_shown_has_the_colours_of_its_rows(points, found, tmp_path):
 
 
 @pytest.mark.slow
-def test_views_tell_what_was_not_observed(points, tmp_path, monkeypatch):
-    shown, sighted_by = [], Survey.sighted_by
-    monkeypatch.setattr(Survey, "sighted_by", lambda own, seen: shown.append(seen) or sighted_by(own, seen))
-    # The second scanner stands behind a box of which it sees the near sides only.
-    views = points.map(lambda own: SensorViews.from_positions(own, [(7.0, 5.0, 1.5)]))
-    arrays, record = detected(points, tmp_path, views=views)
+def test_views_tell_what_was_not_observed(with_views):
+    arrays, record = with_views
     assert [change.kind for change in record.shown] == ["appeared"]
     assert arrays["unobserved_before"].any()
     assert np.isnan(arrays["distance_before"][arrays["unobserved_before"]]).all()
-    # What its station saw first is of the scan itself.
-    assert len(shown) == 2
-    assert all(cKDTree(own).query(seen)[0].max() < 1e-6 for own, seen in zip(points, shown, strict=True))
-    others, _ = detected(points, tmp_path, views=views, tile_size=2.0, threads=3)
-    for name, values in arrays.items():
-        assert values.tobytes() == others[name].tobytes(), name
 
 
 def test_stations_are_recognised_by_the_density_of_all_points():
@@ -250,9 +243,9 @@ def test_scans_that_do_not_overlap_are_refused(points, tmp_path):
 
 def test_scans_of_two_places_of_one_reference_system_are_refused(points, tmp_path):
     apart = Pair(points.before, points.before + np.array([100.0, 0.0, 0.0]))
-    for side, own in zip(("before", "after"), apart, strict=True):
+    for side, own in zip(NAMES, apart, strict=True):
         np.save(tmp_path / f"{side}.npy", own)
-    files = Pair("before", "after").map(lambda side: open_cloud(tmp_path / f"{side}.npy"))
+    files = NAMES.map(lambda side: open_cloud(tmp_path / f"{side}.npy"))
     with pytest.raises(InputError, match=r"the scans do not overlap .* both files state EPSG:25832"):
         detected_in(files.map(lambda own: dataclasses.replace(own, crs="EPSG:25832")), tmp_path)
 
@@ -264,12 +257,12 @@ def test_volumes_are_refused(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:1 of 22,742 rows of the after cloud had no finite position")
+@pytest.mark.filterwarnings("ignore:1 of 15,663 rows of the after cloud had no finite position")
 def test_few_points_are_compared_as_in_memory(tmp_path):
     few = Pair(room(0, box=False)[::4], np.insert(room(1, box=True)[::4], 3, np.nan, axis=0))
-    for side, own in zip(("before", "after"), few, strict=True):
+    for side, own in zip(NAMES, few, strict=True):
         np.save(tmp_path / f"{side}.npy", own)
-    clouds = Pair("before", "after").map(lambda side: open_cloud(tmp_path / f"{side}.npy"))
+    clouds = NAMES.map(lambda side: open_cloud(tmp_path / f"{side}.npy"))
     arrays, record = detected_in(clouds, tmp_path)
     expected = detect_changes(few.before, few.after, config=CONFIG)
     assert [change.to_dict() for change in record.shown] == [change.to_dict() for change in expected]

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from gmmjax.changes import NAMES, VoxelLattice
 from gmmjax.pair import Pair
 from gmmjax.tiling.local_voxels import LocalVoxels, Voxels, joined
-from gmmjax.tiling.records import BlockRecords, BlockResult, write_record
+from gmmjax.tiling.records import BlockRecords, write_record
 
 SIZE = 0.25
 
@@ -52,7 +52,7 @@ def of_one_block(folder, pair):
     parts = zip(NAMES, pair, strict=True)
     values = {f"{name}_{side}": array for side, own in parts for name, array in own._asdict().items()}
     records = BlockRecords(folder)
-    records.add(write_record(folder, 0, BlockResult(values, Pair({}, {}))))
+    records.add(write_record(folder, 0, values))
     return LocalVoxels(records, VoxelLattice(np.zeros(3), 2 * SIZE, 1), SIZE, Pair(200, 200), SIZE)
 
 
@@ -60,7 +60,8 @@ def test_voxels_of_a_block_are_as_large_as_asked_for_and_no_smaller_than_of_all_
     pair = Pair(voxels(2), voxels(3))
     of_all = of_one_block(tmp_path, pair)
     for asked, least in ((0.0, SIZE), (1.9 * SIZE, SIZE), (2 * SIZE, 2 * SIZE), (5 * SIZE, 4 * SIZE)):
-        for own, found in zip(pair, of_all.of_block(0, asked), strict=True):
+        for side, own in zip(NAMES, pair, strict=True):
+            found = of_all.of_cloud(0, side, asked)
             assert found.sizes.min() == least
             np.testing.assert_allclose(found.mass.sum(), own.mass.sum())
 
@@ -71,7 +72,8 @@ def test_voxels_in_a_box_are_the_same_as_those_of_the_whole_block(tmp_path_facto
     pair, folder = Pair(voxels(seed), voxels(seed + 1)), tmp_path_factory.mktemp("block")
     of_all = of_one_block(folder, pair)
     corner, edge = np.full(3, min(low, high)), np.full(3, max(low, high))
-    for whole, found in zip(of_all.of_block(0, asked), of_all.of_block(0, asked, (corner, edge)), strict=True):
+    for side in NAMES:
+        whole, found = of_all.of_cloud(0, side, asked), of_all.of_cloud(0, side, asked, (corner, edge))
         inside = ((whole.points >= corner) & (whole.points <= edge)).all(axis=1)
         for own, few in zip(whole, found, strict=True):
             np.testing.assert_array_equal(own[inside], few)
@@ -87,6 +89,6 @@ def test_the_finest_voxel_is_one_that_is_there(tmp_path, most, finest):
         values |= {f"{name}_{side}": array for name, array in own._asdict().items()}
         values[f"numbers_{side}"] = np.array(numbers)
     records = BlockRecords(tmp_path)
-    records.add(write_record(tmp_path, 0, BlockResult(values, Pair({}, {}))))
+    records.add(write_record(tmp_path, 0, values))
     assert lattice.finest == SIZE / 2
     assert LocalVoxels.of(records, lattice, most).finest == finest

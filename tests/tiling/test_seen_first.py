@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from gmmjax.changes import SeenFirstSettings, Survey, seen_first_at
-from gmmjax.clouds import BlockSettings, PlacedClouds, SensorViews, tree_of
+from gmmjax.clouds import SensorViews
 from gmmjax.pair import Pair
 from gmmjax.tiling.records import BlockRecords, write_record
 from gmmjax.tiling.seen_first import Looks, block_seen_first, seen_first_of_blocks
-from tests.clouds.made_clouds import ArrayCloud, MemoryBlockStore
 from tests.tiling.rooms import room
+from tests.tiling.stores import store_of
 
 STATION = np.array([1.0, 1.0, 1.2])
 
@@ -21,11 +21,10 @@ def points():
 
 def found(points, looks, folder):
     """The points of all blocks, and the offset that they are relative to."""
-    placed = PlacedClouds(points.map(ArrayCloud), None)
-    store = MemoryBlockStore(placed, tree_of(placed, BlockSettings(finest_voxel=np.inf, most_points=20_000.0)))
-    assert len(store.blocks) > 4
+    store = store_of(points, folder)
+    assert len(store.tree) > 4
     records = BlockRecords(folder)
-    for block in store.blocks:
+    for block in store.tree.blocks:
         records.add(write_record(folder, block.number, block_seen_first(store, block, looks(store.offset))))
     return seen_first_of_blocks(records), store.offset
 

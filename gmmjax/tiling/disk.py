@@ -1,42 +1,17 @@
-"""The folder in which scans are kept while they are compared, and what is said when its disk is full."""
+"""Room on a disk, and what is said when it is full."""
 
 import errno
 import os
-import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
-from gmmjax.clouds import clear_folders, temporary_folder
 from gmmjax.errors import InputError, one_line
 
 
 @contextmanager
-def working_folder(parent: str | os.PathLike[str] | None = None) -> Iterator[Path]:
-    """A new hidden folder, removed with what is in it when the block ends; those of dead processes are removed, too.
-
-    Args:
-        parent: where it is made, on a disk with room for the points of both scans, 32 bytes each; None: the system's
-            folder for temporary files.
-
-    Raises:
-        InputError: it cannot be made.
-    """
-    place = Path(tempfile.gettempdir() if parent is None else os.path.abspath(parent))
-    clear_folders(place)
-    with ExitStack() as stack:
-        try:
-            folder = stack.enter_context(temporary_folder(place))
-        except OSError as error:
-            raise InputError(
-                f"{place}: cannot be written ({error.strerror}); create the folder or choose another one"
-            ) from error
-        yield folder
-
-
-@contextmanager
 def disk_errors(folder: Path, needed: int | None = None) -> Iterator[None]:
-    """What the system says of a disk, as an `InputError` that names the folder.
+    """Turn errors of the system into an `InputError` that names the folder.
 
     Args:
         folder: that is written to.
@@ -57,7 +32,7 @@ def disk_errors(folder: Path, needed: int | None = None) -> Iterator[None]:
 
 
 def reserve(file: int, size: int) -> None:
-    """Reserves room on the disk, so that a disk that is too small is found before the work begins.
+    """Reserve room on the disk, so that a disk that is too small is found before the work begins.
 
     Args:
         file: descriptor of the file.
