@@ -5,7 +5,7 @@ import tempfile
 
 from jaxtyping import install_import_hook
 
-from tests import xla_flags
+from tests import type_checks, xla_flags
 
 # The workers, and the processes that tests start, find in the folder of the first process what one of them compiled.
 # A program is found by what it computes and how it is compiled; a test sees the one that it would compile itself.
@@ -21,7 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if "XLA_FLAGS" not in os.environ:
     os.environ["XLA_FLAGS"] = xla_flags.quickest_to_compile()
 
-with install_import_hook("gmmjax", "beartype.beartype"):
+with install_import_hook("gmmjax", f"{type_checks.__name__}.when_called"):
     import gmmjax
     import gmmjax.cli
     import gmmjax.evaluation
