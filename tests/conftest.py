@@ -23,6 +23,7 @@ if "XLA_FLAGS" not in os.environ:
 
 with install_import_hook("gmmjax", f"{type_checks.__name__}.when_called"):
     import gmmjax
+    import gmmjax.batch.pools
     import gmmjax.cli
     import gmmjax.evaluation
     import gmmjax.plotting
@@ -42,6 +43,8 @@ import hypothesis
 import jax
 import jaxtyping
 import pytest
+
+from tests.pools import PoolHere
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -91,6 +94,12 @@ def as_users():
     jaxtyping.config.update("jaxtyping_disable", True)
     yield
     jaxtyping.config.update("jaxtyping_disable", False)
+
+
+@pytest.fixture
+def no_workers(monkeypatch):
+    """What is given to workers on this machine is computed in this process."""
+    monkeypatch.setattr("gmmjax.batch.pools.LocalPool", lambda workers, cores: PoolHere())
 
 
 @pytest.fixture(scope="module")
