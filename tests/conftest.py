@@ -81,6 +81,15 @@ def as_users():
     jaxtyping.config.update("jaxtyping_disable", False)
 
 
+@pytest.fixture
+def no_workers(monkeypatch):
+    """What is given to workers on this machine is computed in this process."""
+    # Not above: the process that hands out the tests imports nothing of gmmjax.
+    from tests.pools import PoolHere
+
+    monkeypatch.setattr("gmmjax.batch.pools.LocalPool", lambda workers, cores: PoolHere())
+
+
 @pytest.fixture(scope="module")
 def no_compilation_cache():
     """JAX's own variable keeps the command line from changing JAX's settings for the other tests."""

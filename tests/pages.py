@@ -1,10 +1,15 @@
 """The blocks of code of the README and the documentation, their commands, and the headings that links lead to."""
 
+import inspect
 import re
 import shlex
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
+
+from gmmjax.cli.application import COMMANDS
+from gmmjax.cli.options import parsed
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
@@ -65,6 +70,13 @@ def steps(block: Block) -> Iterator[list[str]]:
 def gmmjax_words(words: list[str]) -> list[str] | None:
     """The arguments, if the command is gmmjax."""
     return words[1:] if words[0] in ("gmmjax", ".venv/bin/gmmjax") else None
+
+
+def bind_arguments(words: list[str]) -> None:
+    """Parse a command of gmmjax and bind its arguments to its function, without calling it."""
+    name = next(command for command in COMMANDS if " ".join(words).startswith(command))
+    function = getattr(import_module(f"gmmjax.cli.{COMMANDS[name][0]}"), name.replace(" ", "_"))
+    inspect.signature(function).bind(**parsed(function, words[len(name.split()) :]))
 
 
 def anchors(page: Path) -> set[str]:

@@ -24,7 +24,6 @@ from gmmjax.cli.detect import detect
 from gmmjax.cli.options import parsed
 from gmmjax.clouds import SensorViews, read_cloud, write_pcd, write_ply, write_views
 from gmmjax.errors import ComputationError
-from gmmjax.evaluation import read_pair
 from gmmjax.reporting import read_mixture
 from tests.changes.explained import explanation, rejected
 from tests.changes.scanned_objects import motion
@@ -558,19 +557,6 @@ def test_simulate_gaussians_writes_clouds_that_detect_reads(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_demo_compares_what_was_found_with_the_truth_and_keeps_the_scans(tmp_path, capsys):
-    assert main(["demo", "--out", str(tmp_path / "a")]) == 0
-    printed = capsys.readouterr().out
-    assert printed.startswith("6 changes: 2 appeared, 2 disappeared, 2 moved\n")
-    assert "not found" not in printed
-    assert "No false changes." in printed
-    assert (tmp_path / "a" / "result" / "report.html").as_uri() in printed.replace("\n", "")
-    scene = tmp_path / "a" / "scene"
-    pair = read_pair(scene)
-    assert pair.after.views is not None and set(pair.after.truth) == {-1, 0, 1, 4, 5}
-    assert read_cloud(scene / "after.ply").colors is not None
-
-
 def evaluated(command, capsys, *arguments):
     """What an evaluation prints."""
     assert main(["evaluate", *command, *map(str, arguments)]) == 0

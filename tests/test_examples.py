@@ -1,11 +1,12 @@
-import os
 import re
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
+from matplotlib import pyplot
 from PIL import Image
 
 ROOT = Path(__file__).parents[1]
@@ -27,7 +28,6 @@ CHANGES = {
     "detect_two_files.py": {"disappeared": [[1.1, -1.85, -3.71]], "appeared": [[-2.59, 2.92, 0.35]]},
     "maps_from_bags.py": {"appeared": [[-0.67, 0.73, 0.37], [0.02, 0.85, 0.9]]},
 }
-WARNINGS = ["-W", "error::UserWarning", "-W", "ignore:Error reading persistent compilation cache entry:UserWarning"]
 # Smaller than by default, where an example takes long.
 ARGUMENTS = {
     "align_by_gradient.py": ["--points", "1000"],
@@ -53,20 +53,17 @@ def test_every_example_is_run_here():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(EXPECTED))
-def test_the_example_says_and_draws_what_it_should(name, tmp_path):
-    """As a user runs it, in a process of its own; warnings are errors."""
-    paths = [str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
-    done = subprocess.run(
-        [sys.executable, *WARNINGS, ROOT / "examples" / name, *ARGUMENTS.get(name, []), "--plot", "picture.png"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
+def test_the_example_says_and_draws_what_it_should(name, tmp_path, monkeypatch, capsys, no_workers):
+    """Warnings are errors; types are promoted, as for users."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [name, *ARGUMENTS.get(name, []), "--plot", "picture.png"])
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        runpy.run_path(str(ROOT / "examples" / name), run_name="__main__")
+    pyplot.close("all")
+    printed = capsys.readouterr().out
     for words in EXPECTED[name]:
-        assert words in done.stdout
-    expected, found = CHANGES.get(name, {}), changes_of(done.stdout)
+        assert words in printed
+    expected, found = CHANGES.get(name, {}), changes_of(printed)
     assert found.keys() == expected.keys()
     for kind, centres in expected.items():
         np.testing.assert_allclose(sorted(found[kind]), centres, atol=0.02, err_msg=kind)

@@ -1,6 +1,8 @@
 """That the benchmarks compare like with like, and that each table's script runs, on sizes that mean nothing."""
 
+import contextlib
 import json
+import os
 import sys
 
 import numpy as np
@@ -12,6 +14,7 @@ from tests.benchmarks import (
     accuracy,
     batch,
     clouds,
+    detect_there,
     detections,
     displacements,
     fits,
@@ -24,6 +27,44 @@ from tests.benchmarks import (
     transport,
 )
 from tests.evaluation.scenes import box_pair, source
+from tests.pages import bind_arguments
+
+SCRIPTS = {"-P": detect_there, "-m": large_files}
+
+
+@pytest.fixture(autouse=True)
+def programs_are_kept(monkeypatch):
+    monkeypatch.setattr(harness.jax, "clear_caches", lambda: None)
+
+
+class Here:
+    """No process is started: scripts and functions run here, and of a command of gmmjax the words are parsed."""
+
+    def __init__(self, monkeypatch, capsys):
+        self.monkeypatch, self.capsys = monkeypatch, capsys
+
+    def run(self, words, cores=None, **environment):
+        if words[:2] == ["-m", "gmmjax"]:
+            bind_arguments(words[2:])
+            return harness.Timed(1.0, 1.0, "", 0.1)
+        self.monkeypatch.setattr(sys, "argv", words[1:])
+        SCRIPTS[words[0]].main()
+        return harness.Timed(1.0, 1.0, self.capsys.readouterr().out, 0.1)
+
+    def peak(self, words):
+        return self.run(words).memory
+
+    @contextlib.contextmanager
+    def worker(self, cores=None, platform=None):
+        yield lambda function, *arguments: harness.timed(lambda: function(*arguments))
+
+
+@pytest.fixture
+def in_this_process(monkeypatch, capsys):
+    here = Here(monkeypatch, capsys)
+    for module in (accelerator, batch, detections, large_files):
+        for name in ("run", "peak", "worker"):
+            monkeypatch.setattr(module, name, getattr(here, name), raising=False)
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +114,12 @@ def test_a_command_that_fails_ends_the_benchmark():
         harness.run(["-c", "raise SystemExit(3)"])
 
 
+def test_a_worker_is_another_process_with_the_cores_that_it_may_use():
+    with harness.worker(1) as there:
+        assert len(there(os.sched_getaffinity, 0).answer) == 1
+        assert there(os.getpid).answer != os.getpid()
+
+
 def test_transport_and_its_peers_agree():
     before = clouds.mixtures(6, 8)
     after = clouds.changed_mixtures(before)
@@ -97,19 +144,22 @@ def test_the_peers_detection_finds_what_changed(cloud):
 
 
 @pytest.mark.slow
-def test_implicit_and_unrolled_gradients_agree(cloud):
+def test_implicit_and_unrolled_gradients_agree_and_are_measured(cloud, monkeypatch):
     ways = gradients.Contenders(cloud, 6)
-    implicit = ways.gradient("implicit", 5000)()
-    unrolled = ways.gradient("unrolled", 4 * ways.steps)()
-    for name in ("noise_floor", "scale", "degrees_of_freedom", "mean_strength"):
-        np.testing.assert_allclose(getattr(implicit, name), getattr(unrolled, name), rtol=1e-4, err_msg=name)
-
     implicit = ways.gradient("implicit", 5000)()
     unrolled = ways.gradient("unrolled", 4 * ways.steps)()
     for name in ("noise_floor", "scale", "degrees_of_freedom", "mean_strength"):
         np.testing.assert_allclose(getattr(implicit, name), getattr(unrolled, name), rtol=1e-4, err_msg=name)
     # Of the program that was compiled just now, and of a shorter one.
     assert ways.memory("unrolled", 4 * ways.steps) > 2 * ways.memory("unrolled", ways.steps)
+
+    monkeypatch.setattr(ways, "gradient", lambda kind, steps: lambda: None)
+    monkeypatch.setattr(ways, "memory", lambda kind, steps: 1e6 * steps)
+    monkeypatch.setattr(gradients, "Contenders", lambda points, most: ways)
+    monkeypatch.setattr(gradients, "gaussian_cloud", lambda size: cloud)
+    rows = gradients.measured("overlapping", quick=True)["rows"]
+    assert len(rows) == 4 and all(len(row) == len(gradients.COLUMNS) - 1 for row in rows)
+    assert rows[3][1:] == ["20 MB", "5 MB", "4"]
 
 
 def test_labels_are_compared_after_their_changes_were_matched():
@@ -172,17 +222,13 @@ def test_accuracy(tmp_path, monkeypatch, capsys):
     assert row[:4] == ["room", row[1], "2 of 2", "0"] and row[1].startswith("1.00 / ")
     monkeypatch.setattr(accuracy, "detected", lambda *given: pytest.fail("measured again"))
     assert row in printed(accuracy, words, monkeypatch, capsys)
+    heading, row, *_ = printed(accuracy, [*words, "--peers"], monkeypatch, capsys)
+    assert {"c2c", "c2c + evidence", "voxels", "voxels + evidence"} <= set(heading)
+    assert row[heading.index("c2c")].startswith("1.00 / ")
 
 
 @pytest.mark.slow
-def test_accuracy_of_peers(monkeypatch, capsys):
-    words = ["--kinds", "turned_chair", "--seeds", "1", "--poses", "given", "--peers"]
-    heading, *_ = printed(accuracy, words, monkeypatch, capsys)
-    assert {"gmmjax", "c2c", "c2c + evidence", "voxels", "voxels + evidence"} <= set(heading)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("module", [fits, transport, gradients])
+@pytest.mark.parametrize("module", [fits, transport])
 def test_ratios(module, monkeypatch, capsys):
     if module is fits:
         pytest.importorskip("gmmx")
@@ -192,7 +238,9 @@ def test_ratios(module, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_costs_of_detections(monkeypatch, capsys):
+def test_costs_of_detections(in_this_process, monkeypatch, capsys):
+    monkeypatch.setattr(detections, "LARGEST", 2_000)
+    monkeypatch.setattr(detections, "REPEATS", "1")
     words = ["--quick", "--scans", "hall, 2 boxes", "--turns", "1", "--against", str(detections.HERE), "--many", "2"]
     _, *rows = printed(detections, words, monkeypatch, capsys)
     assert [row[2] for row in rows[:2]] == [str(detections.HERE), "this"]
@@ -207,22 +255,19 @@ def test_costs_of_detections(monkeypatch, capsys):
     assert rows[6][0] == "hall, 2 boxes" and all(float(cell.split()[0]) > 0 for cell in rows[6][1:])
 
 
-@pytest.mark.slow
-def test_batch_runs(monkeypatch, capsys):
+def test_batch_runs(in_this_process, monkeypatch, capsys):
     words = ["--kinds", "gaussians", "--pairs", "2", "--turns", "1", "--restarts", "1"]
     _, *rows = printed(batch, words, monkeypatch, capsys)
     assert [row[1] for row in rows] == [batch.ALL, batch.ONE, batch.LOOP]
 
 
-@pytest.mark.slow
-def test_large_files(tmp_path, monkeypatch, capsys):
+def test_large_files(in_this_process, tmp_path, monkeypatch, capsys):
     words = ["--folder", str(tmp_path), "--points", "3000", "--endings", ".laz"]
     _, *rows = printed(large_files, words, monkeypatch, capsys)
     assert [row[2] for row in rows] == ["in chunks", "whole", "gmmjax detect"]
 
 
-@pytest.mark.slow
-def test_an_accelerator_is_compared_with_the_cores():
+def test_an_accelerator_is_compared_with_the_cores(in_this_process):
     case = next(case for case in accelerator.cases(quick=True) if case.function is accelerator.transported)
     cells = accelerator.measured(case, "cpu", repeats=1)["cells"]
     assert len(cells) == len(accelerator.COLUMNS) - 2 and cells[-1] == "0 of the distance"

@@ -5,12 +5,14 @@ import re
 import numpy as np
 import pytest
 
+from gmmjax.evaluation import score_pair
 from tests.recorded.commands import FILE, transcript
 from tests.recorded.results import detected, of_real_pair, real_pairs, recorded, recorded_table
 from tests.recorded.scenes import SCENES
 
 # Of the points, on another machine than the one that recorded: rounding decides where a probability is at a threshold.
 LABELS_BY_ROUNDING = 0.005
+SIDES = ("before", "after")
 NUMBER = re.compile(r"-?\d+\.?\d*(e[+-]?\d+)?")
 
 
@@ -36,6 +38,8 @@ def test_real_pairs_keep_their_changes(name):
     for row, earlier in zip(found.table, was["changes"], strict=True):
         assert abs(row[1] - earlier[1]) <= LABELS_BY_ROUNDING * points
         np.testing.assert_allclose(row[2:], earlier[2:], atol=0.05)
+    scores = score_pair(found.before, found.after, *(np.load(pairs[name] / f"truth_{side}.npy") for side in SIDES))
+    assert scores.precision == scores.f1 == 1 and scores.point_f1 > 0.92
 
 
 def test_commands_print_and_write_what_they_did():
