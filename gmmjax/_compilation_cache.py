@@ -7,7 +7,7 @@ from pathlib import Path
 from gmmjax.errors import InputError
 
 # Programs that compile faster than this are not worth a file.
-LEAST_SECONDS = 0.3
+MIN_SECONDS = 0.3
 
 
 def cache_folder() -> Path:
@@ -70,4 +70,4 @@ def _keep_in(folder: Path) -> None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         # JAX goes on with the folder that it has opened, whatever its setting says since.
         compilation_cache.reset_cache()
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", LEAST_SECONDS)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", MIN_SECONDS)

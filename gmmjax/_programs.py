@@ -12,7 +12,7 @@ import numpy as np
 
 # Programs kept by one process: about as many as default detections of scans and volumes of 200 to 60,000 points need. A
 # program holds about 5 MB. Without a bound, a process that meets ever new sizes or settings grows until it is killed.
-MOST_PROGRAMS = 64
+MAX_PROGRAMS = 64
 
 _Parameters = ParamSpec("_Parameters")
 _Result = TypeVar("_Result")
@@ -42,11 +42,11 @@ class LatestUsed(Generic[_Value]):
         return value
 
 
-_programs: LatestUsed[Callable[..., Any]] = LatestUsed(MOST_PROGRAMS)
+_programs: LatestUsed[Callable[..., Any]] = LatestUsed(MAX_PROGRAMS)
 
 
-def kept_jit(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
-    """`jax.jit`, but the process keeps only its `MOST_PROGRAMS` latest programs, of all functions together.
+def lru_jit(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
+    """`jax.jit`, but the process keeps only its `MAX_PROGRAMS` latest programs, of all functions together.
 
     JAX itself keeps every program until its function is gone. So each combination of shapes gets a function of its own,
     which is dropped with its program.

@@ -42,7 +42,7 @@ def each(function: Callable[..., Made], *pairs: Pair[Any]) -> Pair[Made]:
     return Pair(function(*(pair.before for pair in pairs)), function(*(pair.after for pair in pairs)))
 
 
-def each_on_cores(function: Callable[..., Made], *pairs: Pair[Any]) -> Pair[Made]:
+def parallel_map(function: Callable[..., Made], *pairs: Pair[Any]) -> Pair[Made]:
     """`each` with both sides at the same time, where there are two cores: for functions that release Python's lock."""
     if available_cores() < 2:
         return each(function, *pairs)

@@ -12,7 +12,7 @@ from gmmjax import FitSettings, Prior, earth_movers_distance, fit_mixture, nativ
 from gmmjax._matrix_products import in_full_precision
 from gmmjax.comparison.joint_mixture import intensities, responsibilities
 from gmmjax.comparison.joint_mixture_model import (
-    SourcedPoints,
+    LabelledPoints,
     fit_joint_mixture,
     initial_joint_mixture,
     joint_prior,
@@ -72,7 +72,7 @@ def tied(points):
 
 def joint(points):
     after = (jnp.arange(len(points)) < 20).astype(points.dtype)
-    both = SourcedPoints(WeightedPoints(points, jnp.ones_like(after)), after)
+    both = LabelledPoints(WeightedPoints(points, jnp.ones_like(after)), after)
     prior = jax.tree.map(jnp.float32, dataclasses.replace(joint_prior(1e-3, 0.0), noise_share=0.01))
     start = initial_joint_mixture(both, 4, prior, KEY)
     fit = fit_joint_mixture(both, start, prior, FitSettings(patience=0.05))

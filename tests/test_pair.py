@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from gmmjax.pair import Pair, each, each_on_cores
+from gmmjax.pair import Pair, each, parallel_map
 
 
 def test_a_pair_is_mapped_and_swapped_side_by_side():
@@ -29,6 +29,6 @@ def test_each_asks_for_the_before_side_first():
 def test_both_sides_at_once_are_what_they_are_one_after_the_other():
     sides = Pair(np.arange(5.0), np.arange(3.0))
     for pair in (sides, sides.swapped):
-        np.testing.assert_equal(list(each_on_cores(np.cumsum, pair)), list(each(np.cumsum, pair)))
+        np.testing.assert_equal(list(parallel_map(np.cumsum, pair)), list(each(np.cumsum, pair)))
     with pytest.raises(ZeroDivisionError):
-        each_on_cores(lambda own: 1 // own, Pair(1, 0))
+        parallel_map(lambda own: 1 // own, Pair(1, 0))

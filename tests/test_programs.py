@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gmmjax import _programs
-from gmmjax._programs import LatestUsed, kept_jit
+from gmmjax._programs import LatestUsed, lru_jit
 
 
 def live_programs():
@@ -25,7 +25,7 @@ def three(monkeypatch):
 traced: list[int] = []
 
 
-@kept_jit
+@lru_jit
 def scaled(values, *, factor, reverse=False):
     traced.append(len(values))
     return factor * (values[::-1] if reverse else values)

@@ -20,7 +20,6 @@ from gmmjax import Changes, DetectionConfig, GaussianMixture, earth_movers_dista
 from gmmjax.changes import JointDetector, Scan
 from gmmjax.changes.detectors.aligned_scans import AlignedScans
 from gmmjax.changes.evidence.free_space import observation
-from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.fit.joint_fit import JointFits
 from gmmjax.changes.progress import Clock
 from gmmjax.clouds import PointCloud, recognised_stations
@@ -113,7 +112,7 @@ def differences(detection: Detection) -> None:
 
 def free_space(detection: Detection) -> None:
     """What the before survey observed half a metre above the floor, and the after points that lie there."""
-    survey: Survey = detection.prepared.surveys.before
+    survey: ScanVisibility = detection.prepared.surveys.before
     assert survey.views is not None
     steps = np.arange(-5.2, 5.2, 0.03), np.arange(-3.7, 3.7, 0.03)
     x, y = np.meshgrid(*steps)

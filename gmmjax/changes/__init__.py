@@ -59,10 +59,10 @@ if TYPE_CHECKING:
     from gmmjax.changes.evidence.facts import names_of as names_of
     from gmmjax.changes.evidence.local_examination import LocalExaminationSettings as LocalExaminationSettings
     from gmmjax.changes.evidence.local_examination import examined_spacing as examined_spacing
-    from gmmjax.changes.evidence.seen_first import SeenFirstSettings as SeenFirstSettings
-    from gmmjax.changes.evidence.seen_first import seen_first as seen_first
-    from gmmjax.changes.evidence.seen_first import seen_first_at as seen_first_at
-    from gmmjax.changes.evidence.survey import Survey as Survey
+    from gmmjax.changes.evidence.nearest_return import NearestReturnSettings as NearestReturnSettings
+    from gmmjax.changes.evidence.nearest_return import nearest_return as nearest_return
+    from gmmjax.changes.evidence.nearest_return import nearest_return_at as nearest_return_at
+    from gmmjax.changes.evidence.scan_visibility import ScanVisibility as ScanVisibility
     from gmmjax.changes.evidence.verdict import Verdict as Verdict
     from gmmjax.changes.evidence.verdict_file import Verdicts as Verdicts
     from gmmjax.changes.evidence.verdict_file import read_verdicts as read_verdicts
@@ -78,12 +78,12 @@ if TYPE_CHECKING:
     from gmmjax.changes.m3c2 import M3C2Settings as M3C2Settings
     from gmmjax.changes.m3c2 import m3c2_distances as m3c2_distances
     from gmmjax.changes.objects.cloud_changes import change_of as change_of
-    from gmmjax.changes.objects.found import KINDS as KINDS
     from gmmjax.changes.objects.match import match_of as match_of
     from gmmjax.changes.objects.moved import MOVED_THRESHOLD as MOVED_THRESHOLD
     from gmmjax.changes.objects.moved import PairHypothesis as PairHypothesis
     from gmmjax.changes.objects.moved import pair_hypotheses as pair_hypotheses
     from gmmjax.changes.objects.moved import place_hypotheses as place_hypotheses
+    from gmmjax.changes.objects.pair_changes import KINDS as KINDS
     from gmmjax.changes.objects.same_object import FARTHEST as FARTHEST
     from gmmjax.changes.objects.same_object import LogisticWeights as LogisticWeights
     from gmmjax.changes.objects.same_object import MatchFacts as MatchFacts
@@ -124,7 +124,7 @@ if TYPE_CHECKING:
     from gmmjax.changes.signed_distance import PointFigures as PointFigures
     from gmmjax.changes.signed_distance import SignedDistanceSettings as SignedDistanceSettings
     from gmmjax.changes.signed_distance import distances_at as distances_at
-    from gmmjax.changes.signed_distance import high_above as high_above
+    from gmmjax.changes.signed_distance import overhead_viewpoint as overhead_viewpoint
     from gmmjax.changes.storage import CHANGES_FILE as CHANGES_FILE
     from gmmjax.changes.storage import LABELS_FILE as LABELS_FILE
     from gmmjax.changes.storage import OPTIONAL_FIGURES as OPTIONAL_FIGURES

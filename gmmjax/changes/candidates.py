@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from gmmjax.changes.differences import DetectionLimits, Differences, LocalDifference
 from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.geometry import density_clusters, workers_for
-from gmmjax.pair import Pair, each_on_cores
+from gmmjax.pair import Pair, parallel_map
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,7 +131,7 @@ def candidates_of(
         labels = clusters_by_observation(points, looks_changed, observed, spacing, threshold, own, outliers)
         return Candidates(points, difference, excess, looks_changed, labels, observed)
 
-    return each_on_cores(of_cloud, points, differences.local, excess, observed, sizes, outliers, spacings)
+    return parallel_map(of_cloud, points, differences.local, excess, observed, sizes, outliers, spacings)
 
 
 def _cluster_spacing(

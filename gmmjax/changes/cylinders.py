@@ -109,9 +109,9 @@ def _parts_for(threads: int, cylinders: int, fewest: int = 256) -> list[slice]:
     return list(itertools.starmap(slice, itertools.pairwise(edges)))
 
 
-def _parts_that_fit(cylinders: Cylinders, most_spheres: int = 20_000) -> list[slice]:
+def _parts_that_fit(cylinders: Cylinders, max_spheres: int = 20_000) -> list[slice]:
     """Slices of the cylinders with about so many spheres each: what is computed of them must fit into memory."""
-    return _parts_by_size(cylinders.spheres, most_spheres)
+    return _parts_by_size(cylinders.spheres, max_spheres)
 
 
 def _parts_by_size(sizes: Int[np.ndarray, " n"], most: int) -> list[slice]:
@@ -141,12 +141,12 @@ def _plain_search(points: Float64[np.ndarray, "m 3"]) -> Search:
     points = points - offset
     tree = cKDTree(points)
 
-    def search(cylinders: Cylinders, most_points: int = 1_000_000) -> Projections:
+    def search(cylinders: Cylinders, max_points: int = 1_000_000) -> Projections:
         centred = dataclasses.replace(cylinders, centres=cylinders.centres - offset)
         # Near a scanner a cylinder has thousands of times as many points as far from it.
         spheres = _Spheres.of(centred)
         found = np.bincount(spheres.owner, tree.query_ball_point(*spheres.balls, return_length=True), len(cylinders))
-        parts = _parts_by_size(found.astype(np.int64), most_points)
+        parts = _parts_by_size(found.astype(np.int64), max_points)
         return Projections.joined(_projections_of_part(points, tree, centred.part(chosen)) for chosen in parts)
 
     return search

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from gmmjax.geometry import MEAN_NEIGHBOURS, MEDIAN_TO_DEVIATION, LocalSurface, evenly_chosen, nearest_neighbours
-from gmmjax.pair import Pair, each, each_on_cores
+from gmmjax.pair import Pair, each, parallel_map
 
 logger = logging.getLogger(__name__)
 
@@ -37,7 +37,7 @@ class DifferenceSettings:
         overlap: distance to the other cloud, in spacings there, up to which a point is of the overlap of both clouds,
             whose median distances and offsets count. Infinite: at half overlap half of the points have no counterpart,
             and every change is within the median distance.
-        least_overlap: fraction of a cloud that is of the overlap, at least; of less, all points are taken. 0: of clouds
+        min_overlap: fraction of a cloud that is of the overlap, at least; of less, all points are taken. 0: of clouds
             that lie far apart, a few points that meet by chance are taken.
         region: number of the nearest points, of those that are no sure change, whose median offset is the registration
             error at a place: it grows with the range and differs from place to place. Few: a change of that size is
@@ -47,9 +47,9 @@ class DifferenceSettings:
         regions_around: number of the nearest of these places, itself counted, whose median is the error at a place,
             where the spacing differs from place to place: a region of small voxels is no larger than a change. 1: a
             change that fills a region is taken for registration error; large: that of the pair is everywhere.
-        least_error: registration error at a place, in that of the pair, at least. 1: small changes near the sensor
+        min_error: registration error at a place, in that of the pair, at least. 1: small changes near the sensor
             are lost in the error far from it.
-        most_error: the same, at most. 1: the edges of what is badly registered look changed; infinite: where a change
+        max_error: the same, at most. 1: the edges of what is badly registered look changed; infinite: where a change
             fills a region, all of it is taken for registration error.
         finest_offset: least registration error, in point spacings, for surfaces without noise such as computed planes.
             0: the rounding of their coordinates (1e-9 m in a country's grid) looks like an offset.
@@ -71,12 +71,12 @@ class DifferenceSettings:
     thicknesses: float = 4.0
     offsets: float = 7.0
     overlap: float = 10.0
-    least_overlap: float = 0.2
+    min_overlap: float = 0.2
     region: int = 400
     regions: int = 400
     regions_around: int = 16
-    least_error: float = 0.3
-    most_error: float = 2.0
+    min_error: float = 0.3
+    max_error: float = 2.0
     finest_offset: float = 1e-6
     opposite_height: float = 1.0
     slenderness: float = 0.2
@@ -197,10 +197,10 @@ def differences_between(
         settings: of the limits.
         own_spacing: at each point, where it differs from place to place; None: that of the pair is everywhere.
     """
-    local = each_on_cores(functools.partial(local_difference, settings=settings), surfaces, surfaces.swapped)
+    local = parallel_map(functools.partial(local_difference, settings=settings), surfaces, surfaces.swapped)
     local = each(lambda side, own: side._replace(own_spacing=own), local, own_spacing)
     limits = detection_limits(local, spacing, settings)
-    return Differences(each_on_cores(lambda own, side: _with_error(own, side, limits), surfaces, local), limits)
+    return Differences(parallel_map(lambda own, side: _with_error(own, side, limits), surfaces, local), limits)
 
 
 def local_difference(
@@ -230,16 +230,16 @@ def local_difference(
     of_relief = _unresolved_relief(scatter, density_ratio, groups.shape[1], settings)
     # Beyond its edge, too, a plane is turned no farther than there.
     by_tilt, by_tilt_of_points = (tilts * np.minimum(heights.beside, reach) for heights in (of_means, of_points))
-    in_rows = other.in_rows(there, settings.slenderness)
+    on_scan_lines = other.on_scan_lines(there, settings.slenderness)
     opposite = (of_points.beside <= reach) & (np.abs(of_points.above) <= settings.opposite_height * spacing)
     return LocalDifference(
         distance=nearest_neighbours(other.tree, points, 1)[0][:, 0],
         offset=np.abs(of_means.above),
-        noise=np.where(in_rows, np.inf, np.sqrt(np.maximum(of_planes, of_relief) + by_tilt**2)),
+        noise=np.where(on_scan_lines, np.inf, np.sqrt(np.maximum(of_planes, of_relief) + by_tilt**2)),
         thickness=np.sqrt(scatter),
         spacing=spacing,
         point_offset=np.where(opposite, np.abs(of_points.above), 0.0),
-        point_noise=np.where(in_rows, np.inf, np.sqrt(scatter + by_tilt_of_points**2)),
+        point_noise=np.where(on_scan_lines, np.inf, np.sqrt(scatter + by_tilt_of_points**2)),
     )
 
 
@@ -289,7 +289,7 @@ def _in_overlap(side: LocalDifference, spacing: float, settings: DifferenceSetti
     """The points of the overlap of both clouds, or all points where that is too small."""
     own_spacing = spacing if side.own_spacing is None else side.own_spacing
     common = side.distance <= settings.overlap * np.maximum(side.spacing, own_spacing)
-    return common if common.mean() >= settings.least_overlap else np.ones(len(common), bool)
+    return common if common.mean() >= settings.min_overlap else np.ones(len(common), bool)
 
 
 def within_limits(side: LocalDifference, limits: DetectionLimits) -> Bool[np.ndarray, " n"]:
@@ -338,7 +338,7 @@ def registration_errors(
 
 def bounded_error(errors: Float[np.ndarray, " p"], limits: DetectionLimits) -> Float[np.ndarray, " p"]:
     """Registration errors of places, as far from that of the pair as they may be."""
-    least, most = limits.settings.least_error, limits.settings.most_error
+    least, most = limits.settings.min_error, limits.settings.max_error
     return np.clip(errors, least * limits.registration_error, most * limits.registration_error)
 
 

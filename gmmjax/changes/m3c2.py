@@ -16,7 +16,7 @@ from jaxtyping import Float, Float64, Int
 from gmmjax.changes.cylinders import Cylinders, Projections, projections
 from gmmjax.clouds import as_finite_points
 from gmmjax.errors import InputError
-from gmmjax.pair import Pair, each, each_on_cores
+from gmmjax.pair import Pair, each, parallel_map
 
 Lengths = float | Float[np.ndarray, " n"]
 """A length for all core points, or one for each, in the unit of the clouds."""
@@ -96,7 +96,7 @@ def m3c2_distances(
     depth = settings.depth if isinstance(settings.depth, Pair) else Pair(settings.depth, settings.depth)
     cylinders = depth.map(lambda own: Cylinders(core, axes, radius, _lengths(own, "depth", len(core))))
     error = _lengths(registration_error, "registration_error", len(core), positive=False)
-    return _compared(each_on_cores(projections, points, cylinders), error, settings.standard_errors)
+    return _compared(parallel_map(projections, points, cylinders), error, settings.standard_errors)
 
 
 def _compared(sides: Pair[Projections], error: Float64[np.ndarray, " n"], standard_errors: float) -> M3C2Distances:

@@ -33,14 +33,14 @@ class SignedDistanceSettings:
         reach: by which the cylinder is longer in the other cloud, in distances to its nearest point, which may lie
             beside the normal. 0: what has moved by more than the margin is not found; large: what lies behind the
             surface is mixed in.
-        least_points: in a cylinder, of either cloud; with fewer there is no distance. 2: edges of clouds have one, with
+        min_points: in a cylinder, of either cloud; with fewer there is no distance. 2: edges of clouds have one, with
             a level of detection that means little.
     """
 
     neighbours: float = 15.0
     margin: float = 1.5
     reach: float = 2.0
-    least_points: int = 5
+    min_points: int = 5
 
 
 class PointFigures(NamedTuple):
@@ -141,18 +141,18 @@ def distances_at(
         np.concatenate([*errors]),
     )
     count = len(cores.before.points)
-    return Pair(slice(count), slice(count, None)).map(lambda rows: _figures(found, rows, settings.least_points))
+    return Pair(slice(count), slice(count, None)).map(lambda rows: _figures(found, rows, settings.min_points))
 
 
-def high_above(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "1 3"]:
+def overhead_viewpoint(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "1 3"]:
     """A place high above the middle of a cloud, along z, which its surfaces are taken to be seen from."""
     lower, upper = points.min(axis=0), points.max(axis=0)
     return np.asarray((lower + upper) / 2 + np.array([0.0, 0.0, (upper - lower).max()]))[None]
 
 
-def _figures(found: M3C2Distances, rows: slice, least_points: int) -> PointFigures:
+def _figures(found: M3C2Distances, rows: slice, min_points: int) -> PointFigures:
     """Those of some core points, where either cloud has enough points."""
-    enough: Bool[np.ndarray, " n"] = np.minimum(*found.count)[rows] >= least_points
+    enough: Bool[np.ndarray, " n"] = np.minimum(*found.count)[rows] >= min_points
     figures = found.distance, found.level_of_detection, found.significance
     return PointFigures(*(np.where(enough, values[rows], np.nan) for values in figures))
 

@@ -25,7 +25,7 @@ from gmmjax.clouds.columns import require_axes as require_axes
 from gmmjax.clouds.coordinates import as_finite_points as as_finite_points
 from gmmjax.clouds.coordinates import as_points as as_points
 from gmmjax.clouds.coordinates import require_array as require_array
-from gmmjax.clouds.files import MOST_SETTINGS as MOST_SETTINGS
+from gmmjax.clouds.files import MAX_SETTINGS as MAX_SETTINGS
 from gmmjax.clouds.files import parse_json as parse_json
 from gmmjax.clouds.files import read_bytes as read_bytes
 from gmmjax.clouds.files import read_json as read_json

@@ -12,10 +12,10 @@ from gmmjax.errors import LARGEST_INTEGER, InputError, one_line
 
 # Bytes of the largest settings, intrinsics and records that are parsed, all of which have kilobytes: a parser needs
 # some twenty times the memory, and TOML's minutes for some megabytes. Without a limit a wrong file fills the memory.
-MOST_JSON = 1 << 26
-MOST_SETTINGS = 1 << 18
+MAX_JSON = 1 << 26
+MAX_SETTINGS = 1 << 18
 # Dots in a line of TOML, such as in six decimal numbers: memory grows with the square of a dotted key's length.
-MOST_DOTS = 200
+MAX_DOTS = 200
 
 KINDS = {
     stat.S_IFIFO: "a pipe",
@@ -94,7 +94,7 @@ def parse_json(text: bytes) -> Any:
 
 def read_json(path: str | os.PathLike[str], remedy: str) -> Any:
     """Read a JSON file as `parse_json` does; raises an `InputError` with the remedy where it is none."""
-    content = read_bytes(path, MOST_JSON)
+    content = read_bytes(path, MAX_JSON)
     try:
         return parse_json(content)
     except ValueError as error:
@@ -130,11 +130,11 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     Raises:
         InputError: the file cannot be read, or is no TOML.
     """
-    content = read_bytes(path, MOST_SETTINGS)
+    content = read_bytes(path, MAX_SETTINGS)
     lines = (line for line in content.split(b"\n") if not line.lstrip().startswith(b"#"))
     try:
-        if any(line.count(b".") > MOST_DOTS for line in lines):
-            raise ValueError(f"a line has more than {MOST_DOTS} dots")
+        if any(line.count(b".") > MAX_DOTS for line in lines):
+            raise ValueError(f"a line has more than {MAX_DOTS} dots")
         settings = tomllib.loads(content.decode("utf-8"))
         _check_whole_numbers(settings)
     except RecursionError:

@@ -13,7 +13,7 @@ from gmmjax.geometry import rigid_transform
 PINHOLE_TOLERANCE = 0.02
 # A quaternion in a text file is a unit one up to rounding.
 QUATERNION_TOLERANCE = 1e-2
-LEAST_PIXELS = 16
+MIN_PIXELS = 16
 # Of points in the coordinates of the sensor.
 AT_ORIGIN = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
@@ -40,7 +40,7 @@ def frame_views(
         One view, or None where the pose is not one or the points do not fit it.
     """
     pose = pose_of(viewpoint)
-    if pose is None or len(points) < LEAST_PIXELS:
+    if pose is None or len(points) < MIN_PIXELS:
         return None
     # Numbers beyond the range of floats fit no camera, and comparisons with what becomes of them are false.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):

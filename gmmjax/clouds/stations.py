@@ -31,7 +31,7 @@ class StationSettings:
     Attributes:
         points_per_cell: mean number of points in a cell of the map; each of these is tried, and the one taken that
             shows the most stations. Fewer: smaller cells, for dense scans, in which a tripod is many cells high.
-        most_points: that are looked at, evenly chosen. Fewer: faster, and smaller stations are missed.
+        max_points: that are looked at, evenly chosen. Fewer: faster, and smaller stations are missed.
         ground: what the ground is in these maps.
         rims: radii in cells of the holes that are looked for.
         arcs: that rings are divided into. 1: those around the shadows of things are proposed, too.
@@ -61,7 +61,7 @@ class StationSettings:
     """
 
     points_per_cell: tuple[float, ...] = (64.0, 16.0, 4.0)
-    most_points: int = 2_000_000
+    max_points: int = 2_000_000
     ground: GroundSettings = GroundSettings()
     rims: tuple[float, ...] = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0)
     arcs: int = 6
@@ -100,7 +100,7 @@ def recognised_stations(
     """
     if len(points) < 2:
         return np.empty((0, 3))
-    rows = evenly_chosen(len(points), settings.most_points)
+    rows = evenly_chosen(len(points), settings.max_points)
     # Each map orders the points of its cells by height: in that order it is quick.
     rows = rows[np.argsort(points[rows, 2], kind="stable")]
     points, weights = points[rows], np.ones(len(rows)) if counts is None else counts[rows].astype(float)

@@ -20,7 +20,7 @@ from gmmjax.errors import InputError, warn
 # What a point of a file without colours has beside those of a file with colours: the middle of the range.
 NO_COLOR = 128
 # Files of a survey whose names are all in its title.
-MOST_NAMES = 3
+MAX_NAMES = 3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -161,7 +161,7 @@ class SurveyFiles:
     def title(self) -> str:
         """The names of the files, without their folders."""
         names = [file.path.name for file in self.files]
-        return ", ".join(names) if len(names) <= MOST_NAMES else f"{names[0]} and {len(names) - 1} more files"
+        return ", ".join(names) if len(names) <= MAX_NAMES else f"{names[0]} and {len(names) - 1} more files"
 
     def _merged(self, known: Sequence[SensorViews | None]) -> SensorViews | None:
         """The views of all files together."""

@@ -16,7 +16,7 @@ AXIS_BITS = 21
 
 SIZE_TOLERANCE = 1.02
 # Of the number of voxels over their size, on logarithms: where the search begins, and the least that it believes.
-FIRST_SLOPE, LEAST_SLOPE = 2.5, 0.3
+FIRST_SLOPE, MIN_SLOPE = 2.5, 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ def _bracketed(occupied: Callable[[float], int], max_voxels: int, smallest: floa
         low, high = (low, guess) if excess <= 0 else (guess, high)
         if previous is not None and guess != previous[0]:
             # Where nearly every point has a voxel of its own, the number hardly falls.
-            slope = min((excess - previous[1]) / (guess - previous[0]), -LEAST_SLOPE)
+            slope = min((excess - previous[1]) / (guess - previous[0]), -MIN_SLOPE)
         previous = guess, excess
         guess = guess - excess / slope + (margin if excess > 0 else -margin)
     return math.exp(high)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from gmmjax.comparison.joint_mixture import log_joint as log_joint
     from gmmjax.comparison.joint_mixture import point_posterior as point_posterior
     from gmmjax.comparison.joint_mixture_model import NOISE_SHARE as NOISE_SHARE
-    from gmmjax.comparison.joint_mixture_model import SourcedPoints as SourcedPoints
+    from gmmjax.comparison.joint_mixture_model import LabelledPoints as LabelledPoints
     from gmmjax.comparison.joint_mixture_model import fit_joint_mixture_from_seeds as fit_joint_mixture_from_seeds
     from gmmjax.comparison.joint_mixture_model import joint_prior as joint_prior
     from gmmjax.comparison.many_pairs import ComparedPair as ComparedPair

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Float, PRNGKeyArray
 
 from gmmjax._host import to_numpy
-from gmmjax._programs import kept_jit
+from gmmjax._programs import lru_jit
 from gmmjax._typing import Array
 from gmmjax.comparison.mixture_comparison import MixtureComparison, Strengths, compare_mixtures
 from gmmjax.comparison.result import Comparison
@@ -30,7 +30,7 @@ from gmmjax.mixtures import (
     check_prior,
     checked_points,
 )
-from gmmjax.pair import Pair, each, each_on_cores
+from gmmjax.pair import Pair, each, parallel_map
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ def compare_prepared(
             prior = jax.tree.map(np.float64, prior)
             whole = to_numpy(_joint(pair.padded.before, pair.padded.after, key, prior, strengths, program=program))
             return pair.cut(whole)
-        both = each_on_cores if on_cores else each
+        both = parallel_map if on_cores else each
         # As of `fit_mixture`.
         start_key = jax.random.split(key, 1)[0]
         fits = both(lambda own: own.fit(start_key, program.max_components, program.settings), pair.framed)
@@ -144,7 +144,7 @@ def compile_decision(pair: HostPair, strengths: Strengths, program: Program) -> 
         each(_probability, Pair(mixture, mixture), Pair(found.changed_before, found.changed_after), pair.padded)
 
 
-@kept_jit
+@lru_jit
 def _joint(
     before: WeightedPoints,
     after: WeightedPoints,
@@ -157,7 +157,7 @@ def _joint(
     return compared(Pair(before, after), key, prior, strengths, program)
 
 
-@kept_jit
+@lru_jit
 def _changed(
     before: GaussianMixture,
     after: GaussianMixture,
@@ -170,6 +170,6 @@ def _changed(
     return compare_mixtures(before, after, points_before, points_after, program.decision, strengths)
 
 
-@kept_jit
+@lru_jit
 def _probability(mixture: GaussianMixture, changed: Float[Array, " k"], cloud: WeightedPoints) -> Float[Array, " n"]:
     return point_probability(mixture, changed, cloud)

@@ -36,7 +36,7 @@ SHARE_PRIOR = 0.5
 NOISE_SHARE, NOISE_STRENGTH = 0.02, 0.5
 
 
-class SourcedPoints(eqx.Module):
+class LabelledPoints(eqx.Module):
     """The points of both clouds.
 
     Attributes:
@@ -47,10 +47,10 @@ class SourcedPoints(eqx.Module):
     points: WeightedPoints
     after: Float[Array, " n"]
 
-    def padded(self) -> "SourcedPoints":
+    def padded(self) -> "LabelledPoints":
         """Pad the points on the host, as `WeightedPoints.padded` does."""
         padded = self.points.padded()
-        return SourcedPoints(padded, np.pad(self.after, (0, len(padded.mass) - len(self.after))))
+        return LabelledPoints(padded, np.pad(self.after, (0, len(padded.mass) - len(self.after))))
 
 
 class StandardisedJointMixture(eqx.Module):
@@ -80,7 +80,7 @@ class JointMixtureModel(AbstractMixtureModel[JointMixture, StandardisedJointMixt
     min_components: int = eqx.field(static=True)
 
     @classmethod
-    def of(cls, points: SourcedPoints, prior: Prior, settings: FitSettings) -> "JointMixtureModel":
+    def of(cls, points: LabelledPoints, prior: Prior, settings: FitSettings) -> "JointMixtureModel":
         """The model of these points."""
         return cls(
             chunks=joint_chunks(points),
@@ -152,7 +152,7 @@ def joint_prior(noise_floor: Scalar, tolerance: Scalar, dimension: int = 3) -> P
     )
 
 
-def joint_chunks(points: SourcedPoints) -> FeatureChunks:
+def joint_chunks(points: LabelledPoints) -> FeatureChunks:
     """The features of the points, with the source as one more."""
     chunks = FeatureChunks.of(points.points)
     padding = chunks.mass.size - len(points.after)
@@ -163,7 +163,7 @@ def joint_chunks(points: SourcedPoints) -> FeatureChunks:
 
 @in_full_precision
 def initial_joint_mixture(
-    points: SourcedPoints, slots: int, prior: Prior, key: PRNGKeyArray, components: int | Int[Array, ""] | None = None
+    points: LabelledPoints, slots: int, prior: Prior, key: PRNGKeyArray, components: int | Int[Array, ""] | None = None
 ) -> JointMixture:
     """k-means++ seeds on both clouds, as wide as the points are from their seeds, with equal weights and shares.
 
@@ -190,7 +190,7 @@ def initial_joint_mixture(
 
 
 def fit_joint_mixture(
-    points: SourcedPoints, start: JointMixture, prior: Prior, settings: FitSettings = FitSettings()
+    points: LabelledPoints, start: JointMixture, prior: Prior, settings: FitSettings = FitSettings()
 ) -> Annihilated[JointMixture]:
     """Fits one mixture to both clouds by EM with annihilation, from the components of `start` down.
 
@@ -206,7 +206,7 @@ def fit_joint_mixture(
 
 
 def fit_joint_mixture_from_seeds(
-    points: SourcedPoints,
+    points: LabelledPoints,
     slots: int,
     prior: Prior,
     key: PRNGKeyArray,

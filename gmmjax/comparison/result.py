@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from gmmjax._host import float64_on_host, is_traced
-from gmmjax._programs import kept_jit
+from gmmjax._programs import lru_jit
 from gmmjax._typing import Array
 from gmmjax.errors import InputError, warn
 from gmmjax.mixtures import FitStatus, GaussianMixture, failed
@@ -140,7 +140,7 @@ def averaged(comparison: Comparison) -> AveragedComparison:
 
 # One program: as forty operations they would take a second to compile.
 @float64_on_host
-@kept_jit
+@lru_jit
 def mean_of_restarts(comparison: Comparison) -> AveragedComparison:
     """`averaged` for whoever warns in words of its own."""
     used = ~jnp.asarray(comparison.failed)

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, PRNGKeyArray
 from gmmjax._derivatives import nan_derivatives_unless
 from gmmjax._typing import Array
 from gmmjax.comparison.joint_mixture import JointMixture, log_joint
-from gmmjax.comparison.joint_mixture_model import SourcedPoints, fit_joint_mixture_from_seeds, joint_prior
+from gmmjax.comparison.joint_mixture_model import LabelledPoints, fit_joint_mixture_from_seeds, joint_prior
 from gmmjax.comparison.mixture_comparison import (
     CHANGED,
     Decision,
@@ -103,7 +103,7 @@ def of_joint_fit(
     in_frame = (
         jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), default) if prior is None else frame.enter_prior(prior)
     )
-    sourced = SourcedPoints(frame.enter(both.points), both.after)
+    sourced = LabelledPoints(frame.enter(both.points), both.after)
     end = fit_joint_mixture_from_seeds(sourced, program.max_components, in_frame, key, program.settings)
     scaled = jax.tree.map(lambda strength: strength / frame.spread, strengths)
     before, after, found = compare_shares(end.mixture, program.decision, scaled)
@@ -124,12 +124,12 @@ def of_joint_fit(
     return assembled(probability, found, mixtures, log_likelihood, Pair(status, status))
 
 
-def joined(clouds: Pair[WeightedPoints]) -> SourcedPoints:
+def joined(clouds: Pair[WeightedPoints]) -> LabelledPoints:
     """The points of both clouds, and which cloud each is of."""
     points, mass = (jnp.concatenate([getattr(own, name) for own in clouds]) for name in ("points", "mass"))
     sizes = [len(own.mass) for own in clouds]
     source = jnp.concatenate([jnp.zeros(sizes[0], points.dtype), jnp.ones(sizes[1], points.dtype)])
-    return SourcedPoints(WeightedPoints(points, mass), source)
+    return LabelledPoints(WeightedPoints(points, mass), source)
 
 
 def _joint_probability(

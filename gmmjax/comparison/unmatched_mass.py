@@ -15,7 +15,7 @@ from gmmjax.transport import GroundCost, TransportStatus, bures_wasserstein_dist
 
 # Of the logarithms of the smooth problem's scalings: the largest change at rest, and sweeps at the most.
 REST = {"float64": 1e-12, "float32": 1e-5}
-MOST_SWEEPS = 2000
+MAX_SWEEPS = 2000
 
 
 class Unmatched(eqx.Module):
@@ -119,7 +119,7 @@ def _smoothly_unmatched(
     )
     precision = str(extended.dtype)
     start = jnp.zeros_like(problem.log_demand)
-    end = fixed_point(_sweep, start, problem, tolerance=REST[precision], max_steps=MOST_SWEEPS)
+    end = fixed_point(_sweep, start, problem, tolerance=REST[precision], max_steps=MAX_SWEEPS)
     of_rows, of_columns = _row_scaling(problem, end.parameters), end.parameters
     share_before = jnp.exp(problem.log_demand[-1] + of_columns[-1] + of_rows - problem.cost[:, -1])[:-1]
     share_after = jnp.exp(problem.log_supply[-1] + of_rows[-1] + of_columns - problem.cost[-1])[:-1]

@@ -69,7 +69,7 @@ def smallest_box(points: Float64[np.ndarray, "n 3"], faces: int) -> OrientedBox:
     """
     hull = _hull(points)
     if hull is None:
-        return upright_box(points, _least_direction(points))
+        return upright_box(points, _min_direction(points))
     corners = points[hull.vertices]
     boxes = [upright_box(corners, normal) for normal in _largest_faces(points, hull, faces)]
     return min(boxes, key=lambda box: float(np.prod(box.extent)))
@@ -92,7 +92,7 @@ def _largest_faces(points: Float64[np.ndarray, "n 3"], hull: ConvexHull, most: i
     return np.asarray(planes[order, :3])
 
 
-def _least_direction(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, " 3"]:
+def _min_direction(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, " 3"]:
     """The unit normal of the plane that flat points lie in."""
     return np.asarray(np.linalg.eigh(np.cov(points.T, bias=True))[1][:, 0])
 

@@ -107,9 +107,9 @@ def _connected(points: Float[np.ndarray, "n d"], radius: float, chunk: int) -> I
     links = _Links(points, cell, len(cells), radius, chunk)
     # The nearest cells first, and by one point of each: most of the others are in one group by then.
     for distance in np.unique(apart):
-        links.join(pairs[apart == distance], most_points=1)
+        links.join(pairs[apart == distance], max_points=1)
     for distance in np.unique(apart):
-        links.join(pairs[apart == distance], most_points=len(points))
+        links.join(pairs[apart == distance], max_points=len(points))
     return _numbered_in_order(links.groups[cell])
 
 
@@ -142,12 +142,12 @@ class _Links:
         self._apart = 2 * radius * np.arange(cells)
         self._tree = cKDTree(np.column_stack([points, self._apart[cell]]))
 
-    def join(self, pairs: Int[np.ndarray, "p 2"], most_points: int) -> None:
+    def join(self, pairs: Int[np.ndarray, "p 2"], max_points: int) -> None:
         """Makes one group of the cells of a pair when one has a point within the radius of the other one's.
 
         Args:
             pairs: of cells.
-            most_points: of the smaller cell that are looked up in the larger one.
+            max_points: of the smaller cell that are looked up in the larger one.
         """
         while True:
             pairs = pairs[self.groups[pairs[:, 0]] != self.groups[pairs[:, 1]]]
@@ -155,7 +155,7 @@ class _Links:
                 return
             smaller = self._counts[pairs[:, 0]] <= self._counts[pairs[:, 1]]
             pairs = np.where(smaller[:, None], pairs, pairs[:, ::-1])
-            tried = np.minimum(self._counts[pairs[:, 0]], most_points)
+            tried = np.minimum(self._counts[pairs[:, 0]], max_points)
             taken = max(1, int(np.searchsorted(np.cumsum(tried), self._chunk, side="right")))
             near = self._near(pairs[:taken], tried[:taken])
             self._merge(pairs[:taken][near])

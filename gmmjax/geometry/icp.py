@@ -87,7 +87,7 @@ def determined_part(
     means: Float[np.ndarray, "n 3"],
     target: LocalSurface,
     reach: float,
-    least_information: float,
+    min_information: float,
 ) -> Float[np.ndarray, "4 4"]:
     """A small rigid transform without what the normals do not determine, such as a translation along a plane.
 
@@ -96,7 +96,7 @@ def determined_part(
         means: local means of the surface that is moved.
         target: the surface that stays.
         reach: offset at which a point has a quarter of its weight.
-        least_information: mean squared cosine, over the points, between the normals and a direction of motion, below
+        min_information: mean squared cosine, over the points, between the normals and a direction of motion, below
             which the direction is not determined.
     """
     placed = transformed(means, transform)
@@ -106,7 +106,7 @@ def determined_part(
     centre, size = means.mean(axis=0), _size(means)
     rows = offset_derivatives(means, normals, centre, size)
     information, directions = np.linalg.eigh(rows.T @ (weights[:, None] * rows))
-    determined = directions[:, information > least_information * max(weights.sum(), 1e-12)]
+    determined = directions[:, information > min_information * max(weights.sum(), 1e-12)]
     moved_centre = transformed(centre[None], transform)[0]
     motion = np.concatenate([size * Rotation.from_matrix(transform[:3, :3]).as_rotvec(), moved_centre - centre])
     return _transform(determined @ (determined.T @ motion), centre, size)

@@ -17,7 +17,7 @@ MEAN_NEIGHBOURS = 8
 
 
 @dataclasses.dataclass(frozen=True)
-class RowSettings:
+class ScanLineSettings:
     """Settings for points whose nearest neighbours form a scan line, such as a scanner's on a distant floor.
 
     The plane goes through more of them there, where these are flat and fill what they surround. The values come from
@@ -83,7 +83,7 @@ class LocalSurface:
         neighbours: int = PLANE_NEIGHBOURS,
         tree: cKDTree | None = None,
         *,
-        rows: RowSettings = RowSettings(),
+        rows: ScanLineSettings = ScanLineSettings(),
         chunk: int = 4_000_000,
     ) -> "LocalSurface":
         """The surface of a cloud of at least one point, with planes through this number of nearest neighbours.
@@ -104,8 +104,8 @@ class LocalSurface:
         planes = LocalPlanes(*(np.concatenate(values) for values in zip(*parts, strict=True)))
         counts = np.full(len(points), indices.shape[1])
         if indices.shape[1] < rows.neighbours:
-            in_rows = np.flatnonzero(_slender(planes.variances, rows.slenderness))
-            for chosen in _chunks(in_rows, max(1, chunk // rows.neighbours)):
+            on_scan_lines = np.flatnonzero(_slender(planes.variances, rows.slenderness))
+            for chosen in _chunks(on_scan_lines, max(1, chunk // rows.neighbours)):
                 wide = nearest_neighbours(tree, points[chosen], rows.neighbours)[1]
                 across, surface = _planes_across(points.take(wide, axis=0), rows)
                 counts[chosen[surface]] = wide.shape[1]
@@ -162,7 +162,7 @@ class LocalSurface:
         at_most = np.maximum(np.maximum(determined, least * middle), np.finfo(np.float64).tiny)
         return np.asarray(np.sqrt(least * middle / at_most))
 
-    def in_rows(self, chosen: Int[np.ndarray, " c"], slenderness: float) -> Bool[np.ndarray, " c"]:
+    def on_scan_lines(self, chosen: Int[np.ndarray, " c"], slenderness: float) -> Bool[np.ndarray, " c"]:
         """Mask of the points whose planes are of a single scan line, about which their rotation is not determined.
 
         Args:
@@ -233,7 +233,7 @@ def _principal(groups: Float64[np.ndarray, "n k 3"]) -> tuple[LocalPlanes, Float
 
 
 def _planes_across(
-    groups: Float64[np.ndarray, "m k 3"], settings: RowSettings
+    groups: Float64[np.ndarray, "m k 3"], settings: ScanLineSettings
 ) -> tuple[LocalPlanes, Bool[np.ndarray, " m"]]:
     """The planes through the many neighbours of points in rows, and which of these planes are surfaces."""
     planes, axes = _principal(groups)

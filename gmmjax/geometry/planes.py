@@ -46,19 +46,19 @@ class PlaneSettings:
     """Settings of the plane detection.
 
     Attributes:
-        least_share: fraction of the points that are inliers of a plane, at least. 0: every few points that are flat
+        min_share: fraction of the points that are inliers of a plane, at least. 0: every few points that are flat
             by chance make a plane.
-        least_inliers: number of them, at least; what has fewer points has no plane. Fewer than 3 determine no plane.
-        most_planes: number of planes, at most: a bound on the time, above the sides that are seen of any segment.
+        min_inliers: number of them, at least; what has fewer points has no plane. Fewer than 3 determine no plane.
+        max_planes: number of planes, at most: a bound on the time, above the sides that are seen of any segment.
         hypotheses: number of local planes, at most and evenly chosen, that are tried: a bound on the time, which grows
             with their product with the points. Fewer: small planes of large clouds are missed.
         neighbours: nearest neighbours that a local plane is fitted to. Fewer: the noise tilts the local planes, and
             large planes lose inliers; more: those at edges are averages of two sides.
     """
 
-    least_share: float = 0.1
-    least_inliers: int = 8
-    most_planes: int = 6
+    min_share: float = 0.1
+    min_inliers: int = 8
+    max_planes: int = 6
     hypotheses: int = 800
     neighbours: int = 12
 
@@ -71,7 +71,7 @@ def plane_surface(points: Float64[np.ndarray, "n 3"], settings: PlaneSettings = 
 def planes_of(
     surface: LocalSurface,
     flatness: float,
-    least_width: float = 0.0,
+    min_width: float = 0.0,
     chosen: Bool[np.ndarray, " n"] | None = None,
     settings: PlaneSettings = PlaneSettings(),
 ) -> list[Plane]:
@@ -80,7 +80,7 @@ def planes_of(
     Args:
         surface: with evenly spread points, so that the number of inliers measures an area.
         flatness: largest distance of an inlier from its plane.
-        least_width: standard deviation of a plane's inliers along their shorter axis, at least; narrower strips are
+        min_width: standard deviation of a plane's inliers along their shorter axis, at least; narrower strips are
             left out.
         chosen: the points that planes are searched for in; None: all.
         settings: how planes are detected.
@@ -88,19 +88,19 @@ def planes_of(
     found: list[Plane] = []
     kept = slice(None) if chosen is None else chosen
     points, normals, centres = surface.points[kept], surface.normals[kept], surface.centres[kept]
-    if len(points) < settings.least_inliers:
+    if len(points) < settings.min_inliers:
         return found
     tried = evenly_chosen(len(points), settings.hypotheses)
     normals, centres = normals[tried], centres[tried]
     inliers = np.abs(points @ normals.T - (normals * centres).sum(axis=1)) <= flatness
     counts = np.count_nonzero(inliers, axis=0)
-    for _ in range(settings.most_planes):
+    for _ in range(settings.max_planes):
         best = inliers[:, int(counts.argmax())].copy()
-        if best.sum() < max(settings.least_inliers, settings.least_share * len(points)):
+        if best.sum() < max(settings.min_inliers, settings.min_share * len(points)):
             break
         centre = points[best].mean(axis=0)
         variances, axes = np.linalg.eigh(np.cov((points[best] - centre).T, bias=True))
-        if variances[1] >= least_width**2:
+        if variances[1] >= min_width**2:
             found.append(Plane(axes[:, 0], float(axes[:, 0] @ centre)))
         counts -= np.count_nonzero(inliers[best], axis=0)
         inliers[best] = False

@@ -142,7 +142,7 @@ class FoundScene(NamedTuple):
         Args:
             members: their indices; none in a cloud that does not matter.
         """
-        before, after = each(_most_of, self.scene.truth, self.changes.members, members)
+        before, after = each(_max_of, self.scene.truth, self.changes.members, members)
         return before.union(after).pop() if len(before | after) == 1 else -1
 
     def motion(self, number: int) -> Float[np.ndarray, "4 4"]:
@@ -158,7 +158,7 @@ class FoundScene(NamedTuple):
         return np.concatenate([before, after @ back[:3, :3].T + back[:3, 3]])
 
 
-def _most_of(truth: np.ndarray, working: np.ndarray, own: np.ndarray) -> set[int]:
+def _max_of(truth: np.ndarray, working: np.ndarray, own: np.ndarray) -> set[int]:
     """The number of the change that most points of some working points are of; nothing where there are none."""
     numbers = truth[np.isin(working, own)] + 1
     return {int(np.bincount(numbers).argmax()) - 1} if len(numbers) else set()

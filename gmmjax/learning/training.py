@@ -21,7 +21,7 @@ from gmmjax.learning.objective import bounds_of, free_from, log_likelihood, sign
 # Penalties of the squared weights, among which the one is chosen by which families that were left out are judged best.
 # 0: what a few candidates have in common by chance is learned.
 PENALTIES = (0.3, 1.0, 3.0, 10.0, 30.0)
-MOST_STEPS = 2000
+MAX_STEPS = 2000
 # Fraction of the candidates below the lower and above the upper end of the range of a fact that counts as learned.
 # 0: one freak of a simulator widens it.
 TRIMMED = 0.002
@@ -132,7 +132,7 @@ def _fitted(rows: _Rows, names: Sequence[str], penalty: float) -> Verdict:
     with jax.enable_x64(True):
         columns = jax.vmap(start.columns)(jnp.asarray(rows.facts))
         arguments = [columns, *(jnp.asarray(own) for own in (rows.kind, rows.weight, signs))]
-        options, bounds = {"maxiter": MOST_STEPS}, bounds_of(signs)
+        options, bounds = {"maxiter": MAX_STEPS}, bounds_of(signs)
         best = minimize(
             _objective, free, (arguments, penalty), jac=True, bounds=bounds, method="L-BFGS-B", options=options
         )

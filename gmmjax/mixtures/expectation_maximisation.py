@@ -208,7 +208,7 @@ def maximisation(moments: Moments, prior: Prior, covariance_type: CovarianceType
 
     With `Prior.figueiredo_jain` several may die at once; `annihilation` lets only the weakest.
     """
-    return maximised(moments, prior.unnormalised_weights(moments.mass), prior, covariance_type)[0]
+    return m_step(moments, prior.unnormalised_weights(moments.mass), prior, covariance_type)[0]
 
 
 def survivors(
@@ -233,7 +233,7 @@ def waiting_weights(mass: Float[Array, " k"], live: Bool[Array, " k"], prior: Pr
     return jnp.where(live, jnp.maximum(prior.unnormalised_weights(mass), WAITING_WEIGHT), 0)
 
 
-def maximised(
+def m_step(
     moments: Moments, weights: Float[Array, " k"], prior: Prior, covariance_type: CovarianceType
 ) -> tuple[GaussianMixture, Float[Array, ""]]:
     """The M-step of every kind of mixture, equations (2.7) to (2.10), given the unnormalised weights.

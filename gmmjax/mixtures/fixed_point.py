@@ -30,11 +30,11 @@ LARGEST_GROWTH = 2.0
 # Of the linear systems of derivatives: the residual, relative to the right-hand side.
 LINEAR_TOLERANCE = 1e-10
 # Products kept of the linear systems' Krylov spaces, and at the most.
-KRYLOV, MOST_PRODUCTS = 60, 1200
+KRYLOV, MAX_PRODUCTS = 60, 1200
 # A residual that shrinks by less says that the space is better extended by the last image than by the residual.
 STALLING = 0.9
 # What rounding may add to the residual of a system that was solved, as a multiple of the tolerance, or at least this.
-LARGEST_SLACK, LEAST_SLACK = 10.0, 1e-8
+LARGEST_SLACK, MIN_SLACK = 10.0, 1e-8
 
 
 class FixedPoint(NamedTuple):
@@ -114,7 +114,7 @@ class _Past(eqx.Module):
     residuals: Float[JaxArray, "m p"]
     known: Bool[JaxArray, " m"]
     image: Float[JaxArray, " p"]
-    least_residual: Float[JaxArray, ""]
+    min_residual: Float[JaxArray, ""]
     change: Float[JaxArray, ""]
 
 
@@ -152,13 +152,13 @@ def _accelerated(own: JaxArray, image: JaxArray, past: _Past, tolerance: float) 
     """Next iterate, and the history with one more evaluation of the map."""
     residual = image - own
     change = jnp.max(jnp.abs(residual))
-    astray = ~(change <= LARGEST_GROWTH * past.least_residual)
+    astray = ~(change <= LARGEST_GROWTH * past.min_residual)
     known = _Past(
         images=jnp.roll(past.images, 1, axis=0).at[0].set(image),
         residuals=jnp.roll(past.residuals, 1, axis=0).at[0].set(residual),
         known=jnp.roll(past.known, 1).at[0].set(True),
         image=image,
-        least_residual=jnp.minimum(change, past.least_residual),
+        min_residual=jnp.minimum(change, past.min_residual),
         change=change,
     )
     infinity = jnp.asarray(jnp.inf, own.dtype)
@@ -207,7 +207,7 @@ def _krylov_solution(
     size = jnp.linalg.norm(right)
 
     def further(state: _Krylov) -> _Krylov:
-        last = ~(jnp.linalg.norm(state.residual) > tolerance * size) | (state.products >= MOST_PRODUCTS)
+        last = ~(jnp.linalg.norm(state.residual) > tolerance * size) | (state.products >= MAX_PRODUCTS)
         # One product for both, so that it compiles once.
         direction = jnp.where(last, state.solution, state.following)
         image = product(direction)
@@ -257,7 +257,7 @@ def _solved(
         size = jnp.max(jnp.abs(right))
         scale = jnp.where(size > 0, size, 1)
         solution, error = _krylov_solution(product, right / scale, tolerance)
-        solved = error <= max(LARGEST_SLACK * tolerance, LEAST_SLACK) * jnp.linalg.norm(right / scale)
+        solved = error <= max(LARGEST_SLACK * tolerance, MIN_SLACK) * jnp.linalg.norm(right / scale)
         return jnp.where(size == 0, 0, jnp.where(trusted & solved, solution * scale, jnp.nan))
 
     # With the same solver for the transposed system, in reverse mode.

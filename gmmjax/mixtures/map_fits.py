@@ -11,7 +11,7 @@ from jaxtyping import Array as JaxArray
 from jaxtyping import ArrayLike, Float, PRNGKeyArray
 
 from gmmjax._host import is_traced, to_numpy
-from gmmjax._programs import kept_jit
+from gmmjax._programs import lru_jit
 from gmmjax.errors import InputError, check_choice
 from gmmjax.mixtures.annihilation import Fit, FitSettings
 from gmmjax.mixtures.checked_points import checked_points
@@ -318,7 +318,7 @@ def _fit(task: _Task, key: PRNGKeyArray, max_components: int, settings: FitSetti
     return fit_by_annihilation(points, start, prior, settings)
 
 
-_compiled_start, _compiled_fit = kept_jit(_started), kept_jit(_fit)
+_compiled_start, _compiled_fit = lru_jit(_started), lru_jit(_fit)
 
 
 def _fit_in_two(task: _Task, key: PRNGKeyArray, max_components: int, settings: FitSettings) -> Fit:

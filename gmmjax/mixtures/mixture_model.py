@@ -14,7 +14,7 @@ from gmmjax.mixtures.expectation_maximisation import (
     FeatureChunks,
     Moments,
     feature_sums,
-    maximised,
+    m_step,
     survivors,
     waiting_weights,
     weakest,
@@ -104,11 +104,11 @@ class AbstractMixtureModel(eqx.Module, Generic[Mixture, Standardised]):
         """M-step (2.20) for all components at once, in which at the most the weakest dies; others wait."""
         moments = self.moments(sums)
         live = survivors(moments.mass, self.gaussians(mixture).live, self.prior, self.min_components)
-        return self._maximised(moments, live, sums)
+        return self._m_step(moments, live, sums)
 
     def frozen_maximisation(self, mixture: Mixture, sums: Float[Array, "rows f"]) -> Mixture:
         """M-step (2.20) in which no component dies: those that are too weak wait at a small weight."""
-        return self._maximised(self.moments(sums), self.gaussians(mixture).live, sums)
+        return self._m_step(self.moments(sums), self.gaussians(mixture).live, sums)
 
     def without_weakest(self, mixture: Mixture) -> Mixture:
         """The mixture without its live component of the smallest weight."""
@@ -120,9 +120,9 @@ class AbstractMixtureModel(eqx.Module, Generic[Mixture, Standardised]):
         gaussians = self.gaussians(mixture)
         return message_length(gaussians, log_likelihood, observations, self.covariance_type, self.own_parameters)
 
-    def _maximised(self, moments: Moments, live: Bool[Array, " k"], sums: Float[Array, "rows f"]) -> Mixture:
+    def _m_step(self, moments: Moments, live: Bool[Array, " k"], sums: Float[Array, "rows f"]) -> Mixture:
         weights = waiting_weights(moments.mass, live, self.prior)
-        gaussians, noise_weight = maximised(moments, weights, self.prior, self.covariance_type)
+        gaussians, noise_weight = m_step(moments, weights, self.prior, self.covariance_type)
         return self.assembled(gaussians, noise_weight, sums)
 
     @property

@@ -7,7 +7,7 @@ from gmmjax._typing import Array
 from gmmjax.mixtures.weighted_points import WeightedPoints
 
 # Keep logarithms finite: of a noise component without weight, and of a box without extent.
-LEAST_WEIGHT, LEAST_EXTENT = 1e-30, 1e-6
+MIN_WEIGHT, MIN_EXTENT = 1e-30, 1e-6
 
 
 def log_uniform_density(points: WeightedPoints) -> Float[Array, ""]:
@@ -15,10 +15,10 @@ def log_uniform_density(points: WeightedPoints) -> Float[Array, ""]:
     coordinates, used = jnp.asarray(points.points), (jnp.asarray(points.mass) > 0)[:, None]
     highest = jnp.max(jnp.where(used, coordinates, -jnp.inf), axis=0)
     lowest = jnp.min(jnp.where(used, coordinates, jnp.inf), axis=0)
-    return -jnp.sum(jnp.log(jnp.maximum(highest - lowest, LEAST_EXTENT)))
+    return -jnp.sum(jnp.log(jnp.maximum(highest - lowest, MIN_EXTENT)))
 
 
 def noise_coefficients(weight: Float[Array, ""], log_density: Float[Array, ""], features: int) -> Float[Array, "1 f"]:
     """The noise component as a row of `coefficients`: its log joint is the same everywhere."""
-    log_joint = jnp.log(jnp.maximum(weight, LEAST_WEIGHT)) + log_density
+    log_joint = jnp.log(jnp.maximum(weight, MIN_WEIGHT)) + log_density
     return jnp.zeros((1, features), log_joint.dtype).at[0, 0].set(log_joint)

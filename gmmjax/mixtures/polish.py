@@ -23,7 +23,7 @@ REST = {"float64": 1e-10, "float32": 1e-4}
 # So near the fixed point EM's steps shrink regularly, and accelerating them pays; further off it leads astray.
 NEAR = {"float64": 1e-4, "float32": 1e-3}
 # Accelerated steps at the most; a fit of overlapping components takes about a hundred.
-MOST_ACCELERATED = 500
+MAX_ACCELERATED = 500
 
 
 class Polished(eqx.Module, Generic[Mixture]):
@@ -50,7 +50,7 @@ def polished(model: AbstractMixtureModel[Mixture, Any], mixture: Mixture, *, max
     precision = str(jax.tree.leaves(mixture)[0].dtype)
     reference, steps = _settled(held, jax.lax.stop_gradient(mixture), NEAR[precision], max_steps)
     start = model.standardised(reference, reference)
-    end = fixed_point(_frozen_step, start, (model, reference), tolerance=REST[precision], max_steps=MOST_ACCELERATED)
+    end = fixed_point(_frozen_step, start, (model, reference), tolerance=REST[precision], max_steps=MAX_ACCELERATED)
     return Polished(model.from_standardised(end.parameters, reference), steps + end.steps, end.converged)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float
 
-from gmmjax._programs import kept_jit
+from gmmjax._programs import lru_jit
 from gmmjax.mixtures.annihilation import Fit, FitSettings, failed
 from gmmjax.mixtures.criteria import message_length
 from gmmjax.mixtures.expectation_maximisation import FeatureChunks, expectation
@@ -41,7 +41,7 @@ def scored_in_double(fits: Fit, points: WeightedPoints, settings: FitSettings) -
     return scored, right
 
 
-@kept_jit
+@lru_jit
 def _scores(fits: Fit, points: WeightedPoints, *, settings: FitSettings) -> tuple[JaxArray, JaxArray]:
     chunks, log_noise = FeatureChunks.of(points), log_uniform_density(points)
     observations = jnp.sum(chunks.mass)

@@ -21,7 +21,7 @@ from gmmjax.plotting.axes import (
     verbatim,
     with_unit,
 )
-from gmmjax.plotting.cloud_image import MOST_POINTS, PIXELS, Page, scan_colors
+from gmmjax.plotting.cloud_image import MAX_POINTS, PIXELS, Page, scan_colors
 from gmmjax.plotting.projection import Projection
 from gmmjax.reporting.map_cells import ChangeMap, change_map
 from gmmjax.reporting.palette import KIND_COLORS
@@ -139,7 +139,7 @@ def _draw_scan(cloud: PointCloud, changes: Changes, found: ChangeMap, ax: "Axes"
     """Draw the after scan from above, in grey."""
     east, north, up = np.eye(3)
     points = changes.registration.apply(cloud.points)
-    points = points[thinned(np.arange(len(points)), MOST_POINTS)]
+    points = points[thinned(np.arange(len(points)), MAX_POINTS)]
     left, right, lower, upper = found.extent
     middle = float(np.median(points[:, 2]))
     corners = np.array([[left, lower, middle], [right, upper, middle]])

@@ -23,7 +23,7 @@ from gmmjax.plotting.axes import (
     with_unit,
 )
 from gmmjax.plotting.cloud_image import (
-    MOST_POINTS,
+    MAX_POINTS,
     PIXELS,
     Page,
     cloud_picture,
@@ -240,7 +240,7 @@ def _draw_clouds(clouds: Pair[PointCloud], changes: Changes, show: Shown, page: 
     page.draw_scan(points, colors, ax, PALE if show == "changes" else 1.0)
     kinds = list(KIND_COLORS)
     of_changes = np.array([kinds.index(change.kind) for change in changes], int)
-    changed = [thinned(np.flatnonzero(labels >= 0), MOST_POINTS) for _, labels in drawn]
+    changed = [thinned(np.flatnonzero(labels >= 0), MAX_POINTS) for _, labels in drawn]
     marked = np.concatenate([cloud.points[rows] for (cloud, _), rows in zip(drawn, changed, strict=True)])
     labels = np.concatenate([labels[rows] for (_, labels), rows in zip(drawn, changed, strict=True)])
     flat = flat_colors(list(KIND_COLORS.values()), of_changes[labels])
@@ -251,7 +251,7 @@ def _unchanged(
     cloud: PointCloud, labels: Int[np.ndarray, " n"], up: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "m 3"], UInt8[np.ndarray, "m 3"]]:
     """Return the points that are drawn, with their colours."""
-    rows = thinned(np.flatnonzero(labels < 0), MOST_POINTS)
+    rows = thinned(np.flatnonzero(labels < 0), MAX_POINTS)
     points = cloud.points[rows]
     return points, scan_colors(points, None if cloud.colors is None else cloud.colors[rows], up)
 

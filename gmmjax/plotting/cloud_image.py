@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 # Pixels of the longer edge of a picture.
 PIXELS = 900
 # Points that are drawn of what is unchanged, at most, and of what is changed: with more it looks the same.
-MOST_POINTS = 400_000
+MAX_POINTS = 400_000
 # Area of the squares of all points, in pictures, and pixels of the edge of one at most: with less, surfaces have holes.
 COVERED, LARGEST_SQUARE = 5.0, 7
 # Pixels: width of the gaps of surfaces that are closed, edge of the square of a changed point at least, and width of
 # the white line around it, without which blue on a dark scan is missed.
-GAP, LEAST_CHANGED, OUTLINE = 4, 4, 4
+GAP, MIN_CHANGED, OUTLINE = 4, 4, 4
 # Share of a cloud's points on each side of the page that may lie outside of the picture, and its margin around the
 # others: at 0 one stray point far out makes all else tiny.
 STRAYS, MARGIN = 0.0005, 0.03
@@ -35,10 +35,10 @@ SHADING = 0.6
 # Greys of the lowest and the highest points of a cloud without colours; lighter ones vanish on white paper.
 DARKEST, LIGHTEST = 130, 205
 # Brightness, 0 to 1: colours that differ by less tell nothing, and heights are shown instead.
-LEAST_CONTRAST = 0.05
+MIN_CONTRAST = 0.05
 # A cloud is drawn as if by X-rays where in more than a third of the picture something is behind something else, such as
 # a floor behind a ceiling: by this share of the whole depth, and of the picture, which the noise of a floor is not.
-LAYERED, LAYERS, LEAST_LAYER = 0.35, 0.6, 0.03
+LAYERED, LAYERS, MIN_LAYER = 0.35, 0.6, 0.03
 
 
 class Page(NamedTuple):
@@ -147,7 +147,7 @@ def is_layered(points: Float[np.ndarray, "n 3"], page: Page) -> bool:
     starts = np.flatnonzero(np.diff(cell, prepend=-1))
     spans = depth[np.append(starts[1:], len(depth)) - 1] - depth[starts]
     lowest, highest = np.quantile(depth, [0.01, 0.99])
-    behind = max(LAYERS * (highest - lowest), LEAST_LAYER * max(page.height, page.width))
+    behind = max(LAYERS * (highest - lowest), MIN_LAYER * max(page.height, page.width))
     return bool((spans > behind).mean() > LAYERED)
 
 
@@ -171,7 +171,7 @@ def marked_picture(
 ) -> UInt8[np.ndarray, "h w 4"]:
     """Draw points in flat colours with a white outline; squares are as large as with `others` of the same cloud."""
     projected, size = page.project(points), (page.height, page.width)
-    square = max(page.square(len(points) + others), LEAST_CHANGED)
+    square = max(page.square(len(points) + others), MIN_CHANGED)
     nearest = nearest_points(projected, square, *size)
     picture = np.zeros((*size, 4), np.uint8)
     picture[nearest_points(projected, square + OUTLINE, *size) >= 0] = 255
@@ -183,7 +183,7 @@ def scan_colors(
     points: Float[np.ndarray, "n 3"], colors: UInt8[np.ndarray, "n 3"] | None, up: Float[np.ndarray, "3"]
 ) -> UInt8[np.ndarray, "n 3"]:
     """Return a scan's own colours, half way to grey; without colours that tell anything greys, lighter the higher."""
-    if colors is not None and len(colors) and np.ptp(luminance(colors)) > LEAST_CONTRAST:
+    if colors is not None and len(colors) and np.ptp(luminance(colors)) > MIN_CONTRAST:
         return greyed(colors)
     greys = DARKEST + (LIGHTEST - DARKEST) * stretched(points @ up)
     return np.repeat(np.rint(greys).astype(np.uint8)[:, None], 3, axis=1)

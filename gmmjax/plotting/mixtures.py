@@ -9,7 +9,7 @@ from gmmjax.clouds import PointCloud, require_array
 from gmmjax.errors import InputError
 from gmmjax.mixtures import GaussianMixture
 from gmmjax.plotting.axes import COLORS, INK, Style, axes_or_new, legend_below, verbatim
-from gmmjax.plotting.cloud_image import MOST_POINTS, PIXELS, Page, cloud_picture, flat_colors
+from gmmjax.plotting.cloud_image import MAX_POINTS, PIXELS, Page, cloud_picture, flat_colors
 from gmmjax.plotting.projection import Direction, Projection
 from gmmjax.reporting.palette import KIND_COLORS, color_bytes
 from gmmjax.reporting.splats import thinned
@@ -60,7 +60,7 @@ def plot_mixture(
     page = Page.around(projection, seen, live.reach(projection, deviations), pixels)
     colors = [COLORS[slot % len(COLORS)] for slot in range(len(mixture.live))]
     if coordinates is not None:
-        rows = thinned(np.arange(len(coordinates)), MOST_POINTS // 4)
+        rows = thinned(np.arange(len(coordinates)), MAX_POINTS // 4)
         # Half way to white, under their ellipse.
         pale = ["#" + "".join(f"{(value + 255) // 2:02x}" for value in color_bytes(color)) for color in colors]
         tints = flat_colors(pale, np.asarray(mixture.labels(coordinates[rows])))

@@ -50,7 +50,7 @@ NO_BREAK = "\u00a0"
 # A line on standard error, about the work and not about its result.
 print_note = print_message
 # Lines of each list of `print_batch`, and weights of each classifier of a tuning: those that say most.
-MOST_PAIRS, MOST_WEIGHTS = 10, 5
+MAX_PAIRS, MAX_WEIGHTS = 10, 5
 # Of an evaluation, in the order of the documents' columns, which have longer ones.
 SCORES = ("", "pairs", "prec.", "recall", "F1", "pt pr.", "pt rec.", "pt F1", "false", "moved", "s")
 # What a narrow terminal does not have.
@@ -193,12 +193,12 @@ def print_batch(summary: "Summary", *, heading: str | None = None) -> None:
     if changed:
         table = plain_table("Pair", "Changes", "Appeared", "Disappeared", "Moved", "Most probable", left=("Pair",))
         table.columns[0].max_width = 40
-        for row in changed[:MOST_PAIRS]:
+        for row in changed[:MAX_PAIRS]:
             counts = (row.changes, row.appeared, row.disappeared, row.moved)
             table.add_row(Text(printable(row.name)), *map(str, counts), percent(row.highest_probability or 0))
         Console().print(table)
-    if len(changed) > MOST_PAIRS:
-        print_text(f"  and {len(changed) - MOST_PAIRS} more pairs with changes", "dim")
+    if len(changed) > MAX_PAIRS:
+        print_text(f"  and {len(changed) - MAX_PAIRS} more pairs with changes", "dim")
     warned = [f"{row.name}: {'; '.join(row.warnings.splitlines())}" for row in summary.done if row.warnings]
     _print_list("with warnings", warned)
     _print_list("failed", [f"{row.name}: {row.error}" for row in summary.failed])
@@ -209,11 +209,11 @@ def _print_list(what: str, entries: Sequence[str]) -> None:
     console = Console()
     if entries:
         Console().print(f"\n{len(entries)} {what}", style="bold", highlight=False)
-    for text in entries[:MOST_PAIRS]:
+    for text in entries[:MAX_PAIRS]:
         for line in broken(printable(text), max(console.width, 20) if console.is_terminal else 10_000, "  ", "    "):
             print_text(line)
-    if len(entries) > MOST_PAIRS:
-        print_text(f"  and {len(entries) - MOST_PAIRS} more, in pairs.csv", "dim")
+    if len(entries) > MAX_PAIRS:
+        print_text(f"  and {len(entries) - MAX_PAIRS} more, in pairs.csv", "dim")
 
 
 def print_fit(fit: "Fit", cloud: "PointCloud") -> None:
@@ -329,7 +329,7 @@ def _add_verdicts(table: Table, result: "VerdictResult") -> None:
         table.add_row("  log score, held back", *(f"{course.losses[place]:.4g}" for place in places))
         table.add_row("  false alarms, held back", *(str(course.false_alarms[place]) for place in places))
         table.add_row("  wrong in all, held back", *(str(course.wrong[place]) for place in places))
-        for fact, before, after in course.moved_weights()[:MOST_WEIGHTS]:
+        for fact, before, after in course.moved_weights()[:MAX_WEIGHTS]:
             if before != after:
                 table.add_row(f"  weight of {fact}", f"{before:+.2f}", f"{after:+.2f}")
     if result.before is not None and result.after is not None:

@@ -12,7 +12,7 @@ from gmmjax.reporting.summary import ObjectRow, place_cells
 
 CloseUps = Callable[[tuple[int, ...]], Pair[bytes]]
 # The page grows by some 30 kB for the pictures of each.
-MOST_WITH_PICTURES = 48
+MAX_WITH_PICTURES = 48
 # Facts of a card that are shown at first: with more, it is longer than a screen.
 FIRST_FACTS = 6
 SORTING = {
@@ -38,14 +38,14 @@ def changes_panel(changes: Changes, rows: list[ObjectRow], close_ups: CloseUps, 
         threshold = percent(changes.config.threshold)
         return f"""<aside class="panel" aria-label="Changes"><h2>No change</h2>
 <p class="none">Nothing in either scan reached a probability of {threshold} of being changed.</p></aside>"""
-    pictures = [close_ups(row.labels) if number < MOST_WITH_PICTURES else None for number, row in enumerate(rows)]
+    pictures = [close_ups(row.labels) if number < MAX_WITH_PICTURES else None for number, row in enumerate(rows)]
     items = "".join(
         _item(number, row, changes, pair, longest)
         for number, (row, pair) in enumerate(zip(rows, pictures, strict=True))
     )
     options = "".join(f'<option value="{name}">{text}</option>' for name, text in SORTING.items())
-    left_out = f'<p class="none">Close-ups are made of the {MOST_WITH_PICTURES} most probable changes.</p>'
-    left_out *= len(rows) > MOST_WITH_PICTURES
+    left_out = f'<p class="none">Close-ups are made of the {MAX_WITH_PICTURES} most probable changes.</p>'
+    left_out *= len(rows) > MAX_WITH_PICTURES
     return f"""<aside class="panel" aria-label="Changes">
 <div class="panel-head"><h2>Changes</h2><label>by <select id="sort">{options}</select></label>
 <span class="steps">{_step("previous", "Previous change", "k", "↑")}{_step("next", "Next change", "j", "↓")}

@@ -22,7 +22,7 @@ NEIGHBOURS, SAMPLE = 16, 5000
 # Share of the points at each edge that may lie outside of the map: at 0 one stray point far out makes all else tiny.
 STRAYS = 0.0002
 # A bound on memory and file.
-MOST_CELLS = 16_000_000
+MAX_CELLS = 16_000_000
 
 
 class ChangeMap(NamedTuple):
@@ -136,14 +136,14 @@ def _grid(
     lower, upper = np.quantile(places, [STRAYS, 1 - STRAYS], axis=0)
     area = float(np.prod(np.maximum(upper - lower, np.finfo(np.float64).tiny)))
     if cell is None:
-        edge = rounded_up(max(SPACINGS * _spacing(places), np.sqrt(area / MOST_CELLS)))
+        edge = rounded_up(max(SPACINGS * _spacing(places), np.sqrt(area / MAX_CELLS)))
     elif not 0 < cell < np.inf:
         raise InputError(f"cell={cell}: must be a positive length")
     else:
         edge = float(cell)
     first, last = np.floor(lower / edge), np.floor(upper / edge)
     columns, rows = (int(count) for count in last - first + 1)
-    if rows * columns > 2 * MOST_CELLS:
+    if rows * columns > 2 * MAX_CELLS:
         raise InputError(f"cell={edge:g}: the map would have {rows:,} x {columns:,} cells; choose a larger one")
     return first * edge, edge, (rows, columns)
 

@@ -14,7 +14,7 @@ from gmmjax.reporting.pictures import Pictures, PictureSettings, data_uri
 from gmmjax.reporting.summary import ObjectRow, answer, headings, object_rows, registration_text, volumes_text
 
 # Objects in the table: without a limit a thousand changes would bury the notebook.
-MOST_ROWS = 20
+MAX_ROWS = 20
 
 
 def notebook_html(changes: Changes) -> str:
@@ -28,9 +28,9 @@ def notebook_html(changes: Changes) -> str:
         lines.append(_pictures(clouds, changes))
     rows = object_rows(changes)
     if rows:
-        lines.append(_table(changes, rows[:MOST_ROWS]))
-    if len(rows) > MOST_ROWS:
-        left = len(rows) - MOST_ROWS
+        lines.append(_table(changes, rows[:MAX_ROWS]))
+    if len(rows) > MAX_ROWS:
+        left = len(rows) - MAX_ROWS
         lines.append(f'<p style="margin:.3em 0">and {left:,} more: changes.report("report.html") has all.</p>')
     lines += [f'<p style="margin:.3em 0;opacity:.75">{escape(text)}</p>' for text in sentences]
     return f'<div style="max-width:60em">{"".join(lines)}</div>'

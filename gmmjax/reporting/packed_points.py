@@ -21,7 +21,7 @@ from gmmjax.reporting.quantities import rounded_up
 NO_LABEL = 0xFFFF
 # Points of one cloud in a page, at 4 bytes each: with more, a page of large scans is too large for a browser. Unchanged
 # points are left out before those of changes.
-MOST_POINTS = 1_000_000
+MAX_POINTS = 1_000_000
 # Bits of the brightness; the two differences of colour have one less. As read, 8, pages are half as large again.
 COLOR_BITS = 6
 # Of probabilities from 0 to 1, and of distances from minus to plus their limit: they are only seen as colours.
@@ -67,7 +67,7 @@ class _Side(NamedTuple):
     spacing: float
 
 
-def packed_scene(clouds: Pair[PointCloud], changes: Changes, most_points: int = MOST_POINTS) -> PackedScene:
+def packed_scene(clouds: Pair[PointCloud], changes: Changes, max_points: int = MAX_POINTS) -> PackedScene:
     """Pack the clouds, in the frame of the before cloud, and what changed, for the viewer of the report.
 
     The same clouds give the same bytes. A point is drawn at most half a step of `scene["quantisation"]` from where it
@@ -79,7 +79,7 @@ def packed_scene(clouds: Pair[PointCloud], changes: Changes, most_points: int = 
     origin, edge = (lower + upper) / 2, max(float((upper - lower).max()), smallest)
     finest = Lattice(origin - edge / 2, edge)
     labels = Pair(changes.labels_before, changes.labels_after)
-    sides = each(lambda cloud, own: _side(cloud.points, own >= 0, finest, (lower, upper), most_points), clouds, labels)
+    sides = each(lambda cloud, own: _side(cloud.points, own >= 0, finest, (lower, upper), max_points), clouds, labels)
     lattice = finest._replace(depth=_depth(min(side.spacing for side in sides), edge))
     sides = sides.map(lambda side: _coarsened(side, lattice.depth))
     limit = _distance_limit(changes)
@@ -139,7 +139,7 @@ def _side(
     changed: Bool[np.ndarray, " n"],
     lattice: Lattice,
     shown: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]],
-    most_points: int,
+    max_points: int,
 ) -> _Side:
     """Choose the points in the shown box, thinned out."""
     inside = np.flatnonzero(np.all((points >= shown[0]) & (points <= shown[1]), axis=1))
@@ -149,7 +149,7 @@ def _side(
     order, codes = inside[order], codes[order]
     levels = parting_levels(codes)
     kept = np.flatnonzero(levels <= DEEPEST)
-    kept = kept[_thinned(levels[kept], changed[order[kept]], most_points)]
+    kept = kept[_thinned(levels[kept], changed[order[kept]], max_points)]
     order, codes = order[kept], codes[kept]
     return _Side(order, codes, _spacing(parting_levels(codes), lattice.edge))
 

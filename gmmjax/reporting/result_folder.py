@@ -10,7 +10,7 @@ import tomli_w
 
 from gmmjax.changes import CHANGES_FILE, LABELS_FILE, NAMES, Changes, DetectionConfig, presented
 from gmmjax.clouds import FolderKind, PointCloud, SurveyFiles, atomic_write, check_output_folder, output_folder
-from gmmjax.pair import Pair, each, each_on_cores
+from gmmjax.pair import Pair, each, parallel_map
 from gmmjax.reporting.change_files import MAP_FILE, TABLE_FILE, write_map, write_table
 from gmmjax.reporting.html_report import report_html
 from gmmjax.reporting.labelled_cloud import (
@@ -155,7 +155,7 @@ def _write_files(
     changes.save(folder)
     write_table(folder / TABLE_FILE, changes)
     write_map(folder / MAP_FILE, changes)
-    each_on_cores(lambda side, own: write_scans(folder, side, own), NAMES, scans)
+    parallel_map(lambda side, own: write_scans(folder, side, own), NAMES, scans)
     with atomic_write(folder / REPORT_FILE) as file:
         file.write(report_html(clouds.before, clouds.after, shown, recorded=changes).encode())
     with atomic_write(folder / CONFIG_FILE) as file:

@@ -18,7 +18,7 @@ from gmmjax.reporting.summary import place_text
 SIGNS: Mapping[EventKind, str] = {"came": "+", "moved": "→", "went": "×"}
 HEADINGS = ("Object", "Event", "When", "Probability", "Moved by", "Points", "Centre", "Size", "Shown by")
 # Epochs without a comparison that are named in the heading; the others are counted.
-MOST_NAMES = 5
+MAX_NAMES = 5
 
 
 class Stretch(NamedTuple):
@@ -144,8 +144,8 @@ def _gaps(series: _Series) -> str:
     """Say what is not known."""
     epochs, missing, notes = series.epochs, series.missing, []
     if missing and len(epochs) > 1:
-        names = ", ".join(f"<b>{escape(epochs[epoch])}</b>" for epoch in missing[:MOST_NAMES])
-        more = f" and {len(missing) - MOST_NAMES:,} more" if len(missing) > MOST_NAMES else ""
+        names = ", ".join(f"<b>{escape(epochs[epoch])}</b>" for epoch in missing[:MAX_NAMES])
+        more = f" and {len(missing) - MAX_NAMES:,} more" if len(missing) > MAX_NAMES else ""
         notes.append(f"Compared with no other epoch: {names}{more}. What was there then is not known.")
     for before, after in itertools.pairwise(series.connected):
         notes.append(

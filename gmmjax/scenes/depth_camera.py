@@ -23,7 +23,7 @@ class DepthCamera:
         columns: pixels across.
         rows: pixels down.
         field_of_view: full horizontal and vertical angle, degrees.
-        least_range: nothing nearer is returned, metres.
+        min_range: nothing nearer is returned, metres.
         max_range: nor anything further.
         noise: standard deviation along the ray at 2 m; half of it is constant, half grows with the range.
         flying: share of the pixels at depth edges that fall between the two surfaces.
@@ -34,7 +34,7 @@ class DepthCamera:
     columns: int = 224
     rows: int = 171
     field_of_view: tuple[float, float] = (62.0, 45.0)
-    least_range: float = 0.3
+    min_range: float = 0.3
     max_range: float = 4.0
     noise: float = 0.008
     flying: float = 0.05
@@ -63,7 +63,7 @@ class DepthCamera:
         behind = behind_edges(ranges.reshape(self.rows, self.columns), self.edge).ravel()
         flies = (behind > ranges) & (random.random(len(ranges)) < self.flying)
         measured = np.where(flies, ranges + random.random(len(ranges)) * (behind - ranges), measured)
-        returned = (ranges > self.least_range) & (measured < self.max_range)
+        returned = (ranges > self.min_range) & (measured < self.max_range)
         returned &= random.random(len(ranges)) > self.lost
         returned &= random.random(len(ranges)) < self._facing(ranges) / GRAZING
         return np.where(returned, measured, np.nan), np.where(flies, UNLABELLED, labels)

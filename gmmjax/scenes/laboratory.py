@@ -33,7 +33,7 @@ LOST_FRAMES = 0.25
 VOXEL = 0.01
 # From one pixel that a survey uses to the next, along rows and columns.
 PIXEL_STEP = 3.5
-MOST_OBJECTS = 5
+MAX_OBJECTS = 5
 # A place is occluded when something on its ray is nearer by more than this, metres.
 HIDDEN_BY = 0.03
 
@@ -123,10 +123,10 @@ def _check_numbers(appeared: int, disappeared: int, moved: int) -> None:
     for name, number in (("appeared", appeared), ("disappeared", disappeared), ("moved", moved)):
         if isinstance(number, bool) or not isinstance(number, int | np.integer):
             raise InputError(f"{name}={number!r} must be a whole number of objects")
-    if min(appeared, disappeared, moved) < 0 or appeared + disappeared + 2 * moved > MOST_OBJECTS:
+    if min(appeared, disappeared, moved) < 0 or appeared + disappeared + 2 * moved > MAX_OBJECTS:
         raise InputError(
             f"appeared={appeared}, disappeared={disappeared}, moved={moved}: must not be negative, and there is room "
-            f"for {MOST_OBJECTS} places of changed objects (a moved one needs two)"
+            f"for {MAX_OBJECTS} places of changed objects (a moved one needs two)"
         )
 
 

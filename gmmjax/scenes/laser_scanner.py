@@ -21,7 +21,7 @@ class Beam:
     Attributes:
         noise: standard deviation along the ray, metres.
         growth: what the noise grows by with every metre of range.
-        least_range: nothing nearer is returned, metres.
+        min_range: nothing nearer is returned, metres.
         max_range: nor anything further.
         mixed: share of the rays at depth edges that return something between the two surfaces.
         edge: a jump in range between neighbouring rays from which there is a depth edge, metres.
@@ -30,7 +30,7 @@ class Beam:
 
     noise: float = 0.003
     growth: float = 0.0002
-    least_range: float = 0.4
+    min_range: float = 0.4
     max_range: float = 60.0
     mixed: float = 0.1
     edge: float = 0.1
@@ -60,7 +60,7 @@ class Beam:
         mixes = hit & (behind > ranges) & (random.random(len(ranges)) < self.mixed)
         ranges = np.where(mixes, ranges + random.random(len(ranges)) * (behind - ranges), ranges)
         measured = ranges + (self.noise + self.growth * ranges) * random.standard_normal(len(ranges))
-        returned = hit & (ranges > self.least_range) & (measured < self.max_range)
+        returned = hit & (ranges > self.min_range) & (measured < self.max_range)
         returned &= random.random(len(ranges)) > self.lost
         points = pose[:3, 3] + rays[returned] * measured[returned, None]
         return points, np.where(mixes, UNLABELLED, labels)[returned]
@@ -86,7 +86,7 @@ class LaserScanner:
         """One scan from each pose, which is a camera's that looks at the middle of the field of view."""
         frames = [self.beam.points(solids, pose, self._directions(random), random) for pose in poses]
         believed = errors.believed(poses, random)
-        return joined(frames, poses, believed, self._field_of_view, self.beam.max_range, self._least_elevation)
+        return joined(frames, poses, believed, self._field_of_view, self.beam.max_range, self._min_elevation)
 
     @abc.abstractmethod
     def _directions(self, random: np.random.Generator) -> Float[np.ndarray, "rows columns 3"]:
@@ -98,7 +98,7 @@ class LaserScanner:
         """Full horizontal and vertical angle, degrees."""
 
     @property
-    def _least_elevation(self) -> float:
+    def _min_elevation(self) -> float:
         return -90.0
 
 
@@ -131,7 +131,7 @@ class TripodScanner(LaserScanner):
         return self.horizontal, min(2 * max(-self.lowest, self.highest), WIDEST_VERTICAL)
 
     @property
-    def _least_elevation(self) -> float:
+    def _min_elevation(self) -> float:
         return self.lowest
 
 

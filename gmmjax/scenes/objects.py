@@ -18,7 +18,7 @@ KINDS = (ROBOT, "bag", "drum", "box", "stack")
 ON_SHELF = 0.15
 # Two objects that change differ by so much in some extent, metres: of two more alike the scans could not tell that one
 # did not become the other by moving.
-LEAST_DIFFERENCE = 0.03
+MIN_DIFFERENCE = 0.03
 
 
 def placed_objects(
@@ -67,7 +67,7 @@ def _object(random: np.random.Generator) -> StandingObject:
 def _alike(parts: StandingObject, other: StandingObject) -> bool:
     """True if two objects at the origin have nearly the same side lengths, on whichever side they stand."""
     sizes = [np.sort([*each[0].extent[:2], sum(part.extent[2] for part in each)]) for each in (parts, other)]
-    return bool(np.abs(sizes[0] - sizes[1]).max() < LEAST_DIFFERENCE)
+    return bool(np.abs(sizes[0] - sizes[1]).max() < MIN_DIFFERENCE)
 
 
 def standing_at(parts: StandingObject, place: Float[np.ndarray, "3"], yaw: float) -> StandingObject:

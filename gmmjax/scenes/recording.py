@@ -54,7 +54,7 @@ class Recording:
         labels: of the solids that they belong to.
         views: where the sensor believed to stand.
         stands: where it stood.
-        least_elevation: a turning scanner does not measure lower than this, degrees.
+        min_elevation: a turning scanner does not measure lower than this, degrees.
     """
 
     points: Float[np.ndarray, "n 3"]
@@ -62,7 +62,7 @@ class Recording:
     labels: Int[np.ndarray, " n"]
     views: SensorViews
     stands: SensorViews
-    least_elevation: float = -90.0
+    min_elevation: float = -90.0
 
     def chosen(self, rows: Bool[np.ndarray, " n"] | Int[np.ndarray, " m"]) -> "Recording":
         """With these points alone."""
@@ -92,7 +92,7 @@ class Recording:
         self, places: Float[np.ndarray, "m 3"], solids: Sequence[Solid], hidden_by: float
     ) -> Bool[np.ndarray, " m"]:
         """Mask of the places that `seen` calls observed from the sensor's poses, among the solids of its survey."""
-        return seen(places, solids, self.stands, hidden_by=hidden_by, least_elevation=self.least_elevation)
+        return seen(places, solids, self.stands, hidden_by=hidden_by, min_elevation=self.min_elevation)
 
 
 def seen(
@@ -101,7 +101,7 @@ def seen(
     views: SensorViews,
     *,
     hidden_by: float = 0.03,
-    least_elevation: float = -90.0,
+    min_elevation: float = -90.0,
 ) -> Bool[np.ndarray, " n"]:
     """Mask of the points in the free space, or on the surfaces, that a survey observes.
 
@@ -110,13 +110,13 @@ def seen(
         solids: of the scene.
         views: poses and field of view of the survey's camera or scanner.
         hidden_by: a point is occluded when the first hit on its ray is nearer than the point by more than this, metres.
-        least_elevation: a turning scanner does not measure lower than this, degrees.
+        min_elevation: a turning scanner does not measure lower than this, degrees.
     """
-    least_sine = np.sin(np.radians(least_elevation))
+    min_sine = np.sin(np.radians(min_elevation))
     visible = np.zeros(len(points), bool)
     for view in range(len(views)):
         places = views.in_camera(points, view)
-        sensed = -places[:, 1] >= least_sine * np.linalg.norm(places, axis=1) if views.turning else places[:, 2] > 0
+        sensed = -places[:, 1] >= min_sine * np.linalg.norm(places, axis=1) if views.turning else places[:, 2] > 0
         candidates = np.flatnonzero(views.in_field_of_view(places) & sensed & ~visible)
         position = views.poses[view, :3, 3]
         rays = points[candidates] - position
@@ -132,7 +132,7 @@ def joined(
     believed: Float[np.ndarray, "v 4 4"],
     field_of_view: tuple[float, float],
     max_range: float,
-    least_elevation: float = -90.0,
+    min_elevation: float = -90.0,
 ) -> Recording:
     """The recording of a sensor that measured once from each pose.
 
@@ -142,7 +142,7 @@ def joined(
         believed: where it believed to stand: its points are displaced with it.
         field_of_view: full horizontal and vertical angle, degrees.
         max_range: of the sensor, metres.
-        least_elevation: a turning scanner does not measure lower than this, degrees.
+        min_elevation: a turning scanner does not measure lower than this, degrees.
     """
     displaced = [
         transformed(points, there @ np.linalg.inv(pose))
@@ -150,7 +150,7 @@ def joined(
     ]
     places, labels = (np.concatenate(own) for own in zip(*frames, strict=True))
     views, stands = (SensorViews(own, field_of_view, max_range) for own in (believed, poses))
-    return Recording(np.concatenate(displaced), places, labels, views, stands, least_elevation)
+    return Recording(np.concatenate(displaced), places, labels, views, stands, min_elevation)
 
 
 def drawn_density(

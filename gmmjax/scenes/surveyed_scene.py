@@ -16,7 +16,7 @@ from gmmjax.scenes.recording import Recording
 from gmmjax.scenes.rigid_motions import small_motion
 
 # A change is counted in a cloud when it has at least this number of points there, less than half of them unseen.
-LEAST_POINTS = 40
+MIN_POINTS = 40
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -172,7 +172,7 @@ def uncounted(solids: Sequence[Solid], truth: Int[np.ndarray, " n"], unseen: Boo
     few = set()
     for number in ({solid.label for solid in solids} | set(truth.tolist())) - {UNLABELLED}:
         own = truth == number
-        if own.sum() < LEAST_POINTS or unseen[own].mean() >= 0.5:
+        if own.sum() < MIN_POINTS or unseen[own].mean() >= 0.5:
             few.add(number)
     return frozenset(few)
 

@@ -14,7 +14,7 @@ CLOUD_TYPES = ("sensor_msgs/msg/PointCloud2",)
 TRANSFORM = "geometry_msgs/msg/TransformStamped"
 SUFFIXES = (".bag", ".mcap", ".db3")
 # Bytes of a bag's metadata.yaml, which has some hundred a topic; its parser takes five seconds for this size.
-MOST_METADATA = 1 << 19
+MAX_METADATA = 1 << 19
 # What merges maps in YAML, in time that doubles with each, and what can give it another name; no recorder writes it.
 MERGES = re.compile(rb"<<|!!merge|yaml\.org|%TAG")
 
@@ -100,7 +100,7 @@ def _check_folder(bag: Path) -> None:
             f"{bag}: is no ROS 2 bag, because it has no metadata.yaml; name the folder that holds it or the file in "
             "it, or make it with ros2 bag reindex"
         )
-    if MERGES.search(read_bytes(bag / "metadata.yaml", MOST_METADATA)):
+    if MERGES.search(read_bytes(bag / "metadata.yaml", MAX_METADATA)):
         raise InputError(
             f"{bag / 'metadata.yaml'}: merges maps (<<), which is not read; write it with ros2 bag reindex"
         )

@@ -7,7 +7,7 @@ from jaxtyping import Float, Float64, Int64
 
 from gmmjax.errors import InputError
 
-LEAST_PIXELS = 16
+MIN_PIXELS = 16
 # How far (standard deviation, in pixels) points may be from where a pinhole camera would see them.
 PINHOLE_TOLERANCE = 2.0
 
@@ -78,7 +78,7 @@ class Intrinsics:
             InputError: too few points, points behind the camera, or points that no pinhole camera sees in these pixels.
         """
         rows, columns = np.divmod(pixels, width)
-        if len(points) < LEAST_PIXELS or (points[:, 2] <= 0).any() or np.ptp(rows) == 0 or np.ptp(columns) == 0:
+        if len(points) < MIN_PIXELS or (points[:, 2] <= 0).any() or np.ptp(rows) == 0 or np.ptp(columns) == 0:
             raise InputError(
                 f"intrinsics cannot be had from {len(points)} points: an ordered frame in its camera's coordinates "
                 "(x right, y down, z forward, metres) is needed; give the intrinsics"

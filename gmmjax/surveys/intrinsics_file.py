@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gmmjax.clouds import MOST_SETTINGS, atomic_write, read_bytes, read_json
+from gmmjax.clouds import MAX_SETTINGS, atomic_write, read_bytes, read_json
 from gmmjax.errors import LARGEST_INTEGER, InputError, shown, warn
 from gmmjax.surveys.intrinsics import Intrinsics
 
@@ -33,7 +33,7 @@ def read_intrinsics(path: str | os.PathLike[str]) -> Intrinsics:
         InputWarning: the file has coefficients of distortion; depth images are taken as undistorted.
     """
     source = str(path)
-    data = read_bytes(path, MOST_SETTINGS)
+    data = read_bytes(path, MAX_SETTINGS)
     if data.lstrip().startswith(b"{"):
         content = read_json(path, f"intrinsics are JSON such as {EXAMPLE}")
     else:

@@ -26,7 +26,7 @@ FLATNESS = 0.2
 SAMPLE, OVERLAP_SAMPLE = 800, 200
 # Two frames overlap when this share of those points is so near to the other frame (metres). Each frame is held against
 # those it overlaps most.
-LEAST_OVERLAP, NEAR, MOST_PARTNERS = 0.1, 0.1, 8
+MIN_OVERLAP, NEAR, MAX_PARTNERS = 0.1, 0.1, 8
 # The offsets at which a pair of points has a quarter of its weight, step by step, metres; points further from each
 # other than this number of them are no pair, nor are points whose normals are further apart than this cosine.
 REACHES = (0.04, 0.03, 0.02, 0.015, 0.015, 0.01, 0.01)
@@ -37,7 +37,7 @@ POSE_SHIFT, POSE_TURN, PRIOR_WEIGHT = 0.02, 0.01, 4e-4
 # The poses are refined when the usual offset, seen with this reach (metres), falls to this share of what it was.
 JUDGED_REACH, NEEDED = 0.02, 0.5
 # And no frame is moved or turned further: such a motion corrects no error of a pose. Metres and radians.
-MOST_SHIFT, MOST_TURN = 0.1, 0.05
+MAX_SHIFT, MAX_TURN = 0.1, 0.05
 
 
 class _Planes(NamedTuple):
@@ -80,7 +80,7 @@ def refined_poses(
     for reach in REACHES:
         found = _step(frames, pairs, found, poses, reach)
     turns, shifts = _deviations(found, poses)
-    small = np.linalg.norm(turns, axis=1).max() < MOST_TURN and np.linalg.norm(shifts, axis=1).max() < MOST_SHIFT
+    small = np.linalg.norm(turns, axis=1).max() < MAX_TURN and np.linalg.norm(shifts, axis=1).max() < MAX_SHIFT
     better = _usual_offset(frames, pairs, found) < NEEDED * _usual_offset(frames, pairs, poses)
     return found if small and better else poses
 
@@ -106,8 +106,8 @@ def _overlapping_pairs(frames: Sequence[_Planes], poses: Float64[np.ndarray, "v 
             if other != index and len(places):
                 distances, _ = planes.tree.query(_in_sensor(places, poses[other]), distance_upper_bound=NEAR)
                 overlaps[other] = np.isfinite(distances).mean()
-        most = np.argsort(-overlaps, kind="stable")[:MOST_PARTNERS]
-        pairs += [(index, int(other)) for other in most if overlaps[other] >= LEAST_OVERLAP]
+        most = np.argsort(-overlaps, kind="stable")[:MAX_PARTNERS]
+        pairs += [(index, int(other)) for other in most if overlaps[other] >= MIN_OVERLAP]
     return pairs
 
 

@@ -16,7 +16,7 @@ from gmmjax.surveys.trajectory import MAX_GAP, Trajectory
 
 # Distances are kept up to this number of voxels from the surface, and at least up to this length (metres): beyond a
 # sensor's noise and an error of the poses, but less than half the thickness of most things, whose two sides would meet.
-TRUNCATION_VOXELS, LEAST_TRUNCATION = 4.0, 0.04
+TRUNCATION_VOXELS, MIN_TRUNCATION = 4.0, 0.04
 # A voxel looks at the pixel that it falls into: each is cut into this number across and down, interpolated.
 FINER = 2
 # Voxels come in blocks of this number along each side; the second number has room at first.
@@ -24,7 +24,7 @@ BLOCK, FIRST_BLOCKS = 8, 10_000
 # Pixels whose depths differ by more than this share are of two surfaces, with nothing between them.
 JUMP = 0.03
 # A pixel stands alone when fewer of the eight around it are of the same surface; a line of pixels has two.
-LEAST_ALIKE = 2
+MIN_ALIKE = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ class _Volume:
             ("tsdf", "weight"), (number, number), ((1), (1)), voxel_size, BLOCK, FIRST_BLOCKS
         )
         self._empty = True
-        self._truncation = max(TRUNCATION_VOXELS, LEAST_TRUNCATION / voxel_size)
+        self._truncation = max(TRUNCATION_VOXELS, MIN_TRUNCATION / voxel_size)
 
     def integrate_frames(self, placed: PlacedFrames, sight: Sight) -> None:
         """Add the frames, without the pixels that are out of sight and those that stand alone."""
@@ -154,7 +154,7 @@ def lone_pixels(depth: Float64[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     for row, column in [(row, column) for row in range(3) for column in range(3) if (row, column) != (1, 1)]:
         beside = padded[row : row + height, column : column + width]
         alike += np.abs(beside - depth) <= JUMP * depth
-    return np.isfinite(depth) & (alike < LEAST_ALIKE)
+    return np.isfinite(depth) & (alike < MIN_ALIKE)
 
 
 def interpolated(depth: Float64[np.ndarray, "h w"], factor: int) -> Float64[np.ndarray, "fine_h fine_w"]:

@@ -104,16 +104,16 @@ class BlockTree:
         return np.flatnonzero(met)
 
 
-def tree_of(clouds: PlacedClouds, most_points: float, finest: int) -> BlockTree:
+def tree_of(clouds: PlacedClouds, max_points: float, finest: int) -> BlockTree:
     """Divide the lattice's cube until no block has more than a number of points, or a block is a single cell.
 
     Args:
         clouds: both; they are read once.
-        most_points: of both clouds in a block.
+        max_points: of both clouds in a block.
         finest: level of the cells that the points are counted in, at most 21: the occupied ones are held in memory.
     """
     pyramid = _pyramid(_count_cells(clouds, finest))
-    leaves = _leaves(pyramid, most_points)
+    leaves = _leaves(pyramid, max_points)
     levels = np.repeat(np.arange(len(pyramid)), [int(own.sum()) for own in leaves])
     codes = np.concatenate([cubes.codes[own] for cubes, own in zip(pyramid, leaves, strict=True)])
     order = np.argsort(codes << (3 * (finest - levels)).astype(np.uint64))
@@ -170,11 +170,11 @@ def _parents(finer: _CellCounts, coarser: _CellCounts) -> Int64[np.ndarray, " c"
     return np.cumsum(np.append(False, codes[1:] != codes[:-1]))
 
 
-def _leaves(pyramid: list[_CellCounts], most_points: float) -> list[Bool[np.ndarray, " _"]]:
+def _leaves(pyramid: list[_CellCounts], max_points: float) -> list[Bool[np.ndarray, " _"]]:
     """Which cubes of each level are blocks."""
     leaves, reached = [], np.ones(len(pyramid[0].codes), bool)
     for cubes, finer in itertools.pairwise(pyramid):
-        divided = cubes.points.before + cubes.points.after > most_points
+        divided = cubes.points.before + cubes.points.after > max_points
         leaves.append(reached & ~divided)
         reached = (reached & divided)[_parents(finer, cubes)]
     return [*leaves, reached]

@@ -27,7 +27,7 @@ from gmmjax.changes import (
     within_limits,
 )
 from gmmjax.geometry import evenly_chosen, nearest_neighbours
-from gmmjax.pair import Pair, each_on_cores
+from gmmjax.pair import Pair, parallel_map
 from gmmjax.tiling.block_store import BlockStore
 from gmmjax.tiling.local_differences import BlockDifferences
 from gmmjax.tiling.local_voxels import LocalVoxels, Voxels
@@ -78,7 +78,7 @@ def local_scales(
     sample = _sample(voxels, differences)
     limits = detection_limits(sample.map(lambda own: own.local), spacing, settings)
     errors = functools.partial(_errors, voxels, differences, limits, settings)
-    return LocalScales(limits, each_on_cores(errors, NAMES, sample))
+    return LocalScales(limits, parallel_map(errors, NAMES, sample))
 
 
 def _errors(
@@ -119,7 +119,7 @@ class _Sample(NamedTuple):
 
 def _sample(voxels: LocalVoxels, differences: BlockDifferences) -> Pair[_Sample]:
     steps = voxels.counts.map(lambda count: max(1, -(-count // SAMPLED_VOXELS)))
-    parts = each_on_cores(lambda side, step: list(_chosen(differences, side, step)), NAMES, steps)
+    parts = parallel_map(lambda side, step: list(_chosen(differences, side, step)), NAMES, steps)
     return parts.map(lambda own: jax.tree.map(lambda *values: np.concatenate(values), *own))
 
 

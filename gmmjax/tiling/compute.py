@@ -37,7 +37,7 @@ logger = logging.getLogger(__name__)
 # while others compute the last tiles.
 TILE_POINTS = 2.5e5
 # Edge of a tile in point spacings, at least: below, every tile is margin.
-LEAST_SPACINGS = 10.0
+MIN_SPACINGS = 10.0
 
 
 def tiles_of(tree: BlockTree, tile_size: float | None = None) -> list[Tile]:
@@ -67,10 +67,10 @@ def tiles_of(tree: BlockTree, tile_size: float | None = None) -> list[Tile]:
 def _check_tile_size(tile_size: float, tree: BlockTree) -> None:
     if not 0 < tile_size < np.inf:
         raise InputError(f"tile_size={tile_size} must be positive and finite, in the unit of the scans")
-    least = LEAST_SPACINGS * float(np.nanmax(list(tree.spacing)))
+    least = MIN_SPACINGS * float(np.nanmax(list(tree.spacing)))
     if tile_size < least:
         raise InputError(
-            f"tile_size={tile_size:g} is below {LEAST_SPACINGS:g} point spacings of the sparser scan; give at least "
+            f"tile_size={tile_size:g} is below {MIN_SPACINGS:g} point spacings of the sparser scan; give at least "
             f"{1.005 * least:.3g}, or leave it out"
         )
 
@@ -184,7 +184,7 @@ class _Driver:
             raise ComputationError(
                 "a worker process died twice with the same tile, the second time with nothing else running: most "
                 "likely there is too little memory, or the system ended the process; free some memory, or have "
-                "smaller blocks (TiledDetectionSettings.most_points)"
+                "smaller blocks (TiledDetectionSettings.max_points)"
             ) from error
         logger.warning("a worker process died; its tile is computed again")
         self._suspects.append(tile)

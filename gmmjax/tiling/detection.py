@@ -111,7 +111,7 @@ def tiled_changes(
         unit = common_unit(clouds, config)
         coarse = coarse_pass(clouds, views, config, clock, settings)
         placed, lattice = placed_clouds(coarse, settings.resolution)
-        tree = tree_of(placed, settings.most_points, coarse.finest_level(placed.lattice))
+        tree = tree_of(placed, settings.max_points, coarse.finest_level(placed.lattice))
         tiles_of(tree, tile_size)
         clock.start("tiles", "Sorting the points into blocks", 0.3)
         if max(placed.row_counts) <= coarse.detector.common_resolution.voxels:

@@ -20,13 +20,13 @@ from gmmjax.changes import (
     Differences,
     Measured,
     Progress,
-    Survey,
+    ScanVisibility,
     VoxelLattice,
     WorkingCloud,
 )
 from gmmjax.clouds import ChunkedCloud, PointCloud, ThinnedCloud
 from gmmjax.geometry import LocalSurface, transformed
-from gmmjax.pair import Pair, each, each_on_cores
+from gmmjax.pair import Pair, each, parallel_map
 from gmmjax.tiling.block_store import BlockStore
 from gmmjax.tiling.coarse_pass import CoarsePass
 from gmmjax.tiling.compared_blocks import ComparedBlocks, LocalScales, local_scales
@@ -34,12 +34,12 @@ from gmmjax.tiling.compute import compute_blocks, tiles_of
 from gmmjax.tiling.detection_settings import TiledDetectionSettings
 from gmmjax.tiling.local_differences import BlockDifferences, CoarseClouds, block_differences
 from gmmjax.tiling.local_voxels import LocalVoxels, Voxels, block_voxels
+from gmmjax.tiling.nearest_return import Looks, block_nearest_returns, nearest_returns_of_blocks
 from gmmjax.tiling.point_clouds import named_cloud, source_of, uncropped, with_colors
 from gmmjax.tiling.records import BlockRecords
 from gmmjax.tiling.regions_of_interest import RefinedCloud, refined_clouds
 from gmmjax.tiling.row_columns import RowColumns
 from gmmjax.tiling.row_results import fill_rows, row_columns
-from gmmjax.tiling.seen_first import Looks, block_seen_first, seen_first_of_blocks
 
 
 class Tiles(NamedTuple):
@@ -98,7 +98,7 @@ def fine_pass(
     with tiles.computing() as compute:
         told = _part(clock, "Taking the scans apart", 0.4, 0.5)
         records = compute(block_voxels, (lattice, settings.resolution), progress=told)
-        voxels = LocalVoxels.of(records, lattice, settings.resolution.most_voxels)
+        voxels = LocalVoxels.of(records, lattice, settings.resolution.max_voxels)
         clock.start("differences", "Comparing the scans", 0.5)
         arguments = (voxels, clouds, detector.differences, detector.distances)
         found = compute(block_differences, arguments, progress=_part(clock, "Comparing the scans", 0.5, 0.68))
@@ -107,7 +107,7 @@ def fine_pass(
     scales = local_scales(voxels, differences, prepared.pair.working.spacing, detector.differences)
     clock.start("regions", "Looking for what changed", 0.7)
     blocks = ComparedBlocks(store, voxels, differences, scales, detector.candidates)
-    fine = refined_clouds(blocks, clouds, detector.config.threshold, detector.examination, settings.most_refined)
+    fine = refined_clouds(blocks, clouds, detector.config.threshold, detector.examination, settings.max_refined)
     release_freed_memory()
     refined = _with_points_of(prepared, fine, scales, store.offset)
     release_freed_memory()
@@ -137,12 +137,12 @@ def _sighted(
     if all(own.views is None for own in prepared.surveys):
         return prepared
     looks = each(functools.partial(_looks, offset), prepared.surveys, coarse.thinned)
-    points = seen_first_of_blocks(compute(block_seen_first, (looks,), progress=progress))
-    surveys = each_on_cores(lambda own, seen: own.sighted_by(seen + offset), prepared.surveys, points)
+    points = nearest_returns_of_blocks(compute(block_nearest_returns, (looks,), progress=progress))
+    surveys = parallel_map(lambda own, seen: own.with_line_of_sight(seen + offset), prepared.surveys, points)
     return dataclasses.replace(prepared, surveys=surveys)
 
 
-def _looks(offset: Float64[np.ndarray, "3"], survey: Survey, thinned: ThinnedCloud) -> Looks | None:
+def _looks(offset: Float64[np.ndarray, "3"], survey: ScanVisibility, thinned: ThinnedCloud) -> Looks | None:
     if survey.views is None:
         return None
     return Looks.of(survey.views.relative_to(offset), thinned.total, survey.settings.directions)
@@ -154,7 +154,7 @@ def _with_points_of(
     """The scans with the voxels of the refined clouds as their points."""
     voxels = fine.map(lambda own: own.own.voxels)
     points = voxels.map(lambda own: own.points + offset)
-    surfaces = each_on_cores(LocalSurface.of, points)
+    surfaces = parallel_map(LocalSurface.of, points)
     working = dataclasses.replace(prepared.pair.working, clouds=each(_working_cloud, points, voxels))
     pair = prepared.pair._replace(points=points, working=working, surfaces=surfaces)
     differences = Differences(fine.map(lambda own: own.own.local), scales.limits)
@@ -180,7 +180,7 @@ def _given_clouds(
     registration, (before, after) = refined.pair.registration, refined.pair.points
     if registration.applied:
         after = transformed(after, np.linalg.inv(registration.transform))
-    return each_on_cores(_given_cloud, Pair(before, after), rows, clouds)
+    return parallel_map(_given_cloud, Pair(before, after), rows, clouds)
 
 
 def _given_cloud(points: Float64[np.ndarray, "n 3"], rows: Int64[np.ndarray, " n"], cloud: ChunkedCloud) -> PointCloud:

@@ -23,7 +23,7 @@ from gmmjax.changes import (
 )
 from gmmjax.clouds import voxel_grid
 from gmmjax.geometry import within_box, within_reach
-from gmmjax.pair import Pair, each_on_cores
+from gmmjax.pair import Pair, parallel_map
 from gmmjax.tiling.blocks import Block
 from gmmjax.tiling.compared_blocks import ComparedBlocks, ComparedVoxels
 from gmmjax.tiling.local_differences import CoarseClouds
@@ -89,7 +89,7 @@ def refined_clouds(
     coarse: CoarseClouds,
     threshold: float,
     examination: LocalExaminationSettings,
-    most_voxels: int,
+    max_voxels: int,
 ) -> Pair[RefinedCloud]:
     """Both clouds, fine where either looks changed.
 
@@ -98,11 +98,11 @@ def refined_clouds(
         coarse: the clouds elsewhere.
         threshold: probability from which on a voxel looks changed.
         examination: how far around a candidate its facts look.
-        most_voxels: fine ones of either cloud, at most; with more, the smallest ones are doubled.
+        max_voxels: fine ones of either cloud, at most; with more, the smallest ones are doubled.
     """
-    changed = each_on_cores(functools.partial(_changed, blocks, threshold), NAMES)
+    changed = parallel_map(functools.partial(_changed, blocks, threshold), NAMES)
     places = _places(changed, threshold, blocks.candidates, examination)
-    found = each_on_cores(functools.partial(_found, blocks, places, threshold, most_voxels), NAMES, coarse.points)
+    found = parallel_map(functools.partial(_found, blocks, places, threshold, max_voxels), NAMES, coarse.points)
     clouds = found.map(lambda own: _refined_cloud(places, coarse.voxel_size, *own))
     logger.info("fine voxels where something looks changed: %d and %d", *clouds.map(lambda own: own.fine))
     return clouds
@@ -156,7 +156,7 @@ def _places(
 ) -> list[_Places]:
     """A few places for all candidates of each spacing that candidates are examined at."""
     by_spacing: dict[float, list[np.ndarray]] = {}
-    labels = each_on_cores(
+    labels = parallel_map(
         lambda own: clusters_with_core(own.points, own.probability, own.sizes, threshold, candidates.local), changed
     )
     for own, label in zip(changed, labels, strict=True):
@@ -247,11 +247,11 @@ def _found(
     blocks: ComparedBlocks,
     places: list[_Places],
     threshold: float,
-    most_voxels: int,
+    max_voxels: int,
     side: str,
     coarse: Float64[np.ndarray, "c 3"],
 ) -> tuple[_Part, _Around]:
-    """The fine voxels of one cloud, doubled until there are no more than `most_voxels`, and its coarse ones."""
+    """The fine voxels of one cloud, doubled until there are no more than `max_voxels`, and its coarse ones."""
     parts, around = list[_Part](), list[_Around]()
     least, count = blocks.voxels.finest, 0
     for block in blocks.store.tree.blocks:
@@ -260,7 +260,7 @@ def _found(
         around.append(_Around.of(block, coarse, own))
         count += parts[-1].fine
         # At once, and not in the end: all of the voxels may be more than fit into memory.
-        while count > most_voxels:
+        while count > max_voxels:
             least *= 2
             parts = [part.joined_to(least) for part in parts]
             count = sum(part.fine for part in parts)

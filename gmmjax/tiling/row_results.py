@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from gmmjax.changes import NAMES, Changes, PointFigures, SurfaceChangeSettings, outside_probability
 from gmmjax.clouds import CloudChunk
 from gmmjax.geometry import nearest_neighbours
-from gmmjax.pair import Pair, each, each_on_cores
+from gmmjax.pair import Pair, each, parallel_map
 from gmmjax.tiling.compared_blocks import ComparedBlocks, ComparedVoxels
 from gmmjax.tiling.local_voxels import Voxels
 from gmmjax.tiling.regions_of_interest import RefinedCloud
@@ -48,7 +48,7 @@ def fill_rows(
         For each voxel of these clouds the first row that is in it; for a coarse one, that is in the voxel next to it.
     """
     found = each(lambda side, own: _Found.of(side, own, changes, settings), NAMES, fine)
-    return each_on_cores(functools.partial(_fill, blocks), NAMES, columns, found)
+    return parallel_map(functools.partial(_fill, blocks), NAMES, columns, found)
 
 
 def _fill(blocks: ComparedBlocks, side: str, columns: RowColumns, found: "_Found") -> Int[np.ndarray, " _"]:

@@ -11,7 +11,7 @@ import numpy as np
 from gmmjax.errors import InputError
 
 # Entries of a leaf that are compared, chosen at random where it has more.
-MOST_ENTRIES = 6
+MAX_ENTRIES = 6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,7 +64,7 @@ class GradientCheck:
 
 
 def check_gradient(
-    function: Callable[..., Any], *arguments: Any, step: float = 1e-3, most_entries: int = MOST_ENTRIES, seed: int = 0
+    function: Callable[..., Any], *arguments: Any, step: float = 1e-3, max_entries: int = MAX_ENTRIES, seed: int = 0
 ) -> GradientCheck:
     """Compares the gradient of a function with central differences of fourth order, in float64.
 
@@ -75,7 +75,7 @@ def check_gradient(
         function: of the arguments, to a number; it is compiled.
         arguments: arrays, numbers or trees of them, such as a `Prior`; all are differentiated.
         step: of the differences, relative to the size of each number (absolute below 1).
-        most_entries: entries of an array that are compared, chosen at random where it has more.
+        max_entries: entries of an array that are compared, chosen at random where it has more.
         seed: of that choice.
 
     Raises:
@@ -101,7 +101,7 @@ def check_gradient(
                 changed = [*leaves[:number], jnp.asarray(moved), *leaves[number + 1 :]]
                 return float(compiled(*jax.tree.unflatten(structure, changed)))
 
-            for index in _chosen(leaf.shape, most_entries, generator):
+            for index in _chosen(leaf.shape, max_entries, generator):
                 difference, resolution = _difference(at, np.asarray(leaf), index, step)
                 label = f"{name}{list(index)}" if index else name
                 entries.append(EntryCheck(label, float(gradient[index]), difference, resolution))

@@ -21,7 +21,7 @@ from gmmjax.changes import (
     working_pair,
 )
 from gmmjax.clouds import PointCloud, SensorViews
-from gmmjax.comparison import SourcedPoints
+from gmmjax.comparison import LabelledPoints
 from gmmjax.errors import InputError
 from gmmjax.mixtures import Prior, Standardisation, WeightedPoints
 from gmmjax.pair import Pair, each
@@ -128,7 +128,7 @@ class ReadyPair(eqx.Module):
         volumetric: whether the clouds fill volumes.
     """
 
-    fitted: SourcedPoints
+    fitted: LabelledPoints
     before: JudgedPoints
     after: JudgedPoints
     prior: Prior
@@ -160,13 +160,13 @@ def ready_pair(pair: ScanPair, config: DetectionConfig, max_points: int, seed: i
     check_overlap(checked, placed.registration)
     problem = joint_problem(placed.working, placed.registration, config)
     frame = Standardisation.of(problem.points.points)
-    framed = SourcedPoints(frame.enter(problem.points.points), problem.points.after)
+    framed = LabelledPoints(frame.enter(problem.points.points), problem.points.after)
     generator = np.random.default_rng(seed)
     fitted, left = _fitted_and_left(len(framed.after), max_points, pair.labelled, generator)
     # Without truth the judges are points that the fit has not seen.
     rows = np.arange(len(framed.after)) if pair.labelled else left
     judged = _judged(framed, rows, each(_labels, placed.working.clouds, known), max_points, generator)
-    chosen = SourcedPoints(
+    chosen = LabelledPoints(
         WeightedPoints(framed.points.points[fitted], framed.points.mass[fitted]), framed.after[fitted]
     )
     return ReadyPair(
@@ -241,7 +241,7 @@ def _fitted_and_left(
 
 
 def _judged(
-    framed: SourcedPoints,
+    framed: LabelledPoints,
     rows: Int[np.ndarray, " l"],
     labels: Pair[_Labels],
     max_points: int,

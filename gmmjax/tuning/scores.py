@@ -8,7 +8,7 @@ from gmmjax._typing import Array
 from gmmjax.mixtures import GaussianMixture
 
 # Probabilities are kept this far from 0 and 1, so that one wrong point costs no more than 14 nats.
-LEAST_PROBABILITY = 1e-6
+MIN_PROBABILITY = 1e-6
 # Points that are added to both sides of an expected F1, so that it is defined where nothing changed.
 SMOOTHING = 1.0
 
@@ -33,7 +33,7 @@ def log_score(
 
     Arguments as in `brier_score`.
     """
-    safe = jnp.clip(probability, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)
+    safe = jnp.clip(probability, MIN_PROBABILITY, 1 - MIN_PROBABILITY)
     return -_mean(changed * jnp.log(safe) + (1 - changed) * jnp.log1p(-safe), weight)
 
 
@@ -76,4 +76,4 @@ def _mean(values: Float[Array, " n"], weight: Float[Array, " n"] | None) -> Floa
     if weight is None:
         return jnp.mean(values)
     # Nothing to score is a score of 0.
-    return jnp.sum(weight * values) / jnp.maximum(jnp.sum(weight), LEAST_PROBABILITY)
+    return jnp.sum(weight * values) / jnp.maximum(jnp.sum(weight), MIN_PROBABILITY)

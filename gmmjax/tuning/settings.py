@@ -36,7 +36,7 @@ class TuningSettings:
             from; the one is chosen by which pairs that were held back are judged best. Infinite: it stays. Near 0: what
             a few candidates have in common by chance is learned, and what was known is forgotten.
         folds: of the pairs, each held back once for the verdict; as many as pairs, where these are fewer.
-        least_corrected: candidates of the pairs held back, at least, that a tuned verdict must judge rightly more than
+        min_corrected: candidates of the pairs held back, at least, that a tuned verdict must judge rightly more than
             the one before. Chosen: five of five for the better are chance once in 32. 1: one lucky candidate of a
             sensor that is known already replaces a verdict from many hundred scenes.
         clear_errors: standard errors over the pairs, by which that number must exceed 0. 0: one odd pair may decide.
@@ -54,7 +54,7 @@ class TuningSettings:
     seed: int = 0
     draws: tuple[float, ...] = (1000.0, 300.0, 100.0, 30.0, 10.0)
     folds: int = 10
-    least_corrected: int = 5
+    min_corrected: int = 5
     clear_errors: float = 2.0
 
     def __post_init__(self) -> None:
@@ -65,7 +65,7 @@ class TuningSettings:
         """
         check_choice("loss", self.loss, get_args(LossChoice))
         least = {"steps": 1, "pairs_per_step": 1, "starts": 1, "patience": 1, "max_points": 100, "seed": 0, "folds": 2}
-        least |= {"least_corrected": 1}
+        least |= {"min_corrected": 1}
         for name, lowest in least.items():
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or value < lowest:

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import minimize
 
-from gmmjax._programs import kept_jit
+from gmmjax._programs import lru_jit
 from gmmjax._typing import Array
 from gmmjax.changes import Verdict
 from gmmjax.errors import ComputationError
@@ -124,7 +124,7 @@ def negative_log_posterior(
     return draw * forgotten + apart / 2 - log_likelihood(weights, bias, columns, kind, weight)
 
 
-_gradient = kept_jit(jax.value_and_grad(negative_log_posterior))
+_gradient = lru_jit(jax.value_and_grad(negative_log_posterior))
 
 
 def remembered_facts(start: Verdict, number: int) -> Float[np.ndarray, "m f"]:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
-from gmmjax._programs import kept_jit
+from gmmjax._programs import lru_jit
 from gmmjax._typing import Array
 from gmmjax.changes import DetectionConfig, Scan, Verdict, Verdicts, read_verdicts, shipped_verdicts, write_verdicts
 from gmmjax.clouds import PointCloud, SensorViews
@@ -348,7 +348,7 @@ def _by_folds(
     return np.choose(fold_of, every)
 
 
-@kept_jit
+@lru_jit
 def _changed(verdict: Verdict, facts: Float[Array, "n f"]) -> Float[Array, " n"]:
     return jax.vmap(verdict.probabilities)(facts)[:, 0]
 
@@ -374,7 +374,7 @@ def _clearly_corrected(gains: Int[np.ndarray, " n"], of_pair: Int[np.ndarray, " 
         settings: what is clear.
     """
     clear = settings.clear_errors * _standard_error(gains, of_pair)
-    return bool(gains.sum() >= settings.least_corrected and gains.sum() > clear)
+    return bool(gains.sum() >= settings.min_corrected and gains.sum() > clear)
 
 
 def _standard_error(gains: Float[np.ndarray, " n"] | Int[np.ndarray, " n"], of_pair: Int[np.ndarray, " n"]) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from gmmjax import FitSettings, Prior, fit_mixture
 from gmmjax.mixtures import FeatureChunks, WeightedPoints, expectation, fit_by_annihilation, initial_mixture
-from gmmjax.mixtures.expectation_maximisation import maximised, waiting_weights
+from gmmjax.mixtures.expectation_maximisation import m_step, waiting_weights
 from gmmjax.scenes import random_scene
 from tests.benchmarks.clouds import GAUSSIANS, RELATIVE_NOISE_FLOOR, gaussian_cloud, noise_floor
 from tests.benchmarks.fits import MAX_COMPONENTS
@@ -129,7 +129,7 @@ class Contenders:
         def step(mixture, _):
             moments, _ = expectation(mixture, chunks)
             weights = waiting_weights(moments.mass, mixture.live, prior)
-            return maximised(moments, weights, prior, "full")[0], None
+            return m_step(moments, weights, prior, "full")[0], None
 
         return _number(jax.lax.scan(step, self.mixture, length=steps)[0])
 

@@ -11,7 +11,7 @@ from gmmjax.changes.candidates import (
     probability_by_difference,
 )
 from gmmjax.changes.differences import DetectionLimits, Differences, DifferenceSettings, LocalDifference
-from gmmjax.changes.evidence.survey import Survey
+from gmmjax.changes.evidence.scan_visibility import ScanVisibility
 from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.clouds import SensorViews
 from gmmjax.geometry import LocalSurface
@@ -160,7 +160,7 @@ def test_flying_pixels_before_a_wall_are_no_candidate_and_a_small_object_is():
     assert (labels(None)[1] >= 0).mean() > 0.9
     scanner = np.eye(4)[None]
     scanner[0, :3, 3] = 0.3, 0.3, 2.0
-    of_item, of_flying = labels(Survey.of(points, SensorViews(scanner, (360.0, 170.0), 10.0)).outliers)
+    of_item, of_flying = labels(ScanVisibility.of(points, SensorViews(scanner, (360.0, 170.0), 10.0)).outliers)
     assert (of_item >= 0).all() and (of_flying == -1).all()
 
 

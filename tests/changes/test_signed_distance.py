@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.differences import differences_between
-from gmmjax.changes.signed_distance import SignedDistanceSettings, high_above, signed_distances
+from gmmjax.changes.signed_distance import SignedDistanceSettings, overhead_viewpoint, signed_distances
 from gmmjax.clouds import SensorViews
 from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each
@@ -28,7 +28,7 @@ def figures(points, views=Pair(None, None), settings=SignedDistanceSettings()):
 
 
 def towards(points, views=Pair(None, None)):
-    return each(lambda own, side: high_above(own) if side is None else side.poses[:, :3, 3], points, views)
+    return each(lambda own, side: overhead_viewpoint(own) if side is None else side.poses[:, :3, 3], points, views)
 
 
 def distances(points, *options):

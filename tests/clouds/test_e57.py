@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes.evidence.survey import Survey
+from gmmjax.changes.evidence.scan_visibility import ScanVisibility
 from gmmjax.changes.evidence.view_checks import check_views
 from gmmjax.clouds import open_cloud, read_cloud
 from gmmjax.clouds.e57 import CARTESIAN
@@ -74,7 +74,7 @@ def test_poses_of_turning_scanners_are_views(two_stations):
     for view in range(2):
         own = cloud.points[cloud.fields["scan"] == view]
         assert cloud.views.in_field_of_view(cloud.views.in_camera(own, view)).all()
-    assert check_views("before", Survey.of(cloud.points, cloud.views)) is None
+    assert check_views("before", ScanVisibility.of(cloud.points, cloud.views)) is None
     opened = open_cloud(path).views
     assert opened.field_of_view == cloud.views.field_of_view
     np.testing.assert_array_equal(opened.poses, cloud.views.poses)

@@ -10,7 +10,7 @@ import pytest
 from gmmjax import Changes
 from gmmjax.cli.detect import read_settings
 from gmmjax.clouds import (
-    MOST_SETTINGS,
+    MAX_SETTINGS,
     READERS,
     parse_json,
     read_cloud,
@@ -125,7 +125,7 @@ def test_a_file_may_be_too_large(tmp_path):
     with pytest.raises(InputError, match="has 11 bytes, and may have 10; check that it is the right file"):
         require_file(tmp_path / "a", 10)
     path = tmp_path / "config.toml"
-    path.write_text("#" * (MOST_SETTINGS + 1))
+    path.write_text("#" * (MAX_SETTINGS + 1))
     with pytest.raises(InputError, match=r"config\.toml: has 262145 bytes"):
         read_settings(path)
 

@@ -12,7 +12,7 @@ from gmmjax.pair import Pair
 
 @pytest.fixture(autouse=True)
 def no_programs(monkeypatch):
-    monkeypatch.setattr(_programs, "_programs", _programs.LatestUsed(_programs.MOST_PROGRAMS))
+    monkeypatch.setattr(_programs, "_programs", _programs.LatestUsed(_programs.MAX_PROGRAMS))
 
 
 @pytest.mark.parametrize("method", ["greedy", "transport", "joint"])

@@ -12,7 +12,7 @@ from gmmjax.comparison.joint_mixture import (
 )
 from gmmjax.comparison.joint_mixture_model import (
     JointMixtureModel,
-    SourcedPoints,
+    LabelledPoints,
     fit_joint_mixture,
     initial_joint_mixture,
     joint_prior,
@@ -36,7 +36,7 @@ def two_gaussians(seed, extra_after=0, points=300):
     extra = random.standard_normal((extra_after, 3)) * 0.3 + 1
     after = np.concatenate([np.zeros(points), np.ones(points + extra_after)])
     coordinates = np.concatenate([shared, extra])
-    return SourcedPoints(WeightedPoints(coordinates, np.ones(len(coordinates))), after).padded()
+    return LabelledPoints(WeightedPoints(coordinates, np.ones(len(coordinates))), after).padded()
 
 
 @jax.jit
@@ -64,14 +64,14 @@ def test_share_says_which_component_is_new():
 def test_density_ratio_is_that_of_the_unchanged_part():
     random = np.random.default_rng(1)
     shared = random.standard_normal((900, 3)) * 0.3
-    points = SourcedPoints(WeightedPoints(shared, np.ones(900)), (np.arange(900) < 300).astype(float)).padded()
+    points = LabelledPoints(WeightedPoints(shared, np.ones(900)), (np.arange(900) < 300).astype(float)).padded()
     assert abs(float(density_ratio(fitted(points).mixture)) - 0.5) < 0.02
 
 
 def test_padding_changes_nothing():
     points = two_gaussians(2, extra_after=100, points=150)
     used = 400
-    bare = SourcedPoints(WeightedPoints(points.points.points[:used], points.points.mass[:used]), points.after[:used])
+    bare = LabelledPoints(WeightedPoints(points.points.points[:used], points.points.mass[:used]), points.after[:used])
     padded, exact = fitted(points), fitted(bare)
     assert float(padded.message_length) == pytest.approx(float(exact.message_length), abs=1e-6)
     np.testing.assert_allclose(padded.mixture.mixture.means, exact.mixture.mixture.means, atol=1e-8)
@@ -79,7 +79,7 @@ def test_padding_changes_nothing():
 
 def test_swapping_the_clouds_swaps_the_shares():
     points = two_gaussians(3, extra_after=200)
-    swapped = SourcedPoints(points.points, 1 - points.after)
+    swapped = LabelledPoints(points.points, 1 - points.after)
     one, other = fitted(points).mixture, fitted(swapped).mixture
     np.testing.assert_allclose(one.share_after, 1 - other.share_after, atol=1e-9)
     assert float(density_ratio(one)) == pytest.approx(1 / float(density_ratio(other)))

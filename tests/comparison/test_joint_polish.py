@@ -12,7 +12,7 @@ from gmmjax import FitSettings, FitStatus, InputError
 from gmmjax.comparison.joint_mixture import density_ratio, intensities
 from gmmjax.comparison.joint_mixture_model import (
     JointMixtureModel,
-    SourcedPoints,
+    LabelledPoints,
     fit_joint_mixture,
     initial_joint_mixture,
     joint_prior,
@@ -41,7 +41,7 @@ def changed_scene(seed=0):
     ]
     coordinates = np.concatenate([points for points, _ in parts])
     after = np.concatenate([np.arange(len(points)) >= before for points, before in parts]).astype(float)
-    points = SourcedPoints(WeightedPoints(coordinates, np.ones(len(coordinates))), after)
+    points = LabelledPoints(WeightedPoints(coordinates, np.ones(len(coordinates))), after)
     return jax.tree.map(jnp.asarray, points.padded())
 
 
@@ -91,7 +91,7 @@ def test_gradients_of_the_posterior_equal_differences():
     for name, move in moves.items():
 
         def moved(leaf, name=name):
-            return SourcedPoints(dataclasses.replace(points.points, **{name: leaf}), points.after)
+            return LabelledPoints(dataclasses.replace(points.points, **{name: leaf}), points.after)
 
         leaf = getattr(points.points, name)
         expected = along(lambda leaf, moved=moved: gradient(prior, moved(leaf))[0][0], leaf, jnp.asarray(move), 1e-3)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from gmmjax.geometry.local_surface import LocalSurface, RowSettings, evenly_chosen, local_planes
+from gmmjax.geometry.local_surface import LocalSurface, ScanLineSettings, evenly_chosen, local_planes
 from tests.changes.scanned_objects import motion, placed
 
 
@@ -68,14 +68,14 @@ def lines(apart, along=0.05, noise=0.001):
 @pytest.mark.parametrize("apart", [0.2, 0.6])
 def test_the_plane_of_a_floor_in_lines_goes_through_several_of_them(apart):
     floor = lines(apart)
-    surface, by_rows = LocalSurface.of(floor), LocalSurface.of(floor, rows=RowSettings(neighbours=0))
+    surface, by_rows = LocalSurface.of(floor), LocalSurface.of(floor, rows=ScanLineSettings(neighbours=0))
     inside = np.flatnonzero((np.abs(floor[:, 0] - 10) < 8) & (np.abs(floor[:, 1] - 12 * apart) < 8 * apart))
     assert np.abs(surface.normals[inside, 2]).min() > 0.999
-    assert not surface.in_rows(inside, 0.2).any()
+    assert not surface.on_scan_lines(inside, 0.2).any()
     # The spacing is that of as many points spread evenly.
     assert np.median(surface.spacing(inside)) == pytest.approx(np.sqrt(0.05 * apart), rel=0.15)
     if apart > 0.5:
-        assert (surface.counts[inside] == 64).all() and by_rows.in_rows(inside, 0.2).all()
+        assert (surface.counts[inside] == 64).all() and by_rows.on_scan_lines(inside, 0.2).all()
         assert np.median(np.abs(by_rows.normals[inside, 2])) < 0.99
 
 
@@ -86,7 +86,7 @@ def test_a_line_beside_which_there_is_nothing_stays_a_row():
     post = np.column_stack([0 * along + 9, 0 * along, along])
     beam = np.column_stack([9 + along, 0 * along, 0 * along + 4])
     surface = LocalSurface.of(np.concatenate([cable, post, beam, lines(0.6) - [0, 30, 0]]))
-    assert (surface.counts[:600] == 16).all() and surface.in_rows(np.arange(600), 0.2).mean() > 0.9
+    assert (surface.counts[:600] == 16).all() and surface.on_scan_lines(np.arange(600), 0.2).mean() > 0.9
 
 
 def test_chosen_evenly():

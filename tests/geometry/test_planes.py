@@ -14,9 +14,9 @@ def patch(generator, rotation, offset, size=(1.0, 1.0), count=300, noise=0.004):
     return points @ rotation.T
 
 
-def planes(points, flatness, least_width, least_share):
-    settings = PlaneSettings(least_share=least_share)
-    return planes_of(plane_surface(points, settings), flatness, least_width, settings=settings)
+def planes(points, flatness, min_width, min_share):
+    settings = PlaneSettings(min_share=min_share)
+    return planes_of(plane_surface(points, settings), flatness, min_width, settings=settings)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -82,6 +82,6 @@ def test_planes_of_some_of_the_points_and_at_most_some_planes():
     points = np.concatenate([patch(generator, np.eye(3), height) for height in (0.0, 1.0, 2.0)])
     surface = plane_surface(points)
     assert len(planes_of(surface, 0.02)) == 3
-    assert len(planes_of(surface, 0.02, settings=PlaneSettings(most_planes=2))) == 2
+    assert len(planes_of(surface, 0.02, settings=PlaneSettings(max_planes=2))) == 2
     (plane,) = planes_of(surface, 0.02, chosen=points[:, 2] > 1.5)
     assert abs(plane.offset) == pytest.approx(2.0, abs=0.01)

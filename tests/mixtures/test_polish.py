@@ -10,7 +10,7 @@ from jax.flatten_util import ravel_pytree
 
 from gmmjax import FitSettings, FitStatus, InputError, Prior, fit_mixture
 from gmmjax.mixtures import WeightedPoints, expectation, fit_by_annihilation, polish
-from gmmjax.mixtures.expectation_maximisation import FeatureChunks, maximised, waiting_weights
+from gmmjax.mixtures.expectation_maximisation import FeatureChunks, m_step, waiting_weights
 from gmmjax.mixtures.mixture import GaussianMixture
 from gmmjax.mixtures.noise import log_uniform_density
 from gmmjax.scenes import random_scene
@@ -31,7 +31,7 @@ def step(mixture, points, prior, log_noise=None):
     """One more step of EM."""
     moments, log_likelihood = expectation(mixture, FeatureChunks.of(points), log_noise)
     weights = waiting_weights(moments.mass, mixture.live, prior)
-    return maximised(moments, weights, prior, "full")[0], log_likelihood
+    return m_step(moments, weights, prior, "full")[0], log_likelihood
 
 
 def fit_statistic(prior, points, first, settings=POLISHED):
@@ -147,7 +147,7 @@ def test_forward_and_second_derivatives_equal_differences(float64):
 def batch():
     """Derivatives of three lanes, of which the overlapping one, the second, was not given the steps that it needs."""
     with jax.enable_x64(True), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(polish, "MOST_ACCELERATED", 10)
+        patch.setattr(polish, "MAX_ACCELERATED", 10)
         scenes = [stray_scene(2, seed=seed) for seed in (0, 1, 5)]
         prior = informative_prior(2)
         settings = FitSettings(polish=True, max_polish_steps=12)

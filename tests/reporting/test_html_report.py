@@ -117,7 +117,7 @@ def test_sizes_and_positions_are_those_of_the_record(pair):
 
 def test_each_change_has_close_ups_up_to_a_number_of_them(pair, monkeypatch):
     assert text_of(*pair).count("Close-up of change") == 2 * 3
-    monkeypatch.setattr("gmmjax.reporting.html_changes.MOST_WITH_PICTURES", 1)
+    monkeypatch.setattr("gmmjax.reporting.html_changes.MAX_WITH_PICTURES", 1)
     few = without_scripts(report_html(*pair, close_ups=SMALL))
     assert few.count("Close-up of change") == 2
     assert "Close-ups are made of the 1 most probable changes." in few

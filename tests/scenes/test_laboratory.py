@@ -115,8 +115,8 @@ def test_the_misregistration_is_recorded(scene_name, request):
             assert abs(np.median(floor[:, 2])) < 0.004
     shift = np.linalg.norm(scene.misregistration[:3, 3])
     turn = np.degrees(np.arccos(np.clip((np.trace(scene.misregistration[:3, :3]) - 1) / 2, -1, 1)))
-    least_shift, least_turn = (0.02, 0.5) if scene_name == "hard_room" else (0.01, 0.0)
-    assert least_shift - 1e-9 <= shift <= 0.02 + 1e-9 and least_turn - 1e-6 <= turn <= 0.5 + 1e-6
+    min_shift, min_turn = (0.02, 0.5) if scene_name == "hard_room" else (0.01, 0.0)
+    assert min_shift - 1e-9 <= shift <= 0.02 + 1e-9 and min_turn - 1e-6 <= turn <= 0.5 + 1e-6
 
 
 @pytest.mark.parametrize("scene_name", ["room", "hard_room", "frame"])

@@ -149,7 +149,7 @@ def test_a_frame_is_read_through_the_index(bags, monkeypatch):
         assert 0 < len(unpacked) < 40
 
 
-def most_memory(path):
+def max_memory(path):
     """The most memory that writing and reading a bag of sixty frames of 120 by 100 pixels takes."""
     many = (frame(START + 0.1 * index, 120, 100) for index in range(60))
     tracemalloc.start()
@@ -167,7 +167,7 @@ def most_memory(path):
 @pytest.mark.parametrize("name", ["run.bag", "run.mcap", "run.db3"])
 def test_memory_does_not_grow_with_the_bag(tmp_path, name):
     # What is loaded and made once, such as a larger table of all names in the interpreter, is not the bag's.
-    taken = [most_memory(tmp_path / f"{attempt}_{name}") for attempt in range(2)]
+    taken = [max_memory(tmp_path / f"{attempt}_{name}") for attempt in range(2)]
     assert min(taken) < 40 * 120 * 100 * 12
 
 

@@ -16,7 +16,7 @@ def placed(points, transform=None, size=1_000_000):
     return PlacedClouds(points.map(lambda own: ChunkedArray(own, size)), lattice, transform)
 
 
-def store_of(points, folder, most_points=20_000, transform=None):
+def store_of(points, folder, max_points=20_000, transform=None):
     """The clouds on disk, in a new folder, in blocks of at most so many points."""
     clouds = placed(points, transform)
-    return write_block_store(clouds, tree_of(clouds, most_points, 8), folder)
+    return write_block_store(clouds, tree_of(clouds, max_points, 8), folder)

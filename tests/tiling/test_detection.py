@@ -17,7 +17,7 @@ from tests.clouds.scanned_room import STATIONS, scan
 from tests.tiling.rooms import BOX, of_box, room
 
 # Small blocks, so that a small scene has many.
-SETTINGS = TiledDetectionSettings(thinned=55_000, most_points=12_000)
+SETTINGS = TiledDetectionSettings(thinned=55_000, max_points=12_000)
 CONFIG = DetectionConfig(restarts=1, max_components=12, registration="never")
 PLACE = np.array([433_000.0, 5_411_000.0, 300.0])
 
@@ -108,7 +108,7 @@ def test_tiles_and_workers_change_no_bit(points, with_views, tmp_path):
 
 @pytest.mark.slow
 def test_regions_with_too_many_voxels_are_coarser(points, found, tmp_path):
-    settings = dataclasses.replace(SETTINGS, most_refined=4_000)
+    settings = dataclasses.replace(SETTINGS, max_refined=4_000)
     arrays, record = detected(points, tmp_path, settings=settings, tile_size=20.0)
     assert [change.kind for change in record.shown] == ["appeared"]
     box = of_box(points.after)

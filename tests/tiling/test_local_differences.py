@@ -8,7 +8,7 @@ from gmmjax.changes import (
     LocalResolutionSettings,
     SignedDistanceSettings,
     VoxelLattice,
-    high_above,
+    overhead_viewpoint,
 )
 from gmmjax.pair import Pair
 from gmmjax.tiling import local_differences
@@ -39,7 +39,7 @@ def scene(tmp_path_factory):
         result = block_voxels(store, block, lattice, LocalResolutionSettings(voxels_per_edge=4))
         records.add(write_record(folder, block.number, result))
     points = Pair(floor(2)[::100], floor(3)[::100]).map(lambda own: own - store.offset)
-    coarse = CoarseClouds(points, SIZE, points.map(high_above))
+    coarse = CoarseClouds(points, SIZE, points.map(overhead_viewpoint))
     counts = store.tree.counts.before + store.tree.counts.after
     sparse = max(store.tree.blocks, key=lambda own: own.grown(0.0)[1][0] if counts[own.number] > 100 else -np.inf)
     return store, LocalVoxels.of(records, lattice, 1_000_000), coarse, sparse, store.tree.blocks[int(np.argmax(counts))]

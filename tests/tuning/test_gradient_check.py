@@ -39,7 +39,7 @@ def test_names_the_leaves_of_a_prior():
 
 
 def test_compares_some_entries_of_a_large_array():
-    result = check_gradient(lambda x: jnp.sum(x**3), np.ones((40, 3)), most_entries=4)
+    result = check_gradient(lambda x: jnp.sum(x**3), np.ones((40, 3)), max_entries=4)
     assert len(result.entries) == 4 and result.largest_error < 1e-9
 
 

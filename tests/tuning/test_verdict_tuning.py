@@ -98,7 +98,7 @@ def test_what_detection_finds_less_by_is_not_kept(config, detection, after):
 
 def test_a_gain_that_is_not_clear_is_none(config):
     # Nothing is detected: that would fail, the pairs have four points.
-    result = tuned(config, measured_pairs(4), draws=(30.0,), least_corrected=1000)
+    result = tuned(config, measured_pairs(4), draws=(30.0,), min_corrected=1000)
     course = result.poses_unknown
     assert not result.improved and np.isinf(course.draw) and course.tuned is course.start
     # What was tried is told all the same.
@@ -201,7 +201,7 @@ def test_says_where_the_verdict_cannot_be_tuned(parameters, config, message):
 
 
 @pytest.mark.parametrize(
-    "change", [{"draws": ()}, {"draws": (1.0, -1.0)}, {"folds": 1}, {"clear_errors": -1.0}, {"least_corrected": 0}]
+    "change", [{"draws": ()}, {"draws": (1.0, -1.0)}, {"folds": 1}, {"clear_errors": -1.0}, {"min_corrected": 0}]
 )
 def test_settings_out_of_their_range_are_named(change):
     with pytest.raises(InputError, match=next(iter(change))):

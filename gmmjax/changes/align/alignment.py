@@ -15,7 +15,7 @@ from gmmjax.changes.prepare.resolution import ResolutionSettings, WorkingPair, w
 from gmmjax.changes.registration import Registration
 from gmmjax.errors import warn
 from gmmjax.geometry import LocalSurface, transformed
-from gmmjax.pair import Pair, each_on_cores
+from gmmjax.pair import Pair, parallel_map
 
 logger = logging.getLogger(__name__)
 
@@ -102,7 +102,7 @@ def _aligned_from(
     remark = None
     roughly = Pair(points.before, transformed(points.after, rough.transform)) if rough.moves else points
     pair = working_pair(roughly, voxel_size, resolution)
-    surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), pair.clouds)
+    surfaces = parallel_map(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), pair.clouds)
     if pair.volumetric:
         registration = registered_volumes(points, pair, surfaces, mode, seed)
     else:

@@ -89,12 +89,12 @@ def _rotations(before: Float[np.ndarray, "n 3"], after: Float[np.ndarray, "m 3"]
     scores = density(np.einsum("rij,nj->rni", candidates, after)).mean(axis=1)
     # The first candidate is the identity.
     kept = [0]
-    least_angle = np.radians(1.5 * ROTATION_STEP)
+    min_angle = np.radians(1.5 * ROTATION_STEP)
     for index in np.argsort(-scores, kind="stable"):
         if len(kept) > 9:
             break
         traces = np.einsum("rij,ij->r", candidates[kept], candidates[index])
-        if np.arccos(np.clip((traces - 1) / 2, -1, 1)).min() > least_angle:
+        if np.arccos(np.clip((traces - 1) / 2, -1, 1)).min() > min_angle:
             kept.append(int(index))
     return [candidates[index] for index in kept]
 

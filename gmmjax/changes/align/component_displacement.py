@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from gmmjax._programs import kept_jit
+from gmmjax._programs import lru_jit
 from gmmjax._typing import Array
 from gmmjax.mixtures import GaussianMixture
 from gmmjax.transport import bures_wasserstein
@@ -92,6 +92,6 @@ def _shape_distance(before: GaussianMixture, after: GaussianMixture) -> Float[np
     return distances[np.ix_(before.live, after.live)]
 
 
-@kept_jit
+@lru_jit
 def _distances_of_slots(before: Float[Array, "k0 3 3"], after: Float[Array, "k1 3 3"]) -> Float[Array, "k0 k1"]:
     return bures_wasserstein(jnp.zeros_like(before[:, 0]), before, jnp.zeros_like(after[:, 0]), after)

@@ -23,7 +23,7 @@ from gmmjax.geometry import (
     point_to_plane_icp,
     transformed,
 )
-from gmmjax.pair import Pair, each_on_cores
+from gmmjax.pair import Pair, parallel_map
 
 # A finer convergence than the default one, and steps that are lengthened: transforms slide along walls.
 ICP = IcpSettings(damping=1e-4, extrapolation=8.0)
@@ -89,7 +89,7 @@ def rough_registration(points: Pair[Float64[np.ndarray, "_ 3"]]) -> RoughRegistr
     pair = working_pair(thinned, settings=ResolutionSettings(voxels=8_000))
     if pair.volumetric:
         return RoughRegistration.none()
-    surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), pair.clouds)
+    surfaces = parallel_map(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), pair.clouds)
     finalists = _finalists(pair.spacing, surfaces, _refined_starts(pair.spacing, surfaces))
     given = surface_fit(surfaces, np.eye(4), pair.spacing)
     # With the given frame itself: ICP from there may slide along a floor and a wall of which half is in common.

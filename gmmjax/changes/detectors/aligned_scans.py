@@ -13,7 +13,7 @@ from gmmjax.changes.detectors.detector import Scan
 from gmmjax.changes.differences import Differences, DifferenceSettings, differences_between
 from gmmjax.changes.evidence.examination import observed_places
 from gmmjax.changes.evidence.local_examination import LocalScene
-from gmmjax.changes.evidence.survey import FreeSpaceSettings, Survey
+from gmmjax.changes.evidence.scan_visibility import FreeSpaceSettings, ScanVisibility
 from gmmjax.changes.evidence.view_checks import ViewCheckSettings, usable_views
 from gmmjax.changes.fit.joint_fit import FramedPoints
 from gmmjax.changes.fit.joint_problem import JointProblem
@@ -26,7 +26,7 @@ from gmmjax.changes.record import Changes
 from gmmjax.changes.signed_distance import OuterSide, PointFigures, SignedDistanceSettings, signed_distances
 from gmmjax.clouds import is_geocentric_system
 from gmmjax.geometry import LocalSurface, is_geocentric, z_is_height
-from gmmjax.pair import Pair, each, each_on_cores
+from gmmjax.pair import Pair, each, parallel_map
 
 
 class Measured(NamedTuple):
@@ -61,7 +61,7 @@ class AlignedScans:
     checked: Pair[CheckedCloud]
     pair: AlignedPair
     coarse: Pair[Float[np.ndarray, "_ 3"]] | None
-    surveys: Pair[Survey]
+    surveys: Pair[ScanVisibility]
     problem: JointProblem
     settings: DifferenceSettings
     distances: SignedDistanceSettings = SignedDistanceSettings()
@@ -137,7 +137,7 @@ class AlignedScans:
 
     def without_views(self) -> "AlignedScans":
         """Copy both scans without the poses of their sensors."""
-        return dataclasses.replace(self, surveys=self.surveys.map(Survey.without_views))
+        return dataclasses.replace(self, surveys=self.surveys.map(ScanVisibility.without_views))
 
     def labels_of(self, changes: Changes) -> Pair[Int[np.ndarray, " _"]]:
         """The labels of a record for the points that were compared."""
@@ -157,13 +157,13 @@ def refined(pair: AlignedPair, settings: LocalResolutionSettings) -> AlignedPair
     clouds = locally_reduced(pair.points, size, settings)
     if all(cloud.sizes is None or (cloud.sizes >= size).all() for cloud in clouds):
         return None
-    surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), clouds)
+    surfaces = parallel_map(lambda cloud: LocalSurface.of(cloud.points, tree=cloud.tree), clouds)
     return pair._replace(working=dataclasses.replace(pair.working, clouds=clouds), surfaces=surfaces)
 
 
 def surveys_of(
     pair: AlignedPair, scans: Pair[Scan], free_space: FreeSpaceSettings, checks: ViewCheckSettings
-) -> Pair[Survey]:
+) -> Pair[ScanVisibility]:
     """Both clouds with their views in the before frame, where these do not contradict them.
 
     Args:
@@ -176,7 +176,7 @@ def surveys_of(
     if views.after is not None and pair.registration.applied:
         views = Pair(views.before, views.after.moved(pair.registration.transform))
 
-    surveys = each(lambda surface, own: Survey(surface, own, free_space), pair.surfaces, views)
+    surveys = each(lambda surface, own: ScanVisibility(surface, own, free_space), pair.surfaces, views)
     # Nobody has given the views that were recognised: there is nothing to be corrected.
     usable = each(
         lambda name, own, points, scan: usable_views(f"views_{name}", own, checks, points, quiet=scan.recognised),
@@ -193,7 +193,7 @@ def _figures_of_points(working: PointFigures, cloud: WorkingCloud) -> PointFigur
     return PointFigures(*(values.astype(np.float32)[cloud.member] for values in working))
 
 
-def _seen_from_known_places(surveys: Pair[Survey]) -> Pair[Survey]:
+def _seen_from_known_places(surveys: Pair[ScanVisibility]) -> Pair[ScanVisibility]:
     """The surveys, one without views seen from where the other one was: the same surface faces the same way."""
     places = surveys.map(lambda own: None if own.views is None else own.towards)
     return each(lambda own, others: dataclasses.replace(own, seen_from=others), surveys, places.swapped)

@@ -16,7 +16,7 @@ from gmmjax.changes.detectors.joint_diagnostics import joint_diagnostics
 from gmmjax.changes.detectors.recognised_views import with_recognised_views
 from gmmjax.changes.detectors.restart_detector import AbstractRestartDetector, Outcome
 from gmmjax.changes.differences import DifferenceSettings
-from gmmjax.changes.evidence.displaced_surfaces import with_both_places
+from gmmjax.changes.evidence.displaced_surfaces import pair_displaced_surfaces
 from gmmjax.changes.evidence.examination import EvidenceSettings, Examined, examined, unexamined
 from gmmjax.changes.evidence.local_examination import LocalExaminationSettings, examined_locally
 from gmmjax.changes.evidence.verdict_file import Verdicts, read_verdicts, shipped_verdicts
@@ -30,9 +30,9 @@ from gmmjax.changes.fit.joint_fit import (
 from gmmjax.changes.fit.joint_problem import JointFitSettings, joint_problem
 from gmmjax.changes.fit.restart_fits import JOINT, RestartFits
 from gmmjax.changes.fit.restart_values import RestartValues
-from gmmjax.changes.objects.found import Found, surfaces_found, volume_weights, volumes_found
-from gmmjax.changes.objects.measures import with_measures
-from gmmjax.changes.objects.moved import with_moved
+from gmmjax.changes.objects.measures import measure_changes
+from gmmjax.changes.objects.moved import match_moved_objects
+from gmmjax.changes.objects.pair_changes import PairChanges, changes_in_volumes, changes_on_surfaces, volume_weights
 from gmmjax.changes.objects.surface_changes import SurfaceChangeSettings
 from gmmjax.changes.prepare.checking import (
     CheckedCloud,
@@ -53,7 +53,7 @@ from gmmjax.changes.standard_errors import means_of_changes, standard_error
 from gmmjax.clouds import StationSettings
 from gmmjax.errors import warn
 from gmmjax.geometry import LocalSurface
-from gmmjax.pair import Pair, each, each_on_cores
+from gmmjax.pair import Pair, each, parallel_map
 
 # Whether a cloud is the after cloud.
 AFTER = Pair(False, True)
@@ -126,7 +126,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         if finer is not None:
             coarse, pair = pair.surfaces.map(_points_of), finer
             surveys = each(lambda own, surface: dataclasses.replace(own, surface=surface), surveys, pair.surfaces)
-            surveys = each_on_cores(lambda own, points: own.sighted_by(points), surveys, pair.points)
+            surveys = parallel_map(lambda own, points: own.with_line_of_sight(points), surveys, pair.points)
         return AlignedScans(scans, checked, pair, coarse, surveys, problem, self.differences, self.distances)
 
     def _with_recognised(self, scans: Pair[Scan], pair: AlignedPair, checked: Pair[CheckedCloud]) -> Pair[Scan]:
@@ -136,7 +136,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         points, settings = checked.map(lambda own: own.points), self.stations
         if settings is None or not self.config.recognise_stations:
             return scans
-        return each_on_cores(lambda scan, own: with_recognised_views(scan, own, settings), scans, points)
+        return parallel_map(lambda scan, own: with_recognised_views(scan, own, settings), scans, points)
 
     def _refined(self, pair: AlignedPair) -> AlignedPair | None:
         """The scans at their own resolution at each place; None where it is that of the registration, or was given."""
@@ -165,7 +165,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         pair, joint = prepared.pair, JointFits.of_arrays(fits.arrays, prepared.framed.frame)
         clock.start("changes", "Looking for changes", 0.75)
         if prepared.volumetric:
-            found = volumes_found(pair.points, prepared.problem, joint, self.config.threshold)
+            found = changes_in_volumes(pair.points, prepared.problem, joint, self.config.threshold)
         else:
             found = self.found_on_surfaces(prepared, joint)
         found = found.of_kinds(self.config.kinds).with_confidence(pair.registration.confidence)
@@ -174,10 +174,10 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         if not prepared.volumetric:
             error = found.registration_error
             if self.config.kinds == "both":
-                items, labels = with_moved(items, labels, pair, error)
+                items, labels = match_moved_objects(items, labels, pair, error)
                 found = found.grown_to(items, labels)
             sides = prepared.sensors, prepared.outer_side
-            items = with_measures(items, labels, pair, error, *sides)
+            items = measure_changes(items, labels, pair, error, *sides)
         clock.stop()
         emd, diagnostics = mixtures_distance(joint), joint_diagnostics(prepared, joint, clock)
         changes = found.record(prepared.checked, items, labels, emd, self.config, diagnostics, pair.registration)
@@ -185,7 +185,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             changes = found.with_figures(changes, prepared.checked, prepared.figures)
         return Outcome(changes, lambda: self._standard_errors(prepared, joint, changes))
 
-    def found_on_surfaces(self, prepared: AlignedScans, fits: JointFits) -> Found:
+    def found_on_surfaces(self, prepared: AlignedScans, fits: JointFits) -> PairChanges:
         """Find the changes of scans before moved objects are looked for.
 
         Args:
@@ -194,7 +194,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         """
         candidates = self.candidates_in(prepared, fits)
         evident = self.examined(prepared, fits, candidates) if self.config.evidence else unexamined(candidates)
-        return surfaces_found(prepared.pair, prepared.differences, evident, self.objects)
+        return changes_on_surfaces(prepared.pair, prepared.differences, evident, self.objects)
 
     def joint_fits(self, prepared: AlignedScans) -> JointFits:
         """Fit all restarts.
@@ -238,7 +238,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
             self.config.threshold,
             self.candidates,
             sizes,
-            each_on_cores(lambda survey: survey.outliers, prepared.surveys),
+            parallel_map(lambda survey: survey.outliers, prepared.surveys),
             each(
                 lambda surface, size: surface.spacing(np.arange(len(surface))) if size is None else None,
                 surfaces,
@@ -261,7 +261,7 @@ class JointDetector(AbstractRestartDetector[AlignedScans]):
         scene = prepared.scene(functools.partial(posterior_of_points, fits))
         found = examined_locally(candidates, scene, verdicts, threshold, self.evidence, self.examination)
         displacements = self.evidence.surroundings.displacements
-        return with_both_places(found, candidates, prepared.surveys, limits, smallest, displacements)
+        return pair_displaced_surfaces(found, candidates, prepared.surveys, limits, smallest, displacements)
 
     def _standard_errors(self, prepared: AlignedScans, joint: JointFits, changes: Changes) -> tuple[float | None, ...]:
         """The standard errors of the probability by mixture, distance and offset; in volumes of that by components."""

@@ -10,7 +10,7 @@ from jaxtyping import Array as JaxArray
 from jaxtyping import Bool, Float
 
 from gmmjax._host import to_numpy
-from gmmjax._programs import kept_jit
+from gmmjax._programs import lru_jit
 from gmmjax._typing import Array, Scalar
 from gmmjax.changes.change import Kind
 from gmmjax.changes.config import DetectionConfig
@@ -28,7 +28,7 @@ from gmmjax.changes.fit.restart_fits import (
 )
 from gmmjax.changes.objects.cloud_changes import CloudChanges
 from gmmjax.changes.objects.consensus import cloud_consensus, component_labels, votes_of_pairs
-from gmmjax.changes.objects.found import KINDS, Found
+from gmmjax.changes.objects.pair_changes import KINDS, PairChanges
 from gmmjax.changes.prepare.checking import NAMES
 from gmmjax.changes.prepare.separate_clouds import PreparedCloud, PreparedPair, prepare_pair
 from gmmjax.changes.progress import Clock
@@ -176,7 +176,7 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
         significance = each(self._significance, mixtures, pair.clouds, pair.clouds.swapped)
         votes = self._votes(mixtures, pair).where(significance.map(lambda own: own >= SIGNIFICANCE))
         clock.start("labels", "Labelling the points", 0.9)
-        found = Found(
+        found = PairChanges(
             each(self._cloud_changes, pair.clouds, mixtures, mixed, votes.changed, significance, KINDS),
             pair.clouds.map(lambda cloud: np.zeros(len(cloud.points), bool)),
         )
@@ -252,7 +252,7 @@ class AbstractSeparateDetector(AbstractRestartDetector[PreparedScans]):
         return cloud_consensus(own.points, mixtures, votes, significance, reference, kind, self.config.threshold)
 
 
-@kept_jit
+@lru_jit
 def _compared_pairs(
     before: GaussianMixture,
     after: GaussianMixture,

@@ -55,7 +55,7 @@ def batches_of(
     candidates: Pair[Candidates],
     shares: Pair[Float[np.ndarray, " _"]],
     reach: float,
-    most_points: int,
+    max_points: int,
 ) -> Iterator[Batch]:
     """Candidates in batches, each of which has no more points of either cloud within its reach, unless it is one.
 
@@ -67,16 +67,16 @@ def batches_of(
         candidates: of both clouds.
         shares: how much of a point each point of these is where they are examined.
         reach: distance from them.
-        most_points: of either cloud within reach.
+        max_points: of either cloud within reach.
     """
     batch = Batch.of(numbers, candidates, reach)
     points = each(lambda own, near: float(own[near].sum()), shares, batch.rows)
-    if max(points) <= most_points or sum(numbers.map(len)) == 1:
+    if max(points) <= max_points or sum(numbers.map(len)) == 1:
         yield batch
         return
     del batch
     for half in _halves(numbers, candidates):
-        yield from batches_of(half, candidates, shares, reach, most_points)
+        yield from batches_of(half, candidates, shares, reach, max_points)
 
 
 def _halves(numbers: Pair[list[int]], candidates: Pair[Candidates]) -> list[Pair[list[int]]]:

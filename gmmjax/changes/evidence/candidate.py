@@ -139,7 +139,7 @@ class Candidate:
         """Points of the other cloud within reach, relative to the centre."""
         other = self.surroundings.other
         within = np.sort(np.array(other.query_ball_point(self.centre, self._reach), int))
-        chosen = within[evenly_chosen(len(within), self.surroundings.settings.most_points)]
+        chosen = within[evenly_chosen(len(within), self.surroundings.settings.max_points)]
         relative = other.data[chosen] - self.centre
         return np.asarray(relative[np.linalg.norm(relative, axis=1) > 0])
 
@@ -156,7 +156,7 @@ class Candidate:
     @functools.cached_property
     def directions(self) -> Float[np.ndarray, "k 3"]:
         """Unit directions of these points; none where there are too few."""
-        if len(self.around) < self.surroundings.settings.least_around:
+        if len(self.around) < self.surroundings.settings.min_around:
             return np.empty((0, 3))
         return np.asarray(self.around / np.linalg.norm(self.around, axis=1, keepdims=True))
 

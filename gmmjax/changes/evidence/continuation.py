@@ -39,14 +39,14 @@ class ContinuationSettings:
         voxels_per_reach: the unchanged points are thinned to voxels of this part of the reach, so that the number of a
             plane's inliers measures an area, not a density. More: small surfaces make planes.
         planes: how planes are searched for in those voxels.
-        least_width: standard deviation of a plane's inliers along their shorter axis, at least, in voxels. 0: the
+        min_width: standard deviation of a plane's inliers along their shorter axis, at least, in voxels. 0: the
             lowest strip of an object's side, too near the floor to be distinguished from it, is a plane that the object
             continues.
         far_width: the same for planes of the second search, in widths of the segment. 0: the top of some other box is a
             plane that an object may continue.
         noise_deviations: largest distance of a point from its plane, in standard deviations of the noise. Smaller:
             noisy points of a continued wall are reported as changes.
-        least_flatness: the same, in spacings, at least, where the surfaces are without noise. 0: only rounding is
+        min_flatness: the same, in spacings, at least, where the surfaces are without noise. 0: only rounding is
             allowed for.
         bare: the other cloud shows the surface below a segment bare where the density of the segment's own cloud there
             is at most this fraction of that of the other cloud, each relative to its density beside the segment. 0: the
@@ -58,11 +58,11 @@ class ContinuationSettings:
     far_reach: float = 60.0
     continued: float = 0.8
     voxels_per_reach: float = 6.0
-    planes: PlaneSettings = PlaneSettings(least_share=0.08)
-    least_width: float = 0.9
+    planes: PlaneSettings = PlaneSettings(min_share=0.08)
+    min_width: float = 0.9
     far_width: float = 2.0
     noise_deviations: float = 3.0
-    least_flatness: float = 0.5
+    min_flatness: float = 0.5
     bare: float = 0.75
     coverage_edge: CoverageEdgeSettings = CoverageEdgeSettings()
 
@@ -95,8 +95,8 @@ class Continuation:
         if continued.mean() > self.settings.continued:
             return continued
         width = np.sqrt(max(np.linalg.eigvalsh(np.cov(self.segment.T, bias=True))[1], 0.0))
-        far, least_width = self._unchanged_within(self.settings.far_reach), self.settings.far_width * width
-        return continued | self._continued(self._planes_of(far, self.settings.far_reach, least_width))
+        far, min_width = self._unchanged_within(self.settings.far_reach), self.settings.far_width * width
+        return continued | self._continued(self._planes_of(far, self.settings.far_reach, min_width))
 
     @functools.cached_property
     def at_edge(self) -> Bool[np.ndarray, " m"]:
@@ -145,18 +145,18 @@ class Continuation:
         """
         points = self._adjacent if len(self._adjacent) else self.segment
         noise = self.settings.noise_deviations * plane_surface(points, self.settings.planes).thickness
-        return min(self.reference.tolerance, max(noise, self.settings.least_flatness * self.reference.spacing))
+        return min(self.reference.tolerance, max(noise, self.settings.min_flatness * self.reference.spacing))
 
     @functools.cached_property
     def _adjacent_planes(self) -> list[Plane]:
         return self._planes_of(self._adjacent, self.settings.reach, 0.0)
 
-    def _planes_of(self, unchanged: Float64[np.ndarray, "n 3"], reach: float, least_width: float) -> list[Plane]:
+    def _planes_of(self, unchanged: Float64[np.ndarray, "n 3"], reach: float, min_width: float) -> list[Plane]:
         """The planes, common to both clouds, of the unchanged points within reach (in spacings) of the segment."""
         voxel = reach * self.reference.spacing / self.settings.voxels_per_reach
-        least_width = max(self.settings.least_width * voxel, least_width)
+        min_width = max(self.settings.min_width * voxel, min_width)
         voxels = voxel_grid(unchanged, voxel).points
-        return _common_planes(voxels, self._flatness, least_width, self.reference, self.settings)
+        return _common_planes(voxels, self._flatness, min_width, self.reference, self.settings)
 
     def _continued(self, planes: Sequence[Plane]) -> Bool[np.ndarray, " m"]:
         """The points that continue these planes, where the other cloud has a hole."""
@@ -245,13 +245,13 @@ def _covered(
     others = reference.other.data
     others = others[within_box(others, points.min(axis=0) - reach, points.max(axis=0) + reach)]
     surface = others[plane.distance(others) <= clear]
-    return bool(plane.near(points, surface, near).mean() > settings.most_covered)
+    return bool(plane.near(points, surface, near).mean() > settings.max_covered)
 
 
 def _common_planes(
     points: Float64[np.ndarray, "n 3"],
     flatness: float,
-    least_width: float,
+    min_width: float,
     reference: ReferenceSurfaces,
     settings: ContinuationSettings,
 ) -> list[Plane]:
@@ -264,4 +264,4 @@ def _common_planes(
     lateral = distances**2 - heights**2
     near = settings.coverage_edge.near * reference.spacing
     in_both = ((heights <= reference.tolerance) & (lateral <= near**2)).any(axis=1)
-    return planes_of(surface, flatness, least_width, in_both, settings.planes)
+    return planes_of(surface, flatness, min_width, in_both, settings.planes)

@@ -25,23 +25,23 @@ class CoverageEdgeSettings:
         voxel: edge of the voxels that a segment is thinned to, in spacings, so that the number of a plane's inliers
             measures an area. 0 is not allowed; smaller: dense parts of a segment outweigh large ones.
         planes: how a segment is split into walls.
-        most_behind: fraction of the other cloud's points behind a wall, at most: those are outliers. 0: one stray point
+        max_behind: fraction of the other cloud's points behind a wall, at most: those are outliers. 0: one stray point
             makes a wall a change; 1: walls that were built are taken for unobserved.
         near: distance, in spacings, within which points of the two clouds are at the same place of a surface. Smaller:
             the gaps between points look like holes.
-        most_covered: fraction of a plane's points, at most, that may have points of the other cloud at the same place
+        max_covered: fraction of a plane's points, at most, that may have points of the other cloud at the same place
             of the plane: above it the other cloud has no hole there. 1: thin objects on a surface are taken for that
             surface.
-        most_occluded: fraction of what the other cloud has straight in front of a wall, at most, that is missing in
+        max_occluded: fraction of what the other cloud has straight in front of a wall, at most, that is missing in
             this cloud because the wall occludes it. 1: the top of a new box is taken for a wall.
     """
 
     voxel: float = 2.0
-    planes: PlaneSettings = PlaneSettings(least_share=0.15)
-    most_behind: float = 0.01
+    planes: PlaneSettings = PlaneSettings(min_share=0.15)
+    max_behind: float = 0.01
     near: float = 2.0
-    most_covered: float = 0.75
-    most_occluded: float = 0.5
+    max_covered: float = 0.75
+    max_occluded: float = 0.5
 
 
 class ReferenceSurfaces(NamedTuple):
@@ -106,13 +106,13 @@ def _outside_coverage(
     clear = flatness + reference.tolerance
     heights = other @ wall.normal - wall.offset
     heights *= 1 if np.median(heights) >= 0 else -1
-    if (heights < -clear).mean() > settings.most_behind:
+    if (heights < -clear).mean() > settings.max_behind:
         return False
-    if wall.near(points, other[np.abs(heights) <= clear], near).mean() > settings.most_covered:
+    if wall.near(points, other[np.abs(heights) <= clear], near).mean() > settings.max_covered:
         return False
     in_front = other[heights > clear]
     in_front = in_front[wall.near(in_front, points, near)]
-    return _missing(in_front, reference.unchanged, near) <= settings.most_occluded
+    return _missing(in_front, reference.unchanged, near) <= settings.max_occluded
 
 
 def _missing(others: Float64[np.ndarray, "k 3"], unchanged: cKDTree, near: float) -> float:

@@ -15,17 +15,17 @@ from gmmjax.changes.candidates import Candidates
 from gmmjax.changes.differences import DetectionLimits
 from gmmjax.changes.evidence.displacements import Displacements, DisplacementSettings
 from gmmjax.changes.evidence.examination import Examined
-from gmmjax.changes.evidence.survey import Survey
+from gmmjax.changes.evidence.scan_visibility import ScanVisibility
 from gmmjax.changes.explanation import Explanation
 from gmmjax.changes.signed_distance import CorePoints
 from gmmjax.geometry import LocalSurface
 from gmmjax.pair import Pair, each
 
 
-def with_both_places(
+def pair_displaced_surfaces(
     found: Pair[Examined],
     candidates: Pair[Candidates],
-    surveys: Pair[Survey],
+    surveys: Pair[ScanVisibility],
     limits: DetectionLimits,
     smallest: int = 10,
     settings: DisplacementSettings = DisplacementSettings(),
@@ -90,7 +90,7 @@ def _places_of(
     displaced: Bool[np.ndarray, " n"],
     surface: LocalSurface,
     surfaces_of_other: Int[np.ndarray, " m"],
-    other: Survey,
+    other: ScanVisibility,
 ) -> _Places:
     """The displaced points of no change that lie in front of displaced surfaces of the other cloud."""
     rows = np.flatnonzero(displaced & (found.labels < 0))

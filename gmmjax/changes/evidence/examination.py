@@ -19,9 +19,9 @@ from gmmjax.changes.evidence.facing import Facing
 from gmmjax.changes.evidence.facts import measured
 from gmmjax.changes.evidence.free_space import Observed, Sightlines, observation, sightlines
 from gmmjax.changes.evidence.pieces import PieceSettings, cut
+from gmmjax.changes.evidence.scan_visibility import FreeSpaceSettings, ScanVisibility
 from gmmjax.changes.evidence.support_planes import SupportSettings, supports
 from gmmjax.changes.evidence.surroundings import Areas, Surroundings, SurroundingsSettings
-from gmmjax.changes.evidence.survey import FreeSpaceSettings, Survey
 from gmmjax.changes.evidence.verdict import Judgement, judged
 from gmmjax.changes.evidence.verdict_file import Verdicts
 from gmmjax.changes.evidence.view_checks import ViewCheckSettings
@@ -79,7 +79,7 @@ class Examined(NamedTuple):
 
 
 def observed_places(
-    points: Pair[Float[np.ndarray, "_ 3"]], surveys: Pair[Survey], differences: Differences
+    points: Pair[Float[np.ndarray, "_ 3"]], surveys: Pair[ScanVisibility], differences: Differences
 ) -> Pair[np.ndarray | None]:
     """What the other survey observed at the place of each point, values of `Observed`; None without its views.
 
@@ -89,7 +89,7 @@ def observed_places(
         differences: of the clouds from each other.
     """
 
-    def of_cloud(points: np.ndarray, other: Survey, local: LocalDifference) -> np.ndarray | None:
+    def of_cloud(points: np.ndarray, other: ScanVisibility, local: LocalDifference) -> np.ndarray | None:
         margin, offset = differences.limits.local_distance(local), differences.limits.local_offset(local)
         return None if other.views is None else observation(points, other, margin, offset)
 
@@ -98,7 +98,7 @@ def observed_places(
 
 def measured_candidates(
     candidates: Pair[Candidates],
-    surveys: Pair[Survey],
+    surveys: Pair[ScanVisibility],
     limits: DetectionLimits,
     settings: EvidenceSettings = EvidenceSettings(),
     areas: Pair[Areas] | None = None,
@@ -129,7 +129,7 @@ def measured_candidates(
     opposite = each(lambda own, label: cKDTree(own[label >= 0]), points, labels).swapped
 
     def surroundings(
-        own: _Cut, support: np.ndarray, opposite: cKDTree, survey: Survey, other: Survey, areas: Areas
+        own: _Cut, support: np.ndarray, opposite: cKDTree, survey: ScanVisibility, other: ScanVisibility, areas: Areas
     ) -> list[Candidate]:
         sight = None if other.views is None else _sightlines(own.pieces, survey, other, limits)
         around = Surroundings(*own, support, opposite, other.surface, limits, areas, sight, settings.surroundings)
@@ -148,7 +148,7 @@ class _Cut(NamedTuple):
     everything: cKDTree
 
 
-def _sightlines(own: Candidates, survey: Survey, other: Survey, limits: DetectionLimits) -> Sightlines:
+def _sightlines(own: Candidates, survey: ScanVisibility, other: ScanVisibility, limits: DetectionLimits) -> Sightlines:
     """How surely the other survey observed the places of all points to be empty; 0 for those of no candidate."""
     rows = np.flatnonzero(own.labels >= 0)
     margin, offset = limits.local_distance(own.difference), limits.local_offset(own.difference)
@@ -161,7 +161,7 @@ def _sightlines(own: Candidates, survey: Survey, other: Survey, limits: Detectio
 
 def examined(
     candidates: Pair[Candidates],
-    surveys: Pair[Survey],
+    surveys: Pair[ScanVisibility],
     limits: DetectionLimits,
     verdicts: Verdicts,
     threshold: float = 0.5,

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
-from gmmjax.changes.evidence.survey import Survey
+from gmmjax.changes.evidence.scan_visibility import ScanVisibility
 
 
 class Facing(NamedTuple):
@@ -21,7 +21,7 @@ class Facing(NamedTuple):
     error: Float64[np.ndarray, " n"]
 
     @classmethod
-    def of(cls, survey: Survey, rows: Int[np.ndarray, " n"]) -> "Facing":
+    def of(cls, survey: ScanVisibility, rows: Int[np.ndarray, " n"]) -> "Facing":
         """To which side the surface of a survey faces at some of its points.
 
         The view that measured a point is taken to be the nearest one that has it in its field of view and range: the
@@ -53,7 +53,7 @@ class Facing(NamedTuple):
         return np.asarray(_cosines(self.normals, points, position) < -self.error)
 
 
-def _measured_from(survey: Survey, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+def _measured_from(survey: ScanVisibility, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
     """The position of the nearest view that has each point in its field of view and range; the point itself: none."""
     positions, least = points.copy(), np.full(len(points), np.inf)
     for view in range(0 if survey.views is None else len(survey.views)):

@@ -430,7 +430,7 @@ def _mean_difference(values: Float[np.ndarray, " r"]) -> float:
 
 def _sides(candidate: Candidate) -> tuple[float, float]:
     """The share of the other cloud around a candidate on either side of its plane, beyond its thickness."""
-    if len(candidate.around) < candidate.surroundings.settings.least_around:
+    if len(candidate.around) < candidate.surroundings.settings.min_around:
         return 0.0, 0.0
     heights = candidate.around @ candidate.normal / candidate.spacing
     clear = 2 * (candidate.deviations[0] + 1)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int8, Int64
 
 from gmmjax.changes.evidence.facing import Facing
-from gmmjax.changes.evidence.survey import Survey
+from gmmjax.changes.evidence.scan_visibility import ScanVisibility
 from gmmjax.geometry import LocalSurface, Nearest
 
 
@@ -46,7 +46,7 @@ class Sightlines(NamedTuple):
 
 def observation(
     points: Float64[np.ndarray, "n 3"],
-    survey: Survey,
+    survey: ScanVisibility,
     margin: float | Float64[np.ndarray, " n"],
     offset: float | Float64[np.ndarray, " n"] = np.inf,
 ) -> Int8[np.ndarray, " n"]:
@@ -88,7 +88,7 @@ def observation(
 
 def sightlines(
     points: Float64[np.ndarray, "n 3"],
-    survey: Survey,
+    survey: ScanVisibility,
     margin: float | Float64[np.ndarray, " n"],
     offset: float | Float64[np.ndarray, " n"] = np.inf,
     facing: Facing | None = None,
@@ -145,7 +145,7 @@ class _Places(NamedTuple):
     def of(
         cls,
         points: Float64[np.ndarray, "n 3"],
-        survey: Survey,
+        survey: ScanVisibility,
         margin: float | Float64[np.ndarray, " n"],
         offset: float | Float64[np.ndarray, " n"],
     ) -> "_Places":
@@ -185,7 +185,7 @@ class _Sight(NamedTuple):
     beyond: Float64[np.ndarray, " m"]
 
 
-def _sights(places: _Places, survey: Survey, view: int) -> Iterator[_Sight]:
+def _sights(places: _Places, survey: ScanVisibility, view: int) -> Iterator[_Sight]:
     """The places in the field of view and range of one view, image by image."""
     assert survey.views is not None
     in_camera = survey.views.in_camera(places.points, view)
@@ -212,7 +212,7 @@ def _beyond(
     places: _Places,
     found: Nearest,
     ranges: Float64[np.ndarray, " n"],
-    survey: Survey,
+    survey: ScanVisibility,
     position: Float64[np.ndarray, " 3"],
 ) -> Float64[np.ndarray, " n"]:
     """How far the surface in the direction of each place is behind it, in limits; 0 where none is."""
@@ -232,7 +232,7 @@ def _beyond(
     return beyond
 
 
-def _reached(sight: _Sight, survey: Survey, view: int) -> Bool[np.ndarray, " m"]:
+def _reached(sight: _Sight, survey: ScanVisibility, view: int) -> Bool[np.ndarray, " m"]:
     """Which places are not behind the surface in their direction: its plane where it is flat, else its nearest point.
 
     At a grazing angle a place on a surface is far in front of or behind the next point of it, and not off its plane.
@@ -252,7 +252,7 @@ def _reached(sight: _Sight, survey: Survey, view: int) -> Bool[np.ndarray, " m"]
 
 def _occluded(
     places: _Places,
-    survey: Survey,
+    survey: ScanVisibility,
     position: Float64[np.ndarray, " 3"],
     around: Int64[np.ndarray, "n l 9"],
     ranges: Float64[np.ndarray, " n"],
@@ -276,7 +276,7 @@ def _occluded(
     of = occluders[place, level, bin_around]
     in_front = _in_front(places.points[place], survey.surface, of, position) > places.offset[place]
     nearer[place, level, bin_around] = ~(in_front & survey.flat[of])
-    return np.asarray((nearer.sum(axis=2) > survey.settings.most_blocked).any(axis=1))
+    return np.asarray((nearer.sum(axis=2) > survey.settings.max_blocked).any(axis=1))
 
 
 def _height(

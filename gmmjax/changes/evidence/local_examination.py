@@ -34,15 +34,15 @@ from gmmjax.changes.evidence.examination import (
     observed_places,
     warn_of_unlike,
 )
+from gmmjax.changes.evidence.scan_visibility import ScanVisibility
 from gmmjax.changes.evidence.surroundings import Areas
-from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.evidence.verdict_file import Verdicts
 from gmmjax.changes.explanation import Explanation
 from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.changes.prepare.resolution import WorkingCloud
 from gmmjax.clouds import voxel_grid
 from gmmjax.geometry import LocalSurface
-from gmmjax.pair import Pair, each, each_on_cores
+from gmmjax.pair import Pair, each, parallel_map
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,20 +52,20 @@ class LocalExaminationSettings:
     Attributes:
         reach: distance from a candidate, in its own spacings, within which the clouds have its resolution: that within
             which facts look at points one by one. Smaller: they look at coarse ones.
-        most_points: number of points of a candidate, at most; the spacing of a larger one is doubled until it has no
+        max_points: number of points of a candidate, at most; the spacing of a larger one is doubled until it has no
             more. A bound on the time: what is as large has as clear facts at half the resolution.
-        least_share: fraction of the points of a larger voxel that are of a candidate, at least, for it to be of it. 0:
+        min_share: fraction of the points of a larger voxel that are of a candidate, at least, for it to be of it. 0:
             candidates get thicker by what touches them.
-        most_together: voxels of either scan, of the candidates' resolution, within reach of those that are examined
+        max_together: voxels of either scan, of the candidates' resolution, within reach of those that are examined
             together, at most; more candidates are examined in batches, by their place. A bound on memory: half a
             million take about a gigabyte. Few: the limits are those of few places; many: memory grows with the number
             of candidates.
     """
 
     reach: float = 65.0
-    most_points: int = 20_000
-    least_share: float = 0.5
-    most_together: int = 500_000
+    max_points: int = 20_000
+    min_share: float = 0.5
+    max_together: int = 500_000
 
 
 class LocalScene(NamedTuple):
@@ -82,7 +82,7 @@ class LocalScene(NamedTuple):
 
     clouds: Pair[WorkingCloud]
     coarse: Pair[Float[np.ndarray, "_ 3"]]
-    surveys: Pair[Survey]
+    surveys: Pair[ScanVisibility]
     differences: Differences
     excess: Callable[[Float[np.ndarray, "n 3"], bool], RestartValues]
 
@@ -191,7 +191,7 @@ def candidates_by_resolution(
     for resolution in sorted({value for own in resolutions for value in own.values()}):
         chosen = resolutions.map(functools.partial(_numbers_at, resolution))
         shares = scene.clouds.map(functools.partial(_shares_at, resolution))
-        for batch in batches_of(chosen, candidates, shares, settings.reach * resolution, settings.most_together):
+        for batch in batches_of(chosen, candidates, shares, settings.reach * resolution, settings.max_together):
             yield _at_resolution(resolution, batch, candidates, scene, areas, evidence, settings)
 
 
@@ -229,7 +229,7 @@ def examined_spacing(sizes: Float[np.ndarray, " n"], settings: LocalExaminationS
         settings: how many points are examined.
     """
     # On a surface, twice the size is a quarter of the points.
-    doubled = max(0.0, np.ceil(np.log2(len(sizes) / settings.most_points) / 2))
+    doubled = max(0.0, np.ceil(np.log2(len(sizes) / settings.max_points) / 2))
     return float(np.quantile(sizes, 0.5, method="lower") * 2.0**doubled)
 
 
@@ -245,7 +245,7 @@ def _at_resolution(
     """A batch of candidates at one spacing."""
     cloud_within = functools.partial(_cloud, batch=batch, spacing=spacing)
     clouds = each(cloud_within, scene.clouds, scene.coarse, batch.rows)
-    surfaces = each_on_cores(lambda cloud: LocalSurface.of(cloud.points), clouds)
+    surfaces = parallel_map(lambda cloud: LocalSurface.of(cloud.points), clouds)
     differences = _differences(surfaces, clouds, scene.differences, spacing)
     surveys = each(lambda surface, survey: dataclasses.replace(survey, surface=surface), surfaces, scene.surveys)
     points = clouds.map(lambda cloud: cloud.points)
@@ -293,7 +293,7 @@ def _cloud(
 def _differences(surfaces: Pair[LocalSurface], clouds: Pair[_Cloud], fine: Differences, spacing: float) -> Differences:
     """The differences at one spacing, with the registration error that the finest voxels show at each place."""
     settings = fine.limits.settings
-    local = each_on_cores(functools.partial(local_difference, settings=settings), surfaces, surfaces.swapped)
+    local = parallel_map(functools.partial(local_difference, settings=settings), surfaces, surfaces.swapped)
     error = each(lambda own, side: _error(own, side, fine.limits), clouds, fine.local)
     # Where one of the scans has nothing within reach, all points tell the limits.
     everywhere = not all(cloud.inside for cloud in clouds)
@@ -336,7 +336,7 @@ def _labels(
     of_candidates = np.bincount(at.member[differing], cloud.mass[differing], minlength=len(at.points))
     labels = np.full(len(at.points), -1)
     labels[at.member[differing]] = own.labels[differing]
-    return np.where(of_candidates >= settings.least_share * mass, labels, -1)
+    return np.where(of_candidates >= settings.min_share * mass, labels, -1)
 
 
 def _pieces_of(pieces: list[Candidate], labels: Int[np.ndarray, " n"], numbers: list[int]) -> list[Candidate]:

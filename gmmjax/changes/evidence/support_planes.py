@@ -31,40 +31,40 @@ class SupportSettings:
     """When a segment is the support plane of a segment of the other cloud. Lengths in spacings, where they say so.
 
     Attributes:
-        planes: how the plane of a support is found; one plane must hold `planes.least_share` of its voxels. Lower:
+        planes: how the plane of a support is found; one plane must hold `planes.min_share` of its voxels. Lower:
             boxes are taken for supports of what stands against them.
         voxel: edge of those voxels, in spacings, so that the number of a plane's inliers measures an area. Smaller:
             dense parts of a segment outweigh large ones.
         noise_deviations: largest distance of an inlier from the plane, in standard deviations of the segment's noise.
             Smaller: noisy supports are not flat.
-        least_flatness: the same, in spacings, at least, where the surface is without noise. 0: only rounding is allowed
+        min_flatness: the same, in spacings, at least, where the surface is without noise. 0: only rounding is allowed
             for.
-        most_below: fraction of an object's points below its support plane, at most: outliers. 1: what reaches through
+        max_below: fraction of an object's points below its support plane, at most: outliers. 1: what reaches through
             the plane stands on it.
         touching: height above the plane, in spacings, within which points of an object touch it. Smaller: objects whose
             lowest points pass for unchanged do not touch it; larger: objects that hang above it do.
-        least_touching: number of such points that have a point of the support next to them along the plane, at least.
+        min_touching: number of such points that have a point of the support next to them along the plane, at least.
             0: every object above the infinite plane stands on it.
         adjacent: distance along the plane, in spacings, at which these have it. Larger: objects next to a support stand
             on it.
         upward: when there is an upward direction, across which supports are.
         around: distance, in spacings, within which unchanged surfaces around the segments tell that direction. Smaller:
             the normals beside an object are mixed with those of its sides.
-        most_touching: number of a segment's points, at most and evenly chosen, from which that distance is taken: a
+        max_touching: number of a segment's points, at most and evenly chosen, from which that distance is taken: a
             bound on the time.
     """
 
-    planes: PlaneSettings = PlaneSettings(least_share=0.75)
+    planes: PlaneSettings = PlaneSettings(min_share=0.75)
     voxel: float = 2.0
     noise_deviations: float = 3.0
-    least_flatness: float = 0.5
-    most_below: float = 0.03
+    min_flatness: float = 0.5
+    max_below: float = 0.03
     touching: float = 3.0
-    least_touching: int = 8
+    min_touching: int = 8
     adjacent: float = 5.0
     upward: UpwardSettings = UpwardSettings()
     around: float = 10.0
-    most_touching: int = 300
+    max_touching: int = 300
 
 
 def supports(
@@ -170,7 +170,7 @@ def _contact(
     settings: SupportSettings,
 ) -> Contact:
     """The unchanged surfaces around a segment."""
-    tree = cKDTree(segment[evenly_chosen(len(segment), settings.most_touching)])
+    tree = cKDTree(segment[evenly_chosen(len(segment), settings.max_touching)])
     # Thinned, so that the planes of the voxels are larger than the noise and what the two clouds are off by.
     around = voxel_grid(points_within(tree, unchanged, settings.around * spacing), settings.voxel * spacing).points
     if not len(around):
@@ -184,7 +184,7 @@ def _support_plane(
     """The plane that most of a segment lies on, if there is one, and the largest deviation from it by noise."""
     noise = settings.noise_deviations * plane_surface(segment, settings.planes).thickness
     thinned = voxel_grid(segment, settings.voxel * spacing).points
-    flatness = max(noise, settings.least_flatness * spacing)
+    flatness = max(noise, settings.min_flatness * spacing)
     planes = planes_of(plane_surface(thinned, settings.planes), flatness, settings=settings.planes)
     return (planes[0] if planes else None), noise
 
@@ -198,8 +198,8 @@ def _stands_on(
     settings: SupportSettings,
 ) -> bool:
     heights = change @ plane.normal - plane.offset
-    if (heights < -(noise + spacing)).mean() > settings.most_below:
+    if (heights < -(noise + spacing)).mean() > settings.max_below:
         return False
     touching = change[heights < settings.touching * spacing + noise]
     on_plane = segment[plane.distance(segment) <= noise]
-    return int(plane.near(touching, on_plane, settings.adjacent * spacing).sum()) >= settings.least_touching
+    return int(plane.near(touching, on_plane, settings.adjacent * spacing).sum()) >= settings.min_touching

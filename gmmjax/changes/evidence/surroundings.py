@@ -26,11 +26,11 @@ class SurroundingsSettings:
     Attributes:
         reach: how far the surroundings go beyond three standard deviations of the candidate, in spacings. 0: small
             candidates have none.
-        most_points: of the other cloud within reach that are looked at, evenly chosen: a bound on the time.
+        max_points: of the other cloud within reach that are looked at, evenly chosen: a bound on the time.
         contact: distance, in spacings, within which points are in contact. Smaller: the gaps between points separate
             what is adjacent.
         adjacent: distance, in spacings, within which points of other candidates are beside a candidate.
-        least_around: number of points of the other cloud within reach, at least, for the directions in which they lie
+        min_around: number of points of the other cloud within reach, at least, for the directions in which they lie
             to say anything; of fewer there are none. 0: a single stray point is a direction.
         directions: number of directions, evenly spread over the sphere, that are looked into.
         neighbourhood: how far the neighbourhood goes beyond four standard deviations of the candidate, in spacings. 0:
@@ -48,10 +48,10 @@ class SurroundingsSettings:
     """
 
     reach: float = 10.0
-    most_points: int = 4000
+    max_points: int = 4000
     contact: float = 3.0
     adjacent: float = 5.0
-    least_around: int = 10
+    min_around: int = 10
     directions: int = 32
     neighbourhood: float = 40.0
     interspersed: float = 2.0

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from gmmjax._programs import kept_jit
+from gmmjax._programs import lru_jit
 from gmmjax._typing import Array
 from gmmjax.changes.evidence.facts import FACTS
 from gmmjax.changes.explanation import Contribution, Explanation
@@ -127,7 +127,7 @@ def judged(verdict: Verdict, measured: Sequence[Mapping[str, float]]) -> Judgeme
     return Judgement(explanations, unlike)
 
 
-@kept_jit
+@lru_jit
 def _judge(
     verdict: Verdict, facts: Float[Array, "b f"]
 ) -> tuple[Float[Array, "b 3"], Float[Array, "b 2 f"], Float[Array, "b f"]]:

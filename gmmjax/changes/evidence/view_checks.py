@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from gmmjax.changes.evidence.survey import Survey
+from gmmjax.changes.evidence.scan_visibility import ScanVisibility
 from gmmjax.clouds import SensorViews
 from gmmjax.errors import InputError, warn
 from gmmjax.geometry import DepthImage, frustums
@@ -16,20 +16,20 @@ class ViewCheckSettings:
     """From when on views contradict their cloud.
 
     Attributes:
-        most_outside: fraction of the points outside of all views, at most: noise, or poses that were left out (with
+        max_outside: fraction of the points outside of all views, at most: noise, or poses that were left out (with
             three quarters of them left out 4 to 5 %). 1: views of another survey are used.
-        most_occluded: fraction of the points in the views that are occluded in all of them, at most; where it is more,
-            `most_hidden` decides. Measured: 1 % in surveys of many frames, 2 to 7 % in single frames, at the edges of
+        max_occluded: fraction of the points in the views that are occluded in all of them, at most; where it is more,
+            `max_hidden` decides. Measured: 1 % in surveys of many frames, 2 to 7 % in single frames, at the edges of
             occluding objects, 10 to 40 % in a scanner's single scan, and 16 to 38 % in a survey moved sideways by half
             its width. 1: such a survey is used.
         occlusion_depth: a point is occluded when something lies this many spacings in front of it; nearer, it is the
             same slanted surface. 0: most of a slanted surface is occluded by itself.
-        most_hidden: fraction of the points that are covered together with their neighbours, by what is neither near the
+        max_hidden: fraction of the points that are covered together with their neighbours, by what is neither near the
             sensor nor seen at a grazing angle, at most, of a single view; of n views it is divided by the root of n,
             since what one of them misses another one sees. With it and the next one none of 280 surveys is refused with
             its own views, and three quarters of those with views off by half their width are. 1: views of
             another place are used; 0: one point that is covered is enough to refuse all views.
-        most_hidden_sighted: the same where the scan's own lines of sight are looked at, which fill no gaps. 1 and 0:
+        max_hidden_sighted: the same where the scan's own lines of sight are looked at, which fill no gaps. 1 and 0:
             likewise.
         covered_bins: a point is covered where, of the nine bins of an image around its direction, so many show
             something in front of it. 1: what is seen past the edges of racks and through their gaps is, as bins are
@@ -37,31 +37,31 @@ class ViewCheckSettings:
         nearest_range: what is nearer than this fraction of the upper quartile of the ranges in a view occludes nothing
             in that test: the stand of a scanner, which turns beside the axis that the view is given for. 0: the stand
             contradicts its own view; towards 1: nothing contradicts a view.
-        least_incidence: cosine between the ray and the normal of a surface that occludes in that test, at least. 0:
+        min_incidence: cosine between the ray and the normal of a surface that occludes in that test, at least. 0:
             surfaces at a grazing angle occlude, which noise displaces across the ray; 1: nothing does.
         hidden_neighbours: fraction of a point's neighbours that are occluded with it in that test, at least. 0: single
             points at the edges of surfaces count; 1: only what is far from all that is visible.
     """
 
-    most_outside: float = 0.08
-    most_occluded: float = 0.15
+    max_outside: float = 0.08
+    max_occluded: float = 0.15
     occlusion_depth: float = 8.0
-    most_hidden: float = 0.035
-    most_hidden_sighted: float = 0.015
+    max_hidden: float = 0.035
+    max_hidden_sighted: float = 0.015
     covered_bins: int = 8
     nearest_range: float = 0.3
-    least_incidence: float = 0.2
+    min_incidence: float = 0.2
     hidden_neighbours: float = 0.5
 
 
 def usable_views(
     name: str,
-    survey: Survey,
+    survey: ScanVisibility,
     settings: ViewCheckSettings = ViewCheckSettings(),
     points: Float64[np.ndarray, "n 3"] | None = None,
     *,
     quiet: bool = False,
-) -> Survey:
+) -> ScanVisibility:
     """The survey, without its views where they contradict the cloud.
 
     Args:
@@ -87,7 +87,7 @@ def usable_views(
 
 def check_views(
     name: str,
-    survey: Survey,
+    survey: ScanVisibility,
     settings: ViewCheckSettings = ViewCheckSettings(),
     points: Float64[np.ndarray, "n 3"] | None = None,
 ) -> str | None:
@@ -123,9 +123,9 @@ def check_views(
             "camera to world (x right, y down, z forward) in the cloud's frame and unit, the field of view in degrees"
         )
     occluded = 1 - float(visible[inside].mean())
-    if occluded > settings.most_occluded:
+    if occluded > settings.max_occluded:
         if points is not None and len(points) > len(own):
-            survey = survey.sighted_by(points)
+            survey = survey.with_line_of_sight(points)
         if not _hidden_by_much(survey, inside & ~visible, settings):
             occluded = 0.0
     return _contradiction(name, views, in_range.mean(), inside.mean(), occluded, settings)
@@ -136,20 +136,20 @@ def _contradiction(
 ) -> str | None:
     """Why the views contradict the cloud, by the fractions of its points in range, in a view, and occluded there."""
     remedy = "free space is not used as evidence; check the poses (camera to world), the frame and the unit"
-    if in_range < 1 - settings.most_outside:
+    if in_range < 1 - settings.max_outside:
         return (
             f"{name}: {1 - in_range:.0%} of the cloud's points are further than max_range={views.max_range:.4g} from "
             f"every view; {remedy}"
         )
-    if inside < 1 - settings.most_outside:
+    if inside < 1 - settings.max_outside:
         return f"{name}: {1 - inside:.0%} of the cloud's points are behind or beside every view; {remedy}"
-    if occluded > settings.most_occluded:
+    if occluded > settings.max_occluded:
         return f"{name}: {occluded:.0%} of the cloud's points are hidden by others from every view; {remedy}"
     return None
 
 
 def _unoccluded(
-    places: Float64[np.ndarray, "n 3"], survey: Survey, view: int, settings: ViewCheckSettings
+    places: Float64[np.ndarray, "n 3"], survey: ScanVisibility, view: int, settings: ViewCheckSettings
 ) -> Bool[np.ndarray, " n"]:
     """Which points of a survey, in the coordinates of one view, nothing in the view's images occludes."""
     visible = np.zeros(len(places), bool)
@@ -160,7 +160,7 @@ def _unoccluded(
     return visible
 
 
-def _hidden_by_much(survey: Survey, occluded: Bool[np.ndarray, " n"], settings: ViewCheckSettings) -> bool:
+def _hidden_by_much(survey: ScanVisibility, occluded: Bool[np.ndarray, " n"], settings: ViewCheckSettings) -> bool:
     """Whether too many points are covered in all views that they are in, together with their neighbours.
 
     Args:
@@ -170,7 +170,7 @@ def _hidden_by_much(survey: Survey, occluded: Bool[np.ndarray, " n"], settings: 
     """
     assert survey.views is not None
     shown = survey.sighted or survey
-    most = settings.most_hidden if survey.sighted is None else settings.most_hidden_sighted
+    most = settings.max_hidden if survey.sighted is None else settings.max_hidden_sighted
     hidden, margin = occluded.copy(), settings.occlusion_depth * survey.spacing
     for view in range(len(survey.views)):
         places = survey.views.in_camera(survey.points, view)
@@ -184,7 +184,7 @@ def _hidden_by_much(survey: Survey, occluded: Bool[np.ndarray, " n"], settings: 
 def _covered(
     places: Float64[np.ndarray, "n 3"],
     margin: Float64[np.ndarray, " n"],
-    shown: Survey,
+    shown: ScanVisibility,
     view: int,
     settings: ViewCheckSettings,
 ) -> Bool[np.ndarray, " n"]:
@@ -199,7 +199,7 @@ def _covered(
     if not in_view.any():
         return covered
     normals = shown.surface.normals[shown.occluders] @ shown.views.poses[view, :3, :3]
-    facing = np.abs((normals * points).sum(axis=1)) > settings.least_incidence * ranges
+    facing = np.abs((normals * points).sum(axis=1)) > settings.min_incidence * ranges
     nearest = settings.nearest_range * np.quantile(ranges[in_view], 0.75)
     covering, spacing = facing & (ranges > nearest), shown.spacing_in(view)
     # The last one is that of a bin that shows nothing.

@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Float, Int, PRNGKeyArray
 
 from gmmjax._host import padded_chunks, to_numpy
-from gmmjax._programs import kept_jit
+from gmmjax._programs import lru_jit
 from gmmjax._typing import Array
 from gmmjax.changes.fit.restart_fits import mixture_arrays, mixture_of, of_restarts, status_array, status_of
 from gmmjax.clouds import canonical_order, morton_order
 from gmmjax.comparison import (
     JointMixture,
-    SourcedPoints,
+    LabelledPoints,
     component_posterior,
     density_ratio,
     fit_joint_mixture_from_seeds,
@@ -48,11 +48,11 @@ class FramedPoints(NamedTuple):
         frame: from the unit of the points into that of the mixtures.
     """
 
-    points: SourcedPoints
+    points: LabelledPoints
     frame: Standardisation
 
     @classmethod
-    def of(cls, points: SourcedPoints) -> "FramedPoints":
+    def of(cls, points: LabelledPoints) -> "FramedPoints":
         """Both clouds in their frame.
 
         Args:
@@ -63,7 +63,7 @@ class FramedPoints(NamedTuple):
         order = order[morton_order(np.asarray(points.points.points)[order])]
         points = jax.tree.map(lambda leaf: leaf[order], points)
         frame = Standardisation.of(points.points)
-        return cls(SourcedPoints(frame.enter(points.points), points.after), frame)
+        return cls(LabelledPoints(frame.enter(points.points), points.after), frame)
 
 
 class JointFits(NamedTuple):
@@ -162,9 +162,9 @@ def _joint_mixture(arrays: Mapping[str, np.ndarray]) -> JointMixture:
     return JointMixture(mixture_of(arrays), arrays["share_after"], arrays["noise_weight"], arrays["log_noise"])
 
 
-@kept_jit
+@lru_jit
 def _compiled_fit(
-    points: SourcedPoints,
+    points: LabelledPoints,
     key: PRNGKeyArray,
     prior: Prior,
     max_components: Int[Array, ""],
@@ -217,7 +217,7 @@ def mixtures_distance(fits: JointFits) -> float:
     return float(np.mean(distances)) * float(fits.frame.spread)
 
 
-@kept_jit
+@lru_jit
 def _distance(joint: JointMixture) -> Float[Array, ""]:
     # All slots, dead ones too: one program for fits of any size.
     return earth_movers_distance(of_cloud(joint, after=False), of_cloud(joint, after=True)).cost
@@ -237,14 +237,14 @@ def _in_chunks(function: Callable[..., tuple[Array, ...]], fits: JointFits, poin
     return tuple(np.concatenate(part)[: len(points)] for part in zip(*parts, strict=True))
 
 
-@kept_jit
+@lru_jit
 def _chunk_points(
     joint: JointMixture, ratio: Float[Array, ""], chunk: Float[Array, "c 3"], *, after: bool
 ) -> tuple[Float[Array, " c"]]:
     return (_in_products(lambda points: point_posterior(joint, ratio, points, after), chunk),)
 
 
-@kept_jit
+@lru_jit
 def _chunk_components(
     joint: JointMixture, ratio: Float[Array, ""], chunk: Float[Array, "c 3"], *, after: bool
 ) -> tuple[Float[Array, " c"], Int[Array, " c"]]:
@@ -265,7 +265,7 @@ def _in_products(function: Callable[[Array], Any], chunk: Float[Array, "c 3"]) -
     return jax.tree.map(jnp.ravel, values)
 
 
-def subsample(points: SourcedPoints, size: int, seed: list[int], restart: int) -> SourcedPoints:
+def subsample(points: LabelledPoints, size: int, seed: list[int], restart: int) -> LabelledPoints:
     """The random subsample of a restart, evenly over both clouds: one of each stretch along the order of the points.
 
     Args:

@@ -8,7 +8,7 @@ import numpy as np
 from gmmjax.changes.config import DetectionConfig
 from gmmjax.changes.prepare.resolution import WorkingPair
 from gmmjax.changes.registration import Registration
-from gmmjax.comparison import FIT_SETTINGS, SourcedPoints, joint_prior
+from gmmjax.comparison import FIT_SETTINGS, LabelledPoints, joint_prior
 from gmmjax.errors import InputError
 from gmmjax.mixtures import FitSettings, Prior, WeightedPoints, default_noise_floor
 
@@ -58,7 +58,7 @@ class JointProblem:
         volumetric: whether the clouds fill volumes.
     """
 
-    points: SourcedPoints
+    points: LabelledPoints
     prior: Prior
     max_components: int
     slots: int
@@ -92,7 +92,7 @@ def joint_problem(
     prior = config.over(joint_prior(_noise_floor(pair, points, settings), _tolerance(pair, registration, settings)))
     logger.info("joint mixture: at most %d components, tolerance %.4g", components, float(prior.tolerance))
     return JointProblem(
-        points=SourcedPoints(WeightedPoints(points, np.concatenate(masses)), after),
+        points=LabelledPoints(WeightedPoints(points, np.concatenate(masses)), after),
         prior=prior,
         max_components=components,
         slots=max(components, _default_components(pair, settings)),

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from gmmjax._host import padded_chunks
-from gmmjax._programs import kept_jit
+from gmmjax._programs import lru_jit
 from gmmjax._typing import Array
 from gmmjax.changes.change import Kind
 from gmmjax.changes.fit.restart_values import ALL, RestartValues, Rows
@@ -87,7 +87,7 @@ def _labels_at(
     return np.concatenate(labels)[: len(chosen)]
 
 
-@kept_jit
+@lru_jit
 def _chunk_labels(mixture: GaussianMixture, chunk: Float[Array, "c 3"]) -> Int[Array, " c"]:
     return mixture.labels(chunk).astype(jnp.int32)
 

@@ -34,14 +34,14 @@ from gmmjax.pair import Pair, each
 
 # Groups of adjacent changes that are examined at most, the largest first: a bound on the time. Changes nearer to each
 # other than this, in spacings, are adjacent.
-MOST_GROUPS, ADJACENT = 6, 8.0
+MAX_GROUPS, ADJACENT = 6, 8.0
 # Rotations that the search starts from, in either sense, and the best starts, which are refined.
 ANGLES, BEST_STARTS = np.radians([8.0, 20.0, 35.0, 50.0]), 5
 # A panel on a hinge has this fraction of the points that differ in one plane; the others came into sight behind it. Its
 # rotation may explain less than another motion by this fraction: a panel is often slid along itself.
 PANEL_SAMPLE, PANEL, HINGE_BONUS = 600, 0.4, 0.1
 # `InPlaceMotion.explained`, at least; the rest of the decision is the model's.
-LEAST_EXPLAINED = 0.5
+MIN_EXPLAINED = 0.5
 # Points of the object lie within the hull of what differs, or this many spacings outside of it.
 MARGIN_OF_HULL = 3.0
 
@@ -76,7 +76,7 @@ def adjacent_groups(parts: Sequence[Float[np.ndarray, "_ 3"]], spacing: float) -
         near[i, j] = trees[i].count_neighbors(trees[j], ADJACENT * spacing) > 0
     count, group = connected_components(near, directed=False)
     groups = [np.flatnonzero(group == number).tolist() for number in range(count)]
-    return sorted(groups, key=lambda own: -sum(len(parts[index]) for index in own))[:MOST_GROUPS]
+    return sorted(groups, key=lambda own: -sum(len(parts[index]) for index in own))[:MAX_GROUPS]
 
 
 def motion_in_place(
@@ -98,7 +98,7 @@ def motion_in_place(
     transform = _best_transform(place, noise)
     explained = _explained(place, transform, noise)
     share = min(each(lambda own, asked: float(own[asked].mean()), explained, _to_explain(place, seeds)))
-    if share < LEAST_EXPLAINED:
+    if share < MIN_EXPLAINED:
         return None
     chosen = _moved_points(place, explained, transform)
     if chosen is None:
@@ -146,7 +146,7 @@ def _starts(place: Place, different: Pair[Float64[np.ndarray, "_ 3"]]) -> Float6
 def _panel(points: Float64[np.ndarray, "n 3"], flatness: float) -> Float64[np.ndarray, "m 3"] | None:
     """The points of the largest plane among those that differ; None where most of them are of other surfaces."""
     few = plane_surface(points[evenly_chosen(len(points), PANEL_SAMPLE)], PLANES)
-    planes = planes_of(few, flatness, settings=dataclasses.replace(PLANES, most_planes=1))
+    planes = planes_of(few, flatness, settings=dataclasses.replace(PLANES, max_planes=1))
     own = few.points[planes[0].distance(few.points) <= flatness] if planes else few.points[:0]
     return own if len(own) >= max(PANEL * len(few), 3) else None
 

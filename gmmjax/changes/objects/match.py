@@ -19,7 +19,7 @@ from gmmjax.pair import Pair, each
 TRANSFORMS, UPRIGHT_TRANSFORMS = 7, 4
 # Points of either object that candidates are compared by; so many of the best are refined on more of them, unless more
 # than this fraction of the points contradicts the best one.
-COARSE_SAMPLE, REFINED, SAMPLE, REFINED_SAMPLE, MOST_CONTRADICTED = 200, 2, 800, 2000, 0.3
+COARSE_SAMPLE, REFINED, SAMPLE, REFINED_SAMPLE, MAX_CONTRADICTED = 200, 2, 800, 2000, 0.3
 # Contradicted points cost this multiple of what covered points gain.
 CONTRADICTION = 4.0
 # Of the transforms that fit a symmetric object the one with the smallest rotation is taken: half a turn costs this
@@ -98,7 +98,7 @@ def best_match(compared: Compared) -> Match | None:
         return None
     matches.sort(key=lambda match: match.merit, reverse=True)
     best = matches[0]
-    if min(best.there.contradicted, best.back.contradicted) <= MOST_CONTRADICTED:
+    if min(best.there.contradicted, best.back.contradicted) <= MAX_CONTRADICTED:
         kept = [match.transform for match in matches[:REFINED]]
         finer = [refined(compared.parts, own, compared.noise, sample=REFINED_SAMPLE) for own in kept]
         best = max((match_of(compared, own) for own in (*finer, *kept)), key=lambda match: match.merit)

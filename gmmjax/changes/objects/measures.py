@@ -28,13 +28,13 @@ SAMPLE = 2500
 # where there are so many of them; what lies apart are outliers, of which a box would be far too large.
 NEIGHBOURS, REACH, TOGETHER = 8, 1.25, 3
 # Fraction of a change's points, at least, of a part of it that is measured: else groups of outliers are.
-LEAST_PART = 0.1
+MIN_PART = 0.1
 # Faces of the convex hull of a change without a support plane that a box is tried on: with fewer round objects get
 # larger boxes.
 FACES = 24
 
 
-def with_measures(
+def measure_changes(
     items: tuple[Change, ...],
     labels: Pair[Int[np.ndarray, " _"]],
     pair: AlignedPair,
@@ -100,6 +100,6 @@ def _without_outliers(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray,
     if spacing == 0:
         return points
     clusters = density_clusters(points, REACH * spacing, TOGETHER)
-    large = np.bincount(clusters[clusters >= 0]) >= LEAST_PART * len(points)
+    large = np.bincount(clusters[clusters >= 0]) >= MIN_PART * len(points)
     kept = (clusters >= 0) & np.append(large, False)[clusters]
     return points[kept] if kept.any() else points

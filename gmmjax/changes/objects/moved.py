@@ -34,10 +34,10 @@ from gmmjax.pair import Pair, each
 MOVED_THRESHOLD = 0.7
 # Points of a change that are compared with another one, at most, and pairs that are: bounds on the time. The longest
 # extents and the numbers of points of two changes that are compared differ by no greater factor.
-SAMPLE, MOST_PAIRS, MOST_EXTENT_RATIO, MOST_COUNT_RATIO = 2500, 24, 1.5, 5.0
+SAMPLE, MAX_PAIRS, MAX_EXTENT_RATIO, MAX_COUNT_RATIO = 2500, 24, 1.5, 5.0
 # A cluster of few points, a thin strip (second principal extent in spacings, and by the first one) and a flat patch
 # (second of `observability`) fit everywhere: what is compared has at least these.
-FEWEST, LEAST_WIDTH, LEAST_ASPECT, LEAST_BEND = 40, 5.0, 0.1, 0.2
+FEWEST, MIN_WIDTH, MIN_ASPECT, MIN_BEND = 40, 5.0, 0.1, 0.2
 
 
 class PairHypothesis(NamedTuple):
@@ -77,7 +77,7 @@ class _Labelled(NamedTuple):
     labels: Pair[Int[np.ndarray, " _"]]
 
 
-def with_moved(
+def match_moved_objects(
     items: tuple[Change, ...], labels: Pair[Int[np.ndarray, " _"]], pair: AlignedPair, noise: float
 ) -> tuple[tuple[Change, ...], Pair[Int[np.ndarray, " _"]]]:
     """Make pairs that "moved", each with all its points, of the changes that are one object.
@@ -121,7 +121,7 @@ def place_hypotheses(
         items: the changes of both clouds.
         labels: the change of each point of the surfaces, or -1.
         surfaces: of both clouds, registered.
-        noise: of `with_moved`.
+        noise: of `match_moved_objects`.
     """
     spacing = max(surface.nearest_distance for surface in surfaces)
     points = [np.concatenate([*points_of(surfaces, _members([index], labels))]) for index in range(len(items))]
@@ -143,7 +143,7 @@ def pair_hypotheses(
         items: the changes of both clouds.
         labels: the change of each point of the surfaces, or -1.
         surfaces: of both clouds, registered.
-        noise: of `with_moved`.
+        noise: of `match_moved_objects`.
     """
     gone = [index for index, change in enumerate(items) if change.kind == "disappeared"]
     new = [index for index, change in enumerate(items) if change.kind == "appeared"]
@@ -181,8 +181,8 @@ def _part(scene: LocalSurface, own: Bool[np.ndarray, " n"]) -> LocalSurface:
 def _is_distinctive(part: LocalSurface, spacing: float) -> bool:
     """True where there are enough points, and they are neither a strip nor a flat patch."""
     longest, width, _ = principal_extents(part.points)
-    wide = width >= max(LEAST_WIDTH * spacing, LEAST_ASPECT * longest)
-    return bool(wide and len(part) >= FEWEST and observability(part)[1] >= LEAST_BEND)
+    wide = width >= max(MIN_WIDTH * spacing, MIN_ASPECT * longest)
+    return bool(wide and len(part) >= FEWEST and observability(part)[1] >= MIN_BEND)
 
 
 def _similar_pairs(items: Sequence[Change], gone: Sequence[int], new: Sequence[int]) -> list[tuple[int, int]]:
@@ -192,9 +192,9 @@ def _similar_pairs(items: Sequence[Change], gone: Sequence[int], new: Sequence[i
     for i, j in ((i, j) for i in gone for j in new):
         extents = np.abs(np.subtract(*(np.log(np.maximum(items[k].box.extent, tiny)) for k in (i, j))))
         counts = abs(np.log(items[i].point_count / items[j].point_count))
-        if extents[0] <= np.log(MOST_EXTENT_RATIO) and counts <= np.log(MOST_COUNT_RATIO):
+        if extents[0] <= np.log(MAX_EXTENT_RATIO) and counts <= np.log(MAX_COUNT_RATIO):
             unlike[i, j] = float(extents[0] + extents[1] + counts)
-    return sorted(unlike, key=lambda pair: unlike[pair])[:MOST_PAIRS]
+    return sorted(unlike, key=lambda pair: unlike[pair])[:MAX_PAIRS]
 
 
 def _partners(hypotheses: dict[tuple[int, int], PairHypothesis]) -> dict[tuple[int, int], float]:

@@ -29,7 +29,7 @@ from gmmjax.pair import Pair, each
 REACH, MARGIN = 1.6, 12.0
 # Planes are found from so many points at most; standard deviations of the points about a plane within which one is on
 # it.
-PLANE_SAMPLE, PLANES, FLATNESS = 1500, PlaneSettings(least_share=0.05, most_planes=8), 3.0
+PLANE_SAMPLE, PLANES, FLATNESS = 1500, PlaneSettings(min_share=0.05, max_planes=8), 3.0
 # A plane goes beyond the place where this fraction of its points is in the outermost fraction of the radius; of its
 # points are those whose normals are along its own by this cosine, not surfaces that it cuts.
 BORDER, AT_BORDER, PARALLEL = 0.15, 0.05, 0.8
@@ -40,7 +40,7 @@ CONNECTED = 4.0
 # time.
 FEWEST_CHANGED, FEWEST, MOST = 5, 15, 20_000
 # Between the numbers of points that differ in the two clouds: what only appeared has not moved.
-LEAST_RATIO = 0.1
+MIN_RATIO = 0.1
 
 
 class Place(NamedTuple):
@@ -93,7 +93,7 @@ def place_around(seeds: Pair[Int[np.ndarray, " _"]], surfaces: Pair[LocalSurface
     same = functools.partial(on_surface, noise=noise, spacing=spacing)
     differs = each(same, points_of(surfaces, members), means, surfaces.swapped).map(np.logical_not)
     fewer, more = sorted(int(own.sum()) for own in differs)
-    if fewer < max(FEWEST, LEAST_RATIO * more):
+    if fewer < max(FEWEST, MIN_RATIO * more):
         return None
     axes = np.array([plane.normal for plane in planes]) if planes else np.eye(3)
     return Place(points_of(surfaces, members).map(LocalSurface.of), members, differs, axes, flatness)

@@ -138,7 +138,7 @@ class _CoarseSearch(NamedTuple):
         for step in range(done, done + steps):
             distances, nearest = self._closest(transforms, max(self.last, first * 0.5 ** (step / 2)))
             near = np.isfinite(distances)
-            fitted = _least_squares_transforms(self.source, self.target[np.where(near, nearest, 0)], near.astype(float))
+            fitted = _min_squares_transforms(self.source, self.target[np.where(near, nearest, 0)], near.astype(float))
             transforms = np.where((near.sum(axis=1) >= FEWEST_PAIRS)[:, None, None], fitted, transforms)
         return transforms
 
@@ -164,7 +164,7 @@ class _CoarseSearch(NamedTuple):
         return self.tree.query(placed, distance_upper_bound=limit)
 
 
-def _least_squares_transforms(
+def _min_squares_transforms(
     source: Float[np.ndarray, "n 3"], goals: Float[np.ndarray, "s n 3"], weights: Float[np.ndarray, "s n"]
 ) -> Float[np.ndarray, "s 4 4"]:
     """The rigid transforms of the same points to many sets of goals, of which some have no weight (Kabsch 1976)."""

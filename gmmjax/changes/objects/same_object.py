@@ -24,7 +24,7 @@ PARAMETER_FILE = "same_object.json"
 # Standard deviations from the mean, at most, that a fact counts: beyond, nothing was learned.
 FARTHEST = 4.0
 # Log odds of one pair by itself, at most: among look-alikes that all fit well, a slightly better fit tells little.
-MOST_LOG_ODDS = 3.0
+MAX_LOG_ODDS = 3.0
 
 
 class MatchFacts(NamedTuple):
@@ -142,7 +142,7 @@ def pairing_probabilities(log_odds: Float[np.ndarray, "g n"]) -> Float[np.ndarra
         log_odds: of each disappeared (row) and appeared change (column) that they are one object, considered by
             themselves; minus infinity: they are not.
     """
-    odds = np.exp(np.minimum(log_odds, MOST_LOG_ODDS))
+    odds = np.exp(np.minimum(log_odds, MAX_LOG_ODDS))
     return np.asarray(odds / (1 + odds.sum(axis=0, keepdims=True) + odds.sum(axis=1, keepdims=True) - odds))
 
 

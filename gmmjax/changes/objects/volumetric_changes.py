@@ -8,7 +8,7 @@ from gmmjax.changes.fit.joint_fit import CHUNK, JointFits, component_excess
 from gmmjax.changes.objects.cloud_changes import SMALLEST_CHANGE, CloudChanges, change_of
 
 # Standard deviations of the counts, at least, by which a component's points exceed what the other cloud has there.
-LEAST_SIGNIFICANCE = 5.0
+MIN_SIGNIFICANCE = 5.0
 
 
 def restart_weights(message_length: Float[np.ndarray, " r"], comparable: bool) -> Float[np.ndarray, " r"]:
@@ -56,7 +56,7 @@ def volumetric_changes(
     for slot in np.unique(slots[changed]):
         members = changed & (slots == slot)
         significance = _significance(int(members.sum()), float(posterior[members].mean()))
-        if members.sum() < SMALLEST_CHANGE or significance < LEAST_SIGNIFICANCE:
+        if members.sum() < SMALLEST_CHANGE or significance < MIN_SIGNIFICANCE:
             continue
         found.labels[members] = len(found.items)
         found.items.append(change_of(points[members], kind, float(probability[members].mean()), significance))

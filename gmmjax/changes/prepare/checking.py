@@ -234,7 +234,7 @@ def _is_outline(surface: LocalSurface) -> bool:
     variances, axes = np.linalg.eigh(np.cov(points, rowvar=False))
     heights = np.abs((points - np.median(points, axis=0)) @ axes[:, 0])
     flat = np.quantile(heights, 0.99) <= 0.01 * np.sqrt(variances[2])
-    return bool(flat and np.mean(surface.in_rows(chosen, 0.2)) > 0.5)
+    return bool(flat and np.mean(surface.on_scan_lines(chosen, 0.2)) > 0.5)
 
 
 def _rounding(points: Float[np.ndarray, "n 3"]) -> float:

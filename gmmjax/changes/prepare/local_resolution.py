@@ -30,11 +30,11 @@ class LocalResolutionSettings:
     Attributes:
         voxels_per_edge: of a cube, a power of two. Fewer: the voxels of a few points differ by chance.
         halvings: of the size of the voxels of the whole scene, at most. 0: they have one size.
-        least_points: number of points in a voxel, on average, at least. 1: half of the voxels of a surface are empty.
-        least_dimension: box-counting dimension of the points of a cube, at least. 1: lines are taken for surfaces.
-        most_dimension: the same, at most. 3: voxels are smaller than the noise.
-        least_in_cube: number of points of the denser cloud in a cube, at least; of fewer its dimension is not known.
-        most_voxels: of either cloud; with more, the smallest ones are doubled. A bound on time and memory: a million of
+        min_points: number of points in a voxel, on average, at least. 1: half of the voxels of a surface are empty.
+        min_dimension: box-counting dimension of the points of a cube, at least. 1: lines are taken for surfaces.
+        max_dimension: the same, at most. 3: voxels are smaller than the noise.
+        min_in_cube: number of points of the denser cloud in a cube, at least; of fewer its dimension is not known.
+        max_voxels: of either cloud; with more, the smallest ones are doubled. A bound on time and memory: a million of
             them take about ten seconds and a gigabyte. Fewer: dense scans are compared at less than their resolution.
         rare: a cloud with less than this fraction of the points of the other one in a cube does not count there. 0: a
             stray point of one cloud keeps the resolution of the other one from being used.
@@ -42,11 +42,11 @@ class LocalResolutionSettings:
 
     voxels_per_edge: int = 16
     halvings: int = 6
-    least_points: float = 1.3
-    least_dimension: float = 1.3
-    most_dimension: float = 2.6
-    least_in_cube: int = 50
-    most_voxels: int = 2_000_000
+    min_points: float = 1.3
+    min_dimension: float = 1.3
+    max_dimension: float = 2.6
+    min_in_cube: int = 50
+    max_voxels: int = 2_000_000
     rare: float = 0.1
 
 
@@ -136,14 +136,14 @@ def locally_reduced(
     offsets = points.map(lambda own: own - corner)
     extent = max(float(own.max()) for own in offsets)
     lattice = VoxelLattice.of(corner, extent, voxel_size, settings.halvings)
-    return reduced_on(offsets, lattice, settings, settings.most_voxels)
+    return reduced_on(offsets, lattice, settings, settings.max_voxels)
 
 
 def reduced_on(
     offsets: Pair[Float[np.ndarray, "_ 3"]],
     lattice: VoxelLattice,
     settings: LocalResolutionSettings = LocalResolutionSettings(),
-    most_voxels: int | None = None,
+    max_voxels: int | None = None,
 ) -> Pair[WorkingCloud]:
     """Both clouds, or what of them is in some cubes of a lattice, in voxels as small as both allow at each place.
 
@@ -151,12 +151,12 @@ def reduced_on(
         offsets: of both clouds, relative to the corner of the lattice; either may be without points.
         lattice: of the voxels.
         settings: how small they are.
-        most_voxels: of either cloud; None: the caller bounds their number, of all cubes.
+        max_voxels: of either cloud; None: the caller bounds their number, of all cubes.
     """
     half_cells = offsets.map(lambda own: (own / (lattice.finest / 2)).astype(np.int64))
     levels = _levels(half_cells, lattice.halvings, settings)
-    if most_voxels is not None:
-        levels = _bounded(half_cells, levels, most_voxels)
+    if max_voxels is not None:
+        levels = _bounded(half_cells, levels, max_voxels)
     return each(lambda *own: _working_cloud(lattice, *own), offsets, half_cells, levels)
 
 
@@ -207,13 +207,13 @@ def _can_be_halved(left: Pair[_Cells], level: int, settings: LocalResolutionSett
     cube = each(lambda own, which: np.asarray(np.searchsorted(cubes, own))[np.cumsum(which) - 1], occupied, first)
     counts = cube.map(lambda own: np.bincount(own, minlength=len(cubes)))
     most = np.maximum(*counts)
-    fit = most >= settings.least_in_cube
+    fit = most >= settings.min_in_cube
     for own, place, count in zip(left, cube, counts, strict=True):
         voxels = _occupied(own, place, len(cubes), level)
         present = count >= settings.rare * most
         dimension = voxels.dimension(_occupied_shifted(own, place, len(cubes), level, edge))
-        surface = (dimension >= settings.least_dimension) & (dimension <= settings.most_dimension)
-        fit &= ~present | (surface & (count >= settings.least_points * voxels.smaller))
+        surface = (dimension >= settings.min_dimension) & (dimension <= settings.max_dimension)
+        fit &= ~present | (surface & (count >= settings.min_points * voxels.smaller))
     return cube.map(lambda own: fit[own])
 
 

@@ -23,7 +23,7 @@ def time_of_flight_camera(random: np.random.Generator, columns: int, max_range: 
         columns,
         wide,
         random.uniform(0.6, 0.85),
-        least_range=random.uniform(0.1, 0.4),
+        min_range=random.uniform(0.1, 0.4),
         max_range=max_range * random.uniform(0.8, 1.3),
         noise=random.uniform(0.001, 0.01),
         flying=random.uniform(0.0, 0.1),

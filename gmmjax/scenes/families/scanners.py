@@ -48,7 +48,7 @@ class TripodSurveys:
         beam = Beam(
             noise=log_uniform(random, 0.0005, 0.012),
             growth=random.uniform(0.0, 0.0004),
-            least_range=random.uniform(0.3, 0.8),
+            min_range=random.uniform(0.3, 0.8),
             max_range=random.uniform(20, 80),
             mixed=random.uniform(0.0, 0.5),
             lost=random.uniform(0.0, 0.05),

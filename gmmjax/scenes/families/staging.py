@@ -136,10 +136,10 @@ class Arrangement:
 
 
 def displaced(
-    random: np.random.Generator, pose: Float[np.ndarray, "4 4"], shift: tuple[float, float], most_yaw: float
+    random: np.random.Generator, pose: Float[np.ndarray, "4 4"], shift: tuple[float, float], max_yaw: float
 ) -> Float[np.ndarray, "4 4"]:
     """A motion of a thing along the floor by least to most, metres, and about the vertical by up to the yaw."""
-    direction, yaw = random.uniform(0, 2 * np.pi), random.uniform(-most_yaw, most_yaw)
+    direction, yaw = random.uniform(0, 2 * np.pi), random.uniform(-max_yaw, max_yaw)
     there = pose @ Solid(np.zeros(3), np.ones(3), float(yaw)).pose()
     there[:2, 3] += random.uniform(*shift) * np.array([np.cos(direction), np.sin(direction)])
     return np.asarray(there @ np.linalg.inv(pose))

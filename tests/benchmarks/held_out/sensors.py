@@ -41,7 +41,7 @@ class Sensor:
         lost: share of all pixels that return nothing.
         grazing: cosine below which a surface returns nothing.
         blocked: rays that the carrier is in the way of [rows, columns]; None: none.
-        least_range: metres.
+        min_range: metres.
         window: azimuths and elevations that are scanned, degrees; None: those of the field of view.
     """
 
@@ -57,7 +57,7 @@ class Sensor:
     lost: float = 0.02
     grazing: float = 0.1
     blocked: np.ndarray | None = None
-    least_range: float = 0.2
+    min_range: float = 0.2
     window: tuple[tuple[float, float], tuple[float, float]] | None = None
 
     def frame(self, bodies: Sequence[Body], pose: np.ndarray, random: np.random.Generator) -> Frame:
@@ -74,7 +74,7 @@ class Sensor:
         measured = np.where(mixes, ranges + random.random(len(rays)) * (beyond - ranges), measured)
         if self.quantum:
             measured = 1 / (np.maximum(np.round(1 / measured / self.quantum), 1) * self.quantum)
-        kept = (ranges > self.least_range) & (measured > self.least_range) & (measured < self.max_range)
+        kept = (ranges > self.min_range) & (measured > self.min_range) & (measured < self.max_range)
         kept &= (random.random(len(rays)) >= self.lost) & (hits.facing > self.grazing * random.uniform(0.5, 1.5))
         kept &= mixes | ~edge | (random.random(len(rays)) >= self.edge_lost)
         kept &= np.isfinite(hits.ranges)
@@ -93,7 +93,7 @@ class Sensor:
         ranges = np.linalg.norm(own, axis=0)
         azimuth, elevation = np.degrees(np.arctan2(x, z)), np.degrees(np.arctan2(-y, depth))
         inside = (azimuth >= across[0]) & (azimuth <= across[1]) & (elevation >= up[0]) & (elevation <= up[1])
-        rows = np.flatnonzero(inside & (ranges < self.max_range) & (ranges > self.least_range))
+        rows = np.flatnonzero(inside & (ranges < self.max_range) & (ranges > self.min_range))
         directions = (points[rows] - pose[:3, 3]) / ranges[rows, None]
         hits = first_hits(bodies, pose[:3, 3], directions, lowered=slack)
         visible = np.zeros(len(points), bool)
@@ -173,7 +173,7 @@ def tripod(
     step = np.sqrt((turn[1] - turn[0]) * (rise[1] - rise[0]) / rays)
     a, e = np.meshgrid(*(np.radians(np.arange(low, high - step / 2, step)) for low, high in (turn, rise)))
     directions = np.stack([np.cos(e) * np.sin(a), -np.sin(e), np.cos(e) * np.cos(a)], axis=-1)
-    settings = {"slanted": 0.15, "mixed": 0.15, "edge_lost": 0.01, "lost": 0.01, "grazing": 0.04, "least_range": 0.6}
+    settings = {"slanted": 0.15, "mixed": 0.15, "edge_lost": 0.01, "lost": 0.01, "grazing": 0.04, "min_range": 0.6}
     return Sensor(directions, (360.0, 179.0), max_range, noise, **settings, window=(turn, rise))
 
 

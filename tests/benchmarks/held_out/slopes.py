@@ -14,7 +14,7 @@ from tests.benchmarks.held_out.sensors import looking, tripod
 from tests.benchmarks.held_out.surveys import Rig, Stage, Staged, motion_about, rig_of
 
 # The least depth at which a change of the ground is judged, metres, and as a share of its own.
-LEAST_DEPTH, LEAST_SHARE = 0.03, 0.3
+MIN_DEPTH, MIN_SHARE = 0.03, 0.3
 
 
 class Patch(NamedTuple):
@@ -143,7 +143,7 @@ def changed_terrain(terrain: Terrain, patches: list[Patch], random: np.random.Ge
         rise = [np.diff(own)[0] / (2 * side) for own, side in zip(ends, half, strict=True)]
         heights += share * (depth + coarse) * np.sqrt(1 + rise[0] ** 2 + rise[1] ** 2)
         numbers[share > 0] = RIM
-        numbers[abs(depth) * share > max(LEAST_DEPTH, LEAST_SHARE * abs(depth))] = number
+        numbers[abs(depth) * share > max(MIN_DEPTH, MIN_SHARE * abs(depth))] = number
     depths = {patch.number: abs(patch.depth) for patch in patches}
     before = dataclasses.replace(terrain, numbers=numbers, depths=depths)
     return before, dataclasses.replace(before, heights=heights)

@@ -14,7 +14,7 @@ from tests.benchmarks.held_out.casting import RIM, Body, Terrain, Thing
 from tests.benchmarks.held_out.sensors import Sensor
 
 # A change is counted where it has this many points, and less than this share of them out of the other survey's sight.
-LEAST_POINTS, MOST_UNSEEN = 40, 0.5
+MIN_POINTS, MAX_UNSEEN = 40, 0.5
 
 
 class Stage:
@@ -223,5 +223,5 @@ def _seen(own: _Survey, rig: Rig, world: Sequence[Body], slack: float) -> np.nda
 
 def _not_counted(change: np.ndarray, unseen: np.ndarray) -> frozenset[int]:
     numbers = np.unique(change[change >= 0])
-    few = {int(n) for n in numbers if (change == n).sum() < LEAST_POINTS or unseen[change == n].mean() >= MOST_UNSEEN}
+    few = {int(n) for n in numbers if (change == n).sum() < MIN_POINTS or unseen[change == n].mean() >= MAX_UNSEEN}
     return frozenset(few | {RIM})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gmmjax import InputError
-from gmmjax.changes import Survey
+from gmmjax.changes import ScanVisibility
 from tests.benchmarks.held_out import held_out_pair, held_out_sources, meshes
 from tests.benchmarks.held_out.casting import RIM, Foliage, Terrain, Thing, first_hits
 from tests.benchmarks.held_out.halls import hall
@@ -95,7 +95,7 @@ def test_poses_change_nothing_but_the_views():
     assert unknown.after.views is None
     own = known.after.views.in_camera(known.after.points, 0)
     assert known.after.views.in_field_of_view(own).mean() > 0.99
-    assert Survey.of(known.after.points, known.after.views).views is not None
+    assert ScanVisibility.of(known.after.points, known.after.views).views is not None
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ import numpy as np
 
 from gmmjax.changes.candidates import Candidates
 from gmmjax.changes.differences import DetectionLimits, DifferenceSettings, LocalDifference
-from gmmjax.changes.evidence.survey import Survey
+from gmmjax.changes.evidence.scan_visibility import ScanVisibility
 from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.clouds import SensorViews
 from gmmjax.pair import Pair
@@ -48,7 +48,7 @@ def candidates_of(points, labels, observed=None):
 
 def surveys_of(pair, *views):
     """Both clouds as surveys; of the after cloud with these views."""
-    return Pair(Survey.of(pair.before.points), Survey.of(pair.after.points, *views))
+    return Pair(ScanVisibility.of(pair.before.points), ScanVisibility.of(pair.after.points, *views))
 
 
 def nothing_of(points):

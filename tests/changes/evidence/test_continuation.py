@@ -165,7 +165,7 @@ def test_each_segment_has_its_own_share(surveys):
 def test_the_settings_reach_the_planes_and_the_edge_of_the_coverage(surveys):
     full, empty, labels, unchanged = surveys
     nothing_continues = ContinuationSettings(
-        least_width=1e3, far_width=1e3, coverage_edge=CoverageEdgeSettings(most_occluded=-1.0)
+        min_width=1e3, far_width=1e3, coverage_edge=CoverageEdgeSettings(max_occluded=-1.0)
     )
     shares = unobserved_shares(full, labels, unchanged, empty, nothing_continues)
     assert shares.tolist() == [0, 0]

@@ -87,4 +87,4 @@ def test_what_fills_a_volume_is_no_wall():
 def test_how_many_points_may_be_behind_a_wall_is_a_setting():
     wall, both, other = room()
     beyond = np.concatenate([other, patch(*FLOOR, seed=3) - [2.0, 0, 0]])
-    assert share_at_edge(wall, both, beyond, CoverageEdgeSettings(most_behind=1.0)) > 0.95
+    assert share_at_edge(wall, both, beyond, CoverageEdgeSettings(max_behind=1.0)) > 0.95

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gmmjax.changes.evidence.displaced_surfaces import with_both_places
+from gmmjax.changes.evidence.displaced_surfaces import pair_displaced_surfaces
 from gmmjax.changes.evidence.examination import Examined
-from gmmjax.changes.evidence.survey import Survey
+from gmmjax.changes.evidence.scan_visibility import ScanVisibility
 from gmmjax.changes.explanation import Explanation
 from gmmjax.clouds import SensorViews
 from gmmjax.pair import Pair, each
@@ -36,8 +36,8 @@ def examined(candidate, change):
 def both_places(points, candidates, changes, views=None, seen_from=None, **settings):
     own = each(lambda cloud, rows: candidates_of(cloud, np.where(rows, 0, -1)), points, candidates)
     found = each(examined, candidates, changes)
-    surveys = points.map(lambda cloud: dataclasses.replace(Survey.of(cloud, views), seen_from=seen_from))
-    return found, with_both_places(found, own, surveys, LIMITS, **settings)
+    surveys = points.map(lambda cloud: dataclasses.replace(ScanVisibility.of(cloud, views), seen_from=seen_from))
+    return found, pair_displaced_surfaces(found, own, surveys, LIMITS, **settings)
 
 
 def wider_than_displaced(points, told):

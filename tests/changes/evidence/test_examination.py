@@ -103,7 +103,7 @@ def test_the_detector_passes_its_settings_to_the_surveys():
     """Views that may not leave a single point outside contradict every cloud, before anything is fitted."""
     views = around(4)
     scans = Pair(*(Scan(scanned(views, STAYING, seed=seed, **SETTINGS), views) for seed in (0, 1)))
-    evidence = EvidenceSettings(view_checks=ViewCheckSettings(most_outside=-1.0))
+    evidence = EvidenceSettings(view_checks=ViewCheckSettings(max_outside=-1.0))
     detector = dataclasses.replace(JointDetector(DetectionConfig(restarts=1, registration="never")), evidence=evidence)
     with pytest.raises(InputWarning, match=r"views_before: .* not used as evidence"):
         detector.changes(scans)

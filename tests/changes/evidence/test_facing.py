@@ -3,7 +3,7 @@ import pytest
 
 from gmmjax.changes.evidence.facing import Facing
 from gmmjax.changes.evidence.free_space import sightlines
-from gmmjax.changes.evidence.survey import Survey
+from gmmjax.changes.evidence.scan_visibility import ScanVisibility
 from gmmjax.clouds import SensorViews
 
 HEIGHT = 0.03
@@ -18,7 +18,7 @@ def sheet(height):
 
 
 def survey(points, *positions):
-    return Survey.of(points, SensorViews.from_positions(points, np.array(positions)) if positions else None)
+    return ScanVisibility.of(points, SensorViews.from_positions(points, np.array(positions)) if positions else None)
 
 
 def faced_away(points, own, other):

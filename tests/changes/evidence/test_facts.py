@@ -8,8 +8,8 @@ from gmmjax.changes.differences import Differences
 from gmmjax.changes.evidence.examination import measured_candidates, observed_places
 from gmmjax.changes.evidence.facts import FACTS, measured, names_of, sphere_directions
 from gmmjax.changes.evidence.free_space import Observed
+from gmmjax.changes.evidence.scan_visibility import ScanVisibility
 from gmmjax.changes.evidence.surroundings import Areas
-from gmmjax.changes.evidence.survey import Survey
 from gmmjax.changes.fit.restart_values import RestartValues
 from gmmjax.clouds import SensorViews
 from gmmjax.pair import Pair
@@ -131,7 +131,7 @@ def test_the_side_of_a_sheet_that_faces_away_from_the_other_survey_was_not_reach
     labels = np.where(in_square(FLOOR, (1, 1), 0.6), 0, -1)
     observed = np.full(len(FLOOR), Observed.surface, np.int8)
     pair = Pair(candidates_of(FLOOR, labels, observed), nothing_of(OTHER))
-    surveys = Pair(Survey.of(FLOOR, own_views), Survey.of(OTHER, FROM_ABOVE))
+    surveys = Pair(ScanVisibility.of(FLOOR, own_views), ScanVisibility.of(OTHER, FROM_ABOVE))
     (piece,) = measured_candidates(pair, surveys, LIMITS).before
     assert measured(piece)["unreached"] == unreached
 

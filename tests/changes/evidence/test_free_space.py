@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.evidence.free_space import Observed, observation, sightlines
-from gmmjax.changes.evidence.survey import FreeSpaceSettings, Survey
+from gmmjax.changes.evidence.scan_visibility import FreeSpaceSettings, ScanVisibility
 from gmmjax.clouds import SensorViews
 from gmmjax.scenes.rigid_motions import looking_at
 from tests.changes.rooms import around, box, looking, scanned
@@ -42,7 +42,7 @@ def one_camera(field_of_view=(60.0, 60.0), max_range=5.0):
 
 
 def observed(points, cloud, views, margin):
-    return observation(points, Survey.of(cloud, views), margin)
+    return observation(points, ScanVisibility.of(cloud, views), margin)
 
 
 def test_before_on_and_behind_a_wall():
@@ -94,7 +94,7 @@ def test_floating_pixels_beside_each_other_hide_nothing(size):
     behind = middles * 1.06
     assert (observed(behind, cloud, one_camera(), MARGIN) == Observed.free).all()
     if size > 4:
-        by_distance = Survey.of(cloud, one_camera(), FreeSpaceSettings(least_indegree=0.0))
+        by_distance = ScanVisibility.of(cloud, one_camera(), FreeSpaceSettings(min_indegree=0.0))
         assert (observation(behind, by_distance, MARGIN) == Observed.free).mean() < 0.5
 
 
@@ -224,7 +224,7 @@ def above(heights, lateral=0.1):
 
 
 def test_nearer_than_the_margin_the_offset_from_a_flat_surface_counts():
-    survey = Survey.of(wall(2.0), one_camera())
+    survey = ScanVisibility.of(wall(2.0), one_camera())
     places = above([0.05, 0.02, 0.011, 0.009, -0.02, -0.05])
     free, surface, unobserved = Observed.free, Observed.surface, Observed.unobserved
     assert observation(places, survey, MARGIN).tolist() == [free, *[surface] * 4, unobserved]
@@ -236,7 +236,7 @@ def test_nearer_than_the_margin_the_offset_from_a_flat_surface_counts():
 def test_a_surface_that_is_not_flat_needs_the_whole_margin():
     """Noise of two spacings: the planes through sixteen points are in no particular direction."""
     generator = np.random.default_rng(0)
-    survey = Survey.of(wall(2.0) + 0.02 * generator.normal(size=(40000, 3)), one_camera())
+    survey = ScanVisibility.of(wall(2.0) + 0.02 * generator.normal(size=(40000, 3)), one_camera())
     places = above(generator.uniform(0.03, 0.05, 300), generator.uniform(-0.4, 0.4, 300))
     assert (observation(places, survey, 0.06, 0.01) == Observed.free).mean() < 0.1
 
@@ -244,7 +244,7 @@ def test_a_surface_that_is_not_flat_needs_the_whole_margin():
 def test_each_point_may_have_its_own_margin():
     places = above([0.05, 0.05, 0.02, 0.02])
     margins = np.array([0.03, 0.06, 0.03, 0.01])
-    seen = observation(places, Survey.of(wall(2.0), one_camera()), margins)
+    seen = observation(places, ScanVisibility.of(wall(2.0), one_camera()), margins)
     assert seen.tolist() == [Observed.free, Observed.surface, Observed.surface, Observed.free]
 
 
@@ -254,7 +254,7 @@ def test_a_floor_that_rises_towards_the_sensor_does_not_occlude_what_stands_on_i
     x, y = (grid.ravel() for grid in np.meshgrid(steps, steps))
     floor = np.stack([x, y, np.zeros_like(x)], axis=1)
     views = SensorViews(looking((-2.0, 0, 0.32), (0, 0, 0))[None], (60.0, 40.0), 5.0)
-    survey = Survey.of(floor, views)
+    survey = ScanVisibility.of(floor, views)
     generator = np.random.default_rng(0)
     places = generator.uniform([-0.5, -0.5, 0.012], [0.2, 0.5, 0.02], (300, 3))
     assert (observation(places, survey, MARGIN, 0.01) == Observed.free).mean() > 0.95
@@ -267,7 +267,7 @@ def test_sightlines_count_the_views():
     beside = np.eye(4)
     beside[0, 3] = 0.5
     views = SensorViews(np.stack([np.eye(4), beside, beside]), (60.0, 60.0), 5.0)
-    survey = Survey.of(np.concatenate([wall(2.0, half=2.0), screen]), views)
+    survey = ScanVisibility.of(np.concatenate([wall(2.0, half=2.0), screen]), views)
     places = np.array([[0, 0, 0.5], [0, 0, 1.5], [0, 0, 2.0], [0, 0, 2.5], [-0.9, 0, 1.7], [0, 0, -1.0]])
     lines = sightlines(places, survey, 0.1, 0.05)
     assert lines.through.tolist() == [1, 2, 0, 0, 1, 0]
@@ -275,9 +275,9 @@ def test_sightlines_count_the_views():
     # In margins along the ray, as all of these are farther from the wall.
     assert lines.beyond[0] == pytest.approx(5, rel=0.02) and lines.beyond[4] > 3
     assert (lines.beyond[[2, 3, 5]] < 0.01).all()
-    near = sightlines(above([0.02, 0.04]), Survey.of(wall(2.0), one_camera()), 0.1, 0.05)
+    near = sightlines(above([0.02, 0.04]), ScanVisibility.of(wall(2.0), one_camera()), 0.1, 0.05)
     np.testing.assert_allclose(near.beyond, [0.4, 0.8], rtol=1e-6)
-    for without in (sightlines(places, Survey.of(wall(2.0)), 0.1), sightlines(places[:0], survey, 0.1)):
+    for without in (sightlines(places, ScanVisibility.of(wall(2.0)), 0.1), sightlines(places[:0], survey, 0.1)):
         assert not any(values.any() for values in without)
 
 
@@ -286,13 +286,13 @@ def test_lines_of_sight_reach_what_they_end_at_and_what_is_before_it():
     cloud = np.concatenate([wall(2.0), screen])
     # Before the screen, on it, behind it by less than the margin and by more, on the wall beside it, and not in view.
     places = np.array([[0, 0, 0.7], [0, 0, 1.0], [0, 0, 1.03], [0, 0, 1.5], [0.6, 0, 2.0], [0, 0, -1.0]])
-    reached = sightlines(places, Survey.of(cloud, one_camera()), 0.1, 0.01).reached
+    reached = sightlines(places, ScanVisibility.of(cloud, one_camera()), 0.1, 0.01).reached
     assert reached.tolist() == [1, 1, 0, 0, 1, 0]
     beside = np.eye(4)
     beside[0, 3] = 0.5
     both = SensorViews(np.stack([np.eye(4), beside]), (60.0, 60.0), 5.0)
-    assert sightlines(places, Survey.of(cloud, both), 0.1, 0.01).reached.tolist() == [1, 2, 0, 1, 2, 0]
-    assert not sightlines(places, Survey.of(cloud), 0.1, 0.01).reached.any()
+    assert sightlines(places, ScanVisibility.of(cloud, both), 0.1, 0.01).reached.tolist() == [1, 2, 0, 1, 2, 0]
+    assert not sightlines(places, ScanVisibility.of(cloud), 0.1, 0.01).reached.any()
 
 
 def test_at_a_grazing_angle_a_floor_is_reached_between_its_points():
@@ -300,15 +300,15 @@ def test_at_a_grazing_angle_a_floor_is_reached_between_its_points():
     floor = np.stack([*(grid.ravel() for grid in np.meshgrid(steps, steps)), np.zeros(len(steps) ** 2)], axis=1)
     views = SensorViews(looking((-2.0, 0, 0.2), (0, 0, 0))[None], (60.0, 40.0), 5.0)
     places = np.random.default_rng(0).uniform([-0.6, -0.4, -0.002], [0.6, 0.4, 0.002], (500, 3))
-    assert sightlines(places, Survey.of(floor, views), 0.06, 0.01).reached.mean() > 0.98
-    below = sightlines(places - [0, 0, 0.03], Survey.of(floor, views), 0.06, 0.01)
+    assert sightlines(places, ScanVisibility.of(floor, views), 0.06, 0.01).reached.mean() > 0.98
+    below = sightlines(places - [0, 0, 0.03], ScanVisibility.of(floor, views), 0.06, 0.01)
     assert below.reached.mean() < 0.02
 
 
 def test_what_is_not_flat_hides_by_its_points():
     """Twigs: planes through sixteen points are in no particular direction."""
     generator = np.random.default_rng(0)
-    survey = Survey.of(wall(2.0) + 0.02 * generator.normal(size=(40000, 3)), one_camera())
+    survey = ScanVisibility.of(wall(2.0) + 0.02 * generator.normal(size=(40000, 3)), one_camera())
     places = above(generator.uniform(-0.2, -0.15, 300), generator.uniform(-0.4, 0.4, 300))
     assert sightlines(places, survey, 0.5, 0.01).reached.mean() < 0.05
     open_clutter = dataclasses.replace(survey, settings=FreeSpaceSettings(behind=np.inf))
@@ -317,7 +317,7 @@ def test_what_is_not_flat_hides_by_its_points():
 
 def test_sightlines_agree_with_the_observation(surveys):
     before, after, _ = surveys
-    survey = Survey.of(after, VIEWS)
+    survey = ScanVisibility.of(after, VIEWS)
     for offset in (np.inf, 0.015):
         free = observation(before, survey, MARGIN, offset) == Observed.free
         np.testing.assert_array_equal(sightlines(before, survey, MARGIN, offset).through > 0, free)
@@ -326,10 +326,10 @@ def test_sightlines_agree_with_the_observation(surveys):
 def test_what_counts_as_an_outlier_is_a_setting():
     cloud = np.concatenate([wall(2.0, spacing=0.02), [[0.0, 0.0, 0.8]]])
     place = np.array([[0, 0, 1.5]])
-    occluding = Survey.of(
+    occluding = ScanVisibility.of(
         cloud,
         one_camera(),
-        FreeSpaceSettings(outlier_distance=np.inf, widest_spacing=100.0, least_indegree=0.0, most_blocked=0),
+        FreeSpaceSettings(outlier_distance=np.inf, widest_spacing=100.0, min_indegree=0.0, max_blocked=0),
     )
     assert observed(place, cloud, one_camera(), MARGIN) == Observed.free
     assert observation(place, occluding, MARGIN) == Observed.unobserved
@@ -340,8 +340,8 @@ def test_sparse_points_on_no_plane_are_outliers_only_where_their_range_is_known(
     generator = np.random.default_rng(0)
     sparse = generator.uniform((-0.3, -0.3, 4.7), (0.3, 0.3, 5.3), (100, 3))
     cloud, points = np.concatenate([wall(2.0), sparse]), slice(-len(sparse), None)
-    assert Survey.of(cloud, one_camera(max_range=10.0)).outliers[points].mean() > 0.5
-    assert Survey.of(cloud).outliers[points].mean() < 0.3
+    assert ScanVisibility.of(cloud, one_camera(max_range=10.0)).outliers[points].mean() > 0.5
+    assert ScanVisibility.of(cloud).outliers[points].mean() < 0.3
 
 
 def test_a_tilted_plane_through_noise_does_not_free_the_floor_in_a_hole():
@@ -354,7 +354,7 @@ def test_a_tilted_plane_through_noise_does_not_free_the_floor_in_a_hole():
     views = SensorViews(looking_at(np.array([0, 0, 1.5]), np.array([5.0, 0, 0.5]))[None], (80.0, 60.0), 30.0)
 
     def free(tilts):
-        survey = Survey.of(floor[~hole], views, FreeSpaceSettings(tilts=tilts))
+        survey = ScanVisibility.of(floor[~hole], views, FreeSpaceSettings(tilts=tilts))
         # Told apart by direction, as in scans that are compared at their own resolution.
         by_direction = dataclasses.replace(survey, cell=0.2)
         return (observation(places, by_direction, spacing, 1.5 * noise) == Observed.free).mean()

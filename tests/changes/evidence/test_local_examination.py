@@ -95,7 +95,7 @@ def test_the_registration_s_own_voxels_show_less(found, surveys):
 @pytest.mark.slow
 def test_what_is_examined_in_batches_is_found_as_together(found, surveys):
     """Where the boxes are far from each other, and each batch sees the surroundings that both have."""
-    alone = dataclasses.replace(JointDetector(CONFIG), examination=LocalExaminationSettings(most_together=1))
+    alone = dataclasses.replace(JointDetector(CONFIG), examination=LocalExaminationSettings(max_together=1))
     again = alone.changes(surveys.map(lambda own: Scan(own[0])))
     assert len(again) == len(found)
     for side in ("before", "after"):

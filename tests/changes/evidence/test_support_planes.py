@@ -98,7 +98,7 @@ def test_points_of_no_segment_are_left_alone():
 
 
 def test_how_many_points_must_touch_a_support_is_a_setting():
-    assert both(shelf(), standing(), SupportSettings(least_touching=10_000)) == (False, False)
+    assert both(shelf(), standing(), SupportSettings(min_touching=10_000)) == (False, False)
     # Hanging 20 cm above the shelf.
     raised = standing() + np.array([0, 0, 0.2])
     assert both(shelf(), raised, SupportSettings(touching=30.0, around=30.0)) == (True, False)

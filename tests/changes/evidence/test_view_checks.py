@@ -4,7 +4,7 @@ import pytest
 from gmmjax import DetectionConfig
 from gmmjax.changes import ResolutionSettings, Scan
 from gmmjax.changes.detectors.joint import JointDetector
-from gmmjax.changes.evidence.survey import FreeSpaceSettings, Survey
+from gmmjax.changes.evidence.scan_visibility import FreeSpaceSettings, ScanVisibility
 from gmmjax.changes.evidence.view_checks import ViewCheckSettings, check_views, usable_views
 from gmmjax.changes.progress import Clock, silent
 from gmmjax.clouds import SensorViews, read_cloud, read_views, voxel_grid
@@ -28,7 +28,7 @@ def with_poses(poses, max_range=4.0):
 
 
 def contradiction(name, views, points):
-    return check_views(name, Survey.of(points, views))
+    return check_views(name, ScanVisibility.of(points, views))
 
 
 def test_right_views_pass(cloud):
@@ -92,11 +92,11 @@ def test_points_that_the_views_cannot_have_seen(cloud):
 
 def test_views_that_contradict_are_left_out_with_a_warning(cloud):
     settings = FreeSpaceSettings(outlier_distance=3.0)
-    survey = Survey.of(cloud, with_poses(VIEWS.poses[:1]), settings)
+    survey = ScanVisibility.of(cloud, with_poses(VIEWS.poses[:1]), settings)
     with pytest.warns(InputWarning, match="views_before: .* behind or beside"):
         left = usable_views("views_before", survey)
     assert left.views is None and left.surface is survey.surface and left.settings is settings
-    assert usable_views("views_before", survey, ViewCheckSettings(most_outside=1.0, most_occluded=1.0)) is survey
+    assert usable_views("views_before", survey, ViewCheckSettings(max_outside=1.0, max_occluded=1.0)) is survey
     assert usable_views("views_before", left) is left
     # What nobody has given is no mistake of anybody.
     assert usable_views("views_before", survey, quiet=True).views is None
@@ -148,8 +148,8 @@ def scanner(x=0.0, y=0.0, reach=9.0):
 
 def test_a_scanner_that_sees_its_own_stand_passes(scan):
     assert contradiction("views_before", scanner(), scan) is None
-    strict = ViewCheckSettings(most_hidden=0.0, covered_bins=1)
-    assert "hidden by others" in check_views("views_before", Survey.of(scan, scanner()), strict)
+    strict = ViewCheckSettings(max_hidden=0.0, covered_bins=1)
+    assert "hidden by others" in check_views("views_before", ScanVisibility.of(scan, scanner()), strict)
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +173,7 @@ def scan_through_racks():
 @pytest.mark.slow
 def test_what_is_seen_through_gaps_is_not_hidden(scan_through_racks):
     """It seems to be in voxels that are nearly as large as the gaps, and where one bin in front is enough."""
-    voxels = Survey.of(voxel_grid(scan_through_racks, 0.16).points, scanner())
+    voxels = ScanVisibility.of(voxel_grid(scan_through_racks, 0.16).points, scanner())
     assert check_views("views_before", voxels, points=scan_through_racks) is None
     assert "hidden by others" in check_views("views_before", voxels)
     edges = ViewCheckSettings(covered_bins=1)
@@ -191,7 +191,7 @@ def test_detection_looks_through_the_gaps_of_scans_in_voxels(scan_through_racks)
 
 @pytest.mark.parametrize("place", [(0.0, 4.2), (0.0, -4.2)])
 def test_a_scanner_behind_racks_is_not_taken_for_one_between_them(scan_through_racks, place):
-    voxels = Survey.of(voxel_grid(scan_through_racks, 0.16).points, scanner(*place, reach=15.0))
+    voxels = ScanVisibility.of(voxel_grid(scan_through_racks, 0.16).points, scanner(*place, reach=15.0))
     assert "hidden by others" in check_views("views_before", voxels, points=scan_through_racks)
 
 
@@ -208,11 +208,11 @@ def test_a_view_of_nothing_but_outliers(scan):
     away[:3, :3], away[:3, 3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]], [0, 35, 1]
     points = np.concatenate([scan, strays])
     views = SensorViews(np.stack([through_a_wall, away]), (80.0, 80.0), 90.0)
-    survey = Survey.of(points, views)
+    survey = ScanVisibility.of(points, views)
     assert survey.outliers[-3:].all()
     seen = views.in_field_of_view(views.in_camera(points, 1))
     assert seen[-3:].all() and not seen[:-3].any()
-    assert "hidden by others" in check_views("views_before", survey, ViewCheckSettings(most_outside=1.0))
+    assert "hidden by others" in check_views("views_before", survey, ViewCheckSettings(max_outside=1.0))
 
 
 def test_the_views_of_real_scans(scan_pairs):

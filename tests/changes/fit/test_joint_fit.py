@@ -16,7 +16,7 @@ from gmmjax.changes.fit.joint_fit import (
     point_excess,
     subsample,
 )
-from gmmjax.comparison.joint_mixture_model import SourcedPoints, joint_prior
+from gmmjax.comparison.joint_mixture_model import LabelledPoints, joint_prior
 from gmmjax.errors import ComputationError
 from gmmjax.mixtures import FitSettings, WeightedPoints
 from gmmjax.transport import exact_transport
@@ -49,7 +49,7 @@ def sourced(size, seed=0):
     number = random.integers(0, 3, size)
     points = random.standard_normal((size, 3)) * 0.3 + CENTRES[number]
     after = np.where(number == 2, 1.0, random.integers(0, 2, size).astype(float))
-    return SourcedPoints(WeightedPoints(points, np.ones(size)), after)
+    return LabelledPoints(WeightedPoints(points, np.ones(size)), after)
 
 
 def arrays(size, components, slots, *, points=None, restarts=range(2), prior=PRIOR, max_points=6000, progress=None):

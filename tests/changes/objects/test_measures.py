@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.align.alignment import aligned
 from gmmjax.changes.objects.cloud_changes import change_of
-from gmmjax.changes.objects.measures import with_measures
+from gmmjax.changes.objects.measures import measure_changes
 from gmmjax.changes.total_volumes import volume_totals
 from gmmjax.pair import Pair
 
@@ -52,7 +52,7 @@ def measured_crate(crate, motion=np.eye(3), shift=np.zeros(3)):
     pair = aligned(Pair(before, np.concatenate([floor, points])), "never")
     labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(floor), len(points)]))
     change = change_of(points, "appeared", 0.9, 5.0)
-    return with_measures((change,), labels, pair, 0.001, Pair(None, None), "up")[0]
+    return measure_changes((change,), labels, pair, 0.001, Pair(None, None), "up")[0]
 
 
 def test_a_crate_that_three_sides_were_seen_of_has_its_size_and_its_volume(crate):
@@ -152,7 +152,7 @@ def test_the_wall_of_a_pit_alone_has_no_volume_and_is_no_gain():
     labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(after), len(wall)]))
     change = change_of(wall, "appeared", 0.9, 5.0)
     station = np.array([[0.0, -12.0, -4.0]])
-    found = with_measures((change,), labels, pair, 0.001, Pair(station, station), "sensor")[0]
+    found = measure_changes((change,), labels, pair, 0.001, Pair(station, station), "sensor")[0]
     assert (found.volume, found.gain_or_loss) == (None, None)
 
 
@@ -172,7 +172,7 @@ def test_what_moved_without_known_poses_left_less_behind(kind, station, expected
     sensors = None if station is None else np.array([station])
     change = change_of(before[len(bare) :], kind, 0.9, 5.0)
     side = "up" if station is None else "sensor"
-    found = with_measures((change,), labels, pair, 0.001, Pair(sensors, sensors), side)[0]
+    found = measure_changes((change,), labels, pair, 0.001, Pair(sensors, sensors), side)[0]
     assert found.gain_or_loss == expected
     assert found.volume == pytest.approx(0.2 * 0.4**2, rel=0.15)
 
@@ -195,7 +195,7 @@ def board(gap, *, hides):
     pair = aligned(Pair(before, np.concatenate([wall, points])), "never")
     labels = Pair(np.full(len(before), -1), np.repeat([-1, 0], [len(wall), len(points)]))
     change = change_of(points, "appeared", 0.9, 5.0)
-    return with_measures((change,), labels, pair, 0.001, Pair(None, None), "up")[0]
+    return measure_changes((change,), labels, pair, 0.001, Pair(None, None), "up")[0]
 
 
 def test_between_what_hangs_and_the_wall_behind_it_nothing_was_gained():
@@ -233,7 +233,7 @@ def cut_and_fill(before_shows, after_shows):
         change_of(own[label >= 0], kind, 0.9, 5.0)
         for own, label, kind in zip((before, after), labels, ("disappeared", "appeared"), strict=True)
     ]
-    return with_measures(tuple(changes), labels, aligned(Pair(before, after), "never"), 0.001, Pair(None, None), "up")
+    return measure_changes(tuple(changes), labels, aligned(Pair(before, after), "never"), 0.001, Pair(None, None), "up")
 
 
 @pytest.mark.parametrize("parts", [((-1.5, 1.2), (-1.2, 1.5)), ((-1.5, 1.5), (-0.2, 1.5))])

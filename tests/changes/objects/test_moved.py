@@ -3,7 +3,7 @@ import numpy as np
 from gmmjax.changes.objects import moved as moved_objects
 from gmmjax.changes.objects.cloud_changes import change_of
 from gmmjax.changes.objects.in_place import _hinged as hinged_motions
-from gmmjax.changes.objects.moved import with_moved
+from gmmjax.changes.objects.moved import match_moved_objects
 from gmmjax.pair import Pair
 from tests.changes.scanned_objects import box, level, motion, placed, registered, standing
 
@@ -36,7 +36,7 @@ def kinds_and_places(items):
 def test_each_object_finds_its_partner():
     before = [box(0, FLAT), box(1, TALL) + 3]
     after = [box(2, TALL) + np.array([-1, 1, 0]), box(3, FLAT) + np.array([0, 2, 0])]
-    moved, labels = with_moved(*changes(before, after), NOISE)
+    moved, labels = match_moved_objects(*changes(before, after), NOISE)
     assert [change.kind for change in moved] == ["moved"] * 4
     for index, change in enumerate(moved):
         partner = moved[change.partner]
@@ -49,7 +49,7 @@ def test_each_object_finds_its_partner():
 
 def test_a_partner_is_not_given_away_for_two_that_are_none():
     before, after = [box(0, FLAT), box(1, TALL) + 2], [box(2, FLAT) + 4, box(3, (0.4, 0.3, 0.3)) + 6]
-    moved, labels = with_moved(*changes(before, after), NOISE)
+    moved, labels = match_moved_objects(*changes(before, after), NOISE)
     assert moved[labels.before[0]].partner == labels.after[0]
     assert sorted(change.kind for change in moved) == ["appeared", "disappeared", "moved", "moved"]
 
@@ -57,20 +57,20 @@ def test_a_partner_is_not_given_away_for_two_that_are_none():
 def test_look_alikes_are_not_paired():
     """Two equal bags are gone and two are new: which is which cannot be known."""
     before, after = [box(0, FLAT), box(1, FLAT) + 2], [box(2, FLAT) + 4, box(3, FLAT) + 6]
-    moved, _ = with_moved(*changes(before, after), NOISE)
+    moved, _ = match_moved_objects(*changes(before, after), NOISE)
     assert all(change.kind != "moved" and change.partner is None for change in moved)
 
 
 def test_strips_and_patches_of_walls_are_not_paired():
     strip, patch = box(0, (1.0, 0.03, 0.02)), box(1, (0.5, 0.4, 0.02), faces=(2,))
     before, after = [strip, patch + 3], [box(2, (1.0, 0.03, 0.02)) + 6, box(3, (0.5, 0.4, 0.02), faces=(2,)) + 9]
-    assert all(change.partner is None for change in with_moved(*changes(before, after), NOISE)[0])
+    assert all(change.partner is None for change in match_moved_objects(*changes(before, after), NOISE)[0])
 
 
 def test_a_gone_and_a_new_object_of_other_size_stay_what_they_are():
     gone, new = box(0, FLAT), box(1, (0.25, 0.25, 0.3)) + 1
     items, labels, pair = changes([gone], [new])
-    moved, followed = with_moved(items, labels, pair, NOISE)
+    moved, followed = match_moved_objects(items, labels, pair, NOISE)
     assert kinds_and_places(moved) == kinds_and_places(items)
     assert moved[followed.before[0]].kind == "disappeared" and moved[followed.after[0]].kind == "appeared"
 
@@ -78,13 +78,13 @@ def test_a_gone_and_a_new_object_of_other_size_stay_what_they_are():
 def test_one_kind_alone_cannot_move():
     items, labels, pair = changes([box(0, (0.3, 0.3, 0.3))], [box(1, (0.3, 0.3, 0.3)) + 1])
     unchanged = np.full_like(labels.after, -1)
-    moved, _ = with_moved(items[:1], Pair(labels.before, unchanged), pair, NOISE)
+    moved, _ = match_moved_objects(items[:1], Pair(labels.before, unchanged), pair, NOISE)
     assert [change.kind for change in moved] == ["disappeared"]
-    assert with_moved((), Pair(unchanged, unchanged), pair, NOISE)[0] == ()
+    assert match_moved_objects((), Pair(unchanged, unchanged), pair, NOISE)[0] == ()
 
 
 def test_only_the_most_similar_pairs_are_registered(monkeypatch):
-    monkeypatch.setattr(moved_objects, "MOST_PAIRS", 1)
+    monkeypatch.setattr(moved_objects, "MAX_PAIRS", 1)
     before, after = [box(0, FLAT), box(1, TALL) + 2], [box(2, (0.42, 0.3, 0.2)) + 4, box(3, TALL) + 6]
     assert [pair for pair in moved_objects.pair_hypotheses(*hypotheses_of(before, after))] == [(1, 3)]
 
@@ -95,7 +95,7 @@ def kinds(gone, new, floors):
     items = change_of(gone, "disappeared", 1.0, 10.0), change_of(new, "appeared", 1.0, 10.0)
     labels = [np.where(np.arange(len(cloud)) < own, index, -1) for index, (cloud, own) in
               enumerate([(before, len(gone)), (after, len(new))])]  # fmt: skip
-    moved, _ = with_moved(items, Pair(*labels), registered(before, after), NOISE)
+    moved, _ = match_moved_objects(items, Pair(*labels), registered(before, after), NOISE)
     return [change.kind for change in moved]
 
 
@@ -138,7 +138,7 @@ def test_a_box_that_was_shifted_in_its_place_is_one_object_with_its_motion():
     way = motion(0.0, [0.06, 0.03, 0.0])
     items, labels, pair, count = shifted_box(way)
     assert (labels.before >= 0).sum() < 0.5 * count
-    moved, grown = with_moved(items, labels, pair, NOISE)
+    moved, grown = match_moved_objects(items, labels, pair, NOISE)
     assert [change.kind for change in moved] == ["moved", "moved"]
     np.testing.assert_allclose(moved[0].transform, way, atol=0.012)
     assert (grown.before[:count] >= 0).mean() > 0.85 and (grown.before[count:] >= 0).mean() < 0.02
@@ -147,7 +147,7 @@ def test_a_box_that_was_shifted_in_its_place_is_one_object_with_its_motion():
 
 def test_an_object_that_was_replaced_by_a_greater_one_did_not_move():
     items, labels, pair, _ = shifted_box(motion(0.0, [0.0, 0.0, 0.0]), (0.55, 0.4, 0.3))
-    moved, grown = with_moved(items, labels, pair, NOISE)
+    moved, grown = match_moved_objects(items, labels, pair, NOISE)
     assert sorted(change.kind for change in moved) == ["appeared", "disappeared"]
     np.testing.assert_array_equal(grown.before >= 0, labels.before >= 0)
 
@@ -169,7 +169,7 @@ def test_a_door_that_was_closed_is_found_in_the_plane_of_its_wall():
     labels = Pair(np.full(len(before), -1), np.full(len(after), -1))
     labels.after[: len(leaf)][leaf[:, 0] > 0.1] = 0
     items = (change_of(after[labels.after == 0], "appeared", 0.9, 10.0),)
-    moved, grown = with_moved(items, labels, registered(before, after), NOISE)
+    moved, grown = match_moved_objects(items, labels, registered(before, after), NOISE)
     assert [change.kind for change in moved] == ["moved", "moved"]
     np.testing.assert_allclose(moved[0].transform, way, atol=0.03)
     assert (grown.before[: len(leaf)] >= 0).mean() > 0.6

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gmmjax.changes.objects.same_object import (
-    MOST_LOG_ODDS,
+    MAX_LOG_ODDS,
     MatchFacts,
     SameObjectModel,
     pairing_probabilities,
@@ -60,7 +60,7 @@ def test_no_change_has_more_than_one_partner(seed, rows, columns):
     log_odds = np.random.default_rng(seed).normal(0, 3, (rows, columns))
     probabilities = pairing_probabilities(log_odds)
     assert probabilities.sum(axis=0).max() < 1 and probabilities.sum(axis=1).max() < 1
-    alone = 1 / (1 + np.exp(-np.minimum(log_odds, MOST_LOG_ODDS)))
+    alone = 1 / (1 + np.exp(-np.minimum(log_odds, MAX_LOG_ODDS)))
     assert (probabilities <= alone + 1e-12).all()
 
 

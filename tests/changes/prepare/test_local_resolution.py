@@ -93,7 +93,7 @@ def test_voxels_are_not_smaller_than_the_noise():
 
 def test_the_number_of_voxels_is_bounded(pair):
     points, clouds = pair
-    bounded = locally_reduced(points, SIZE, LocalResolutionSettings(most_voxels=3_000))
+    bounded = locally_reduced(points, SIZE, LocalResolutionSettings(max_voxels=3_000))
     assert max(len(own.points) for own in bounded) <= 3_000 < len(clouds.before.points)
     assert bounded.before.mass.sum() == len(points.before)
 

@@ -7,8 +7,13 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from scipy.spatial import cKDTree
 
-from gmmjax.changes.evidence.seen_first import SeenFirstSettings, angles_between, seen_first, seen_first_in
-from gmmjax.changes.signed_distance import high_above
+from gmmjax.changes.evidence.nearest_return import (
+    NearestReturnSettings,
+    angles_between,
+    nearest_return,
+    nearest_return_in,
+)
+from gmmjax.changes.signed_distance import overhead_viewpoint
 from gmmjax.clouds import SensorViews
 from gmmjax.geometry import DepthImage, DepthImageSettings, Frustum, LocalSurface, frustums
 
@@ -28,11 +33,11 @@ class FreeSpaceSettings:
         outlier_distance: a point whose spacing exceeds this many times the median spacing of its neighbours is an
             outlier, such as the flying pixels of a depth camera at the edges of objects, and occludes nothing.
             Infinite: outliers occlude; 1: half of the points of a surface occlude nothing.
-        least_indegree: a point is an outlier, too, when it is among the nearest neighbours of less than this fraction
+        min_indegree: a point is an outlier, too, when it is among the nearest neighbours of less than this fraction
             of as many points as it has neighbours itself (the in-degree of Hautamäki, Kärkkäinen and Fränti 2004, which
             does not depend on the density): outliers beside each other are near to one another, and to nothing else. 0:
             such groups occlude; 0.5: the rims of surfaces occlude nothing.
-        most_blocked: number of the eight bins around a direction that may be occluded there, for each size of bins; of
+        max_blocked: number of the eight bins around a direction that may be occluded there, for each size of bins; of
             a surface that continues at least three are. 0: what is left of the outliers occludes three by three bins.
         flatness: largest standard deviation of the points about the plane of their neighbourhood, as a fraction of
             that along it, for the plane to be trusted nearer than the margin. 0: no free space within the margin;
@@ -49,18 +54,18 @@ class FreeSpaceSettings:
     spacing_neighbour: int = 4
     widest_spacing: float = 3.0
     outlier_distance: float = 2.0
-    least_indegree: float = 0.5
-    most_blocked: int = 1
+    min_indegree: float = 0.5
+    max_blocked: int = 1
     flatness: float = 0.5
     sparse_flatness: float = 0.15
     images: DepthImageSettings = DepthImageSettings()
-    directions: SeenFirstSettings = SeenFirstSettings()
+    directions: NearestReturnSettings = NearestReturnSettings()
     tilts: float = 2.0
     behind: float = 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Survey:
+class ScanVisibility:
     """One cloud with the views it was taken from; what is computed from them is cached.
 
     Attributes:
@@ -79,7 +84,7 @@ class Survey:
     settings: FreeSpaceSettings = FreeSpaceSettings()
     cell: float | None = None
     seen_from: Float64[np.ndarray, "p 3"] | None = None
-    sighted: "Survey | None" = None
+    sighted: "ScanVisibility | None" = None
     _images: dict[int, list[tuple[Frustum, DepthImage]]] = dataclasses.field(
         default_factory=dict, init=False, repr=False
     )
@@ -90,15 +95,15 @@ class Survey:
         points: Float64[np.ndarray, "n 3"],
         views: SensorViews | None = None,
         settings: FreeSpaceSettings = FreeSpaceSettings(),
-    ) -> "Survey":
+    ) -> "ScanVisibility":
         """The survey of a cloud of at least one point, whose planes are computed."""
         return cls(LocalSurface.of(points), views, settings)
 
-    def without_views(self) -> "Survey":
+    def without_views(self) -> "ScanVisibility":
         """The survey, where nobody knows where it was taken from."""
         return dataclasses.replace(self, views=None, seen_from=None, sighted=None)
 
-    def sighted_by(self, points: Float64[np.ndarray, "m 3"]) -> "Survey":
+    def with_line_of_sight(self, points: Float64[np.ndarray, "m 3"]) -> "ScanVisibility":
         """The survey whose views show what the scan itself has nearest in each direction; itself without views.
 
         Args:
@@ -106,10 +111,10 @@ class Survey:
         """
         if self.views is None:
             return self
-        rows, cell = seen_first(points, self.views, self.settings.directions)
+        rows, cell = nearest_return(points, self.views, self.settings.directions)
         if not len(rows):
             return self
-        sighted = Survey(LocalSurface.of(points[rows]), self.views, self.settings, cell)
+        sighted = ScanVisibility(LocalSurface.of(points[rows]), self.views, self.settings, cell)
         return dataclasses.replace(self, sighted=sighted)
 
     @property
@@ -122,7 +127,7 @@ class Survey:
         """Places on the outer side of the surfaces: where the sensor stood, as far as that is known."""
         if self.views is not None:
             return np.asarray(self.views.poses[:, :3, 3])
-        return high_above(self.points) if self.seen_from is None else self.seen_from
+        return overhead_viewpoint(self.points) if self.seen_from is None else self.seen_from
 
     @functools.cached_property
     def spacing(self) -> Float64[np.ndarray, " n"]:
@@ -138,7 +143,7 @@ class Survey:
             return np.zeros(len(distances), bool)
         isolated = distances > self.settings.outlier_distance * np.median(distances[neighbours], axis=1)
         in_degree = np.bincount(neighbours.ravel(), minlength=len(distances))
-        return np.asarray(isolated | self._sparse | (in_degree < self.settings.least_indegree * neighbours.shape[1]))
+        return np.asarray(isolated | self._sparse | (in_degree < self.settings.min_indegree * neighbours.shape[1]))
 
     @property
     def _sparse(self) -> Bool[np.ndarray, " n"]:
@@ -201,7 +206,7 @@ class Survey:
         assert self.views is not None and self.cell is not None
         points = self.points[self.occluders]
         places = self.views.in_camera(points, view)
-        first = seen_first_in(points, self.views, view, self.cell)
+        first = nearest_return_in(points, self.views, view, self.cell)
         if not len(first):
             return self.spacing[self.occluders]
         own = angles_between(places[first], self.settings.spacing_neighbour)

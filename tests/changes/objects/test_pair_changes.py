@@ -3,7 +3,7 @@ import pytest
 
 from gmmjax import DetectionConfig
 from gmmjax.changes.objects.cloud_changes import CloudChanges, change_of
-from gmmjax.changes.objects.found import Found
+from gmmjax.changes.objects.pair_changes import PairChanges
 from gmmjax.changes.prepare.checking import CheckedCloud
 from gmmjax.pair import Pair
 from tests.changes.explained import rejected
@@ -24,7 +24,7 @@ def found():
     """A disappeared and a more probable appeared change; the last points were not observed."""
     unobserved = np.repeat([False, True], [25, 5])
     changes = Pair(cloud_changes("disappeared", 0.6), cloud_changes("appeared", 0.9))
-    return Found(changes, Pair(unobserved, ~unobserved))
+    return PairChanges(changes, Pair(unobserved, ~unobserved))
 
 
 @pytest.mark.parametrize("kinds", ["disappeared", "appeared"])

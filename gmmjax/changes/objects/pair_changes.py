@@ -32,7 +32,7 @@ logger = logging.getLogger(__name__)
 KINDS: Pair[Kind] = Pair("disappeared", "appeared")
 
 
-class Found(NamedTuple):
+class PairChanges(NamedTuple):
     """The changes of both clouds, before they are one list.
 
     Attributes:
@@ -45,12 +45,12 @@ class Found(NamedTuple):
     unobserved: Pair[Bool[np.ndarray, " _"]]
     registration_error: float = 0.0
 
-    def of_kinds(self, kinds: Kinds) -> "Found":
+    def of_kinds(self, kinds: Kinds) -> "PairChanges":
         """Without the changes of the kind that is not looked for."""
         looked_for = Pair(kinds != "appeared", kinds != "disappeared")
         return self._replace(changes=each(lambda own, kept: own if kept else own.none(), self.changes, looked_for))
 
-    def with_confidence(self, confidence: float) -> "Found":
+    def with_confidence(self, confidence: float) -> "PairChanges":
         """With all probabilities multiplied by the confidence in the registration."""
         if confidence == 1:
             return self
@@ -60,7 +60,7 @@ class Found(NamedTuple):
         """The changes of both clouds in one list, and the labels that refer to it."""
         return merged(self.changes)
 
-    def grown_to(self, items: tuple[Change, ...], labels: Pair[Int[np.ndarray, " _"]]) -> "Found":
+    def grown_to(self, items: tuple[Change, ...], labels: Pair[Int[np.ndarray, " _"]]) -> "PairChanges":
         """With the probability of its change for every point that has joined one, and was of none; it was observed.
 
         Args:
@@ -152,12 +152,12 @@ def _log(changes: Changes) -> None:
         logger.debug("rejected: %r", candidate)
 
 
-def surfaces_found(
+def changes_on_surfaces(
     pair: AlignedPair,
     differences: Differences,
     evident: Pair[Examined],
     settings: SurfaceChangeSettings = SurfaceChangeSettings(),
-) -> Found:
+) -> PairChanges:
     """The changes of scans: the significant ones of the candidates that the evidence left.
 
     Args:
@@ -169,19 +169,19 @@ def surfaces_found(
     members = pair.working.clouds.map(lambda cloud: cloud.member)
     limits = differences.limits
     of_cloud = functools.partial(surface_changes, limits=limits, settings=settings)
-    return Found(
+    return PairChanges(
         each(of_cloud, pair.points, members, differences.local, evident, KINDS),
         each(lambda own, member: own.unobserved[member], evident, members),
         limits.registration_error,
     )
 
 
-def volumes_found(
+def changes_in_volumes(
     points: Pair[Float64[np.ndarray, "_ 3"]],
     problem: JointProblem,
     fits: JointFits,
     threshold: float,
-) -> Found:
+) -> PairChanges:
     """The changes of clouds that fill volumes: the components that one cloud has and the other has not.
 
     Args:
@@ -192,7 +192,7 @@ def volumes_found(
     """
     weights = volume_weights(problem, fits)
     changes = each(lambda own, kind: volumetric_changes(own, fits, weights, kind, threshold), points, KINDS)
-    return Found(changes, points.map(lambda own: np.zeros(len(own), bool)))
+    return PairChanges(changes, points.map(lambda own: np.zeros(len(own), bool)))
 
 
 def volume_weights(problem: JointProblem, fits: JointFits) -> Float64[np.ndarray, " r"]:

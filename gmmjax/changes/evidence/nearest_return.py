@@ -15,29 +15,29 @@ from gmmjax.clouds import SensorViews
 
 
 @dataclasses.dataclass(frozen=True)
-class SeenFirstSettings:
+class NearestReturnSettings:
     """How finely directions are told apart.
 
     Attributes:
         cell: edge of a cell of directions, degrees, of which the nearest point is kept. Small: more points, and memory;
             larger: what stands near a sensor hides what is beside it.
-        most_points: that are kept of a survey, at most; of more, the cells are doubled. A bound on memory: a million
+        max_points: that are kept of a survey, at most; of more, the cells are doubled. A bound on memory: a million
             take half a gigabyte.
-        most_looks: number of points times that of views, at most; of more, evenly chosen points are taken. A bound on
+        max_looks: number of points times that of views, at most; of more, evenly chosen points are taken. A bound on
             time, a tenth of a second for a million.
     """
 
     cell: float = 0.35
-    most_points: int = 1_000_000
-    most_looks: int = 200_000_000
+    max_points: int = 1_000_000
+    max_looks: int = 200_000_000
 
     def step(self, points: int, views: int) -> int:
         """Which points are taken: every first, second, and so on."""
-        return max(1, -(-points * views // self.most_looks))
+        return max(1, -(-points * views // self.max_looks))
 
 
-def seen_first(
-    points: Float64[np.ndarray, "n 3"], views: SensorViews, settings: SeenFirstSettings = SeenFirstSettings()
+def nearest_return(
+    points: Float64[np.ndarray, "n 3"], views: SensorViews, settings: NearestReturnSettings = NearestReturnSettings()
 ) -> tuple[Int64[np.ndarray, " m"], float]:
     """Which points are the nearest ones in some cell of directions of some view.
 
@@ -52,14 +52,14 @@ def seen_first(
         The indices of the points, ascending, and the edge of the cells, degrees.
     """
     rows, cell = np.arange(0, len(points), settings.step(len(points), len(views))), settings.cell
-    rows = rows[seen_first_at(points[rows], views, cell)]
-    while len(rows) > settings.most_points:
+    rows = rows[nearest_return_at(points[rows], views, cell)]
+    while len(rows) > settings.max_points:
         cell *= 2
-        rows = rows[seen_first_at(points[rows], views, cell)]
+        rows = rows[nearest_return_at(points[rows], views, cell)]
     return rows, cell
 
 
-def seen_first_at(points: Float64[np.ndarray, "n 3"], views: SensorViews, cell: float) -> Int64[np.ndarray, " m"]:
+def nearest_return_at(points: Float64[np.ndarray, "n 3"], views: SensorViews, cell: float) -> Int64[np.ndarray, " m"]:
     """The indices of the points that are the nearest ones in some cell of directions of some view, ascending.
 
     Those of all points are those of the ones that are found in parts of the points.
@@ -71,11 +71,11 @@ def seen_first_at(points: Float64[np.ndarray, "n 3"], views: SensorViews, cell: 
     """
     first = np.zeros(len(points), bool)
     for view in range(len(views)):
-        first[seen_first_in(points, views, view, cell)] = True
+        first[nearest_return_in(points, views, view, cell)] = True
     return np.flatnonzero(first)
 
 
-def seen_first_in(
+def nearest_return_in(
     points: Float64[np.ndarray, "n 3"], views: SensorViews, view: int, cell: float
 ) -> Int64[np.ndarray, " m"]:
     """The indices of the points that are the nearest ones in some cell of directions of one view, ascending.

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
-from gmmjax.changes import NAMES, SeenFirstSettings, seen_first_at
+from gmmjax.changes import NAMES, NearestReturnSettings, nearest_return_at
 from gmmjax.clouds import SensorViews
 from gmmjax.pair import Pair
 from gmmjax.tiling.block_store import BlockStore
@@ -27,12 +27,12 @@ class Looks(NamedTuple):
     step: int
 
     @classmethod
-    def of(cls, views: SensorViews, points: int, settings: SeenFirstSettings = SeenFirstSettings()) -> "Looks":
+    def of(cls, views: SensorViews, points: int, settings: NearestReturnSettings = NearestReturnSettings()) -> "Looks":
         """The looks of some views at a number of points."""
         return cls(views, settings.cell, settings.step(points, len(views)))
 
 
-def block_seen_first(store: BlockStore, block: Block, looks: Pair[Looks | None]) -> Arrays:
+def block_nearest_returns(store: BlockStore, block: Block, looks: Pair[Looks | None]) -> Arrays:
     """The points of either cloud in a block that nothing in the block hides, a `BlockTask`.
 
     Args:
@@ -43,12 +43,12 @@ def block_seen_first(store: BlockStore, block: Block, looks: Pair[Looks | None])
     found = {}
     for side, chunk, own in zip(NAMES, store.inside(block.number), looks, strict=True):
         points = chunk.points[:0] if own is None else chunk.points[:: own.step]
-        found[side] = points if own is None else points[seen_first_at(points, own.views, own.cell)]
+        found[side] = points if own is None else points[nearest_return_at(points, own.views, own.cell)]
     return found
 
 
-def seen_first_of_blocks(records: BlockRecords) -> Pair[Float64[np.ndarray, "_ 3"]]:
-    """The points of `block_seen_first` of all blocks, relative to the offset.
+def nearest_returns_of_blocks(records: BlockRecords) -> Pair[Float64[np.ndarray, "_ 3"]]:
+    """The points of `block_nearest_returns` of all blocks, relative to the offset.
 
     Args:
         records: of the task.

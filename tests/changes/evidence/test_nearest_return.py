@@ -5,8 +5,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gmmjax.changes.evidence.free_space import Observed, observation, sightlines
-from gmmjax.changes.evidence.seen_first import SeenFirstSettings, angles_between, seen_first, seen_first_at
-from gmmjax.changes.evidence.survey import FreeSpaceSettings, Survey
+from gmmjax.changes.evidence.nearest_return import (
+    NearestReturnSettings,
+    angles_between,
+    nearest_return,
+    nearest_return_at,
+)
+from gmmjax.changes.evidence.scan_visibility import FreeSpaceSettings, ScanVisibility
 from gmmjax.clouds import SensorViews, voxel_grid
 
 CELL = 2.0
@@ -32,7 +37,7 @@ def clouds(draw):
 @settings(max_examples=30, deadline=None)
 @given(clouds())
 def test_what_is_left_out_has_something_nearer_beside_it_in_every_view(points):
-    kept = points[seen_first_at(points, VIEWS, CELL)]
+    kept = points[nearest_return_at(points, VIEWS, CELL)]
     for place in VIEWS.poses[:, :3, 3]:
         own, others = points - place, kept - place
         ranges, nearest = np.linalg.norm(own, axis=1), np.linalg.norm(others, axis=1)
@@ -46,13 +51,13 @@ def test_what_is_left_out_has_something_nearer_beside_it_in_every_view(points):
 @given(clouds(), st.randoms(use_true_random=False))
 def test_neither_order_nor_parts_matter(points, random):
     order = np.array(random.sample(range(len(points)), len(points)))
-    whole = points[seen_first_at(points, VIEWS, CELL)]
+    whole = points[nearest_return_at(points, VIEWS, CELL)]
     shuffled = points[order]
     np.testing.assert_array_equal(
-        np.sort(shuffled[seen_first_at(shuffled, VIEWS, CELL)], axis=0), np.sort(whole, axis=0)
+        np.sort(shuffled[nearest_return_at(shuffled, VIEWS, CELL)], axis=0), np.sort(whole, axis=0)
     )
-    parts = np.concatenate([part[seen_first_at(part, VIEWS, CELL)] for part in np.array_split(shuffled, 3)])
-    np.testing.assert_array_equal(np.sort(parts[seen_first_at(parts, VIEWS, CELL)], axis=0), np.sort(whole, axis=0))
+    parts = np.concatenate([part[nearest_return_at(part, VIEWS, CELL)] for part in np.array_split(shuffled, 3)])
+    np.testing.assert_array_equal(np.sort(parts[nearest_return_at(parts, VIEWS, CELL)], axis=0), np.sort(whole, axis=0))
 
 
 def test_a_motion_of_survey_and_sensor_changes_nothing():
@@ -60,7 +65,7 @@ def test_a_motion_of_survey_and_sensor_changes_nothing():
     motion = np.eye(4)
     motion[:3, :3], motion[:3, 3] = Rotation.from_euler("xyz", [20, 40, 60], degrees=True).as_matrix(), [9.0, -4.0, 2.0]
     moved = points @ motion[:3, :3].T + motion[:3, 3]
-    kept, other = seen_first_at(points, VIEWS, CELL), seen_first_at(moved, VIEWS.moved(motion), CELL)
+    kept, other = nearest_return_at(points, VIEWS, CELL), nearest_return_at(moved, VIEWS.moved(motion), CELL)
     # Points on the border of two cells may be rounded to either.
     assert len(np.setxor1d(kept, other)) <= 3
 
@@ -68,24 +73,24 @@ def test_a_motion_of_survey_and_sensor_changes_nothing():
 def test_only_what_a_view_shows_is_seen():
     points = np.array([[0.0, 0.0, 2.0], [0.0, 0.0, -2.0], [0.0, 0.0, 200.0], [2.0, 0.0, 0.1]])
     ahead = SensorViews(np.eye(4)[None], (60.0, 40.0), 50.0)
-    assert seen_first_at(points, ahead, CELL).tolist() == [0]
+    assert nearest_return_at(points, ahead, CELL).tolist() == [0]
 
 
 @pytest.mark.slow
 def test_the_number_of_points_is_bounded():
     points = np.random.default_rng(1).normal(size=(20_000, 3))
-    everything, cell = seen_first(points, VIEWS, SeenFirstSettings(cell=0.01))
+    everything, cell = nearest_return(points, VIEWS, NearestReturnSettings(cell=0.01))
     assert (len(everything), cell) == (20_000, 0.01)
-    few, coarser = seen_first(points, VIEWS, SeenFirstSettings(cell=0.01, most_points=500))
+    few, coarser = nearest_return(points, VIEWS, NearestReturnSettings(cell=0.01, max_points=500))
     assert 0 < len(few) <= 500 and coarser > 0.01
     assert np.isin(few, everything).all()
-    some, _ = seen_first(points, VIEWS, SeenFirstSettings(cell=0.01, most_looks=10_000))
+    some, _ = nearest_return(points, VIEWS, NearestReturnSettings(cell=0.01, max_looks=10_000))
     assert len(some) == 5_000 and (some % 4 == 0).all()
 
 
 def test_no_points_are_none():
-    rows, cell = seen_first(np.empty((0, 3)), VIEWS)
-    assert len(rows) == 0 and cell == SeenFirstSettings().cell
+    rows, cell = nearest_return(np.empty((0, 3)), VIEWS)
+    assert len(rows) == 0 and cell == NearestReturnSettings().cell
 
 
 @pytest.mark.parametrize("step", [0.5, 2.0])
@@ -113,8 +118,8 @@ def scan(step=0.3):
 def survey():
     """The survey in voxels of a quarter of a metre, and as its sensor saw it."""
     points = scan()
-    coarse = Survey.of(voxel_grid(points, 0.25).points, views_at((0.0, 0.0, 0.0)))
-    return coarse, coarse.sighted_by(points)
+    coarse = ScanVisibility.of(voxel_grid(points, 0.25).points, views_at((0.0, 0.0, 0.0)))
+    return coarse, coarse.with_line_of_sight(points)
 
 
 def test_a_post_hides_what_is_behind_it_and_not_what_is_beside_it(survey):
@@ -137,7 +142,7 @@ def test_without_views_nothing_is_seen(survey):
     _, sighted = survey
     unknown = sighted.without_views()
     assert unknown.views is None and unknown.sighted is None
-    assert unknown.sighted_by(scan()) is unknown
+    assert unknown.with_line_of_sight(scan()) is unknown
     assert observation(np.array([[1.0, 0.0, 5.0]]), unknown, 0.3).tolist() == [Observed.unobserved]
 
 
@@ -148,8 +153,10 @@ def test_bins_are_never_finer_than_the_step_of_a_scanner():
         [own.ravel() for own in np.meshgrid(np.arange(0.5, 2.5, 0.01), np.arange(-1, 1, 0.01), WALL)], axis=1
     )
     views = views_at((0.0, 0.0, 0.0), beside)
-    fine = FreeSpaceSettings(directions=SeenFirstSettings(cell=0.05))
-    survey = Survey.of(voxel_grid(points, 0.25).points, views, fine).sighted_by(np.concatenate([points, grid]))
+    fine = FreeSpaceSettings(directions=NearestReturnSettings(cell=0.05))
+    survey = ScanVisibility.of(voxel_grid(points, 0.25).points, views, fine).with_line_of_sight(
+        np.concatenate([points, grid])
+    )
     shown = [
         level.bin_size
         for _, image in survey.sighted.images(0)
@@ -172,8 +179,8 @@ def test_a_floor_at_a_grazing_angle_is_not_seen_through():
     aside, below = (own.ravel() for own in np.meshgrid(aside, below))
     floor = np.stack([aside * height / below, np.full_like(below, height), height / below], axis=1)
     floor = floor[np.hypot(floor[:, 0], floor[:, 2] - away) > 0.6]
-    survey = Survey.of(voxel_grid(np.concatenate([ring, floor]), 0.1).points, views)
-    survey = survey.sighted_by(np.concatenate([ring, floor]))
+    survey = ScanVisibility.of(voxel_grid(np.concatenate([ring, floor]), 0.1).points, views)
+    survey = survey.with_line_of_sight(np.concatenate([ring, floor]))
     beside, along = (own.ravel() for own in np.meshgrid(np.arange(-0.3, 0.31, 0.1), np.arange(-0.3, 0.41, 0.1)))
     hole = np.stack([beside, np.full_like(beside, height), away + along], axis=1)
     assert (observation(hole, survey, 0.05, 0.01) != Observed.free).all()
