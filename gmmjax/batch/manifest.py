@@ -7,7 +7,7 @@ import io
 import typing
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from gmmjax.batch.scan_pair import BatchPair, check_distinct, check_name
 from gmmjax.changes import NAMES, DetectionConfig
@@ -60,6 +60,7 @@ class Entry(NamedTuple):
             raise InputError(f"{self.place}: {error}") from error
 
 
+@runtime_checkable
 class Named(Protocol):
     """A pair or an epoch, made of a line of a manifest."""
 

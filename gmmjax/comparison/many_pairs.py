@@ -138,7 +138,7 @@ def _reported(
 
 
 def _on_cores(
-    pairs: Sequence[HostPair], keys: Sequence[PRNGKeyArray], prior: Prior | None, strengths: Strengths, program: Program
+    pairs: Sequence[HostPair], keys: Sequence[jax.Array], prior: Prior | None, strengths: Strengths, program: Program
 ) -> Iterator[tuple[int, Comparison]]:
     """A common queue of all restarts: a core that is done takes the next."""
     done: queue.SimpleQueue[tuple[int, int, Comparison | BaseException]] = queue.SimpleQueue()
@@ -174,7 +174,7 @@ def _on_cores(
 
 
 def _side_by_side(
-    pairs: Sequence[HostPair], keys: Sequence[PRNGKeyArray], prior: Prior | None, strengths: Strengths, program: Program
+    pairs: Sequence[HostPair], keys: Sequence[jax.Array], prior: Prior | None, strengths: Strengths, program: Program
 ) -> Iterator[tuple[int, Comparison]]:
     """Pairs of one padded size as one `vmap` over pairs and restarts."""
     sizes = [tuple(own.mass.shape for own in pair.padded) for pair in pairs]
@@ -199,7 +199,7 @@ def _side_by_side(
 def _mapped(
     before: WeightedPoints,
     after: WeightedPoints,
-    keys: PRNGKeyArray,
+    keys: jax.Array,
     prior: Prior | None,
     strengths: Strengths,
     program: Program,

@@ -104,7 +104,7 @@ class BlockTree:
         return np.flatnonzero(met)
 
 
-def tree_of(clouds: PlacedClouds, max_points: float, finest: int) -> BlockTree:
+def tree_of(clouds: PlacedClouds, max_points: int, finest: int) -> BlockTree:
     """Divide the lattice's cube until no block has more than a number of points, or a block is a single cell.
 
     Args:
@@ -170,7 +170,7 @@ def _parents(finer: _CellCounts, coarser: _CellCounts) -> Int64[np.ndarray, " c"
     return np.cumsum(np.append(False, codes[1:] != codes[:-1]))
 
 
-def _leaves(pyramid: list[_CellCounts], max_points: float) -> list[Bool[np.ndarray, " _"]]:
+def _leaves(pyramid: list[_CellCounts], max_points: int) -> list[Bool[np.ndarray, " _"]]:
     """Which cubes of each level are blocks."""
     leaves, reached = [], np.ones(len(pyramid[0].codes), bool)
     for cubes, finer in itertools.pairwise(pyramid):

@@ -33,7 +33,7 @@ def seen(tmp_path_factory):
     with (folder / "epochs.csv").open("w", newline="") as file:
         csv.writer(file).writerows(rows)
     out = folder / "run"
-    done = run(folder / "epochs.csv", "--out", out, "--series", "previous", "--workers", "1", *FLAGS)
+    done = run(folder / "epochs.csv", "--out", out, "--series", "--workers", "1", *FLAGS)
     assert "3 of 5 pairs done, 2 failed" in done.stdout, done.stdout + done.stderr
     pages = [out / "index.html", out / "timeline.html", out / "pairs" / "night 0 to night 1" / "report.html"]
     words = ["node", Path(__file__).with_name("visible.mjs"), CHROMIUM, *pages]

@@ -70,8 +70,8 @@ def test_a_margin_of_too_many_points_is_thinned_and_the_block_is_not(tmp_path_fa
 @settings(max_examples=6)
 @given(clouds(), st.integers(40, 400))
 def test_blocks_do_not_depend_on_the_chunks_or_the_order_of_the_points(pair, size):
-    own = tree_of(placed(pair), 50.0, 8)
-    other = tree_of(placed(pair.map(lambda points: points[::-1].copy()), size=size), 50.0, 8)
+    own = tree_of(placed(pair), 50, 8)
+    other = tree_of(placed(pair.map(lambda points: points[::-1].copy()), size=size), 50, 8)
     np.testing.assert_array_equal(own.levels, other.levels)
     np.testing.assert_array_equal(own.codes, other.codes)
     assert all(each(np.array_equal, own.counts, other.counts))
@@ -80,18 +80,18 @@ def test_blocks_do_not_depend_on_the_chunks_or_the_order_of_the_points(pair, siz
 
 def test_a_block_with_many_points_is_divided_and_one_with_few_is_not():
     pair = Pair(slope(20_000, 0), slope(300, 1))
-    tree = tree_of(placed(pair), 2_000.0, 8)
+    tree = tree_of(placed(pair), 2_000, 8)
     counts = tree.counts.before + tree.counts.after
     assert counts.max() <= 2_000 and counts.sum() == 20_300
     # The points are dense near the corner.
     assert tree.levels.max() - tree.levels.min() >= 2
     cells = tree.lowers / tree.edges[:, None]
     np.testing.assert_allclose(cells, np.rint(cells), atol=1e-9)
-    assert len(tree_of(placed(pair), 30_000.0, 8)) == 1
+    assert len(tree_of(placed(pair), 30_000, 8)) == 1
 
 
 def test_the_spacing_is_nearly_that_of_a_plane():
-    spacing = tree_of(placed(Pair(slope(20_000, 0), slope(5_000, 1))), 1_000.0, 6).spacing
+    spacing = tree_of(placed(Pair(slope(20_000, 0), slope(5_000, 1))), 1_000, 6).spacing
     # The median of the local ones.
     assert spacing.before == pytest.approx(np.sqrt(120 / 20_000), rel=0.8)
     assert spacing.after == pytest.approx(2 * spacing.before, rel=0.5)
@@ -126,7 +126,7 @@ def test_points_outside_of_the_lattice_are_of_a_file_that_changed():
     clouds = placed(Pair(slope(2_000, 0), slope(2_000, 1)))
     small = dataclasses.replace(clouds, lattice=dataclasses.replace(clouds.lattice, edge=4.0))
     with pytest.raises(InputError, match="changed while it was read"):
-        tree_of(small, 1_000.0, 8)
+        tree_of(small, 1_000, 8)
 
 
 class Endless(ChunkedArray):
@@ -147,4 +147,4 @@ def test_a_cloud_that_cannot_be_read_stops_the_other_one(kinds):
     points = slope(300, 0)
     clouds = dataclasses.replace(placed(Pair(points, points)), clouds=kinds.map(lambda kind: kind(points, 100)))
     with pytest.raises(InputError, match="cut off"):
-        tree_of(clouds, 100.0, 8)
+        tree_of(clouds, 100, 8)

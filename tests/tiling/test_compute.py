@@ -33,7 +33,7 @@ POINTS = Pair(*(slope(count, seed, lower=(5_432_100.0, 5_678_900.0, 400.0)) for 
 
 @pytest.fixture(scope="module")
 def tree():
-    found = tree_of(placed(POINTS), 300.0, 8)
+    found = tree_of(placed(POINTS), 300, 8)
     assert len(found) > 30
     return found
 
