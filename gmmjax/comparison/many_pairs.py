@@ -44,7 +44,7 @@ class ComparedPair(NamedTuple):
 
 
 def compare_many(
-    pairs: Sequence[tuple[ArrayLike | WeightedPoints, ArrayLike | WeightedPoints]],
+    pairs: Sequence[Sequence[ArrayLike | WeightedPoints]],
     *,
     key: PRNGKeyArray,
     restarts: int = 16,
@@ -108,7 +108,7 @@ def compare_many(
 
 def _ready(
     index: int,
-    pair: tuple[ArrayLike | WeightedPoints, ArrayLike | WeightedPoints],
+    pair: Sequence[ArrayLike | WeightedPoints],
     prior: Prior | None,
     program: Program,
 ) -> HostPair:
