@@ -20,7 +20,7 @@ COVERAGE_POINTS = 4000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Coverage:
-    """Which places of one cloud of a pair the other survey observed; by default all.
+    """Places of one cloud of a pair that the other survey observed; by default all.
 
     Attributes:
         points: of the cloud, in the frame of the before cloud; none where the other survey observed all of it.

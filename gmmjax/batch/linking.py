@@ -64,7 +64,7 @@ class Track:
         self.there |= {sighting.epochs.before: from_elsewhere, sighting.epochs.after: True}
 
     def place(self, epoch: int) -> Place:
-        """Where it was seen last, up to an epoch; before that, where it was at first."""
+        """Place where it was last seen up to an epoch; before that, its first place."""
         arrived = [other for other in self.arrivals if other <= epoch]
         if arrived or self.home is None:
             return self.arrivals[max(arrived, default=min(self.arrivals))].place

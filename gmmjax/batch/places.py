@@ -1,4 +1,4 @@
-"""Where an object is: its points in the frame of the series, and which places are one and the same."""
+"""Places of objects: their points in the frame of the series, and the test that two places are the same."""
 
 import dataclasses
 import functools
@@ -79,7 +79,7 @@ class Link(NamedTuple):
 
 
 def linked(known: Sequence[Place], new: Sequence[Place]) -> list[Link]:
-    """Which new places are known ones: where most points of the smaller one lie at the other.
+    """Match new places with known ones: most points of the smaller one lie at the other.
 
     They are assigned one to one by the greatest overlap, and then the pieces that are left: a detector may report one
     object as two pieces, or two that touch as one. What is left by the assignment, of either side, is a piece of the
@@ -117,7 +117,7 @@ def of_same_shape(place: Place, known: Sequence[Place]) -> tuple[int | None, flo
 
 
 def not_observed(places: Sequence[Place], coverage: Coverage, frame: Float[np.ndarray, "4 4"]) -> list[bool]:
-    """Which places a survey did not observe: of most points, the nearest one of the other cloud was not observed.
+    """Mask of the places that a survey did not observe: the nearest points of the other cloud mostly were not.
 
     Args:
         places: in the frame of the series.

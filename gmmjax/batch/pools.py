@@ -1,4 +1,4 @@
-"""Where calls are computed: local processes, or any executor, such as that of a cluster."""
+"""Pools that compute calls: local processes, or any executor, such as that of a cluster."""
 
 import abc
 import contextlib
@@ -193,7 +193,7 @@ def died(error: BaseException) -> bool:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Workers:
-    """Where work is done: by processes of this machine, the workers of a Dask cluster, or any executor.
+    """Choice of workers: processes of this machine, the workers of a Dask cluster, or any executor.
 
     Attributes:
         count: processes of this machine; None: one a core.

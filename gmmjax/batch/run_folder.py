@@ -76,7 +76,7 @@ class RunFolder:
         return self.path / PAIRS / name
 
     def error_file(self, name: str) -> Path:
-        """Where it is written why a pair failed."""
+        """Path of the file with the error of a pair that failed."""
         return self.path / ERRORS / f"{name}.json"
 
     @contextlib.contextmanager

@@ -49,12 +49,12 @@ class BatchPair:
 
     @property
     def clouds(self) -> Pair[CloudSource]:
-        """Where both clouds are."""
+        """Paths of both clouds."""
         return Pair(self.before, self.after)
 
     @property
     def views(self) -> Pair[ViewsSource | None]:
-        """Where the views of both are."""
+        """Paths of the views of both."""
         return Pair(self.views_before, self.views_after)
 
     def files(self) -> dict[str, Path]:

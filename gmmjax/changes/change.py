@@ -1,4 +1,4 @@
-"""What a detection says of one object: `Change`, or `RejectedCandidate` for what looked like one."""
+"""Result for one object: `Change`, or `RejectedCandidate` for what looked like one."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence

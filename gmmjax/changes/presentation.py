@@ -13,7 +13,7 @@ from gmmjax.pair import Pair
 
 
 class Presented(NamedTuple):
-    """What is shown.
+    """Content that is shown.
 
     Attributes:
         clouds: without the rows that have no position, and without stray points, which would be all that one sees.

@@ -93,7 +93,7 @@ def _gathered_bits(numbers: UInt64[np.ndarray, " n"]) -> UInt64[np.ndarray, " n"
 
 
 def first_of_equals(values: Shaped[np.ndarray, "n *_"]) -> Bool[np.ndarray, " n"]:
-    """Which values differ from the one before them: of sorted values, or of points in the canonical order, each once.
+    """Mask of the values that differ from the one before them, for sorted values or points in the canonical order.
 
     Args:
         values: numbers [n], or points [n, 3].

@@ -106,7 +106,7 @@ class CloudFile(abc.ABC):
 
     @property
     def scans(self) -> int:
-        """How many scans the file holds."""
+        """Number of scans in the file."""
         return 1
 
     @abc.abstractmethod
@@ -118,7 +118,7 @@ class CloudFile(abc.ABC):
         """
 
     def views_of(self, blocks: Callable[[], Iterable[RowBlock]]) -> SensorViews | None:
-        """Where the sensor stood, as the file says; None where it does not.
+        """Views of the sensor that the file states; None where it states none.
 
         Args:
             blocks: gives all rows that have a position, some at a time.
@@ -127,7 +127,7 @@ class CloudFile(abc.ABC):
 
     @functools.cached_property
     def views(self) -> SensorViews | None:
-        """Where the sensor stood, where the file says so; it may have to be read for that, once."""
+        """Views of the sensor that the file states; the file may have to be read for them, once."""
         return self.views_of(lambda: self._finite_blocks(CHUNK_POINTS))
 
     def row_blocks(self, size: int = CHUNK_POINTS) -> Iterator[RowBlock]:
@@ -287,7 +287,7 @@ class WholeFile(CloudFile):
     cloud: PointCloud
 
     def views_of(self, blocks: Callable[[], Iterable[RowBlock]]) -> SensorViews | None:
-        """Where the sensor stood, where the file says so."""
+        """Views of the sensor that the file states."""
         return self.cloud.views
 
     def blocks(self) -> Iterator[RowBlock]:

@@ -23,7 +23,7 @@ START = 60.0
 
 
 class DecodingError(Exception):
-    """What the library raised: the name of its exception, its message, and the module that was missing."""
+    """Exception of the library: its name, its message, and the module that was missing."""
 
     def __init__(self, kind: str, message: str, name: str | None) -> None:
         super().__init__(message)
@@ -32,7 +32,7 @@ class DecodingError(Exception):
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be decoded.
+    """Request to decode a file.
 
     Attributes:
         decoder: of `decoder_main.DECODERS`.

@@ -56,7 +56,7 @@ class Scan:
     posed: bool
 
     def has(self, *names: str) -> bool:
-        """Whether the points have all of these fields."""
+        """True if the points have all of these fields."""
         return set(names) <= set(self.fields)
 
     def places(self, columns: dict[str, np.ndarray]) -> Float64[np.ndarray, "n 3"]:
@@ -87,7 +87,7 @@ class E57File(CloudFile):
 
     @property
     def scans(self) -> int:
-        """How many scans with points the file holds."""
+        """Number of scans with points in the file."""
         return len(self._filled)
 
     def blocks(self) -> Iterator[RowBlock]:
@@ -102,7 +102,7 @@ class E57File(CloudFile):
             next(blocks, None)
 
     def views_of(self, blocks: Callable[[], Iterable[RowBlock]]) -> SensorViews | None:
-        """Where the scanner stood, where every scan has a pose and rows as of a turning scanner there; else None."""
+        """Views of the scanner, if every scan has a pose and the rows of a rotating scanner; else None."""
         scans = self._filled
         if not all(scan.posed and set(INDICES) & set(scan.fields) for scan in scans):
             return None
@@ -128,7 +128,7 @@ class E57File(CloudFile):
 
     @functools.cached_property
     def _names(self) -> tuple[str, ...]:
-        """Of all columns, those that only some of the scans have among them."""
+        """Names of all columns, with those that only some of the scans have."""
         return tuple(dict.fromkeys(name for scan in self._filled for name in scan.fields if name not in REPEATED))
 
     def _scan_blocks(self, blocks: Iterator[bytearray], scan: Scan, number: int) -> Iterator[RowBlock]:
@@ -197,7 +197,7 @@ def open_e57(path: Path) -> E57File:
 
 @contextmanager
 def _decoded(file: Path, size: int) -> Iterator[Iterator[bytearray]]:
-    """What the decoder says of a file: a description of the scans, and the blocks of their points."""
+    """Output of the decoder for a file: a description of the scans, and the blocks of their points."""
     request = Request("e57", file, "pye57", WORKING_MEMORY + size, size / SLOWEST)
     try:
         with DecoderProcess() as decoder:

@@ -1,4 +1,4 @@
-"""Which points to leave out before a cloud is compared."""
+"""Filters of the points that are left out before a cloud is compared."""
 
 import math
 

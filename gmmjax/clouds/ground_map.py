@@ -9,7 +9,7 @@ from scipy.ndimage import percentile_filter
 
 @dataclasses.dataclass(frozen=True)
 class GroundSettings:
-    """Which points of a scan belong to the ground.
+    """Settings that tell which points of a scan belong to the ground.
 
     All values are empirical, chosen with those of `StationSettings`.
 
@@ -86,7 +86,7 @@ class GroundMap:
     def offsets(
         self, centre: Float64[np.ndarray, "2"]
     ) -> tuple[Float64[np.ndarray, "i 1"], Float64[np.ndarray, "1 j"]]:
-        """Of each row and each column from a place, in cells.
+        """Offsets of each row and each column from a place, in cells.
 
         Args:
             centre: the place, by the rows and columns of the map.
@@ -95,7 +95,7 @@ class GroundMap:
         return rows - centre[0], columns - centre[1]
 
     def distances(self, centre: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "i j"]:
-        """Of each cell from a place, in cells.
+        """Distance of each cell from a place, in cells.
 
         Args:
             centre: the place, by the rows and columns of the map.

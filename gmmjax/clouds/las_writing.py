@@ -61,12 +61,12 @@ class LasSource(NamedTuple):
 
     @property
     def compressed(self) -> bool:
-        """Whether it is written as LAZ: where it is one, and lazrs writes its format without loss."""
+        """True if the file is written as LAZ: it is one, and lazrs writes its format without loss."""
         return self.header.are_points_compressed and self.header.point_format.id not in WAVEFORM_FORMATS
 
     @property
     def ending(self) -> str:
-        """Of the file that is written."""
+        """Ending of the file that is written."""
         return ".laz" if self.compressed else ".las"
 
 

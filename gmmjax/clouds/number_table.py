@@ -74,7 +74,7 @@ def parse_table(
 
 
 def is_number(token: bytes | str) -> bool:
-    """Whether a word of text is a number."""
+    """True if a word of text is a number."""
     text = token.decode("latin-1") if isinstance(token, bytes) else token
     try:
         float(text)

@@ -40,7 +40,7 @@ LONGEST_EXPANSION = 90
 
 @dataclass(frozen=True)
 class PcdHeader:
-    """What a PCD file declares.
+    """Header of a PCD file.
 
     Attributes:
         row_type: of a point; each field has an axis for its COUNT, and those with a blank in the name are padding.
@@ -62,7 +62,7 @@ class PcdHeader:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many numbers of a point each field has."""
+        """Number of values that each field has for a point."""
         return {name: self.row_type[name].shape[0] for name in self.row_type.names or ()}
 
     @property
@@ -82,7 +82,7 @@ class PcdHeader:
 
     @property
     def pose(self) -> Float64[np.ndarray, "4 4"]:
-        """Of the sensor, in the frame of the points."""
+        """Pose of the sensor in the frame of the points."""
         pose = pose_of(self.viewpoint)
         assert pose is not None
         return pose

@@ -19,7 +19,7 @@ from gmmjax.errors import InputError
 
 @dataclasses.dataclass(frozen=True)
 class PcdForm:
-    """How a cloud is written.
+    """Form in which a cloud is written.
 
     Attributes:
         shape: how many points; or rows and columns of an ordered frame, whose parts have the numbers of their pixels as

@@ -48,7 +48,7 @@ class Element:
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """What a PLY file declares.
+    """Header of a PLY file.
 
     Attributes:
         encoding: ascii, binary_little_endian or binary_big_endian.

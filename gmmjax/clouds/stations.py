@@ -1,4 +1,4 @@
-"""Where a scanner on a tripod stood, recognised by the density of the ground around it.
+"""Stations of a scanner on a tripod, recognised by the density of the ground around them.
 
 A scanner that turns in equal steps s of both of its angles, at the height h above level ground, has h / (s² r² d)
 points on a unit of its area at the distance d from its foot, r² = d² + h² away: the element of its elevation
@@ -23,7 +23,7 @@ from gmmjax.geometry import evenly_chosen
 
 @dataclasses.dataclass(frozen=True)
 class StationSettings:
-    """How stations are looked for, in maps of the ground.
+    """Settings of the search for stations in maps of the ground.
 
     All values are empirical: chosen on simulated halls and warehouses by another generator, and
     on the families that the verdict is learned from.
@@ -88,7 +88,7 @@ def recognised_stations(
     counts: Int[np.ndarray, " n"] | None = None,
     settings: StationSettings = StationSettings(),
 ) -> Float64[np.ndarray, "s 3"]:
-    """Where the scanner's mirror was at each of the stations that can be recognised; the equation is the module's.
+    """Positions of the scanner's mirror at the stations that can be recognised; the equation is the module's.
 
     Args:
         points: finite coordinates of a scan, or the means of its voxels; z points up. In any unit.
@@ -124,7 +124,7 @@ def _positions(
     stations: "list[_Station]",
     settings: StationSettings,
 ) -> Float64[np.ndarray, "s 3"]:
-    """Where the stations are, by a map on which their height is that of enough cells."""
+    """Positions of the stations on a map on which enough cells have their height."""
     refinement = settings.height / float(np.median([own.height for own in stations]))
     points_per_cell = ground.points_per_cell / refinement**2
     finer = GroundMap.of(points, weights, points_per_cell, settings.ground) if refinement > 1 else None
@@ -135,7 +135,7 @@ def _positions(
 
 
 def _position(ground: GroundMap, station: "_Station") -> Float64[np.ndarray, "3"]:
-    """Of the mirror, above the ground around it."""
+    """Position of the mirror, above the ground around it."""
     distance = ground.distances(station.centre)
     beside = (distance > station.rim) & (distance < max(2 * station.height, 2 * station.rim)) & (ground.counts > 0)
     level = np.median(ground.heights[beside if beside.any() else ground.counts > 0])
@@ -168,7 +168,7 @@ class _Station(NamedTuple):
         return max(0.8 * self.rim, 0.5)
 
     def has_hole(self, settings: StationSettings) -> bool:
-        """Whether the hole below it is that of a scanner."""
+        """True if the hole below it is that of a scanner."""
         return settings.hole[0] < self.rim / self.height < settings.hole[1]
 
     def scaled(self, cells: float) -> "_Station":
@@ -217,7 +217,7 @@ def _expected(ground: GroundMap, stations: list[_Station]) -> Float64[np.ndarray
 
 
 def _proposed(ground: GroundMap, known: list[_Station], settings: StationSettings) -> Iterator[_Station]:
-    """What could be other stations: the densest rings around holes, in what the known stations do not explain.
+    """Candidates for other stations: the densest rings around holes that the known stations do not explain.
 
     Roots of counts, whose variances are alike, are compared: of the ring in the mean with those of the hole.
     """
@@ -238,7 +238,7 @@ def _proposed(ground: GroundMap, known: list[_Station], settings: StationSetting
 
 
 def _ring_contrast(roots: Float64[np.ndarray, "i j"], rim: float, arcs: int) -> Float64[np.ndarray, "i j"]:
-    """What the darkest arc but one of a ring around each cell has more, in the mean, than the hole within.
+    """Excess of the mean of the second darkest arc of a ring around each cell over the hole within.
 
     Of the ring around the shadow of a thing the arcs behind it are dark; one may be so of a station's.
     """

@@ -36,7 +36,7 @@ def scan_bounds(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "2 3"
 
 
 def within(points: Float64[np.ndarray, "n 3"], bounds: Float64[np.ndarray, "2 3"] | None) -> Bool[np.ndarray, " n"]:
-    """Which points are in the box of `scan_bounds`."""
+    """Mask of the points in the box of `scan_bounds`."""
     if bounds is None:
         return np.ones(len(points), bool)
     return np.asarray(((points >= bounds[0]) & (points <= bounds[1])).all(axis=1))
@@ -48,7 +48,7 @@ def without_stray_points(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarr
 
 
 def _without_data(points: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"] | None:
-    """Which points have a coordinate that stands for no data; None: there are none."""
+    """Mask of the points with a coordinate that stands for no data; None: there are none."""
     for column in points.T:
         for value in (column.min(initial=np.inf), column.max(initial=-np.inf)):
             # Means of equal numbers differ from them by rounding.
@@ -61,7 +61,7 @@ def _without_data(points: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"] 
 
 
 def _far(points: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"] | None:
-    """Which points are far from all others; None: there are none."""
+    """Mask of the points far from all others; None: there are none."""
     if not len(points):
         return None
     radii, usual = _radii(points)

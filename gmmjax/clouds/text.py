@@ -301,7 +301,7 @@ def _checked_guess(
 
 
 def _plausible(columns: Mapping[str, np.ndarray], known: bool) -> bool:
-    """Whether the numbers can be an intensity and colours of 8 or 16 bits."""
+    """True if the numbers can be an intensity and colours of 8 or 16 bits."""
     intensity = columns.get("intensity", np.zeros(0))
     if not _whole(intensity) and not known and np.nanmin(intensity) < 0:
         return False

@@ -131,7 +131,7 @@ def _words(line: str) -> list[str]:
 
 
 def _has_numbers(words: Sequence[str]) -> bool:
-    """Whether a line can be a point; a title may have a year in it."""
+    """True if a line can be a point; a title may have a year in it."""
     numbers = sum(map(is_number, words))
     return numbers >= len(AXES) or 2 * numbers > len(words)
 

@@ -93,7 +93,7 @@ class _Thinning:
         return points
 
     def _are_beyond(self, points: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Which points have no indices in the grid."""
+        """Mask of the points without indices in the grid."""
         return np.asarray(np.abs(points - self._corner).max(axis=1) / self._size >= 2 ** (AXIS_BITS - 2))
 
     def _double(self) -> None:

@@ -182,7 +182,7 @@ class SensorViews:
         return np.asarray((points - position) @ rotation)
 
     def in_field_of_view(self, camera_points: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Which points, in a camera's coordinates, are within its angles and its range."""
+        """Mask of the points, in a camera's coordinates, within its angles and its range."""
         x, y, z = camera_points.T
         horizontal, vertical = (np.radians(angle) / 2 for angle in self.field_of_view)
         depth = np.hypot(x, z) if self.turning else z

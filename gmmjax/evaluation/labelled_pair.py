@@ -218,7 +218,7 @@ def views_file(folder: Path, side: str) -> Path | None:
 
 
 def pair_views(folder: Path, side: str) -> SensorViews | None:
-    """Where the sensor stood, by the views file of one side in a pair's folder; None without one.
+    """Views of the sensor from the views file of one side in a pair's folder; None without one.
 
     Raises:
         InputError: a file that cannot be read, or several.

@@ -1,4 +1,4 @@
-"""How far the reported probabilities can be believed: what is reported at 0.9 should be true nine times in ten."""
+"""Reliability of the reported probabilities: what is reported at 0.9 should be true nine times in ten."""
 
 import dataclasses
 import json

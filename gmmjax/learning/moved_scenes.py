@@ -32,7 +32,7 @@ TURNOVERS = ((0, 0, 1), (1, 0, 2), (0, 1, 2), (2, 1, 1), (1, 2, 1), (2, 2, 0))
 
 
 class SceneSettings(NamedTuple):
-    """How the rearranged places are surveyed: each draws from these ranges.
+    """Settings of the surveys of rearranged places: each draws from these ranges.
 
     Attributes:
         frames: of each survey, least and greatest: few of them see few sides of a thing, and things in front of others.

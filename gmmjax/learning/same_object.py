@@ -101,7 +101,7 @@ def _as_good(found: FoundScene, number: int, pair: PairHypothesis) -> bool:
 
 
 def _misplaced(found: FoundScene, number: int, transform: Float64[np.ndarray, "4 4"]) -> float:
-    """How far a transform brings a thing from where it is, in spacings; of a symmetric one, what was seen of it."""
+    """Error of an object's transform, in spacings; for a symmetric object that of the points that were seen."""
     if number not in found.scene.motions:
         return np.inf
     spacing = max(surface.nearest_distance for surface in found.changes.pair.surfaces)

@@ -30,7 +30,7 @@ EDGES = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 
 
 class LeftOut(NamedTuple):
-    """How each family is judged by what was learned on all others.
+    """Classification of each family by what was learned on all others.
 
     Attributes:
         probabilities: of changed, not observed and unchanged, for the candidates of each family.
@@ -146,7 +146,7 @@ def _objective(free: np.ndarray, arguments: Sequence[jax.Array], penalty: float)
 
 
 def _bends(facts: Float[np.ndarray, "n f"], kind: Int[np.ndarray, " n"]) -> Float[np.ndarray, " f"]:
-    """Where the slope of each fact may change: midway between the medians of the changes and of all others."""
+    """Values at which the slope of each fact may change: midway between the medians of changes and of all others."""
     changed = kind == CHANGED
     return np.asarray((np.median(facts[changed], axis=0) + np.median(facts[~changed], axis=0)) / 2)
 

@@ -1,4 +1,4 @@
-"""What was found, for people and programs: result folders, HTML report, terminal, mixtures and scenes on disk."""
+"""Results for people and programs: result folders, HTML report, terminal, mixtures and scenes on disk."""
 
 from typing import TYPE_CHECKING
 

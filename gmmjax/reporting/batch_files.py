@@ -1,4 +1,4 @@
-"""What a batch run writes: the files of each pair, the summary of all, and the page to look at them."""
+"""Files of a batch run: those of each pair, the summary of all, and the page to look at them."""
 
 import dataclasses
 from collections.abc import Sequence

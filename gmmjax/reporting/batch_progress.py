@@ -1,4 +1,4 @@
-"""How far a batch run has got, on standard error: a bar on a terminal, a line now and then in a log."""
+"""Progress of a batch run on standard error: a bar on a terminal, a line now and then in a log."""
 
 import math
 import sys

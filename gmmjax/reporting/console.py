@@ -1,4 +1,4 @@
-"""What the command line shows: progress and warnings on standard error, the answer on standard output."""
+"""Output of the command line: progress and warnings on standard error, the answer on standard output."""
 
 import functools
 import json

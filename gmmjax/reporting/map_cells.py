@@ -1,4 +1,4 @@
-"""What changed, seen from above: the signed distance, the probability and the change in each cell of a grid."""
+"""Map of the changes from above: signed distance, probability and change in each cell of a grid."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""What a notebook shows of changes: the answer, a small picture of both clouds, a row for each object.
+"""View of changes in a notebook: the answer, a small picture of both clouds, a row for each object.
 
 The styles are inline, and there is no background, so that it looks right in light and in dark notebooks.
 """

@@ -29,7 +29,7 @@ PROBABILITY_LEVELS, DISTANCE_LEVELS = 32, 63
 
 
 class PackedScene(NamedTuple):
-    """What the viewer draws.
+    """Scene that the viewer draws.
 
     Attributes:
         scene: plain values for JSON: the changes, and how to read the points. Positions are relative to its `origin`.

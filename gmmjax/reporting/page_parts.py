@@ -1,4 +1,4 @@
-"""What the HTML pages share: one skeleton, the assets of the package, and data that scripts read."""
+"""Shared parts of the HTML pages: one skeleton, the assets of the package, and data that scripts read."""
 
 import json
 from html import escape

@@ -30,7 +30,7 @@ class Stretch(NamedTuple):
 
 
 class _Series(NamedTuple):
-    """What the page shows: the arguments of `timeline_html`, and which epochs were compared with each other."""
+    """Content of the page: the arguments of `timeline_html`, and which epochs were compared with each other."""
 
     epochs: Sequence[str]
     histories: Sequence[ObjectHistory]

@@ -1,4 +1,4 @@
-"""What `gmmjax tune` writes: the tuned settings, and where it stands while it runs."""
+"""Files of `gmmjax tune`: the tuned settings, and the state of a tuning that runs."""
 
 import functools
 import os

@@ -109,7 +109,7 @@ class Sight:
         self._widest, self._farthest = (0.0, 0.0), 0.0
 
     def of(self, frame: Frame) -> Bool[np.ndarray, " n"]:
-        """Which points of a frame are in range; the sight is widened to hold them."""
+        """Mask of the points of a frame in range; the field of view is widened to hold them."""
         ranges = np.linalg.norm(frame.cloud.points, axis=1)
         near = ranges <= (self._max_range or np.inf)
         if near.any():
@@ -139,7 +139,7 @@ def _field_of_view(frame: Frame) -> tuple[float, float]:
 
 
 def cropped(points: Float64[np.ndarray, "n 3"], bounds: npt.ArrayLike | None) -> Bool[np.ndarray, " n"]:
-    """Which points are in a box; all where there is none.
+    """Mask of the points in a box; all where there is none.
 
     Args:
         points: in the world.

@@ -171,7 +171,7 @@ def _parents(finer: _CellCounts, coarser: _CellCounts) -> Int64[np.ndarray, " c"
 
 
 def _leaves(pyramid: list[_CellCounts], max_points: int) -> list[Bool[np.ndarray, " _"]]:
-    """Which cubes of each level are blocks."""
+    """Masks of the cubes of each level that are blocks."""
     leaves, reached = [], np.ones(len(pyramid[0].codes), bool)
     for cubes, finer in itertools.pairwise(pyramid):
         divided = cubes.points.before + cubes.points.after > max_points

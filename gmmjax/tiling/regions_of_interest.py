@@ -144,7 +144,7 @@ class _Places(NamedTuple):
         return bool(self.tree.query(block.centre)[0] <= self.reach + np.sqrt(3) / 2 * block.edge)
 
     def within(self, points: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Which points are within reach."""
+        """Mask of the points within reach."""
         return within_reach(self.tree, points, self.reach)
 
 

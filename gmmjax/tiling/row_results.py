@@ -125,7 +125,7 @@ class _Found:
         return values | {name: np.where(hidden, np.float32(np.nan), figure) for name, figure in figures.items()}
 
     def _hidden(self, voxels: Voxels, fine: Bool[np.ndarray, " v"]) -> Bool[np.ndarray, " v"]:
-        """Which voxels beyond the fine ones the other survey did not observe: those next to coarse ones of which."""
+        """Mask of the voxels beyond the fine ones that the other survey did not observe, by the nearest coarse ones."""
         hidden = np.zeros(len(fine), bool)
         if self.unobserved is not None:
             tree, unobserved = self.unobserved

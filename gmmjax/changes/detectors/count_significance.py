@@ -1,4 +1,4 @@
-"""Whether one cloud has more points in a Gaussian's place than the other: the counts themselves.
+"""Test by counts alone that one cloud has more points in a Gaussian's place than the other.
 
 Mixtures of one cloud from other random starts, or of two samples of one surface, differ in how they cut it into
 Gaussians. Optimal transport compares the Gaussians and finds differences where the points are the same.

@@ -182,7 +182,7 @@ def _refined(place: Place, start: Float64[np.ndarray, "4 4"], noise: float) -> t
 
 
 def _explained(place: Place, transform: Float64[np.ndarray, "4 4"], noise: float) -> Pair[Bool[np.ndarray, " _"]]:
-    """Which points of either object lie on the other one after the motion."""
+    """Mask of the points of either object that lie on the other one after the motion."""
     ways = Pair(transform, np.linalg.inv(transform))
     points = each(lambda own, way: transformed(own.points, way), place.objects, ways)
     means = each(lambda own, way: transformed(own.all_means, way), place.objects, ways)
@@ -209,6 +209,6 @@ def _moved_points(
 
 
 def _within_hull(own: LocalSurface, others: Float64[np.ndarray, "h 3"], margin: float) -> Bool[np.ndarray, " n"]:
-    """Which points are within the convex hull of others, or outside of it by no more than the margin."""
+    """Mask of the points in the convex hull of others, or outside of it by no more than the margin."""
     hull = ConvexHull(others, qhull_options="QJ").equations
     return np.asarray((own.points @ hull[:, :3].T + hull[:, 3]).max(axis=1) < margin)

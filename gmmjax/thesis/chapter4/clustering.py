@@ -72,7 +72,7 @@ def fixed_cloud(cloud: str, seed: int) -> Float[np.ndarray, "n 3"]:
 
 
 def number_row(method: str, cloud: str, found: Sequence[int]) -> dict[str, Cell]:
-    """How many of the numbers that a method found are right."""
+    """Row of the table for one method: how many of its fits find the true number of Gaussians."""
     right = sum(number == CLOUDS[cloud] for number in found)
     counts = ", ".join(f"{number}: {times}" for number, times in sorted(Counter(found).items()))
     share = round(right / len(found), 4)

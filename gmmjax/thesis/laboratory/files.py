@@ -33,7 +33,7 @@ BAG_FILES: Mapping[str, str] = {"ros1": "survey.bag", "ros2": "survey"}
 
 @dataclasses.dataclass(frozen=True)
 class LabSettings:
-    """How the laboratory is simulated.
+    """Settings of the simulated laboratory.
 
     Attributes:
         seed: of the places of the objects, the paths and the noise.

@@ -59,7 +59,7 @@ class LabCloud:
         return np.asarray(self.points @ self.to_scene[:3, :3].T + self.to_scene[:3, 3])
 
     def could_see(self, other: "LabCloud") -> Bool[np.ndarray, " m"]:
-        """Which points of another cloud lie in space that this survey observed."""
+        """Mask of the points of another cloud in space that this survey observed."""
         return seen(other.in_scene(), self.laboratory.solids, self.views.moved(self.to_scene))
 
 
