@@ -315,7 +315,7 @@ def run(folder, *more):
 @pytest.mark.slow
 def test_an_unchanged_place_stops_false_alarms_and_detection_uses_the_file(folder, capsys, monkeypatch):
     out = folder / "tuned.toml"
-    assert run(folder, "--out", str(out), "--unchanged", "--least-corrected", "1") == 0
+    assert run(folder, "--out", str(out), "--unchanged", "--min-corrected", "1") == 0
     printed = capsys.readouterr()
     assert "Verdict tuned" in printed.out and "false segments of detect" in printed.out
     assert "1 pair is too few" in printed.err
