@@ -23,7 +23,7 @@ CONFIG = "config"
 SETTINGS: Mapping[str, Any] = typing.get_type_hints(DetectionConfig)
 DELIMITERS: Mapping[str, str] = {".csv": ",", ".tsv": "\t", ".tab": "\t"}
 # Of what is wrong, at most, that a message lists; the others are counted.
-MOST = 10
+MAX_LISTED = 10
 
 
 class Entry(NamedTuple):
@@ -170,7 +170,7 @@ def _at(places: Sequence[str], text: str) -> str:
 
 
 def _listed(texts: Sequence[str]) -> str:
-    return "; ".join(texts[:MOST]) + (f"; and {len(texts) - MOST} more" if len(texts) > MOST else "")
+    return "; ".join(texts[:MAX_LISTED]) + (f"; and {len(texts) - MAX_LISTED} more" if len(texts) > MAX_LISTED else "")
 
 
 def _check_files(path: Path, files: Mapping[str, Path]) -> None:

@@ -19,8 +19,8 @@ from gmmjax.geometry import MEAN_NEIGHBOURS, evenly_chosen, nearest_neighbours, 
 SPACINGS = 3.0
 # Points of a place of which the spacing is measured, and whether it was observed.
 PROBES = 64
-# All that is said of places is said of most of their points.
-MOST = 0.5
+# A statement about a place holds if it holds for more than half of its points.
+MAJORITY = 0.5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ def linked(known: Sequence[Place], new: Sequence[Place]) -> list[Link]:
     overlap, preferred = np.zeros((2, len(known), len(new)))
     for row, column in _near(known, new):
         shares = known[row].shares(new[column])
-        if max(shares) > MOST:
+        if max(shares) > MAJORITY:
             overlap[row, column], preferred[row, column] = max(shares), sum(shares) / 2
     rows, columns = linear_sum_assignment(preferred, maximize=True)
     pairs = [(row, column) for row, column in zip(rows.tolist(), columns.tolist(), strict=True) if overlap[row, column]]
@@ -111,7 +111,7 @@ def of_same_shape(place: Place, known: Sequence[Place]) -> tuple[int | None, flo
     """The known place that is most like a new one, most of the points of both at the other, and the greater share."""
     shares = {row: known[row].shares(place) for row, _ in _near(known, [place])}
     best = max(shares, key=lambda row: shares[row][0], default=None)
-    if best is None or shares[best][0] <= MOST:
+    if best is None or shares[best][0] <= MAJORITY:
         return None, 0.0
     return best, shares[best][1]
 
@@ -129,7 +129,7 @@ def not_observed(places: Sequence[Place], coverage: Coverage, frame: Float[np.nd
     chosen = [place.probed for place in places]
     nearest = cKDTree(transformed(coverage.points, frame)).query(np.concatenate(chosen))[1]
     hidden = np.split(coverage.unobserved[nearest], np.cumsum([len(points) for points in chosen])[:-1])
-    return [bool(own.mean() > MOST) for own in hidden]
+    return [bool(own.mean() > MAJORITY) for own in hidden]
 
 
 def _near(known: Sequence[Place], new: Sequence[Place]) -> list[tuple[int, int]]:

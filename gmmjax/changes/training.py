@@ -58,8 +58,8 @@ def cut_candidates(detector: JointDetector, scans: Pair[Scan], *, poses: Sequenc
         poses: for each set of candidates whether the views are used.
 
     Returns:
-        For each of `poses` the candidates of both scans, those of one resolution after the other. None where the
-        clouds fill volumes.
+        For each of `poses` the candidates of both scans, those of one resolution after the other; an empty list where
+        the clouds fill volumes.
     """
     prepared = detector.aligned_scans(scans, Clock(silent))
     if prepared.volumetric:

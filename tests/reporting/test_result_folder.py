@@ -5,13 +5,15 @@ import os
 import re
 import tomllib
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import laspy
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gmmjax.changes import Changes, DetectionConfig
+from gmmjax.batch.worker import FoundPair
+from gmmjax.changes import Changes, Consensus, DetectionConfig
 from gmmjax.changes.registration import Registration
 from gmmjax.clouds import PointCloud, open_survey, read_cloud, read_survey, write_pcd
 from gmmjax.errors import InputError, InputWarning
@@ -158,7 +160,7 @@ def test_a_result_in_tiles_has_the_same_scans(pair, tmp_path, transform_after):
 def test_a_batch_writes_the_after_scan_likewise(pair, tmp_path, save, moved):
     transform = rigid_transform(translation=np.array([0.0, 0.0, -2.0]))
     changes = dataclasses.replace(pair[2], registration=Registration(transform, True, 2.0, 0.01, 0.5, 0.9))
-    loaded = SimpleNamespace(clouds=Pair(*pair[:2]))
-    save(tmp_path, SimpleNamespace(consensus=SimpleNamespace(changes=changes), loaded=loaded))
+    consensus = Mock(spec=Consensus, changes=changes)
+    save(tmp_path, Mock(spec=FoundPair, clouds=Pair(*pair[:2]), consensus=consensus))
     after = pair[1].points + (np.array([0, 0, -2]) if moved else 0)
     np.testing.assert_array_equal(read_cloud(tmp_path / "after.ply").points, after)
