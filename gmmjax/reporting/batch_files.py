@@ -123,11 +123,11 @@ def write_history(folder: RunFolder) -> list[ObjectHistory]:
     """
     record = folder.run_record()
     pairs = compared_epochs(folder)
-    assert record is not None and record.series is not None
+    assert record is not None
     comparisons = [_comparison(folder, epochs, name) for epochs, name in pairs.items()]
     histories = object_histories(record.epochs, comparisons)
     write_table(folder.path / "objects.csv", OBJECT_COLUMNS, object_rows(histories))
-    page = timeline_html(folder.path.name, record.epochs, histories, against=record.series, pair_names=pairs)
+    page = timeline_html(folder.path.name, record.epochs, histories, pairs)
     write_file(folder.path / TIMELINE_FILE, page.encode())
     return histories
 

@@ -8,7 +8,6 @@ from typing import NamedTuple, get_args
 from urllib.parse import quote
 
 from gmmjax.batch import EpochTree, EventKind, ObjectEvent, ObjectHistory, epoch_trees
-from gmmjax.errors import check_choice
 from gmmjax.pair import Pair
 from gmmjax.reporting.page_parts import page, script
 from gmmjax.reporting.plan_view import plan_svg
@@ -75,8 +74,6 @@ def timeline_html(
     title: str,
     epochs: Sequence[str],
     histories: Sequence[ObjectHistory],
-    *,
-    against: str,
     pair_names: Mapping[tuple[int, int], str],
 ) -> str:
     """Make the time line of a series, one page, which loads nothing.
@@ -87,20 +84,19 @@ def timeline_html(
         title: of the series.
         epochs: names of the epochs, in the order of time.
         histories: of the objects that came, moved or went.
-        against: what each epoch was compared with: "previous" or "first".
         pair_names: by the indices of the two epochs, the name of each pair that is done.
 
     Returns:
         HTML. Names are text in it, whatever they hold.
 
     Raises:
-        InputError: an unknown `against`, or pairs that are not of these epochs.
+        InputError: pairs that are not of these epochs.
     """
-    check_choice("against", against, ("previous", "first"))
     series = _Series(epochs, histories, pair_names, epoch_trees(epochs, [Pair(*pair) for pair in pair_names]))
     main = f"""<header>
 <p class="title">{escape(title)}</p><h1>{escape(series_answer(epochs, histories))}</h1>
-<p class="files">{_compared(epochs, against)}</p>
+<p class="files">Each epoch is compared with the one before. Lengths are in the unit of the clouds. \
+Table: <a href="objects.csv">objects.csv</a>, a row for each event</p>
 {_gaps(series)}{_legend(histories)}</header>
 {_objects(series) if histories else _no_objects(series)}"""
     return page(title, "timeline.css", main, script("timeline.js"))
@@ -128,16 +124,6 @@ def _often(times: Sequence[int]) -> str:
 
 def _counted(number: int, thing: str) -> str:
     return f"{number:,} {thing}{'s' * (number != 1)}"
-
-
-def _compared(epochs: Sequence[str], against: str) -> str:
-    other = "the one before"
-    if against == "first" and epochs:
-        other = f"the first one, <b>{escape(epochs[0])}</b>"
-    return (
-        f"Each epoch is compared with {other}. Lengths are in the unit of the clouds. "
-        'Table: <a href="objects.csv">objects.csv</a>, a row for each event'
-    )
 
 
 def _gaps(series: _Series) -> str:

@@ -54,8 +54,8 @@ HISTORIES = (
 )
 
 
-def page_of(histories=HISTORIES, epochs=EPOCHS, against="previous", names=NAMES, title="The hall"):
-    return timeline_html(title, epochs, histories, against=against, pair_names=names)
+def page_of(histories=HISTORIES, epochs=EPOCHS, names=NAMES, title="The hall"):
+    return timeline_html(title, epochs, histories, names)
 
 
 class Elements(HTMLParser):
@@ -198,7 +198,7 @@ def test_hostile_names_are_text_and_links_are_encoded():
     epochs = (HOSTILE,) * 5
     histories = [dataclasses.replace(one, epochs=epochs) for one in HISTORIES]
     names = dict.fromkeys(NAMES, HOSTILE)
-    page = page_of(histories, epochs, "first", names, HOSTILE)
+    page = page_of(histories, epochs, names, HOSTILE)
     elements = Elements(page)
     assert "<img" not in page
     assert {tag for tag, attributes in elements.tags if "onerror" in attributes} == set()
@@ -209,8 +209,6 @@ def test_hostile_names_are_text_and_links_are_encoded():
 
 
 def test_bad_input():
-    with pytest.raises(InputError, match="against='last' is unknown; choose from previous, first"):
-        page_of(against="last")
     with pytest.raises(InputError, match="4 and 5 are not the indices"):
         page_of(names={(4, 5): "x"})
 

@@ -13,7 +13,7 @@ from gmmjax.mixtures import GaussianMixture
 from gmmjax.transport import bures_wasserstein
 
 
-class Consensus(NamedTuple):
+class ComponentDisplacement(NamedTuple):
     """A displacement of the after cloud.
 
     Attributes:
@@ -29,7 +29,7 @@ class Consensus(NamedTuple):
 
 def consensus_displacement(
     before: GaussianMixture, after: GaussianMixture, points_before: float, points_after: float
-) -> Consensus:
+) -> ComponentDisplacement:
     """The displacement supported by most mass among components of the same shape.
 
     Every pair of components of the same shape proposes one; those that agree with it within the sampling errors of
@@ -56,10 +56,10 @@ def consensus_displacement(
         if weights[agreeing].sum() > support:
             best, support = agreeing, float(weights[agreeing].sum())
     if best is None:
-        return Consensus(np.zeros(3), np.full(3, np.inf), 0.0)
+        return ComponentDisplacement(np.zeros(3), np.full(3, np.inf), 0.0)
     precision = 1 / errors[best]
     displacement = (precision * displacements[best]).sum(axis=0) / precision.sum(axis=0)
-    return Consensus(displacement, precision.sum(axis=0) ** -0.5, support)
+    return ComponentDisplacement(displacement, precision.sum(axis=0) ** -0.5, support)
 
 
 def _agreeing(
