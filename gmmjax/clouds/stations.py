@@ -8,14 +8,14 @@ clouds whose density was made even, and those of sensors that were carried, do n
 """
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy.fft
 from jaxtyping import Bool, Float64, Int
 from scipy.ndimage import uniform_filter
 from scipy.optimize import least_squares
-from scipy.signal import fftconvolve
 
 from gmmjax.clouds.ground_map import GroundMap, GroundSettings
 from gmmjax.geometry import evenly_chosen
@@ -246,9 +246,21 @@ def _ring_contrast(roots: Float64[np.ndarray, "i j"], rim: float, arcs: int) -> 
     row, column = np.mgrid[-size : size + 1, -size : size + 1]
     away, arc = np.hypot(row, column), ((np.arctan2(column, row) / (2 * np.pi) + 0.5) * arcs).astype(int) % arcs
     ring, hole = (away >= rim) & (away < rim + 2), away < rim - 0.5
-    brightness = [fftconvolve(roots, own / own.sum(), mode="same") for own in (ring & (arc == n) for n in range(arcs))]
-    within = fftconvolve(roots, hole / hole.sum(), mode="same")
+    *brightness, within = _means_within(roots, [*(ring & (arc == n) for n in range(arcs)), hole])
     return np.asarray(np.partition(brightness, 1, axis=0)[1] - within)
+
+
+def _means_within(
+    values: Float64[np.ndarray, "i j"], masks: Sequence[Bool[np.ndarray, "m m"]]
+) -> list[Float64[np.ndarray, "i j"]]:
+    """The mean of the values in each mask around each cell; beyond the edge they are 0."""
+    edge = len(masks[0])
+    # Of `scipy.signal`, whose import takes half a second, one function would be needed.
+    shape = [scipy.fft.next_fast_len(side + edge - 1, real=True) for side in values.shape]
+    spectrum = scipy.fft.rfft2(values, shape)
+    sums = [scipy.fft.irfft2(spectrum * scipy.fft.rfft2(mask / mask.sum(), shape), shape) for mask in masks]
+    rows, columns = (slice(edge // 2, edge // 2 + side) for side in values.shape)
+    return [np.asarray(own[rows, columns]) for own in sums]
 
 
 def _guessed(
