@@ -6,8 +6,8 @@ from pathlib import Path
 
 from gmmjax.errors import InputError
 
-# Programs that compile faster than this are not worth a file.
-MIN_SECONDS = 0.3
+# What compiles in less than a file is read in is not worth one.
+MIN_SECONDS = 0.02
 
 
 def cache_folder() -> Path:
