@@ -22,7 +22,7 @@ FILES = ("before", "after", "views_before", "views_after")
 CONFIG = "config"
 SETTINGS: Mapping[str, Any] = typing.get_type_hints(DetectionConfig)
 DELIMITERS: Mapping[str, str] = {".csv": ",", ".tsv": "\t", ".tab": "\t"}
-# Of what is wrong, at most, that a message lists; the others are counted.
+# A message lists at most so many problems and counts the others.
 MAX_LISTED = 10
 
 

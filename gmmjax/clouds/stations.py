@@ -253,9 +253,14 @@ def _ring_contrast(roots: Float64[np.ndarray, "i j"], rim: float, arcs: int) -> 
 def _means_within(
     values: Float64[np.ndarray, "i j"], masks: Sequence[Bool[np.ndarray, "m m"]]
 ) -> list[Float64[np.ndarray, "i j"]]:
-    """The mean of the values in each mask around each cell; beyond the edge they are 0."""
+    """Means of the values under each mask, centred on each cell; beyond the edge of the map they are 0.
+
+    Args:
+        values: of the cells.
+        masks: of one odd size m; each has a cell at least.
+    """
     edge = len(masks[0])
-    # Of `scipy.signal`, whose import takes half a second, one function would be needed.
+    # As `scipy.signal.fftconvolve`, whose import takes half a second, with one transform of the values for all masks.
     shape = [scipy.fft.next_fast_len(side + edge - 1, real=True) for side in values.shape]
     spectrum = scipy.fft.rfft2(values, shape)
     sums = [scipy.fft.irfft2(spectrum * scipy.fft.rfft2(mask / mask.sum(), shape), shape) for mask in masks]

@@ -17,8 +17,8 @@ class ComponentDisplacement(NamedTuple):
     """A displacement of the after cloud.
 
     Attributes:
-        displacement: what is to be added to the after points.
-        standard_error: of each coordinate.
+        displacement: to be added to the after points, in their unit.
+        standard_error: of each coordinate, in the same unit.
         share: of the mass whose components agree, in the mixture where it is less.
     """
 
