@@ -5,6 +5,7 @@ import contextlib
 import dataclasses
 import logging
 import os
+import platform
 import signal
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from multiprocessing import get_context
@@ -130,7 +131,7 @@ class ExecutorPool(AbstractPool):
             ComputationError: the executor takes no calls any more.
         """
         try:
-            future = self._executor.submit(_call, function, arguments)
+            future = self._executor.submit(_call, _this_process(), function, arguments)
         except RuntimeError as error:
             reason = one_line(error)
             raise ComputationError(
@@ -249,7 +250,20 @@ def _connected(address: str) -> "Client":
         ) from error
 
 
-def _call(function: Any, arguments: tuple[Any, ...]) -> Any:
-    """A call in a worker that we have not started: it gets one core, as each thread of a cluster's worker has."""
-    use_cores(1)
+def _call(caller: tuple[str, int], function: Any, arguments: tuple[Any, ...]) -> Any:
+    """A call in a worker that we have not started: it gets one core, as each thread of a cluster's worker has.
+
+    Threads of the caller's own process share its cores: what is limited there stays limited when they have ended.
+
+    Args:
+        caller: the process that handed the call over.
+        function: to call.
+        arguments: of the function.
+    """
+    if _this_process() != caller:
+        use_cores(1)
     return function(*arguments)
+
+
+def _this_process() -> tuple[str, int]:
+    return platform.node(), os.getpid()

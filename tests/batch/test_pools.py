@@ -7,6 +7,7 @@ from multiprocessing import get_context
 
 import pytest
 
+from gmmjax._cores import available_cores
 from gmmjax.batch.pools import ExecutorPool, LocalPool, Workers, died
 from gmmjax.errors import ComputationError, InputError
 from tests.batch.runs import is_alive, kill, wait_for
@@ -51,6 +52,19 @@ def test_workers_use_their_share_of_the_cores_and_end():
     assert made.submit(os.getenv, "NPROC").result() == "3"
     made.stop(at_once=False)
     assert not is_alive(process)
+
+
+def available():
+    return available_cores(), os.environ.get("NPROC")
+
+
+def test_workers_of_others_get_one_core_and_threads_leave_this_process_alone():
+    before = available()
+    with ThreadPoolExecutor(1) as threads:
+        assert ExecutorPool(threads, 1).submit(available).result() == before
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes:
+        assert ExecutorPool(processes, 1).submit(available).result() == (1, "1")
+    assert available() == before
 
 
 def test_there_are_no_more_workers_than_pairs():
