@@ -354,6 +354,7 @@ def test_bad_clouds_are_named_and_nothing_is_written(command, name, scans, tmp_p
     assert sorted(tmp_path.iterdir()) == there
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
@@ -565,6 +566,7 @@ def evaluated(command, capsys, *arguments):
     return captured.out
 
 
+@pytest.mark.slow
 def test_evaluate_gaussians_scores_the_detectors_that_are_asked_for(tmp_path, capsys):
     table, curves = tmp_path / "table.md", tmp_path / "curves.json"
     flags = ["--seeds", 1, "--points", 300, "--conditions", "(+1) low*", "(none)*", "--restarts", 2]
@@ -641,6 +643,7 @@ def test_evaluate_laboratory_surveys_a_room(capsys):
     assert evaluated(["laboratory"], capsys, *flags).splitlines()[1] == "(+1)"
 
 
+@pytest.mark.slow
 def test_evaluate_scenes_surveys_places_of_a_family(capsys):
     flags = ["--families", "apartments", "--seeds", 1, "--poses", "unknown", "--methods", "voxels", "--json"]
     rows = {row["condition"]: row for row in json.loads(evaluated(["scenes"], capsys, *flags))["rows"]}
@@ -679,6 +682,7 @@ def test_version(capsys):
     assert capsys.readouterr().out == f"gmmjax {gmmjax.__version__}\n"
 
 
+@pytest.mark.slow
 def test_the_module_is_the_command(tmp_path):
     arguments = ["detect", "nowhere.ply", "nowhere.ply", "--out", str(tmp_path / "a")]
     ended = subprocess.run([sys.executable, "-m", "gmmjax", *arguments], capture_output=True, text=True, check=False)

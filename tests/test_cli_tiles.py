@@ -100,6 +100,7 @@ def test_a_file_that_was_truncated_is_named_and_nothing_is_written(files, tmp_pa
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room_left", [50_000, 1_000_000])
 def test_a_disk_that_fills_leaves_nothing(files, tmp_path, capsys, room_left):
     """Files cannot get longer than that: the first is too little for columns of points, the other for the result."""

@@ -110,6 +110,7 @@ def test_a_detector_can_be_put_to_the_evidence_test():
     np.testing.assert_array_equal(kept.labels_after[kept.labels_after >= 0], found.labels_after[kept.labels_after >= 0])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("as_users")
 def test_a_method_is_a_class_and_its_name(scene, monkeypatch):
     with pytest.raises(InputError, match="method='nearest' is unknown"):
@@ -126,6 +127,7 @@ def test_a_ground_cost_of_the_distance_is_a_function(mixtures, ground_cost, expe
     assert float(earth_movers_distance(*mixtures, ground_cost=ground_cost).cost) == pytest.approx(expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("detector", [GreedyDetector, TransportDetector])
 def test_a_ground_cost_of_a_detector_is_a_function(mixtures, detector):
     """In space the third Gaussian is new; on the map nothing changed."""
@@ -152,6 +154,7 @@ def test_a_file_format_is_a_function_and_its_ending(tmp_path, monkeypatch):
     np.testing.assert_array_equal(read_cloud(tmp_path / "cloud.raw").points, points)
 
 
+@pytest.mark.slow
 def test_a_fact_is_a_function_of_a_candidate_and_an_entry(monkeypatch, tmp_path):
     """With a verdict that asks for nothing else, what it says decides, and the explanation names it."""
 

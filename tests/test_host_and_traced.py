@@ -76,6 +76,7 @@ FUNCTIONS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_concrete_arrays_inside_jit_give_what_they_give_outside(float64, name):
     expected = FUNCTIONS[name]()
@@ -141,6 +142,7 @@ def polished_gradient(points, key):
     return jax.value_and_grad(length)(points)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "function",
     [
@@ -158,6 +160,7 @@ def test_shard_map_with_its_checks_equals_vmap(float64, function):
         np.testing.assert_allclose(np.asarray(own, float), np.asarray(wanted, float), rtol=1e-6, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solve", [exact_transport, sinkhorn])
 def test_shard_map_differentiates_by_what_all_shards_share(float64, solve):
     """As of many pairs with one prior."""
@@ -173,6 +176,7 @@ def test_shard_map_differentiates_by_what_all_shards_share(float64, solve):
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_functions_that_are_not_compiled_by_the_user_are_traced_once(monkeypatch):
     """The second call of each runs the program of the first."""
     from gmmjax.mixtures import restarts
@@ -206,6 +210,7 @@ def test_functions_that_are_not_compiled_by_the_user_are_traced_once(monkeypatch
         assert len(traced) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("polish", [True, False])
 def test_input_that_is_none_is_a_status_with_no_numbers(float64, polish):
     """Of each lane alone, also in derivatives, in either mode; the first lane is as it should be."""

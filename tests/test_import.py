@@ -61,6 +61,7 @@ def imported():
     return json.loads(done.stdout), done.stderr
 
 
+@pytest.mark.slow
 def test_nothing_is_said(imported):
     assert imported[1] == ""
 

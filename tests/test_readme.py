@@ -115,6 +115,7 @@ def python_examples(tmp_path_factory):
     return folder, done.stdout
 
 
+@pytest.mark.slow
 def test_the_python_code_does_what_it_says(python_examples):
     folder, printed = python_examples
     assert {change.kind for change in gmmjax.Changes.load(folder / "scene-result").items} == {"appeared", "disappeared"}

@@ -85,6 +85,7 @@ def started(folder):
         made.stop()
 
 
+@pytest.mark.slow
 def test_clouds_are_sent_and_results_come_back_without_files(pairs, cluster):
     clouds = pairs[0].clouds.map(read_cloud)
     (result,) = detect_many([BatchPair("x", *clouds)], config=CONFIG, scheduler=cluster.address)
@@ -116,6 +117,7 @@ def test_a_scheduler_that_goes_is_said_and_the_run_goes_on_later(pairs, local, t
     assert contents(folder) == local
 
 
+@pytest.mark.slow
 def test_nobody_at_the_address(pairs):
     pytest.importorskip("distributed")
     with pytest.raises(InputError, match=r"scheduler tcp://127.0.0.1:9: cannot be reached .* check address"):

@@ -82,6 +82,7 @@ def test_a_foreign_executor_computes_and_is_not_ended():
         assert executor.submit(divmod, 7, 2).result() == (3, 1)
 
 
+@pytest.mark.slow
 def test_a_foreign_executor_that_is_broken_is_said():
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
         pool = ExecutorPool(executor, 4)

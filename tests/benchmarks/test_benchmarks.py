@@ -213,6 +213,7 @@ def test_probabilities_are_held_against_the_truth():
     assert "| given | 0.9 to 1.0 | 4 | 0.950 | 0.750 |" in text and "| given | calibration error | 5 | 0.190 |" in text
 
 
+@pytest.mark.slow
 def test_accuracy(tmp_path, monkeypatch, capsys):
     sources = [source(box_pair(seed), name) for seed, name in enumerate(["changed", "again"])]
     monkeypatch.setattr(accuracy, "held_out_sources", lambda kinds, seeds, poses, points: sources)
@@ -267,6 +268,7 @@ def test_large_files(in_this_process, tmp_path, monkeypatch, capsys):
     assert [row[2] for row in rows] == ["in chunks", "whole", "gmmjax detect"]
 
 
+@pytest.mark.slow
 def test_an_accelerator_is_compared_with_the_cores(in_this_process):
     case = next(case for case in accelerator.cases(quick=True) if case.function is accelerator.transported)
     cells = accelerator.measured(case, "cpu", repeats=1)["cells"]

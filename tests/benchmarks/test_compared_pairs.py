@@ -28,6 +28,7 @@ def test_the_run_that_fills_the_folder_of_programs_does_not_count():
     assert "| 1 | 3.0 s |" in rows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contender", [MANY, PEERS])
 def test_contenders_give_a_result_for_each_pair(contender, tmp_path):
     pairs = [tuple(cloud[::20] for cloud in pair) for pair in compared_pairs.scenes(2)]

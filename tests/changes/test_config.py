@@ -33,6 +33,7 @@ def test_what_is_set_stands_over_what_was_derived():
     assert float(prior.noise_weight(jnp.asarray(5000.0), jnp.asarray(100.0))) == pytest.approx(0.05, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["joint", "greedy"])
 def test_the_settings_of_the_prior_reach_the_fits(method):
     scene = random_scene(jax.random.key(11), appeared=1, disappeared=1, points=250)

@@ -69,6 +69,7 @@ def assert_same_fits(fits, expected):
         np.testing.assert_array_equal(fits.arrays[name], values)
 
 
+@pytest.mark.slow
 def test_the_record_is_that_of_a_detection(case):
     clouds, config, four = case
     assert_same(four.changes, detect_changes(*clouds, config=config))
@@ -76,6 +77,7 @@ def test_the_record_is_that_of_a_detection(case):
     assert four.settled is None and four.convergence == ()
 
 
+@pytest.mark.slow
 def test_restarts_that_are_added_are_those_that_are_computed_at_once(case, two, tmp_path):
     clouds, config, four = case
     two.fits.save(tmp_path / "fits.npz")
@@ -104,6 +106,7 @@ def test_of_more_fits_the_first_are_used_and_all_are_kept(case, two):
     assert "Fitting the mixtures" not in told
 
 
+@pytest.mark.slow
 def test_each_change_has_a_standard_error_where_there_are_restarts_to_compare(case):
     clouds, config, four = case
     assert len(four.standard_errors) == len(four.changes) == 2
@@ -112,6 +115,7 @@ def test_each_change_has_a_standard_error_where_there_are_restarts_to_compare(ca
     assert set(alone.standard_errors) == {None} and len(alone.standard_errors) == len(alone.changes)
 
 
+@pytest.mark.slow
 def test_the_restarts_end_when_the_probabilities_have_settled(case):
     clouds, config, four = case
     more, told = dataclasses.replace(config, restarts=64), []
@@ -123,6 +127,7 @@ def test_the_restarts_end_when_the_probabilities_have_settled(case):
     assert told == sorted(told) and told[-1] == 1
 
 
+@pytest.mark.slow
 def test_probabilities_that_never_settle_take_all_restarts():
     clouds, config = gaussians(), DetectionConfig(restarts=6)
     found = detect_consensus(*clouds, config=config, until_stable=1e-300)
@@ -130,6 +135,7 @@ def test_probabilities_that_never_settle_take_all_restarts():
     assert_same(found.changes, detect_changes(*clouds, config=config))
 
 
+@pytest.mark.slow
 def test_fits_without_a_mixture_are_waited_out():
     """Nothing is found with the first two; they are kept, and left out of the average."""
     clouds, config = gaussians(), DetectionConfig(restarts=8)

@@ -165,6 +165,7 @@ def test_narrower_vectors_find_the_same(instructions, tmp_path):
         assert_same(Projections(*(arrays[name] for name in arrays.files)), projections(cloud, cylinders))
 
 
+@pytest.mark.slow
 def test_the_plain_search_bounds_its_memory_beside_a_scanner(monkeypatch):
     """Millions of points are in a thousand cylinders that are hardly apart: a few hundred bytes each."""
     monkeypatch.setattr(native, "host_kernels", lambda: None)

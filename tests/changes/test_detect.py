@@ -94,6 +94,7 @@ def test_a_displaced_cloud_gives_the_same_changes_in_the_frame_of_the_before_clo
     assert changes.registration.confidence > 0.98
 
 
+@pytest.mark.slow
 def test_probabilities_are_lowered_where_the_registration_is_in_doubt():
     """A ball where there was a room: nothing says how they lie to each other."""
     random = np.random.default_rng(0)
@@ -107,6 +108,7 @@ def test_probabilities_are_lowered_where_the_registration_is_in_doubt():
     assert changes.probability_after.max() <= changes.registration.confidence
 
 
+@pytest.mark.slow
 def test_sees_a_gaussian_replaced_by_another_in_its_place():
     """Where greedy removal finds neither (thesis, figure 4.8)."""
     random = np.random.default_rng(3)
@@ -207,6 +209,7 @@ def test_permuting_points_permutes_labels(gaussians, config, found):
     assert [change.to_dict() for change in changes.items] == [change.to_dict() for change in found.items]
 
 
+@pytest.mark.slow
 def test_views_of_a_cloud_are_those_that_are_given_beside_it(laboratory, of_laboratory):
     changes, orders = permuted(laboratory, CONFIG)
     assert changes.diagnostics["before"]["views"] == len(laboratory.views_before)
@@ -253,6 +256,7 @@ def degenerate(name):
     return {"plane": flat, "line": flat * np.array([1, 0, 0]), "mostly one place": few}[name]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["plane", "line", "mostly one place"])
 def test_in_equal_clouds_nothing_changed_and_every_number_is_finite(name, tmp_path):
     cloud = degenerate(name)
@@ -274,6 +278,7 @@ def test_one_object_on_a_plane_of_a_kilometre():
     assert (changes.labels_after[3500:] >= 0).mean() > 0.9 and (changes.labels_after[:3500] == -1).mean() > 0.99
 
 
+@pytest.mark.slow
 def test_clouds_apart_have_a_result_that_can_be_kept(laboratory, tmp_path):
     """Before they are aligned no point has a counterpart, and nothing can be said of the residual.
 
@@ -292,6 +297,7 @@ def test_other_units_are_an_error_with_both_extents(laboratory, method):
         detect_changes(laboratory.before, 1000 * laboratory.after, method=method, config=CONFIG)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", ["appeared", "disappeared"])
 def test_looks_for_the_kinds_that_are_wanted(gaussians, config, kinds):
     wanted = detect_changes(gaussians.before, gaussians.after, config=dataclasses.replace(config, kinds=kinds))
@@ -300,6 +306,7 @@ def test_looks_for_the_kinds_that_are_wanted(gaussians, config, kinds):
         assert ((wanted.probability_before if kinds == "appeared" else wanted.probability_after) == 0).all()
 
 
+@pytest.mark.slow
 def test_rows_without_a_position_are_unchanged_and_counted(gaussians, config, found):
     before = np.insert(gaussians.before, [0, 700], [[np.nan, 0, 0], [1, np.inf, 2]], axis=0)
     with pytest.warns(InputWarning, match="2 of 1,252 rows of the before cloud had no finite position"):
@@ -313,6 +320,7 @@ def test_rows_without_a_position_are_unchanged_and_counted(gaussians, config, fo
     assert of_cloud.diagnostics["before"] | {"source": None} == given.diagnostics["before"]
 
 
+@pytest.mark.slow
 def test_views_that_contradict_the_cloud_are_not_used(laboratory):
     """A camera that sees no further than 1.5 m has not seen the far walls."""
     wrong = SensorViews(laboratory.views_before.poses, laboratory.views_before.field_of_view, 1.5)
@@ -351,6 +359,7 @@ def test_progress_grows_to_one(gaussians, config):
     assert told[-1][1] == 1 and sorted(share for _, share in told)[0] == 0
 
 
+@pytest.mark.slow
 def test_small_clouds_work():
     random = np.random.default_rng(0)
     changes = detect_changes(random.normal(size=(40, 3)), random.normal(size=(45, 3)), config=CONFIG)

@@ -19,6 +19,7 @@ def files(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRITERS)
 def test_chunks_are_the_points_of_the_file(files, name):
     whole, file = read_cloud(files / name), open_cloud(files / name)

@@ -59,6 +59,7 @@ def test_a_cloud_is_no_array():
         require_array(PointCloud.from_rows(np.zeros((1, 3))), "points")
 
 
+@pytest.mark.slow
 def test_functions_of_points_say_how_a_file_is_read():
     done = subprocess.run([sys.executable, "-c", FUNCTIONS], capture_output=True, text=True)
     assert done.stdout.split() == ["True"] * 17, done.stderr

@@ -23,6 +23,7 @@ XYZ = ("property float x", "property float y", "property float z")
 LIST = "property list uchar short near"
 
 
+@pytest.mark.slow
 @given(POINTS, st.data())
 def test_written_clouds_come_back(tmp_path_factory, points, data):
     count = len(points)

@@ -63,6 +63,7 @@ def test_a_station_beside_a_wall_is_recognised():
     assert_are(recognised_stations(scan(station, 100_000)), station[None])
 
 
+@pytest.mark.slow
 def test_voxels_with_the_numbers_of_their_points_show_what_the_points_do(room):
     thinned = thinned_cloud(ChunkedArray(room, 50_000).chunks(), 60_000)
     assert thinned.total == len(room) > 2 * len(thinned.points)
@@ -116,6 +117,7 @@ def test_one_point_far_away_is_no_endless_map():
     assert len(recognised_stations(points)) == 0
 
 
+@pytest.mark.slow
 def test_each_condition_of_a_station_can_be_made_harder(room):
     """So that it is the condition that refuses it."""
     for name, value in {
@@ -131,6 +133,7 @@ def test_each_condition_of_a_station_can_be_made_harder(room):
         assert len(recognised_stations(room, settings=harder)) == 0, name
 
 
+@pytest.mark.slow
 def test_more_stations_are_recognised_apart():
     places = np.array([[x, y, 1.6] for x, y in itertools.product((4.0, 10.0, 16.0), (3.5, 8.5))])
     points = np.concatenate([scan(own, 60_000, seed=index) for index, own in enumerate(places)])

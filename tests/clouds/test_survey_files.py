@@ -148,6 +148,7 @@ def test_survey_coordinates_lose_nothing(files, tmp_path):
     assert chunk.points.dtype == np.float64
 
 
+@pytest.mark.slow
 def test_positions_of_only_some_scans_are_not_used(files, tmp_path):
     from tests.clouds.test_e57 import station, write
 

@@ -46,6 +46,7 @@ def test_what_is_gone_and_what_is_new_are_found(method):
     np.testing.assert_allclose(found.plan.sum(axis=1), found.mixture_before.weights, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("kinds", ["appeared", "disappeared"])
 def test_only_what_is_looked_for_is_found(method, kinds):
@@ -55,6 +56,7 @@ def test_only_what_is_looked_for_is_found(method, kinds):
     assert ((found.probability_before > 0.5).any(), (found.probability_after > 0.5).any()) == wanted
 
 
+@pytest.mark.slow
 def test_it_is_the_sum_of_its_parts():
     before, after, _, _ = pair(3)
     found = compare_few(before, after, key=KEY)
@@ -79,6 +81,7 @@ def test_unit_and_place_change_nothing_but_the_unit_of_the_distance(method):
     np.testing.assert_allclose(other.emd, 1000 * own.emd, rtol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_clouds_of_any_dimension(method):
     before, after, gone, new = pair()
@@ -98,6 +101,7 @@ def test_equal_clouds_have_no_change(method):
     assert found.emd < 1e-9 and found.probability_before.max() < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_padding_is_no_point(float64, method):
     before, after, _, _ = pair()
@@ -111,6 +115,7 @@ def test_padding_is_no_point(float64, method):
     np.testing.assert_allclose(masked.emd, found.emd, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_trace_in_single_precision_stays_there():
     before, after, gone, _ = pair()
     single = [jnp.asarray(own, jnp.float32) for own in (before, after)]
@@ -138,6 +143,7 @@ def test_at_a_low_temperature_transport_leaves_as_much_unmatched_as_without():
     np.testing.assert_allclose(soft.changed_after, exact.share_after, atol=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_sinkhorn_is_near_the_exact_distance(method):
     _, _, _, new = pair()
@@ -184,6 +190,7 @@ def test_traced_shapes_are_checked(as_users):
         jax.jit(lambda most: compare(before, after, key=KEY, max_components=most))(5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "solver", "names"),
     [
@@ -210,6 +217,7 @@ def test_numbers_out_of_their_range_are_a_status_under_a_trace(method, solver, n
 FLAT = Prior.figueiredo_jain(3, 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_what_failed_on_the_host_is_an_error_or_a_status(method):
     before, after, _, _ = pair()

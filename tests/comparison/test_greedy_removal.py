@@ -48,6 +48,7 @@ def random_mixture(random, components):
     return GaussianMixture(weights, random.uniform(-3, 3, (components, 3)), covariances, np.ones(components, bool))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", ["appeared", "disappeared", "both"])
 @pytest.mark.parametrize("seed", range(10))
 def test_equals_the_plain_algorithm(float64, seed, kinds):

@@ -15,6 +15,7 @@ def no_programs(monkeypatch):
     monkeypatch.setattr(_programs, "_programs", _programs.LatestUsed(_programs.MAX_PROGRAMS))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["greedy", "transport", "joint"])
 def test_what_follows_the_fits_is_compiled_once(method):
     strengths, plan = planned(method, "both", None, "exact", 3, None, Strengths())
@@ -33,6 +34,7 @@ def _programs_of(*names):
     return {key: program for key, program in _programs._programs._values.items() if key[0].__name__ in names}
 
 
+@pytest.mark.slow
 def test_averages_are_one_program():
     strengths, plan = planned("greedy", "both", None, "exact", 3, None, Strengths())
     points = np.random.default_rng(0).normal(size=(40, 2))

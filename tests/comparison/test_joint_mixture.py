@@ -50,6 +50,7 @@ def sums_of(joint, points):
     return JointMixtureModel.of(points, PRIOR, SETTINGS).expectation(joint)
 
 
+@pytest.mark.slow
 def test_share_says_which_component_is_new():
     joint = fitted(two_gaussians(0, extra_after=300)).mixture
     live = np.asarray(joint.mixture.live)
@@ -68,6 +69,7 @@ def test_density_ratio_is_that_of_the_unchanged_part():
     assert abs(float(density_ratio(fitted(points).mixture)) - 0.5) < 0.02
 
 
+@pytest.mark.slow
 def test_padding_changes_nothing():
     points = two_gaussians(2, extra_after=100, points=150)
     used = 400
@@ -85,6 +87,7 @@ def test_swapping_the_clouds_swaps_the_shares():
     assert float(density_ratio(one)) == pytest.approx(1 / float(density_ratio(other)))
 
 
+@pytest.mark.slow
 def test_message_length_never_rises_within_em():
     """One step of EM from a fixed number of components raises the likelihood, which the shares are part of."""
     points = two_gaussians(4, extra_after=200)
@@ -99,6 +102,7 @@ def test_message_length_never_rises_within_em():
     assert likelihoods[-1] > likelihoods[0]
 
 
+@pytest.mark.slow
 def test_expectation_against_plain_numpy():
     """Sums of responsibilities, sources and noise included, against SciPy's densities."""
     from scipy.stats import multivariate_normal

@@ -40,6 +40,7 @@ def assert_equal(found, expected, sizes=None):
         assert getattr(found, name) == getattr(expected, name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["greedy", "transport", "joint"])
 def test_mapped_queued_and_looped_comparisons_are_equal(float64, clouds, method):
     compare_few = functools.partial(compare, prior=PRIOR, method=method, max_components=10)
@@ -64,6 +65,7 @@ def test_mapped_queued_and_looped_comparisons_are_equal(float64, clouds, method)
             assert_equal(lane, alone, [len(cloud) for cloud in own])
 
 
+@pytest.mark.slow
 def test_side_by_side_as_on_an_accelerator_is_the_same(clouds, monkeypatch):
     arguments = dict(key=KEY, restarts=2, max_components=10)
     pairs = [clouds[0], clouds[1], clouds[0]]
@@ -76,6 +78,7 @@ def test_side_by_side_as_on_an_accelerator_is_the_same(clouds, monkeypatch):
         np.testing.assert_allclose(one.mean.emd, other.mean.emd, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_clouds_with_masses_and_progress(clouds):
     before, after = clouds[0]
     weighted = WeightedPoints(before, np.full(len(before), 2.0))
@@ -123,6 +126,7 @@ def mapped_restarts(before, after, restarts=6, **arguments):
     return jax.jit(jax.vmap(lambda key: one(key=key)))(keys)
 
 
+@pytest.mark.slow
 def test_the_mean_is_that_of_the_restarts_with_its_standard_error(float64, clouds):
     restarts = mapped_restarts(*clouds[1])
     mean = averaged(restarts)

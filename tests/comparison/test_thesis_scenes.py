@@ -23,6 +23,7 @@ def test_the_average_finds_both_kinds_of_change(method):
     assert found.averaged.point_f1 > 0.98
 
 
+@pytest.mark.slow
 def test_a_segment_is_a_component_of_which_most_changed():
     means = np.array([[0.0, 0], [10, 0], [20, 0]])
     mixture = GaussianMixture(np.full(3, 1 / 3), means, np.tile(np.eye(2), (3, 1, 1)), np.ones(3, bool))

@@ -1,6 +1,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from gmmjax.comparison import unmatched_shares
 from gmmjax.comparison.unmatched_mass import default_penalty, matched_density_ratio
@@ -62,6 +63,7 @@ def test_density_ratio_without_a_pair_is_one(float64):
     assert matched_density_ratio(np.zeros(3), np.array([1.0, 2.0, 0.0]), np.ones((3, 3))) == 1
 
 
+@pytest.mark.slow
 def test_smooth_shares_can_be_differentiated_by_the_penalty_alone(float64):
     before, after = mixtures(appeared=1, disappeared=1)
 

@@ -20,6 +20,7 @@ def scores(name, pair, config=CONFIG):
     return score_labelled_pair(pair, detection.labels_before, detection.labels_after, detection.moved)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["joint", "transport", "transport+evidence", "c2c", "voxels", "c2c+evidence"])
 def test_a_gone_and_a_new_gaussian_are_found(name):
     assert scores(name, SCENE).f1 == 1
@@ -63,6 +64,7 @@ def hidden_wall(with_views):
     return LabelledPair("hidden", before, after)
 
 
+@pytest.mark.slow
 def test_what_the_other_survey_did_not_see_is_no_change():
     """More is seen from eight places than from one: all of it is new, and none of it has changed."""
     pair = hidden_wall(with_views=True)
@@ -70,11 +72,13 @@ def test_what_the_other_survey_did_not_see_is_no_change():
     assert scores("c2c+evidence", pair).false_segments == 0
 
 
+@pytest.mark.slow
 def test_without_views_walls_that_go_on_are_no_change():
     pair = hidden_wall(with_views=False)
     assert scores("c2c+evidence", pair).false_segments < scores("c2c", pair).false_segments
 
 
+@pytest.mark.slow
 def test_evidence_keeps_what_is_new():
     views = around(8)
     before, after = (

@@ -59,6 +59,7 @@ def record():
     return record
 
 
+@pytest.mark.slow
 def test_our_detections_are_gathered_and_the_peers_have_no_probabilities(record):
     assert list(record.points) == ["transport"]
     assert record.points["transport"].count.sum() == len(SCENE.before.points) + len(SCENE.after.points)

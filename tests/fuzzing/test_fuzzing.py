@@ -35,6 +35,7 @@ def test_the_same_seed_gives_the_same_mutants(fuzzer):
     assert first != other
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("reader", "found"),
     [

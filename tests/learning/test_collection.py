@@ -39,6 +39,7 @@ def found():
     return rows_of(pair, DetectionConfig(verdict="nowhere.json"))
 
 
+@pytest.mark.slow
 def test_the_box_is_a_change_in_both_sets(found):
     for rows in found:
         (largest,) = np.flatnonzero(rows.points == rows.points[rows.kind == CHANGED].max())[:1]

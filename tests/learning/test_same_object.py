@@ -71,6 +71,7 @@ def shifted():
     return found
 
 
+@pytest.mark.slow
 def test_the_truth_of_what_was_found_is_known(shifted):
     truths = [shifted.truth_of(index) for index in range(len(shifted.changes.items))]
     assert set(shifted.scene.motions) & set(truths)

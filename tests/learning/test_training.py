@@ -30,6 +30,7 @@ def test_the_facts_that_decide_have_the_greatest_weights(trained):
     assert NAMES[int(np.argmax(slopes[1]))] == "continued"
 
 
+@pytest.mark.slow
 def test_a_fact_that_tells_no_more_beyond_a_value_is_bent_there():
     """Whether the first half of a fact is there decides; how much of the second is, says nothing."""
     families, column = {}, NAMES.index("excess")
@@ -63,6 +64,7 @@ def test_probabilities_of_families_left_out_are_frequencies(families, trained):
     assert Reliability.of(probability[:, 0], changed).calibration_error < 0.06
 
 
+@pytest.mark.slow
 def test_a_family_is_judged_without_its_own_truth(families, trained):
     """With the truth of one family turned round its own log odds stay, but for the temperature; the others' do not."""
     turned = families["rooms"]._replace(kind=2 - families["rooms"].kind)
@@ -74,11 +76,13 @@ def test_a_family_is_judged_without_its_own_truth(families, trained):
         assert np.allclose(odds[1], ratio * odds[0], rtol=1e-6, atol=1e-9) == same
 
 
+@pytest.mark.slow
 def test_the_same_candidates_give_the_same_verdict(families, trained):
     again, _ = learned(families, poses=False, penalties=PENALTIES)
     np.testing.assert_array_equal(again.weights, trained[0].weights)
 
 
+@pytest.mark.slow
 def test_the_order_of_the_families_hardly_matters(families, trained):
     turned, _ = learned(dict(reversed(families.items())), poses=False, penalties=PENALTIES)
     with jax.enable_x64(True):

@@ -32,6 +32,7 @@ def test_finds_the_number_of_gaussians(float64, seed):
     assert fit(scene_points(fixed), jax.random.key(seed)).mixture.count == 7
 
 
+@pytest.mark.slow
 def test_joint_step_equals_the_component_wise_sweep_on_overlapping_scenes(float64):
     """The same number of components and the message length within 0.1, where Gaussians lie in one another."""
     for seed in range(4):
@@ -46,6 +47,7 @@ def test_joint_step_equals_the_component_wise_sweep_on_overlapping_scenes(float6
         assert abs(joint.message_length - component_wise.message_length) < 0.1
 
 
+@pytest.mark.slow
 def test_vmap_over_keys_and_clouds_equals_a_loop(float64):
     clouds = [scene_points(random_scene(jax.random.key(seed), appeared=0, points=100)) for seed in range(2)]
     keys = jax.random.split(jax.random.key(0), 2)
@@ -69,6 +71,7 @@ def test_padding_changes_nothing(float64):
     assert of_padded.steps == bare.steps
 
 
+@pytest.mark.slow
 def test_mixture_is_at_rest_where_it_says_so(float64):
     """Another EM step gains no more than the tolerance; the weights sum to 1; dead slots hold their constants."""
     points = scene_points(random_scene(jax.random.key(0), appeared=0, points=100))

@@ -21,6 +21,7 @@ def sweep(mixture, points, prior):
     return component_wise_sweep(mixture, FeatureChunks.of(points), prior)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dimension", [2, 3, 6])
 @pytest.mark.parametrize("slots", [12, 15])
 def test_every_sweep_equals_the_plain_algorithm(float64, dimension, slots):

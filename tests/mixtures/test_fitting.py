@@ -32,6 +32,7 @@ def test_finds_the_gaussians_of_a_scene(points, fit):
     assert found.means.dtype == np.float64 and isinstance(found.means, np.ndarray)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_survey_coordinates_and_another_unit_change_only_the_scale(points, fit, precision):
     offset = np.array([1e6, -2e6, 3e5])
@@ -67,6 +68,7 @@ def test_points_without_mass_are_padding(points, fit):
     np.testing.assert_allclose(again.message_length, fit.message_length, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_host_call_equals_the_traced_call(points):
     host = fit_mixture(points, key=KEY, max_components=12)
     with jax.enable_x64(True):
@@ -111,6 +113,7 @@ def test_noise_floor_is_in_the_unit_of_the_points(points):
     assert np.linalg.eigvalsh(fit.mixture.live_part().covariances).min() >= 0.25
 
 
+@pytest.mark.slow
 def test_position_and_colour(float64):
     """Six dimensions: two Gaussians in one place, told apart by their colour."""
     random = np.random.default_rng(0)

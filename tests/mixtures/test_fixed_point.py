@@ -61,6 +61,7 @@ def test_derivatives_of_a_linear_map(float64, jacobian):
     assert_trees_close(jax.jit(jacobian(at_rest))(problem()), jacobian(answer)(problem()))
 
 
+@pytest.mark.slow
 def test_second_derivatives_of_a_linear_map(float64):
     """Of its size, by the factors of the matrix and of the offset."""
     matrix, offset = problem()

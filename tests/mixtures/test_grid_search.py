@@ -43,12 +43,14 @@ def test_bic_is_that_of_scikit_learn(points, search):
     np.testing.assert_allclose(search.scores["bic"][1, 1], expected, atol=0.5)
 
 
+@pytest.mark.slow
 def test_criteria_can_choose_differently(points):
     chosen = grid_search(points, key=KEY, components=[4, 6], covariance_types=["spherical", "full"], criterion="aic")
     assert chosen.covariance_type == "full"
     assert chosen.components == (4, 6)
 
 
+@pytest.mark.slow
 def test_method_grid_of_a_fit_searches_from_one_gaussian_up(points, search):
     """The numbers that the search leaves out are worse."""
     fit = fit_mixture(points, key=KEY, method="grid", max_components=6, restarts=3)
@@ -56,6 +58,7 @@ def test_method_grid_of_a_fit_searches_from_one_gaussian_up(points, search):
     assert float(fit.message_length) == float(search.fit.message_length)
 
 
+@pytest.mark.slow
 def test_traced_search_equals_the_host_search(points):
     """Under jit and vmap over clouds."""
     grid = dict(components=(4, 6), covariance_types=("full", "diagonal"), restarts=2)

@@ -28,6 +28,7 @@ def fits(clouds):
     return map_fits(clouds, key=jax.random.key(0), restarts=2, **SETTINGS)
 
 
+@pytest.mark.slow
 def test_fits_are_those_of_one_cloud_after_the_other(clouds, fits):
     for cloud, fit, key in zip(clouds, fits, jax.random.split(jax.random.key(0), 3), strict=True):
         alone = fit_restarts(cloud, key=key, restarts=2, **SETTINGS)

@@ -10,6 +10,7 @@ from gmmjax.mixtures import GaussianMixture
 from tests.mixtures.examples import cloud, pad, random_mixture, random_rotation, scipy_log_joint
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dimension", [2, 3, 6])
 def test_densities_equal_scipy(float64, dimension):
     mixture, points = random_mixture(dimension=dimension, slots=6), cloud(dimension)
@@ -22,6 +23,7 @@ def test_densities_equal_scipy(float64, dimension):
     np.testing.assert_array_equal(mixture.labels(points), expected.argmax(axis=1))
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10**6))
 def test_dead_slots_have_no_influence(seed):
     with jax.enable_x64(True):
@@ -69,6 +71,7 @@ def test_rotating_points_and_mixture_changes_no_density(float64):
     np.testing.assert_allclose(rotated.log_density(points @ rotation.T), mixture.log_density(points), rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_methods_of_what_the_host_returns_compute_in_float64():
     """JAX's default is float32 here. Survey coordinates keep their digits; points may be JAX's."""
     mixture, points, offset = random_mixture(slots=6), cloud(), np.array([1e6, -2e6, 3e6])
@@ -89,6 +92,7 @@ def test_traced_points_are_computed_with_in_their_own_precision():
     np.testing.assert_allclose(density, mixture.log_density(points), rtol=5e-4, atol=5e-4)
 
 
+@pytest.mark.slow
 def test_sample_has_the_moments_of_the_mixture(float64):
     mixture = random_mixture(slots=6)
     points = np.asarray(mixture.sample(jax.random.key(0), 200_000))
@@ -100,6 +104,7 @@ def test_sample_has_the_moments_of_the_mixture(float64):
     np.testing.assert_allclose(np.cov(points.T), covariance, atol=0.06)
 
 
+@pytest.mark.slow
 def test_compacting_keeps_the_mixture(float64):
     mixture, points = random_mixture(components=4, slots=9), cloud()
     shuffled = jax.tree.map(lambda leaf: leaf[np.array([5, 0, 7, 1, 8, 2, 3, 4, 6])], mixture)

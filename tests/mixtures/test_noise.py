@@ -52,6 +52,7 @@ def worst_covariance(fit):
     return (deviations / np.sqrt(np.diagonal(COVARIANCES, axis1=1, axis2=2))).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_stray_points_do_not_widen_the_gaussians(stray_points, precision):
     """With the noise component covariances are right, and the share is that of the stray points."""
@@ -93,6 +94,7 @@ def test_scores_are_those_of_mixture_and_noise(stray_points):
     np.testing.assert_allclose(found.log_likelihood, expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_expectation_against_plain_numpy(float64):
     """Masses of components and noise, with dead slots, masses and padding; the mixture's weights lack a tenth to 1."""
     points, mixture = cloud(points=50), random_mixture()

@@ -176,6 +176,7 @@ def test_a_lane_that_did_not_come_to_rest_has_a_status_and_no_derivatives(float6
     assert all(np.isfinite(leaf[np.array([0, 2])]).all() for leaf in jax.tree.leaves(gradients))
 
 
+@pytest.mark.slow
 def test_a_mixture_that_was_not_fitted_is_nan_in_values_and_derivatives(float64):
     good = np.random.default_rng(0).normal(size=(60, 2))
     lanes = jnp.stack([good, np.where(np.arange(60)[:, None] == 3, np.nan, good)])
@@ -229,6 +230,7 @@ def overlapping(seed):
     return weighted((scene - scene.mean(axis=0)) / scene.std())
 
 
+@pytest.mark.slow
 def test_polish_shortens_the_message_and_rests(float64):
     """On overlapping scenes: never longer than without polish, and one more step of EM moves nothing."""
     for seed in range(4):
@@ -253,6 +255,7 @@ def test_noise_component_rests_too(float64):
     assert_mixtures_close(updated, whole, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_padding_and_the_order_of_points_change_nothing(float64):
     points = overlapping(1)
     coordinates, mass = points.points, points.mass

@@ -29,12 +29,14 @@ def blobs():
     return random.normal(size=(900, 3)) * 0.3 + random.integers(0, 2, (900, 1)) * 3.0
 
 
+@pytest.mark.slow
 def test_a_plain_cloud_stays_in_single_precision(blobs):
     fit = fit_mixture(blobs, key=jax.random.key(0), max_components=8, precision="float32")
     assert fit.bits == 32
     assert float(fit.message_length) == pytest.approx(length_in_double(fit, blobs), abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("thickness", [0.005, 0.001])
 def test_a_thin_plane_is_fitted_in_double_precision(thickness):
     """A board of 1 mm in 2 m is a three hundredth of the spread or less: x^2 has too few digits for its variance."""
@@ -53,6 +55,7 @@ def test_bits_are_those_of_each_restart(blobs):
     assert fits.bits.tolist() == [32, 32, 32]
 
 
+@pytest.mark.slow
 def test_traced_fits_have_the_bits_of_their_points(blobs):
     fit = jax.jit(lambda points: fit_mixture(points, key=jax.random.key(0), max_components=8))(blobs.astype(np.float32))
     assert fit.bits == 32

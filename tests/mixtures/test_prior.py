@@ -44,6 +44,7 @@ def log_posterior(parameters, mass, mean, covariance, prior):
     return likelihood + wishart - prior.mean_strength / 2 * quadratic(centre - prior.mean)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dimension", [1, 2, 3])
 def test_parameters_are_the_maximum_of_the_posterior(float64, dimension):
     """A maximum found by a general optimiser, which knows no closed form."""
@@ -92,6 +93,7 @@ def test_strong_beliefs_win_and_weak_ones_say_nothing(seed, scale, mean):
         )
 
 
+@pytest.mark.slow
 def test_components_without_mass_have_the_prior_parameters(float64):
     """And without a belief parameters that are finite."""
     mass, means, covariances = np.zeros(1), np.zeros((1, 2)), np.zeros((1, 2, 2))
@@ -168,6 +170,7 @@ def test_strong_beliefs_pull_fits(points):
     np.testing.assert_allclose(live.means, np.tile(one_place, (len(live.weights), 1)), atol=1e-2)
 
 
+@pytest.mark.slow
 def test_defaults_change_nothing(float64, points):
     """A prior that states no strength gives the M-step of one that states nothing."""
     moments, _ = expectation(random_mixture(), FeatureChunks.of(weighted(points)))

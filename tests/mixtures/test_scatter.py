@@ -62,6 +62,7 @@ def fit_of_voxels(cloud, voxels):
     )
 
 
+@pytest.mark.slow
 def test_a_fit_of_voxels_is_as_good_as_one_of_all_points(cloud):
     blobs = cloud[:6000]
     _, reduced = fit_of_voxels(blobs, 1000)

@@ -1,5 +1,6 @@
 import jax
 import numpy as np
+import pytest
 
 from gmmjax.mixtures import Prior, WeightedPoints, initial_mixture
 from gmmjax.mixtures.seeding import distinct_seeds, spherical_variance
@@ -21,6 +22,7 @@ def test_points_without_mass_are_never_seeds(float64):
     assert not (np.asarray(seeds)[:, None] == points[mass == 0]).all(axis=2).any()
 
 
+@pytest.mark.slow
 def test_fewer_distinct_points_than_components_leave_dead_slots(float64):
     points = np.repeat(cloud(points=1, components=4), 20, axis=0)
     start = initial_mixture(weighted(points), 25, Prior.figueiredo_jain(3, 1e-3), jax.random.key(0))
@@ -28,6 +30,7 @@ def test_fewer_distinct_points_than_components_leave_dead_slots(float64):
     np.testing.assert_allclose(start.weights.sum(), 1)
 
 
+@pytest.mark.slow
 def test_start_is_that_of_figueiredo_and_jain(float64):
     """Equations (2.16) and (2.17)."""
     points = cloud(points=50)

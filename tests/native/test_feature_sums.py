@@ -55,6 +55,7 @@ def assert_close(actual, expected, dtype):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=TOLERANCE[dtype] * scale)
 
 
+@pytest.mark.slow
 @needs_kernels
 @pytest.mark.parametrize(
     ("size", "components", "dimension", "dtype"),

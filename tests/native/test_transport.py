@@ -46,6 +46,7 @@ def assert_optimal(solution, supply, demand, cost, tolerance):
     assert np.abs(reduced[(plan > 0) & live]).max() < tolerance * 10
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 10_000), dtype=st.sampled_from(["float64", "float32"]), levels=st.sampled_from([None, 3]))
 @pytest.mark.parametrize("shape", [(7, 9), (25, 25)])
@@ -97,6 +98,7 @@ def test_any_start_leads_to_an_optimum():
     assert int(warm.pivots) < int(cold.pivots)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kernels", [True, False])
 def test_potentials_of_a_similar_problem_are_a_start(kernels, monkeypatch):
     """What was found before a removal is the start after it, in the compiled kernel and in plain JAX."""

@@ -126,6 +126,7 @@ def test_no_change_is_drawn_too(changes):
     assert axes[0, 0].figure.get_suptitle().startswith("No change found")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a $x^2_1$ b.ply", "_hidden<b>&.ply", "c:\\frac{1}{2}.ply", "前 пре.ply"])
 @pytest.mark.filterwarnings("ignore:Glyph .* missing from:UserWarning")
 def test_names_are_text(changes, name):

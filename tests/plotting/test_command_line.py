@@ -22,6 +22,7 @@ def scans(tmp_path):
     return [str(file) for file in files]
 
 
+@pytest.mark.slow
 def test_detect_and_fit_draw_what_they_found(scans, tmp_path, capsys):
     # The folder of the results, which is made, is as good as one that is there.
     plot = tmp_path / "a" / "changes.png"

@@ -7,6 +7,7 @@ from gmmjax.plotting import check_figure_file, fit_figure, overview_figure, writ
 from tests.plotting.test_mixtures import mixture
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["png", "SVG", "pdf", "jpg"])
 def test_a_figure_is_the_same_file_each_time(changes, tmp_path, ending):
     for name in ("a", "b"):

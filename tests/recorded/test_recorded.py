@@ -42,6 +42,7 @@ def test_real_pairs_keep_their_changes(name):
     assert scores.precision == scores.f1 == 1 and scores.point_f1 > 0.92
 
 
+@pytest.mark.slow
 def test_commands_print_and_write_what_they_did():
     was, found = FILE.read_text(), transcript()
     assert NUMBER.sub("0", found) == NUMBER.sub("0", was)

@@ -282,6 +282,7 @@ def found_about(count):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRITERS)
 @pytest.mark.parametrize("transform", [None, MOTION], ids=["still", "moved"])
 def test_a_file_in_chunks_gives_what_a_cloud_in_memory_gives(files, tmp_path, monkeypatch, name, transform):

@@ -42,6 +42,7 @@ def seen(tmp_path_factory):
     return dict(zip(PAGES, json.loads(looked.stdout).values(), strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("page", PAGES)
 def test_every_text_is_seen_whole_and_readable(seen, page, mode):

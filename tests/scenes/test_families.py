@@ -49,6 +49,7 @@ def test_a_scene_is_its_family_and_its_seed(family):
     assert other.clouds.before.shape != scene.clouds.before.shape
 
 
+@pytest.mark.slow
 def test_the_truth_of_a_scene_is_consistent(name, scene):
     for number, kind in enumerate(scene.kinds):
         absent = {"appeared": scene.truth.before, "disappeared": scene.truth.after}.get(kind, np.zeros(0))
@@ -174,6 +175,7 @@ def test_some_tables_are_one_frame_split_in_two():
         assert len(scene.views.before) == 1
 
 
+@pytest.mark.slow
 def test_the_ground_below_a_deposit_changed_with_it():
     scene = scene_of("terrain", 9)
     assert scene.kinds == ("appeared",)
@@ -219,6 +221,7 @@ def test_what_changes_stands_on_the_floor_and_in_the_racks():
     assert min(lowest) < 0.1 and max(lowest) > 0.7
 
 
+@pytest.mark.slow
 def test_towns_are_seen_from_far_above_or_from_the_street():
     flown = []
     for scene in (scene_of("town", seed) for seed in range(3)):

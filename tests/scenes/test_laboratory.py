@@ -43,6 +43,7 @@ def distances(points, others):
     return cKDTree(others).query(points)[0]
 
 
+@pytest.mark.slow
 def test_a_scene_is_its_key(room):
     again = laboratory_scene(jax.random.key(0), **CHANGES)
     for name in ("before", "after", "truth_before", "truth_after", "unseen_before", "unseen_after", "misregistration"):

@@ -8,6 +8,7 @@ from gmmjax.scenes import RearrangementSettings, rearranged_scene
 FEW = RearrangementSettings(pixels=(32, 24), frames=8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gravity", ["floor", "none"])
 @pytest.mark.parametrize("in_place", ["turned", "shifted", "door", "drawer"])
 def test_the_motion_takes_a_thing_from_before_to_after(gravity, in_place):

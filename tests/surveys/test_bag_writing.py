@@ -29,6 +29,7 @@ def rows_of(frame):
     return (frame.cloud.points[None] if frame.width is None else frame.image()).astype(np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BAGS)
 @pytest.mark.parametrize("ordered", [False, True])
 def test_another_reader_gets_the_same_points(tmp_path, name, ordered):

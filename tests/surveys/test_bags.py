@@ -164,6 +164,7 @@ def max_memory(path):
         tracemalloc.stop()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["run.bag", "run.mcap", "run.db3"])
 def test_memory_does_not_grow_with_the_bag(tmp_path, name):
     # What is loaded and made once, such as a larger table of all names in the interpreter, is not the bag's.

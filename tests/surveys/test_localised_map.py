@@ -2,6 +2,7 @@ import gc
 import weakref
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -66,6 +67,7 @@ def test_each_point_knows_its_frame():
         np.testing.assert_allclose(made.points[made.frame_of_point == index], moved[inside], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_frames_are_not_held():
     poses = around(8)
     alive = []

@@ -31,6 +31,7 @@ def test_noisy_poses_become_better(shift, degrees):
     np.testing.assert_array_equal(made.views.poses, made.poses)
 
 
+@pytest.mark.slow
 def test_the_points_come_to_lie_on_the_surfaces():
     true = around(10)
     frames, _ = survey(true, noise=0.002)
@@ -41,6 +42,7 @@ def test_the_points_come_to_lie_on_the_surfaces():
     assert fine < 0.6 * rough
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.006])
 def test_true_poses_stay(noise):
     frames, trajectory = survey(around(10), noise=noise)
@@ -78,6 +80,7 @@ def test_frames_without_planes_stay_where_they_are():
     assert errors(found[others], true[others])[0].max() < 0.004
 
 
+@pytest.mark.slow
 def test_points_beyond_the_range_are_no_help_and_no_harm():
     frames, _ = survey(around(10))
     noisy = Trajectory(np.arange(10.0), off(around(10), 0.02, 0.5))

@@ -85,6 +85,7 @@ def test_values_come_to_their_rows(tmp_path, monkeypatch):
     assert columns.fields()["unobserved"].dtype == np.uint8
 
 
+@pytest.mark.slow
 def test_a_killed_worker(store, expected, tmp_path):
     mark, told = tmp_path / "killed", []
     found = computed(
@@ -227,6 +228,7 @@ def test_a_worker_has_its_next_tile_before_anything_is_made_of_the_last_one(stor
     assert told == [min(number + 1, tiles) for number in range(1, tiles + 1)]
 
 
+@pytest.mark.slow
 def test_the_workers_of_a_pool_stay_for_the_next_task_unless_one_fails(store):
     def processes():
         records = compute_blocks(store, process, workers=pool)

@@ -69,6 +69,7 @@ def assert_same(first, second):
     assert [change.to_dict() for change in first[1].shown] == [change.to_dict() for change in second[1].shown]
 
 
+@pytest.mark.slow
 def test_the_box_is_one_change_and_nothing_else_is(points, found):
     arrays, record = found
     assert [change.kind for change in record.shown] == ["appeared"]
@@ -117,7 +118,6 @@ def test_regions_with_too_many_voxels_are_coarser(points, found, tmp_path):
     assert max(sizes) < min(found[1].clouds.map(lambda own: len(own.points)))
 
 
-@pytest.mark.slow
 def test_nothing_is_found_where_nothing_changed(tmp_path):
     arrays, record = detected(Pair(room(0, box=False), room(2, box=False)), tmp_path)
     assert len(record.changes) == 0
@@ -206,6 +206,7 @@ def test_views_tell_what_was_not_observed(with_views):
     assert np.isnan(arrays["distance_before"][arrays["unobserved_before"]]).all()
 
 
+@pytest.mark.slow
 def test_stations_are_recognised_by_the_density_of_all_points():
     """Which their voxels, those of the coarse pass, do not have."""
     clouds = Pair(1, 2).map(lambda seed: ChunkedArray(scan(STATIONS[0], 150_000, seed=seed), 50_000))
@@ -219,6 +220,7 @@ def test_stations_are_recognised_by_the_density_of_all_points():
                 np.testing.assert_allclose(survey.views.poses[:, :3, 3], STATIONS[:1], atol=0.4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "named", "message"),
     [

@@ -54,6 +54,7 @@ def test_sinkhorn_approaches_exact():
     assert float(entropic) == pytest.approx(float(exact), rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ground_cost", ["euclidean", "bures_wasserstein"])
 def test_gradients_under_jit_and_vmap_are_finite_with_dead_slots(ground_cost):
     stack = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(random_mixture(seed) for seed in range(3)))
@@ -97,6 +98,7 @@ def test_different_dimensions_are_refused():
         earth_movers_distance(random_mixture(7), random_mixture(8, dimension=2))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("float64")
 @pytest.mark.parametrize("solver", ["exact", "sinkhorn"])
 def test_gradient_through_two_fits_equals_central_differences(solver):

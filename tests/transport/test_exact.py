@@ -35,6 +35,7 @@ def test_equals_pot_on_thousands_of_problems(shape):
         np.testing.assert_allclose(solved.cost, expected, rtol=1e-9, atol=1e-12, err_msg=kind)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(1, 7), (3, 5), (13, 16)], ids=str)
 @pytest.mark.parametrize("kind", KINDS)
 def test_equals_the_linear_programme_of_the_thesis(shape, kind):
@@ -143,6 +144,7 @@ def test_a_small_mass_beside_a_large_one_keeps_its_digits():
     np.testing.assert_allclose(solved.unmatched[1], [3e5, 0], atol=1e-24)
 
 
+@pytest.mark.slow
 def test_transformations_agree_with_a_loop():
     problems = random_problems(6, 3, 5, "unequal", seed=5)
     looped = [value_and_gradients(*map(jnp.asarray, problem)) for problem in zip(*problems, strict=True)]

@@ -20,6 +20,7 @@ SOLVERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("solver", "failure", "status"),
     [
@@ -58,6 +59,7 @@ def test_a_lane_that_failed_has_no_derivatives(solver, failure, status):
         assert all(np.isfinite(gradient[0]).all() for gradient in gradients)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["exact", "sinkhorn", "partial"])
 def test_a_failure_that_is_left_out_of_a_mean_does_no_harm(solver):
     before, after, cost = random_problems(2, 3, 5, "unequal", seed=2)

@@ -33,6 +33,7 @@ def in_jax(before, after, cost, **settings):
         return exact_transport(jnp.asarray(before), jnp.asarray(after), jnp.asarray(cost), **settings)
 
 
+@pytest.mark.slow
 @needs_kernels
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (9, 1), (13, 16), (70, 90)], ids=str)
 def test_is_what_the_program_gives(shape, monkeypatch):
@@ -88,6 +89,7 @@ def test_fails_as_the_program_does(name, kernels, monkeypatch):
     assert_same(found, expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solve", [exact_transport, sinkhorn, lambda *own: partial_transport(*own, 0.5)])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_numpy_arrays_are_solved_in_float64_whatever_their_type_and_layout(solve, dtype):

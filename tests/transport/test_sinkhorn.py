@@ -14,6 +14,7 @@ from tests.transport.problems import random_problems
 pytestmark = pytest.mark.usefixtures("float64")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["generic", "dead", "unequal"])
 def test_falls_to_the_exact_distance_as_epsilon_falls(kind):
     before, after, cost = (array[0] for array in random_problems(1, 8, 8, kind, seed=1))
@@ -96,6 +97,7 @@ def test_gradient_keeps_its_digits_where_hardly_anything_connects_the_parts(grad
     assert all(np.isfinite(gradient).all() for gradient in found)
 
 
+@pytest.mark.slow
 def test_forward_mode_and_vmap_equal_reverse_mode(gradients):
     problems = tuple(map(jnp.asarray, random_problems(3, 3, 5, "unequal", seed=6)))
     _, found = jax.vmap(gradients["default"])(*problems)
@@ -114,6 +116,7 @@ def test_second_derivatives_are_an_error():
         jax.hessian(lambda epsilon: sinkhorn(before, after, cost, epsilon=epsilon).cost)(0.2)
 
 
+@pytest.mark.slow
 def test_padding_changes_neither_the_default_epsilon_nor_the_gradients_in_single_precision(gradients):
     """Which are those of double precision without padding."""
     before, after, cost = (jnp.asarray(array[0]) for array in random_problems(1, 3, 5, "unequal", seed=2))
@@ -163,6 +166,7 @@ def solve_all(before, after, cost, epsilon):
     return sinkhorn(before, after, cost, epsilon=epsilon)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("epsilon", [0.1, 0.03, 0.01])
 def test_scenes_of_which_little_changed_converge(epsilon):
     """Clusters far from each other whose masses differ by a few per cent: hardly any mass connects them."""

@@ -50,6 +50,7 @@ def test_certain_and_wrong_costs_much_and_stays_finite():
     assert np.isfinite(jax.grad(lambda own: log_score(own, jnp.array([0.0])))(jnp.array([1.0]))).all()
 
 
+@pytest.mark.slow
 def test_held_out_likelihood_is_the_mean_log_density():
     mixture = GaussianMixture(jnp.ones(1), jnp.zeros((1, 2)), jnp.eye(2)[None], jnp.ones(1, bool))
     points = jnp.asarray([[0.0, 0.0], [3.0, 4.0]])

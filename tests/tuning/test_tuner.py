@@ -84,6 +84,7 @@ def test_settings_beside_an_edge_are_moved_away_from_it(pairs):
     assert values == pytest.approx([0.01, 0.24 / 2**1.5]) and losses[0] == 0.5
 
 
+@pytest.mark.slow
 def test_an_interrupted_tuning_goes_on_where_it_was(course, pairs, steps_alone):
     result, states = course
     again = tune(pairs, config=WRONG, settings=SETTINGS, resume=states[1])
@@ -91,6 +92,7 @@ def test_an_interrupted_tuning_goes_on_where_it_was(course, pairs, steps_alone):
     np.testing.assert_allclose(again.state.values, result.state.values, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_course(course, pairs, steps_alone):
     result, states = course
     assert [state.steps for state in states] == list(range(result.state.steps + 1))
@@ -113,12 +115,14 @@ def test_pairs_are_held_back(course, pairs):
     assert len(result.held_back) == 2
 
 
+@pytest.mark.slow
 def test_an_optimiser_of_ones_own(course, pairs, steps_alone):
     still = tune(pairs, config=WRONG, settings=dataclasses.replace(SETTINGS, steps=1), optimiser=optax.sgd(0.0))
     np.testing.assert_array_equal(still.state.values[0], still.state.values[1])
     np.testing.assert_allclose(still.state.losses[0], course[0].state.losses[0], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_settings_that_gain_nothing_stay(pairs, course):
     tuned = course[0].config
     result = tune(pairs, config=tuned, settings=dataclasses.replace(SETTINGS, steps=1), optimiser=optax.sgd(0.0))
@@ -198,6 +202,7 @@ def test_a_loss_that_is_not_finite_at_the_start_is_an_error(pairs, monkeypatch):
         tune(pairs, config=WRONG, settings=SETTINGS)
 
 
+@pytest.mark.slow
 def test_it_ends_with_the_last_good_settings_where_no_pair_has_a_gradient(pairs, course, monkeypatch, steps_alone):
     gradients = Search._gradients
     monkeypatch.setattr(
@@ -244,6 +249,7 @@ def tuned(run):
     return run[0]
 
 
+@pytest.mark.slow
 def test_writes_a_config_that_detect_takes(folder, tuned, capsys):
     config = DetectionConfig.from_dict(tomllib.loads(tuned.read_text()))
     assert config.tolerance < 0.6 and config.restarts == 2
@@ -263,6 +269,7 @@ def test_says_what_was_gained(run):
         assert words in out
 
 
+@pytest.mark.slow
 def test_goes_on_after_an_interruption(folder, tuned, tmp_path, monkeypatch, capsys):
     out, state = tmp_path / "later.toml", tmp_path / "later.progress.npz"
     step = Search.step

@@ -23,6 +23,7 @@ def found(own, rows):
     return (changed(own, rows.facts) >= 0.5) == (rows.kind == CHANGED)
 
 
+@pytest.mark.slow
 def test_a_few_labelled_candidates_teach_the_flying_pixels_of_a_sensor():
     unseen = weighted(measured(200, seed=1))
     tuned = tuned_verdict(DISTANT, weighted(measured(40)), 3.0)
@@ -67,6 +68,7 @@ def test_what_was_tuned_on_is_no_extrapolation():
         assert max(float(tuned.beyond(own).max()) for own in rows.facts) == 0
 
 
+@pytest.mark.slow
 def test_unchanged_pairs_lower_the_probability_of_candidates_like_theirs():
     unseen = weighted(measured(200, changes=0.0, seed=1))
     tuned = tuned_verdict(DISTANT, UNCHANGED_ROWS, 100.0)
@@ -77,6 +79,7 @@ def test_unchanged_pairs_lower_the_probability_of_candidates_like_theirs():
     assert fallen.mean() > 2.5 * np.abs(changed(DISTANT, others) - changed(tuned, others)).mean()
 
 
+@pytest.mark.slow
 def test_what_was_known_is_not_forgotten():
     facts = remembered_facts(DISTANT, 100)
     tuned = [changed(tuned_verdict(DISTANT, weighted(measured(40)), draw), facts) for draw in (1000.0, 10.0)]
@@ -84,6 +87,7 @@ def test_what_was_known_is_not_forgotten():
     assert forgotten[0] < 0.05 < forgotten[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", [(CHANGED, NOT_CHANGED), (CHANGED, UNOBSERVED, UNCHANGED, NOT_CHANGED)])
 def test_the_gradient_is_that_of_the_loss(kinds):
     random = np.random.default_rng(0)

@@ -60,6 +60,7 @@ def tuned(config, measured, **settings):
     return tune_verdict(pairs, config=config, settings=TuningSettings(**settings), resume=VerdictState(measured))
 
 
+@pytest.mark.slow
 def test_pairs_held_back_are_judged_better_and_only_the_verdict_without_poses_moves(config, detection):
     detection(FOUND_LESS, FOUND_MORE)
     result = tuned(config, measured_pairs(6))
@@ -124,6 +125,7 @@ def test_corrections_count_where_they_are_many_and_in_many_pairs(of_pairs, clear
     assert STEPS._clearly_corrected(gains, of_pair, TuningSettings()) is clear
 
 
+@pytest.mark.slow
 def test_a_verdict_that_only_becomes_surer_stays(config, tmp_path):
     # Right about all, but unsure: the log score of the pairs held back falls by far, and nothing is judged otherwise.
     unsure = verdict({"count": 0.4}, bias=(-1.74, -9.0))
@@ -148,6 +150,7 @@ def test_a_verdict_that_is_right_already_stays(config, tmp_path):
     assert not result.improved and np.isinf(result.poses_unknown.draw) and result.before is None
 
 
+@pytest.mark.slow
 def test_chance_is_not_learned(config):
     random = np.random.default_rng(0)
     shuffled = tuple(
@@ -159,6 +162,7 @@ def test_chance_is_not_learned(config):
     assert np.isinf(result.draw)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("after", "improved"), [(2, True), (5, False)])
 def test_unchanged_pairs_are_judged_by_their_false_segments(config, detection, after, improved):
     detection(Scores(segments=5, unchanged_pairs=4), Scores(segments=after, unchanged_pairs=4))
@@ -265,6 +269,7 @@ def candidates_of(pair):
     return rows
 
 
+@pytest.mark.slow
 def test_candidates_are_what_the_truth_says(room):
     rows = candidates_of(room)
     # The views of both surveys are known, so that all candidates are judged with them.
@@ -332,6 +337,7 @@ def test_an_unchanged_place_stops_false_alarms_and_detection_uses_the_file(folde
     assert used == str(folder / "tuned.verdict.json")
 
 
+@pytest.mark.slow
 def test_goes_on_after_an_interruption(folder, tmp_path, monkeypatch, capsys):
     out = tmp_path / "later.toml"
 

@@ -69,6 +69,7 @@ def test_a_camera_sees_what_nothing_hides():
     np.testing.assert_array_equal(sensor.sees(places, [wall, block], pose, 0.03), [False, True, True, False])
 
 
+@pytest.mark.slow
 def test_a_seed_gives_one_scene_and_its_truth():
     # The first one that is drawn from this seed has no change within sight.
     pair, same = (held_out_pair("single_frame", 3, True) for _ in range(2))

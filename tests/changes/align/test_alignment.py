@@ -119,6 +119,7 @@ def test_volumetric_clouds_are_aligned_by_their_components():
     assert not same.applied and same.residual == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_large_displacements_are_taken_back(seed):
     random = np.random.default_rng(seed)
@@ -186,6 +187,7 @@ def reshaped_ground(seed, count=9, **options):
     return ground(2 * seed, before, **options), ground(2 * seed + 1, after, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:the after scan was kept", "ignore:the scans lie apart")
 @pytest.mark.parametrize("one_system", [False, True])
 @pytest.mark.parametrize("seed", [301, 304, 308, 315])
@@ -203,6 +205,7 @@ def test_ground_of_any_density_stays_where_it_is(points, noise, count):
     assert not result.applied and result.residual == result.residual_before
 
 
+@pytest.mark.slow
 def test_in_one_reference_system_a_far_displacement_is_told_but_not_taken_back():
     before, after = room(0), room(1) + np.array([0.3, 0.1, 0])
     with pytest.warns(InputWarning, match=r"both files state one reference system.*--registration always"):
@@ -248,6 +251,7 @@ def of_itself():
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", of_itself())
 def test_a_cloud_with_itself_is_certain(kind):
     cloud = of_itself()[kind]

@@ -49,6 +49,7 @@ def test_a_scan_that_shows_no_station_has_no_views():
     assert with_recognised_views(Scan(points), points) == Scan(points)
 
 
+@pytest.mark.slow
 def test_recognised_views_are_used_in_the_frame_of_the_before_scan(points):
     found = prepared(points)
     places = found.surveys.map(lambda own: own.views.poses[0, :3, 3])
@@ -59,6 +60,7 @@ def test_nothing_is_recognised_where_it_is_switched_off(points):
     assert all(own.views is None for own in prepared(points, recognise_stations=False).surveys)
 
 
+@pytest.mark.slow
 def test_recognised_views_that_contradict_their_scan_are_left_out_without_a_warning(points, recwarn):
     """As where a wall hides half of the room from the only station that is recognised."""
     behind = scan(np.array([5.0, 6.0, 1.6]), 40_000, seed=3) + np.array([0.0, 12.4, 0.0])

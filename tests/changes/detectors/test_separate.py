@@ -49,6 +49,7 @@ def test_record_is_consistent(scene, changes):
     assert set(changes.diagnostics["seconds"]) == {"preparation", "fits", "comparison", "labels"}
 
 
+@pytest.mark.slow
 def test_greedy_finds_one_kind():
     scene = random_scene(jax.random.key(12), appeared=2, points=250)
     changes = detect_changes(scene.before, scene.after, method="greedy", config=CONFIG)
@@ -60,6 +61,7 @@ def test_greedy_finds_one_kind():
     assert not only_gone.items and (only_gone.labels_after == -1).all()
 
 
+@pytest.mark.slow
 def test_settings_reach_the_detection(scene):
     """A floor thickens every Gaussian, a high penalty matches everything, and the outlier filter can be off."""
     thick = detect_changes(
@@ -100,6 +102,7 @@ def samples(name):
     return before, after
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "method"),
     [
@@ -116,6 +119,7 @@ def test_nothing_is_found_where_nothing_changed(name, method):
     assert (changes.probability_before < 0.5).all() and (changes.probability_after < 0.5).all()
 
 
+@pytest.mark.slow
 def test_outside_the_crop_box_nothing_changes(scene, changes):
     """A box that holds the appeared Gaussian, and half of the rest."""
     appeared = next(change for change in changes.items if change.kind == "appeared")
@@ -136,6 +140,7 @@ def test_outside_the_crop_box_nothing_changes(scene, changes):
     assert DetectionConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
 
 
+@pytest.mark.slow
 def test_large_clouds_are_reduced_and_every_point_is_labelled():
     scene = random_scene(jax.random.key(11), appeared=1, points=400)
     config = DetectionConfig(method="transport", restarts=2, max_points=1250)
@@ -147,6 +152,7 @@ def test_large_clouds_are_reduced_and_every_point_is_labelled():
     assert scores.f1 == 1
 
 
+@pytest.mark.slow
 def test_a_voxel_of_many_points_is_no_gaussian():
     """One Gaussian in a grid as coarse as a tenth of it is still one."""
     random = np.random.default_rng(0)
@@ -189,6 +195,7 @@ def test_too_many_components_are_refused(scene):
         detect_changes(scene.before, scene.after, config=DetectionConfig(method="transport", max_components=2000))
 
 
+@pytest.mark.slow
 def test_small_clouds_lower_the_number_of_components():
     random = np.random.default_rng(0)
     changes = detect_changes(random.normal(size=(40, 3)), random.normal(size=(45, 3)), config=CONFIG)

@@ -126,6 +126,7 @@ def test_no_segments_and_nothing_to_compare_with():
     assert ((shares >= 0) & (shares <= 1)).all()
 
 
+@pytest.mark.slow
 @settings(max_examples=5)
 @given(st.integers(0, 2**32 - 1))
 def test_motion_and_order_change_nothing(surveys, seed):

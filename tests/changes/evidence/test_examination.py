@@ -57,6 +57,7 @@ def inside(points, centre, size, margin=0.015):
     return ((points >= lower) & (points <= upper)).all(axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("poses", [True, False])
 @pytest.mark.parametrize(
     ("name", "centre", "size"),

@@ -210,6 +210,7 @@ def test_every_fact_is_finite_in_its_range_and_has_a_sentence(of_cube, of_hole):
             assert "{" not in fact.in_words(value)
 
 
+@pytest.mark.slow
 @given(st.sampled_from([1.0, 1e-3, 1e3, 39.37]), st.integers(0, 2**31 - 1))
 @settings(max_examples=5, deadline=None)
 def test_facts_have_no_unit_and_no_frame(of_cube, unit, seed):

@@ -145,6 +145,7 @@ def test_small_and_low_objects_are_free():
         assert (observed(before[top], after, VIEWS, 0.02) == Observed.free).mean() > 0.8
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(st.integers(0, 2**32 - 1))
 def test_rigid_motion_changes_nothing(surveys, here, seed):
@@ -162,6 +163,7 @@ def test_rigid_motion_changes_nothing(surveys, here, seed):
     assert (here != there).sum() <= 3
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(st.permutations(range(6)), st.integers(0, 2**32 - 1))
 def test_order_changes_nothing(surveys, here, order, seed):
@@ -172,6 +174,7 @@ def test_order_changes_nothing(surveys, here, order, seed):
     np.testing.assert_array_equal(here[points], observed(before[points], after[others], views, MARGIN))
 
 
+@pytest.mark.slow
 def test_more_views_never_know_less(surveys):
     before, after, _ = surveys
     known = np.full(len(before), Observed.unobserved)
@@ -201,6 +204,7 @@ def test_no_places_and_a_cloud_of_one_point():
     assert observed(np.array([[0, 0, 1.0]]), np.array([[0, 0, 2.0]]), one_camera(), MARGIN).tolist() == [1]
 
 
+@pytest.mark.slow
 def test_real_pairs(scan_pairs):
     from gmmjax.clouds import read_cloud
 

@@ -69,6 +69,7 @@ def test_what_is_smaller_than_a_voxel_of_the_registration_is_found(found, survey
         assert (labels[truth < 0] >= 0).sum() < 0.15 * (truth == box).sum()
 
 
+@pytest.mark.slow
 def test_what_a_station_sees_past_is_told_by_the_scan_itself(surveys):
     station = [(0.0, 0.0, 1.7)]
     scans = surveys.map(lambda own: Scan(own[0], SensorViews.from_positions(own[0], station)))
@@ -80,6 +81,7 @@ def test_what_a_station_sees_past_is_told_by_the_scan_itself(surveys):
     assert unknown.before.sighted is None and unknown.before.views is None
 
 
+@pytest.mark.slow
 def test_the_registration_s_own_voxels_show_less(found, surveys):
     """Else the test above would show nothing."""
     of_boxes = Pair(surveys.before[1] == 0, surveys.after[1] == 1)

@@ -64,6 +64,7 @@ def test_the_number_of_candidates_changes_no_verdict():
     assert judged(model, []).explanations == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("poses", [False, True])
 @given(data=st.data())
 @settings(max_examples=20, deadline=None)
@@ -79,6 +80,7 @@ def test_facts_that_can_only_speak_for_a_change_do_so_in_the_shipped_verdict(pos
     assert more_changed >= less_changed - 1e-12
 
 
+@pytest.mark.slow
 def test_the_gradient_of_the_probability_is_that_of_central_differences():
     model = verdict({"excess": 1.0}, {"continued": 0.5}, bias=(0.2, -0.4))
     facts = np.array([FACTS[name].scaled(values(excess=0.3, continued=0.6)[name]) for name in model.names])

@@ -38,6 +38,7 @@ def test_right_views_pass(cloud):
     assert contradiction("views_before", single, scanned(single, noise=0.005)) is None
 
 
+@pytest.mark.slow
 def test_right_views_of_real_frames_pass(scan_pairs):
     for folder in scan_pairs:
         points = read_cloud(folder / "before.ply").points
@@ -66,6 +67,7 @@ def test_views_that_see_nothing(cloud, poses):
         contradiction("views_after", with_poses(poses, max_range=0.9), cloud)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("poses", "max_range", "reason"),
     [
@@ -84,6 +86,7 @@ def test_contradictions(cloud, poses, max_range, reason):
     assert reason in message
 
 
+@pytest.mark.slow
 def test_points_that_the_views_cannot_have_seen(cloud):
     """From outside the room everything is in the field of view, and most of it behind a wall."""
     views = SensorViews(shifted(2.2, 0, -0.3), (140.0, 140.0), 6.0)

@@ -69,6 +69,7 @@ def both(function, fits, points, after):
     return [function(fits, points, after, restart) for restart in range(2)]
 
 
+@pytest.mark.slow
 def test_more_slots_change_nothing():
     few, many = fits(240, 6, 6), fits(240, 6, 12)
     np.testing.assert_allclose(many.message_length, few.message_length, rtol=1e-9)
@@ -78,7 +79,7 @@ def test_more_slots_change_nothing():
 
 
 def test_clouds_of_other_sizes_and_components_share_a_program():
-    fits(240, 6, 12)
+    mixtures_distance(fits(240, 6, 12))
     programs = len(jax.devices()[0].client.live_executables())
     for size, components in ((200, 10), (255, 12), (120, 3)):
         mixtures_distance(fits(size, components, 12))

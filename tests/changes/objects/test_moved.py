@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from gmmjax.changes.objects import moved as moved_objects
 from gmmjax.changes.objects.cloud_changes import change_of
@@ -54,6 +55,7 @@ def test_a_partner_is_not_given_away_for_two_that_are_none():
     assert sorted(change.kind for change in moved) == ["appeared", "disappeared", "moved", "moved"]
 
 
+@pytest.mark.slow
 def test_look_alikes_are_not_paired():
     """Two equal bags are gone and two are new: which is which cannot be known."""
     before, after = [box(0, FLAT), box(1, FLAT) + 2], [box(2, FLAT) + 4, box(3, FLAT) + 6]
@@ -99,6 +101,7 @@ def kinds(gone, new, floors):
     return [change.kind for change in moved]
 
 
+@pytest.mark.slow
 def test_a_lower_box_of_the_same_outline_is_another_one():
     """Top on top it would be sunk into the floor, and where it would stand its top is too low."""
     gone, other = standing(0), standing(1, (0.4, 0.28, 0.19), middle=(0.3, 0.5), yaw=0.4)

@@ -65,6 +65,7 @@ def true_volume(change, height):
     return abs(height) * change(np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)).mean() * SIDE**2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("height", [HEIGHT, -HEIGHT])
 @pytest.mark.parametrize(("change", "place"), [(cone, "projected"), (block, "corner")])
 def test_a_pile_on_surveyed_ground_is_gained_and_a_pit_is_lost(change, place, height):
@@ -74,6 +75,7 @@ def test_a_pile_on_surveyed_ground_is_gained_and_a_pit_is_lost(change, place, he
     assert unsigned == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", CAMERAS)
 @pytest.mark.parametrize(("change", "height"), [(cone, HEIGHT), (block, -HEIGHT)])
 def test_without_any_hint_of_the_free_side_a_volume_has_no_sign(change, height, place):
@@ -82,6 +84,7 @@ def test_without_any_hint_of_the_free_side_a_volume_has_no_sign(change, height, 
     assert unsigned == pytest.approx(true_volume(change, height), rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("height", [HEIGHT, -HEIGHT])
 def test_a_sensor_gives_the_volume_its_sign_in_any_frame(height):
     motion, shift = CAMERAS["oblique"]
@@ -90,6 +93,7 @@ def test_a_sensor_gives_the_volume_its_sign_in_any_frame(height):
     assert unsigned == 0 and (gained > 0) == (height > 0) and (lost > 0) == (height < 0)
 
 
+@pytest.mark.slow
 def test_height_does_not_tell_the_free_side_of_a_ceiling():
     """A hall whose ceiling came down in one place, seen from below."""
     random = np.random.default_rng(4)

@@ -42,6 +42,7 @@ def found():
     return pair, *runs.values(), published(pair, config=config)
 
 
+@pytest.mark.slow
 def test_the_published_algorithm_reports_what_it_is_told_to_look_for(found):
     pair, gone, new, _ = found
     assert (gone.labels_after == -1).all() and (new.labels_before == -1).all()

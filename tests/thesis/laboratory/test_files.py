@@ -24,6 +24,7 @@ def contents(folder):
     return {str(path.relative_to(folder)): path.stat().st_mtime_ns for path in folder.rglob("*")}
 
 
+@pytest.mark.slow
 def test_all_that_is_written_is_described(lab):
     folder, description = lab
     assert description == {
@@ -77,6 +78,7 @@ def test_only_a_laboratory_is_replaced(lab, tmp_path):
         write_lab(tmp_path, SMALL, overwrite=True)
 
 
+@pytest.mark.slow
 def test_what_was_there_is_replaced_as_a_whole_or_not_at_all(tmp_path, monkeypatch):
     small = LabSettings(frames=4, kinds=("frame",), pairs=PAIRS[:1])
     write_lab(tmp_path / "scenes", small)

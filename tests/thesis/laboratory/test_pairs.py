@@ -24,6 +24,7 @@ def named(labels):
     return {THINGS[label] for label in np.unique(labels) if label >= 0}
 
 
+@pytest.mark.slow
 def test_the_truth_is_what_came(clouds, pair):
     assert (pair.before.truth == -1).all() and named(pair.after.truth) == OBJECTS
     places = clouds[1].in_scene()
