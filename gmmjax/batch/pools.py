@@ -251,9 +251,9 @@ def _connected(address: str) -> "Client":
 
 
 def _call(caller: tuple[str, int], function: Any, arguments: tuple[Any, ...]) -> Any:
-    """A call in a worker that we have not started: it gets one core, as each thread of a cluster's worker has.
+    """Run a call in a worker that others started: on one core, as each thread of a cluster's worker has.
 
-    Threads of the caller's own process share its cores: what is limited there stays limited when they have ended.
+    A thread of the caller's own process keeps its cores: the limit is the process's, and would outlast the call.
 
     Args:
         caller: the process that handed the call over.
